@@ -1,0 +1,1 @@
+"""Intuitive physics: the library under the nodes. It knows nothing of ROS."""

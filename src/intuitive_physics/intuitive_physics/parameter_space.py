@@ -1,0 +1,187 @@
+"""The search space of θ_s: a unit cube with a bound and a scale for each parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.materials import (
+    PAIR_COEFFICIENTS,
+    StaticParameters,
+    pair_count,
+    parameter_count,
+    parameter_names,
+)
+from intuitive_physics.validation import finite_array, finite_float
+
+SCALES = ("linear", "logarithmic")
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Range of one kind of parameter and how the unit interval is stretched over it.
+
+    Parameters
+    ----------
+    lower, upper : in the parameter's own unit
+    scale : "linear" or "logarithmic" (then lower must be above zero)
+    """
+
+    lower: float
+    upper: float
+    scale: str = "linear"
+
+    def __post_init__(self) -> None:
+        finite_float(self.lower, "lower bound")
+        finite_float(self.upper, "upper bound")
+        if self.scale not in SCALES:
+            raise UnknownNameError(f"scale is {self.scale!r}; expected one of {', '.join(SCALES)}")
+        if self.lower > self.upper:
+            raise InvalidInputError(
+                f"bounds are {self.lower:g} to {self.upper:g}; expected lower ≤ upper"
+            )
+        if self.lower < 0.0 or (self.scale == "logarithmic" and self.lower == 0.0):
+            raise InvalidInputError(
+                f"lower bound is {self.lower:g}; expected ≥ 0, and above 0 on a logarithmic scale"
+            )
+
+
+DEFAULT_BOUNDS: dict[str, Bounds] = {
+    "density": Bounds(50.0, 8000.0, "logarithmic"),
+    "static_friction": Bounds(0.0, 1.0),
+    "dynamic_friction": Bounds(0.0, 1.0),
+    "rolling_friction": Bounds(1e-4, 0.2, "logarithmic"),
+    "restitution": Bounds(0.0, 1.0),
+}
+
+
+@dataclass(frozen=True)
+class ParameterSpace:
+    """Maps points of the unit cube, shape (|θ_s|,), to θ_s and back.
+
+    Every point of the cube is a valid θ_s: dynamic friction is laid out between its lower bound
+    and the smaller of its upper bound and the pair's static friction, so μ_d ≤ μ_s always.
+
+    Parameters
+    ----------
+    materials : names, in the order of `StaticParameters.materials`
+    bounds : by kind ("density", "static_friction", …); what is left out has `DEFAULT_BOUNDS`
+    """
+
+    materials: tuple[str, ...]
+    bounds: Mapping[str, Bounds] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        unknown = sorted(set(self.bounds) - set(DEFAULT_BOUNDS))
+        if unknown:
+            raise UnknownNameError(
+                f"bounds are given for {unknown[0]!r}; expected one of {', '.join(DEFAULT_BOUNDS)}"
+            )
+        merged = {**DEFAULT_BOUNDS, **self.bounds}
+        object.__setattr__(self, "materials", tuple(self.materials))
+        object.__setattr__(self, "bounds", merged)
+        if merged["dynamic_friction"].lower > merged["static_friction"].lower:
+            raise InvalidInputError(
+                f"dynamic friction starts at {merged['dynamic_friction'].lower:g}, static friction "
+                f"at {merged['static_friction'].lower:g}; expected dynamic ≤ static"
+            )
+        if merged["restitution"].upper > 1.0:
+            raise InvalidInputError(
+                f"restitution reaches {merged['restitution'].upper:g}; expected at most 1"
+            )
+
+    @property
+    def size(self) -> int:
+        """|θ_s| of Eq. 3."""
+        return parameter_count(len(self.materials))
+
+    @property
+    def names(self) -> list[str]:
+        """Name of each axis of the cube."""
+        return parameter_names(self.materials)
+
+    def to_parameters(self, unit: ArrayLike) -> StaticParameters:
+        """Map a point of the unit cube, shape (|θ_s|,), to θ_s; what lies outside is clipped."""
+        point = np.clip(finite_array(unit, "point of the unit cube", (self.size,)), 0.0, 1.0)
+        m = len(self.materials)
+        density = _stretch(point[:m], self.bounds["density"])
+        by_pair = point[m:].reshape(pair_count(m), len(PAIR_COEFFICIENTS))
+        static = _stretch(by_pair[:, 0], self.bounds["static_friction"])
+        values = np.stack(
+            [
+                static,
+                _stretch(by_pair[:, 1], self.bounds["dynamic_friction"], upper=static),
+                _stretch(by_pair[:, 2], self.bounds["rolling_friction"]),
+                _stretch(by_pair[:, 3], self.bounds["restitution"]),
+            ]
+        )
+        coefficients = np.empty((len(PAIR_COEFFICIENTS), m, m))
+        rows, columns = np.triu_indices(m)
+        coefficients[:, rows, columns] = values
+        coefficients[:, columns, rows] = values
+        return StaticParameters(self.materials, density, coefficients)
+
+    def to_unit(self, parameters: StaticParameters) -> NDArray[np.float64]:
+        """Map θ_s to the unit cube, shape (|θ_s|,); values outside the bounds are clipped."""
+        if parameters.materials != self.materials:
+            parameters = _reordered(parameters, self.materials)
+        m = len(self.materials)
+        rows, columns = np.triu_indices(m)
+        static, dynamic, rolling, restitution = parameters.coefficients[:, rows, columns]
+        by_pair = np.stack(
+            [
+                _shrink(static, self.bounds["static_friction"]),
+                _shrink(dynamic, self.bounds["dynamic_friction"], upper=static),
+                _shrink(rolling, self.bounds["rolling_friction"]),
+                _shrink(restitution, self.bounds["restitution"]),
+            ],
+            axis=1,
+        )
+        density = _shrink(parameters.density, self.bounds["density"])
+        return np.concatenate([density, by_pair.ravel()])
+
+
+def parameter_vector(parameters: StaticParameters) -> NDArray[np.float64]:
+    """θ_s as one array, shape (|θ_s|,), in the order of `parameter_names`, in SI units."""
+    rows, columns = np.triu_indices(len(parameters.materials))
+    return np.concatenate([parameters.density, parameters.coefficients[:, rows, columns].T.ravel()])
+
+
+def _reordered(parameters: StaticParameters, materials: Sequence[str]) -> StaticParameters:
+    order = [parameters.index(name) for name in materials]
+    return StaticParameters(
+        materials, parameters.density[order], parameters.coefficients[:, order][:, :, order]
+    )
+
+
+def _limits(bounds: Bounds, upper: NDArray[np.float64] | None) -> tuple[float, NDArray[np.float64]]:
+    top = np.asarray(bounds.upper) if upper is None else np.minimum(bounds.upper, upper)
+    return bounds.lower, top
+
+
+def _stretch(
+    unit: NDArray[np.float64], bounds: Bounds, upper: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    low, top = _limits(bounds, upper)
+    if bounds.scale == "logarithmic":
+        return np.clip(low * (top / low) ** unit, low, top)
+    return np.clip(low + unit * (top - low), low, top)
+
+
+def _shrink(
+    value: NDArray[np.float64], bounds: Bounds, upper: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    low, top = _limits(bounds, upper)
+    if bounds.scale == "logarithmic":
+        span = np.log(np.maximum(top, low) / low)
+        part = np.log(np.maximum(value, low) / low)
+    else:
+        span = np.broadcast_to(top - low, value.shape)
+        part = value - low
+    span = np.broadcast_to(span, value.shape)
+    unit = np.divide(part, span, out=np.zeros_like(value), where=span > 0.0)
+    return np.clip(unit, 0.0, 1.0)

@@ -1,0 +1,266 @@
+"""What a simulator is given: environment Ω_e, objects Ω_o and their first states θ_d."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.shapes import Shape, shape_from_dict
+from intuitive_physics.state import ObjectState
+from intuitive_physics.validation import (
+    finite_array,
+    finite_float,
+    name_string,
+    unit_quaternion,
+    unit_vector,
+)
+
+STANDARD_GRAVITY = (0.0, 0.0, -9.81)
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """A static plane; objects live on the side its normal points to.
+
+    Parameters
+    ----------
+    id : unique in its environment
+    material : name
+    normal : (3,) of any length, scaled to one
+    offset : m; points p of the plane satisfy normal · p = offset
+    boundary : (n, 3) m, corners of a convex polygon in the plane, counter-clockwise seen against
+        the normal; None means the plane has no edge
+    """
+
+    id: str
+    material: str
+    normal: NDArray[np.float64]
+    offset: float
+    boundary: NDArray[np.float64] | None = None
+
+    def __init__(
+        self,
+        id: str,
+        material: str,
+        normal: ArrayLike,
+        offset: float,
+        boundary: ArrayLike | None = None,
+    ) -> None:
+        object.__setattr__(self, "id", name_string(id, "plane id"))
+        object.__setattr__(self, "material", name_string(material, "plane material"))
+        object.__setattr__(self, "normal", unit_vector(normal, f"normal of plane {id}"))
+        object.__setattr__(self, "offset", finite_float(offset, f"offset of plane {id}"))
+        corners = None
+        if boundary is not None:
+            corners = finite_array(boundary, f"boundary of plane {id}", (None, 3))
+            if len(corners) < 3:
+                raise InvalidInputError(
+                    f"boundary of plane {id} has {len(corners)} corners; expected at least 3"
+                )
+        object.__setattr__(self, "boundary", corners)
+
+    def signed_distances(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Distance of points (..., 3) from the infinite plane, positive on the normal's side."""
+        return np.asarray(points, dtype=np.float64) @ self.normal - self.offset
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data that `Environment.from_dict` reads back."""
+        return {
+            "id": self.id,
+            "material": self.material,
+            "normal": self.normal.tolist(),
+            "offset": self.offset,
+            "boundary": None if self.boundary is None else self.boundary.tolist(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class StaticBox:
+    """A box that never moves.
+
+    Parameters
+    ----------
+    id : unique in its environment
+    material : name
+    center : (3,) m
+    orientation : (4,) unit quaternion (x, y, z, w), box to environment
+    edge_lengths : (3,) m
+    """
+
+    id: str
+    material: str
+    center: NDArray[np.float64]
+    orientation: NDArray[np.float64]
+    edge_lengths: NDArray[np.float64]
+
+    def __init__(
+        self,
+        id: str,
+        material: str,
+        center: ArrayLike,
+        orientation: ArrayLike,
+        edge_lengths: ArrayLike,
+    ) -> None:
+        object.__setattr__(self, "id", name_string(id, "box id"))
+        object.__setattr__(self, "material", name_string(material, "box material"))
+        object.__setattr__(self, "center", finite_array(center, f"center of box {id}", (3,)))
+        object.__setattr__(
+            self, "orientation", unit_quaternion(orientation, f"orientation of box {id}")
+        )
+        edges = finite_array(edge_lengths, f"edge lengths of box {id}", (3,))
+        if (edges <= 0.0).any():
+            raise InvalidInputError(
+                f"edge lengths of box {id} are {edges.tolist()}; expected all above zero"
+            )
+        object.__setattr__(self, "edge_lengths", edges)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data that `Environment.from_dict` reads back."""
+        return {
+            "id": self.id,
+            "material": self.material,
+            "center": self.center.tolist(),
+            "orientation": self.orientation.tolist(),
+            "edge_lengths": self.edge_lengths.tolist(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Environment:
+    """Ω_e: static planes and boxes, and gravity, in one fixed frame.
+
+    Parameters
+    ----------
+    planes : ordered by importance; a perceived environment has its supporting plane first
+    boxes : static boxes
+    gravity : (3,) m/s²
+    frame_id : name of the frame everything is in
+    """
+
+    planes: tuple[Plane, ...]
+    boxes: tuple[StaticBox, ...]
+    gravity: NDArray[np.float64]
+    frame_id: str
+
+    def __init__(
+        self,
+        planes: Sequence[Plane] = (),
+        boxes: Sequence[StaticBox] = (),
+        gravity: ArrayLike = STANDARD_GRAVITY,
+        frame_id: str = "world",
+    ) -> None:
+        ids = [primitive.id for primitive in (*planes, *boxes)]
+        if len(set(ids)) != len(ids):
+            raise InvalidInputError(f"environment has the ids {ids}; expected each once")
+        object.__setattr__(self, "planes", tuple(planes))
+        object.__setattr__(self, "boxes", tuple(boxes))
+        object.__setattr__(self, "gravity", finite_array(gravity, "gravity", (3,)))
+        object.__setattr__(self, "frame_id", frame_id)
+
+    @property
+    def materials(self) -> tuple[str, ...]:
+        """Materials of all primitives, each once, in order of appearance."""
+        return tuple(dict.fromkeys(p.material for p in (*self.planes, *self.boxes)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data that `from_dict` reads back."""
+        return {
+            "planes": [plane.to_dict() for plane in self.planes],
+            "boxes": [box.to_dict() for box in self.boxes],
+            "gravity": self.gravity.tolist(),
+            "frame_id": self.frame_id,
+        }
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> Environment:
+        """Read what `to_dict` wrote."""
+        try:
+            return Environment(
+                [Plane(**plane) for plane in data["planes"]],
+                [StaticBox(**box) for box in data["boxes"]],
+                data["gravity"],
+                data["frame_id"],
+            )
+        except (KeyError, TypeError) as error:
+            raise InvalidInputError(
+                f"environment cannot be read ({error}); expected planes, boxes, gravity, frame_id"
+            ) from None
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """One element of Ω_o: what an object is, without where it is.
+
+    Parameters
+    ----------
+    id : unique in its scene
+    material : name
+    shape : its primitive
+    """
+
+    id: str
+    material: str
+    shape: Shape
+
+    def __post_init__(self) -> None:
+        name_string(self.id, "object id")
+        name_string(self.material, f"material of object {self.id}")
+        if not isinstance(self.shape, Shape):
+            raise InvalidInputError(
+                f"shape of object {self.id} is {self.shape!r}; expected a Sphere, Box or Capsule"
+            )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data that `from_dict` reads back."""
+        return {"id": self.id, "material": self.material, "shape": self.shape.to_dict()}
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> SceneObject:
+        """Read what `to_dict` wrote."""
+        try:
+            return SceneObject(data["id"], data["material"], shape_from_dict(data["shape"]))
+        except (KeyError, TypeError) as error:
+            raise InvalidInputError(
+                f"object cannot be read ({error}); expected id, material, shape"
+            ) from None
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One world to simulate: environment, objects, and the first state of each.
+
+    Parameters
+    ----------
+    environment : Ω_e
+    objects : Ω_o, at least one
+    states : θ_d of each object, in the same order
+    """
+
+    environment: Environment
+    objects: tuple[SceneObject, ...]
+    states: tuple[ObjectState, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "objects", tuple(self.objects))
+        object.__setattr__(self, "states", tuple(self.states))
+        if not self.objects:
+            raise InvalidInputError("scene has no objects; expected at least one")
+        if len(self.objects) != len(self.states):
+            raise InvalidInputError(
+                f"scene has {len(self.objects)} objects and {len(self.states)} states; "
+                "expected one state for each object"
+            )
+        ids = [thing.id for thing in self.objects]
+        if len(set(ids)) != len(ids):
+            raise InvalidInputError(f"scene has the object ids {ids}; expected each once")
+
+    @property
+    def materials(self) -> tuple[str, ...]:
+        """Materials of objects, then of the environment, each once."""
+        own = tuple(thing.material for thing in self.objects)
+        return tuple(dict.fromkeys(own + self.environment.materials))

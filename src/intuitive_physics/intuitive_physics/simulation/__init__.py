@@ -1,0 +1,15 @@
+"""Simulators: one interface, several engines, always over a batch of worlds."""
+
+from intuitive_physics.simulation.choose import SIMULATORS, make_simulator
+from intuitive_physics.simulation.simulator import Rollout, Simulator, WorldStatus
+from intuitive_physics.simulation.world_batch import WorldBatch, pack_worlds
+
+__all__ = [
+    "SIMULATORS",
+    "Rollout",
+    "Simulator",
+    "WorldBatch",
+    "WorldStatus",
+    "make_simulator",
+    "pack_worlds",
+]

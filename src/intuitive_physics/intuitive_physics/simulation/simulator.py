@@ -1,0 +1,121 @@
+"""The interface every engine stands behind."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.scene import Scene
+from intuitive_physics.simulation.world_batch import WorldBatch, pack_worlds
+from intuitive_physics.validation import increasing_times
+
+
+class WorldStatus(IntEnum):
+    """How one world of a rollout ended."""
+
+    OK = 0
+    NOT_FINITE = 1
+    TOO_MANY_EVENTS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """What a batch of worlds did.
+
+    Parameters
+    ----------
+    positions : (n_worlds, n_objects, n_times, 3) m; NaN where a world has fewer objects or times,
+        and from where on a world stopped with a status other than OK
+    orientations : (n_worlds, n_objects, n_times, 4) unit quaternions (x, y, z, w), NaN likewise;
+        None when they were not asked for
+    status : (n_worlds,) of `WorldStatus`
+    """
+
+    positions: NDArray[np.float64]
+    orientations: NDArray[np.float64] | None
+    status: NDArray[np.int64]
+
+
+class Simulator(ABC):
+    """Rolls out batches of worlds; holds no state between calls and may be shared by threads."""
+
+    name: ClassVar[str]
+
+    def rollout(
+        self,
+        scenes: Sequence[Scene],
+        static_parameters: StaticParameters | Sequence[StaticParameters],
+        times: ArrayLike,
+        *,
+        orientations: bool = True,
+    ) -> Rollout:
+        """Simulate each scene from its first states.
+
+        Parameters
+        ----------
+        scenes : n_worlds scenes
+        static_parameters : one θ_s for all scenes or one for each
+        times : (n_times,) s after the first states, strictly increasing, none negative
+        orientations : whether to answer orientations too
+
+        Raises
+        ------
+        InvalidInputError
+            When there is no scene, a material is unknown or the times are not as above.
+        UnsupportedSceneError
+            When this engine cannot express a scene.
+        """
+        return self.rollout_batch(
+            pack_worlds(scenes, static_parameters), times, orientations=orientations
+        )
+
+    def rollout_batch(
+        self, worlds: WorldBatch, times: ArrayLike, *, orientations: bool = True
+    ) -> Rollout:
+        """Like `rollout`, for worlds that are packed already.
+
+        Parameters
+        ----------
+        times : (n_times,) for all worlds, or (n_worlds, n_times), a row for each; a row may end
+            in NaN, where no output is wanted
+        """
+        checked = _checked_times(times, worlds.size)
+        return self._rollout(worlds, checked, orientations)
+
+    @abstractmethod
+    def _rollout(
+        self, worlds: WorldBatch, times: NDArray[np.float64], orientations: bool
+    ) -> Rollout:
+        """Simulate; `times` is checked and has the shape (n_worlds or 1, n_times)."""
+
+
+def _checked_times(times: ArrayLike, worlds: int) -> NDArray[np.float64]:
+    array = np.array(times, dtype=np.float64, order="C", ndmin=1)
+    if array.ndim == 1:
+        rows = increasing_times(array, "output times")[None, :]
+    else:
+        rows = array
+        if rows.ndim != 2 or rows.shape[0] != worlds or rows.shape[1] == 0:
+            raise InvalidInputError(
+                f"output times have shape {rows.shape}; "
+                f"expected (n_times,) or ({worlds}, n_times) with at least one time"
+            )
+        missing = np.isnan(rows)
+        steps = np.diff(rows, axis=1)
+        falls = ~missing[:, 1:] & ~(steps > 0.0)
+        if missing[:, 0].any() or falls.any() or np.isinf(rows).any():
+            raise InvalidInputError(
+                "output times do not strictly increase in every row; "
+                "expected increasing finite times, NaN only at the end of a row"
+            )
+    if np.nanmin(rows) < 0.0:
+        raise InvalidInputError(f"output times start at {np.nanmin(rows):g} s; expected ≥ 0")
+    return np.ascontiguousarray(rows)

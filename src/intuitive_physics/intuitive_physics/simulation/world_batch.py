@@ -1,0 +1,222 @@
+"""Many worlds as flat arrays, as the engines' kernels want them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.scene import Environment, Scene
+from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
+from intuitive_physics.validation import finite_array
+
+SPHERE, BOX, CAPSULE = range(3)
+"""Codes in `WorldBatch.shape_kinds`."""
+
+
+@dataclass(frozen=True, eq=False)
+class WorldBatch:
+    """W worlds of up to O objects among E environments of up to P planes and B boxes, C times θ_s.
+
+    Parameters
+    ----------
+    materials : names behind the material codes
+    object_counts : (W,) objects in each world; the rest of axis O is padding
+    shape_kinds : (W, O) SPHERE, BOX or CAPSULE
+    dimensions : (W, O, 3) m: (radius, 0, 0), edge lengths, or (radius, length, 0)
+    object_materials : (W, O) codes
+    states : (W, O, 13) as `ObjectState.to_vector`
+    environment_index : (W,) row of each world in the environment arrays
+    gravity : (E, 3) m/s²
+    plane_counts : (E,)
+    planes : (E, P, 4) unit normal and offset
+    plane_materials : (E, P) codes
+    parameter_index : (W,) row of each world in the parameter arrays
+    density : (C, m) kg/m³
+    coefficients : (C, 4, m, m) as `StaticParameters.coefficients`
+    environments : the E environments themselves, for engines that need more of them
+    """
+
+    materials: tuple[str, ...]
+    object_counts: NDArray[np.int64]
+    shape_kinds: NDArray[np.int64]
+    dimensions: NDArray[np.float64]
+    object_materials: NDArray[np.int64]
+    states: NDArray[np.float64]
+    environment_index: NDArray[np.int64]
+    gravity: NDArray[np.float64]
+    plane_counts: NDArray[np.int64]
+    planes: NDArray[np.float64]
+    plane_materials: NDArray[np.int64]
+    parameter_index: NDArray[np.int64]
+    density: NDArray[np.float64]
+    coefficients: NDArray[np.float64]
+    environments: tuple[Environment, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of worlds W."""
+        return int(self.object_counts.size)
+
+    def crossed(self, parameter_sets: Sequence[StaticParameters]) -> WorldBatch:
+        """Return every world under every θ_s: world `c * W + w` is world w under set c."""
+        density, coefficients = _parameter_tables(parameter_sets, self.materials)
+        sets = len(parameter_sets)
+        return replace(
+            self._taken(np.tile(np.arange(self.size), sets)),
+            parameter_index=np.repeat(np.arange(sets), self.size),
+            density=density,
+            coefficients=coefficients,
+        )
+
+    def repeated(
+        self, states: ArrayLike, parameter_sets: Sequence[StaticParameters] | None = None
+    ) -> WorldBatch:
+        """Return copies of a batch of one world that start from other states.
+
+        Parameters
+        ----------
+        states : (n, O, 13), the first states of each copy
+        parameter_sets : n times θ_s, one for each copy; None keeps that of the one world
+        """
+        if self.size != 1:
+            raise InvalidInputError(f"batch has {self.size} worlds; expected one to repeat")
+        starts = finite_array(states, "states", (None, self.states.shape[1], 13))
+        n = len(starts)
+        copies = replace(self._taken(np.zeros(n, dtype=np.int64)), states=starts)
+        if parameter_sets is None:
+            return copies
+        if len(parameter_sets) != n:
+            raise InvalidInputError(f"{len(parameter_sets)} times θ_s for {n} copies; expected {n}")
+        density, coefficients = _parameter_tables(parameter_sets, self.materials)
+        return replace(
+            copies,
+            parameter_index=np.arange(n, dtype=np.int64),
+            density=density,
+            coefficients=coefficients,
+        )
+
+    def _taken(self, worlds: NDArray[np.int64]) -> WorldBatch:
+        per_world = (
+            "object_counts",
+            "shape_kinds",
+            "dimensions",
+            "object_materials",
+            "states",
+            "environment_index",
+            "parameter_index",
+        )
+        return replace(self, **{name: getattr(self, name)[worlds] for name in per_world})
+
+
+def pack_worlds(
+    scenes: Sequence[Scene],
+    static_parameters: StaticParameters | Sequence[StaticParameters],
+) -> WorldBatch:
+    """Pack scenes, each with its θ_s or all with the same.
+
+    Raises
+    ------
+    InvalidInputError
+        When there is no scene or the numbers of scenes and θ_s differ.
+    UnknownNameError
+        When a scene has a material that its θ_s does not know.
+    """
+    if len(scenes) == 0:
+        raise InvalidInputError("batch has no scenes; expected at least one")
+    if isinstance(static_parameters, StaticParameters):
+        parameter_sets, parameter_index = [static_parameters], np.zeros(len(scenes), dtype=np.int64)
+    else:
+        parameter_sets = list(static_parameters)
+        parameter_index = np.arange(len(scenes), dtype=np.int64)
+        if len(parameter_sets) != len(scenes):
+            raise InvalidInputError(
+                f"{len(parameter_sets)} times θ_s for {len(scenes)} scenes; expected one for each"
+            )
+    materials = parameter_sets[0].materials
+    density, coefficients = _parameter_tables(parameter_sets, materials)
+    environments = list({id(scene.environment): scene.environment for scene in scenes}.values())
+    row = {id(environment): i for i, environment in enumerate(environments)}
+    return WorldBatch(
+        materials=materials,
+        **_object_arrays(scenes, parameter_sets[0]),
+        environment_index=np.array([row[id(scene.environment)] for scene in scenes]),
+        **_environment_arrays(environments, parameter_sets[0]),
+        parameter_index=parameter_index,
+        density=density,
+        coefficients=coefficients,
+        environments=tuple(environments),
+    )
+
+
+def _object_arrays(scenes: Sequence[Scene], parameters: StaticParameters) -> dict[str, NDArray]:
+    counts = np.array([len(scene.objects) for scene in scenes], dtype=np.int64)
+    padded = (len(scenes), int(counts.max()))
+    kinds = np.zeros(padded, dtype=np.int64)
+    dimensions = np.ones((*padded, 3))
+    materials = np.zeros(padded, dtype=np.int64)
+    states = np.zeros((*padded, 13))
+    states[..., 6] = 1.0
+    for w, scene in enumerate(scenes):
+        for i, (thing, state) in enumerate(zip(scene.objects, scene.states, strict=True)):
+            kinds[w, i], dimensions[w, i] = _shape_numbers(thing.shape)
+            materials[w, i] = parameters.index(thing.material)
+            states[w, i] = state.to_vector()
+    return {
+        "object_counts": counts,
+        "shape_kinds": kinds,
+        "dimensions": dimensions,
+        "object_materials": materials,
+        "states": states,
+    }
+
+
+def _shape_numbers(shape: Shape) -> tuple[int, tuple[float, float, float]]:
+    match shape:
+        case Sphere():
+            return SPHERE, (shape.radius, 0.0, 0.0)
+        case Box():
+            return BOX, shape.edge_lengths
+        case Capsule():
+            return CAPSULE, (shape.radius, shape.length, 0.0)
+    raise InvalidInputError(f"shape is {shape!r}; expected a Sphere, Box or Capsule")
+
+
+def _environment_arrays(
+    environments: Sequence[Environment], parameters: StaticParameters
+) -> dict[str, NDArray]:
+    counts = np.array([len(e.planes) for e in environments], dtype=np.int64)
+    padded = (len(environments), max(1, int(counts.max())))
+    planes = np.zeros((*padded, 4))
+    materials = np.zeros(padded, dtype=np.int64)
+    for row, environment in enumerate(environments):
+        for p, plane in enumerate(environment.planes):
+            planes[row, p] = (*plane.normal, plane.offset)
+            materials[row, p] = parameters.index(plane.material)
+    return {
+        "gravity": np.array([e.gravity for e in environments]),
+        "plane_counts": counts,
+        "planes": planes,
+        "plane_materials": materials,
+    }
+
+
+def _parameter_tables(
+    parameter_sets: Sequence[StaticParameters], materials: tuple[str, ...]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    if len(parameter_sets) == 0:
+        raise InvalidInputError("there is no θ_s; expected at least one")
+    for parameters in parameter_sets:
+        if parameters.materials != materials:
+            raise InvalidInputError(
+                f"θ_s has the materials {list(parameters.materials)}; "
+                f"expected {list(materials)} as in the others"
+            )
+    return (
+        np.array([parameters.density for parameters in parameter_sets]),
+        np.array([parameters.coefficients for parameters in parameter_sets]),
+    )

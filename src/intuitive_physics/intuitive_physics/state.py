@@ -1,0 +1,115 @@
+"""Dynamic parameters θ_d = {x, q, ẋ, ω} of one object (Eq. 2), with their covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.validation import covariance_matrix, finite_array, unit_quaternion
+
+ERROR_SIZE = 12
+POSITION = slice(0, 3)
+ROTATION = slice(3, 6)
+LINEAR_VELOCITY = slice(6, 9)
+ANGULAR_VELOCITY = slice(9, 12)
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectState:
+    """θ_d: pose and twist of an object's centre, all in the environment's frame.
+
+    Parameters
+    ----------
+    position : (3,) m
+    orientation : (4,) unit quaternion (x, y, z, w), body to environment
+    linear_velocity : (3,) m/s
+    angular_velocity : (3,) rad/s, in the environment's frame (not the body's)
+    covariance : (12, 12), order: position, rotation vector, linear velocity, angular velocity;
+        all zeros means "known exactly"
+    """
+
+    position: NDArray[np.float64]
+    orientation: NDArray[np.float64] = field(default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0]))
+    linear_velocity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    angular_velocity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    covariance: NDArray[np.float64] = field(
+        default_factory=lambda: np.zeros((ERROR_SIZE, ERROR_SIZE))
+    )
+
+    def __init__(
+        self,
+        position: ArrayLike,
+        orientation: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        linear_velocity: ArrayLike = (0.0, 0.0, 0.0),
+        angular_velocity: ArrayLike = (0.0, 0.0, 0.0),
+        covariance: ArrayLike | None = None,
+    ) -> None:
+        def keep(name: str, value: NDArray[np.float64]) -> None:
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+        keep("position", finite_array(position, "position", (3,)))
+        keep("orientation", unit_quaternion(orientation, "orientation"))
+        keep("linear_velocity", finite_array(linear_velocity, "linear velocity", (3,)))
+        keep("angular_velocity", finite_array(angular_velocity, "angular velocity", (3,)))
+        keep(
+            "covariance",
+            np.zeros((ERROR_SIZE, ERROR_SIZE))
+            if covariance is None
+            else covariance_matrix(covariance, "state covariance", ERROR_SIZE),
+        )
+
+    def with_covariance(self, covariance: ArrayLike) -> ObjectState:
+        """Return the same state with another covariance, shape (12, 12)."""
+        return ObjectState(
+            self.position,
+            self.orientation,
+            self.linear_velocity,
+            self.angular_velocity,
+            covariance,
+        )
+
+    def to_vector(self) -> NDArray[np.float64]:
+        """Return (13,): position, orientation (x, y, z, w), linear and angular velocity."""
+        return np.concatenate(
+            [self.position, self.orientation, self.linear_velocity, self.angular_velocity]
+        )
+
+    @staticmethod
+    def from_vector(vector: ArrayLike, covariance: ArrayLike | None = None) -> ObjectState:
+        """Read what `to_vector` wrote."""
+        v = finite_array(vector, "state vector", (13,))
+        return ObjectState(v[0:3], v[3:7], v[7:10], v[10:13], covariance)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data that `from_dict` reads back."""
+        return {
+            "position": self.position.tolist(),
+            "orientation": self.orientation.tolist(),
+            "linear_velocity": self.linear_velocity.tolist(),
+            "angular_velocity": self.angular_velocity.tolist(),
+            "covariance": self.covariance.ravel().tolist(),
+        }
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> ObjectState:
+        """Read what `to_dict` wrote."""
+        try:
+            covariance = np.reshape(data["covariance"], (ERROR_SIZE, ERROR_SIZE))
+            return ObjectState(
+                data["position"],
+                data["orientation"],
+                data["linear_velocity"],
+                data["angular_velocity"],
+                covariance,
+            )
+        except (KeyError, TypeError) as error:
+            raise InvalidInputError(
+                f"object state lacks {error}; expected position, orientation, "
+                "linear_velocity, angular_velocity, covariance"
+            ) from None

@@ -1,0 +1,125 @@
+"""Checks of what comes in, each raising `InvalidInputError` with what was got and expected."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics.errors import InvalidInputError
+
+UNIT_QUATERNION_TOLERANCE = 1e-3
+
+
+def positive_float(value: Any, name: str) -> float:
+    """Return `value` as a float after checking that it is finite and above zero."""
+    number = finite_float(value, name)
+    if number <= 0.0:
+        raise InvalidInputError(f"{name} is {number:g}; expected a number above zero")
+    return number
+
+
+def finite_float(value: Any, name: str) -> float:
+    """Return `value` as a float after checking that it is finite."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InvalidInputError(f"{name} is {value!r}; expected a number") from None
+    if not np.isfinite(number):
+        raise InvalidInputError(f"{name} is {number}; expected a finite number")
+    return number
+
+
+def name_string(value: Any, name: str) -> str:
+    """Return `value` after checking that it is a string with something in it."""
+    if not isinstance(value, str) or not value.strip():
+        raise InvalidInputError(f"{name} is {value!r}; expected a name with at least one character")
+    return value
+
+
+def finite_array(value: ArrayLike, name: str, shape: Sequence[int | None]) -> NDArray[np.float64]:
+    """Return `value` as a C-contiguous float64 copy, checked for its shape and for finiteness.
+
+    Parameters
+    ----------
+    shape : the expected shape; None stands for any length of that axis
+    """
+    try:
+        array = np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise InvalidInputError(
+            f"{name} is {value!r:.80}; expected an array of numbers of shape {_shown(shape)}"
+        ) from None
+    if array.ndim != len(shape) or any(
+        expected is not None and got != expected
+        for got, expected in zip(array.shape, shape, strict=True)
+    ):
+        raise InvalidInputError(f"{name} has shape {array.shape}; expected {_shown(shape)}")
+    if not np.isfinite(array).all():
+        bad = int(array.size - np.isfinite(array).sum())
+        raise InvalidInputError(f"{name} has {bad} values that are not finite; expected none")
+    return array
+
+
+def unit_quaternion(value: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Return the quaternion (x, y, z, w), shape (4,), normalised to machine precision.
+
+    Raises
+    ------
+    InvalidInputError
+        When its norm is further than 1e-3 from one: then it is a mistake, not rounding.
+    """
+    quaternion = finite_array(value, name, (4,))
+    norm = float(np.linalg.norm(quaternion))
+    if abs(norm - 1.0) > UNIT_QUATERNION_TOLERANCE:
+        raise InvalidInputError(
+            f"{name} has norm {norm:.6g}; expected a unit quaternion (x, y, z, w)"
+        )
+    return quaternion / norm
+
+
+def unit_vector(value: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Return a vector of shape (3,), any length but zero, scaled to length one."""
+    vector = finite_array(value, name, (3,))
+    norm = float(np.linalg.norm(vector))
+    if norm < 1e-12:
+        raise InvalidInputError(f"{name} is {vector.tolist()}; expected a vector with a direction")
+    return vector / norm
+
+
+def covariance_matrix(value: ArrayLike, name: str, size: int) -> NDArray[np.float64]:
+    """Return a symmetric, positive semi-definite matrix of shape (size, size)."""
+    matrix = finite_array(value, name, (size, size))
+    scale = max(float(np.abs(matrix).max()), 1e-300)
+    if np.abs(matrix - matrix.T).max() > 1e-6 * scale:
+        raise InvalidInputError(f"{name} is not symmetric; expected a covariance matrix")
+    matrix = 0.5 * (matrix + matrix.T)
+    smallest = float(np.linalg.eigvalsh(matrix)[0])
+    if smallest < -1e-6 * scale:
+        raise InvalidInputError(
+            f"{name} has the eigenvalue {smallest:.3g}; expected a covariance matrix, "
+            "whose eigenvalues are never negative"
+        )
+    return matrix
+
+
+def increasing_times(value: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Return strictly increasing times of shape (n_times,), n_times ≥ 1, in seconds."""
+    times = finite_array(value, name, (None,))
+    if times.size == 0:
+        raise InvalidInputError(f"{name} is empty; expected at least one time")
+    backward = np.flatnonzero(np.diff(times) <= 0.0)
+    if backward.size:
+        at = int(backward[0])
+        raise InvalidInputError(
+            f"{name} goes from {times[at]:.9g} to {times[at + 1]:.9g} at index {at + 1}; "
+            "expected times that strictly increase"
+        )
+    return times
+
+
+def _shown(shape: Sequence[int | None]) -> str:
+    inside = ", ".join("any" if n is None else str(n) for n in shape)
+    return f"({inside},)" if len(shape) == 1 else f"({inside})"

@@ -77,7 +77,7 @@ def unit_quaternion(value: ArrayLike, name: str) -> NDArray[np.float64]:
         raise InvalidInputError(
             f"{name} has norm {norm:.6g}; expected a unit quaternion (x, y, z, w)"
         )
-    return quaternion / norm
+    return _scaled_to_one(quaternion, norm)
 
 
 def unit_vector(value: ArrayLike, name: str) -> NDArray[np.float64]:
@@ -86,7 +86,7 @@ def unit_vector(value: ArrayLike, name: str) -> NDArray[np.float64]:
     norm = float(np.linalg.norm(vector))
     if norm < 1e-12:
         raise InvalidInputError(f"{name} is {vector.tolist()}; expected a vector with a direction")
-    return vector / norm
+    return _scaled_to_one(vector, norm)
 
 
 def covariance_matrix(value: ArrayLike, name: str, size: int) -> NDArray[np.float64]:
@@ -118,6 +118,11 @@ def increasing_times(value: ArrayLike, name: str) -> NDArray[np.float64]:
             "expected times that strictly increase"
         )
     return times
+
+
+def _scaled_to_one(array: NDArray[np.float64], norm: float) -> NDArray[np.float64]:
+    """Leave what is normalised already as it is, so that what was written reads back equal."""
+    return array if abs(norm - 1.0) < 1e-15 else array / norm
 
 
 def _shown(shape: Sequence[int | None]) -> str:

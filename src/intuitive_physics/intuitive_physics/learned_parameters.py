@@ -1,0 +1,196 @@
+"""θ_s as the learner hands it on: with the uncertainty of each value, and where it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.materials import StaticParameters, parameter_names
+
+FORMAT = "intuitive_physics/learned_parameters/1"
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedParameters:
+    """One version of θ_s.
+
+    Parameters
+    ----------
+    parameters : θ_s
+    standard_deviations : (|θ_s|,) in the order of `parameter_names(parameters.materials)`, each in
+        its parameter's own SI unit, never negative; NaN where it is not known
+    identified : (|θ_s|,) bool, same order: whether the observations could tell this parameter; one
+        that they could not is a default or an accident of the search, never learned
+    version : grows with every improvement; 0 means nothing was learned yet
+    cost : J in m over the observations it was learned from (Eq. 8); NaN when there were none
+    observation_count : number of those observations
+    method : name of the update rule that found it, "" for version 0
+    """
+
+    parameters: StaticParameters
+    standard_deviations: NDArray[np.float64]
+    identified: NDArray[np.bool_]
+    version: int
+    cost: float
+    observation_count: int
+    method: str
+
+    def __init__(
+        self,
+        parameters: StaticParameters,
+        standard_deviations: ArrayLike,
+        identified: ArrayLike,
+        version: int,
+        cost: float,
+        observation_count: int,
+        method: str,
+    ) -> None:
+        size = len(parameter_names(parameters.materials))
+        deviations = _vector(standard_deviations, "standard deviations", size, np.float64)
+        if (deviations < 0.0).any() or np.isinf(deviations).any():
+            raise InvalidInputError(
+                f"standard deviations reach from {np.nanmin(deviations):g} to "
+                f"{np.nanmax(deviations):g}; expected finite numbers ≥ 0, or NaN where not known"
+            )
+        object.__setattr__(self, "parameters", parameters)
+        object.__setattr__(self, "standard_deviations", deviations)
+        object.__setattr__(self, "identified", _vector(identified, "identified", size, np.bool_))
+        object.__setattr__(self, "version", _count(version, "version"))
+        object.__setattr__(self, "cost", _cost(cost))
+        object.__setattr__(
+            self, "observation_count", _count(observation_count, "observation count")
+        )
+        object.__setattr__(self, "method", str(method))
+
+    @staticmethod
+    def defaults(materials: Sequence[str]) -> LearnedParameters:
+        """Version 0: default values, nothing identified."""
+        size = len(parameter_names(materials))
+        return LearnedParameters(
+            StaticParameters.uniform(materials),
+            np.full(size, np.nan),
+            np.zeros(size, dtype=bool),
+            version=0,
+            cost=float("nan"),
+            observation_count=0,
+            method="",
+        )
+
+    @property
+    def materials(self) -> tuple[str, ...]:
+        """Names, in the order of `parameters.materials`."""
+        return self.parameters.materials
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data (numbers, strings, None for NaN) that JSON and YAML hold as it is."""
+        names = parameter_names(self.materials)
+        return {
+            "format": FORMAT,
+            "version": self.version,
+            "method": self.method,
+            "cost": _none_for_nan(self.cost),
+            "observation_count": self.observation_count,
+            "materials": list(self.materials),
+            "parameters": self.parameters.to_dict(),
+            "standard_deviations": {
+                name: _none_for_nan(float(sigma))
+                for name, sigma in zip(names, self.standard_deviations, strict=True)
+            },
+            "identified": [name for name, yes in zip(names, self.identified, strict=True) if yes],
+        }
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> LearnedParameters:
+        """Read what `to_dict` wrote.
+
+        Raises
+        ------
+        InvalidInputError
+            When a field is missing, of another format, or not what it must be.
+        """
+        if not isinstance(data, Mapping) or data.get("format") != FORMAT:
+            got = data.get("format") if isinstance(data, Mapping) else type(data).__name__
+            raise InvalidInputError(
+                f"learned parameters have the format {got!r}; expected {FORMAT!r}"
+            )
+        try:
+            parameters = _in_order(data["parameters"], data["materials"])
+            names = parameter_names(parameters.materials)
+            deviations = [_nan_for_none(data["standard_deviations"][name]) for name in names]
+            known = set(data["identified"])
+            unknown = sorted(known - set(names))
+            if unknown:
+                raise InvalidInputError(
+                    f"{unknown[0]!r} is said to be identified; expected names of parameters of "
+                    f"the materials {', '.join(parameters.materials)}"
+                )
+            return LearnedParameters(
+                parameters,
+                deviations,
+                [name in known for name in names],
+                data["version"],
+                _nan_for_none(data["cost"]),
+                data["observation_count"],
+                data["method"],
+            )
+        except (KeyError, TypeError) as error:
+            raise InvalidInputError(
+                f"learned parameters cannot be read ({error}); expected version, method, cost, "
+                "observation_count, materials, parameters, standard_deviations, identified"
+            ) from None
+
+
+def _in_order(data: Mapping[str, Any], materials: Sequence[str]) -> StaticParameters:
+    # A writer that sorts keys (YAML's default) must not change the order of the parameters.
+    if sorted(materials) != sorted(data["density"]):
+        raise InvalidInputError(
+            f"learned parameters have densities of {sorted(data['density'])}; "
+            f"expected those of the materials {sorted(materials)}"
+        )
+    return StaticParameters.from_dict(
+        {**data, "density": {name: data["density"][name] for name in materials}}
+    )
+
+
+def _vector(value: ArrayLike, name: str, size: int, kind: type) -> NDArray[Any]:
+    try:
+        array: NDArray[Any] = np.array(value, dtype=kind)
+    except (TypeError, ValueError):
+        raise InvalidInputError(
+            f"{name} is {value!r:.80}; expected {size} values, one for each parameter"
+        ) from None
+    if array.shape != (size,):
+        raise InvalidInputError(
+            f"{name} has shape {array.shape}; expected ({size},), one for each parameter"
+        )
+    array.setflags(write=False)
+    return array
+
+
+def _count(value: Any, name: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 0:
+        raise InvalidInputError(f"{name} is {value!r}; expected a whole number ≥ 0")
+    return int(value)
+
+
+def _cost(value: Any) -> float:
+    try:
+        cost = float(value)
+    except (TypeError, ValueError):
+        raise InvalidInputError(f"cost is {value!r}; expected metres") from None
+    if cost < 0.0 or np.isinf(cost):
+        raise InvalidInputError(f"cost is {cost:g} m; expected a finite number ≥ 0, or NaN")
+    return cost
+
+
+def _none_for_nan(value: float) -> float | None:
+    return None if np.isnan(value) else value
+
+
+def _nan_for_none(value: float | None) -> float:
+    return float("nan") if value is None else value

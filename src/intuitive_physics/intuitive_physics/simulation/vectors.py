@@ -1,0 +1,95 @@
+"""Vectors of three as tuples of floats: in Numba they live in registers, arrays do not."""
+
+from __future__ import annotations
+
+from math import cos, sin, sqrt
+
+from numba import njit
+
+
+@njit(inline="always")
+def load(rows, i):
+    """Row i of an (n, 3) array."""
+    return rows[i, 0], rows[i, 1], rows[i, 2]
+
+
+@njit(inline="always")
+def store(rows, i, a):
+    """Write a vector into row i of an (n, 3) array."""
+    rows[i, 0], rows[i, 1], rows[i, 2] = a
+
+
+@njit(inline="always")
+def add(a, b):
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@njit(inline="always")
+def sub(a, b):
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@njit(inline="always")
+def scaled(a, s):
+    return a[0] * s, a[1] * s, a[2] * s
+
+
+@njit(inline="always")
+def add_scaled(a, b, s):
+    """a + s b."""
+    return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
+
+
+@njit(inline="always")
+def dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(inline="always")
+def cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(inline="always")
+def norm(a):
+    return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+
+
+@njit(inline="always")
+def tangential(a, n):
+    """The part of a that is perpendicular to the unit vector n."""
+    return add_scaled(a, n, -dot(a, n))
+
+
+@njit(inline="always")
+def clamped(a, longest):
+    """a, shortened to the length `longest` if it is longer."""
+    length = norm(a)
+    if length > longest:
+        return scaled(a, longest / length)
+    return a
+
+
+@njit
+def turn(orientations, i, angle):
+    """Turn quaternion (x, y, z, w) in row i by the rotation vector `angle`, in the world's axes."""
+    size = norm(angle)
+    if size < 1e-12:
+        return
+    s = sin(0.5 * size) / size
+    ax, ay, az, aw = angle[0] * s, angle[1] * s, angle[2] * s, cos(0.5 * size)
+    bx, by, bz, bw = (
+        orientations[i, 0],
+        orientations[i, 1],
+        orientations[i, 2],
+        orientations[i, 3],
+    )
+    qx = aw * bx + ax * bw + ay * bz - az * by
+    qy = aw * by - ax * bz + ay * bw + az * bx
+    qz = aw * bz + ax * by - ay * bx + az * bw
+    qw = aw * bw - ax * bx - ay * by - az * bz
+    length = sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
+    orientations[i, 0] = qx / length
+    orientations[i, 1] = qy / length
+    orientations[i, 2] = qz / length
+    orientations[i, 3] = qw / length

@@ -154,7 +154,8 @@ class Environment:
         gravity: ArrayLike = STANDARD_GRAVITY,
         frame_id: str = "world",
     ) -> None:
-        ids = [primitive.id for primitive in (*planes, *boxes)]
+        primitives: list[Plane | StaticBox] = [*planes, *boxes]
+        ids = [primitive.id for primitive in primitives]
         if len(set(ids)) != len(ids):
             raise InvalidInputError(f"environment has the ids {ids}; expected each once")
         object.__setattr__(self, "planes", tuple(planes))
@@ -165,7 +166,8 @@ class Environment:
     @property
     def materials(self) -> tuple[str, ...]:
         """Materials of all primitives, each once, in order of appearance."""
-        return tuple(dict.fromkeys(p.material for p in (*self.planes, *self.boxes)))
+        primitives: list[Plane | StaticBox] = [*self.planes, *self.boxes]
+        return tuple(dict.fromkeys(primitive.material for primitive in primitives))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data that `from_dict` reads back."""

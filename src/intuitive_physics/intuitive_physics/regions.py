@@ -1,0 +1,87 @@
+"""Parts of space that questions are about."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.validation import (
+    finite_array,
+    finite_float,
+    positive_float,
+    unit_quaternion,
+    unit_vector,
+)
+
+
+class Region(ABC):
+    """A part of space."""
+
+    @abstractmethod
+    def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether each point of an array (…, 3), in m, lies inside; shape (…)."""
+
+
+@dataclass(frozen=True, eq=False)
+class BallRegion(Region):
+    """All points within `radius` (m) of `center`, (3,) m."""
+
+    center: NDArray[np.float64]
+    radius: float
+
+    def __init__(self, center: ArrayLike, radius: float) -> None:
+        object.__setattr__(self, "center", finite_array(center, "region center", (3,)))
+        object.__setattr__(self, "radius", positive_float(radius, "region radius"))
+
+    def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return ((points - self.center) ** 2).sum(axis=-1) <= self.radius**2
+
+
+@dataclass(frozen=True, eq=False)
+class BoxRegion(Region):
+    """A box about `center` (3,) m, turned by `orientation` (x, y, z, w), `edge_lengths` (3,) m."""
+
+    center: NDArray[np.float64]
+    orientation: NDArray[np.float64]
+    edge_lengths: NDArray[np.float64]
+
+    def __init__(self, center: ArrayLike, orientation: ArrayLike, edge_lengths: ArrayLike) -> None:
+        edges = finite_array(edge_lengths, "region edge lengths", (3,))
+        if (edges <= 0.0).any():
+            raise InvalidInputError(
+                f"region edge lengths are {edges.tolist()}; expected all above zero"
+            )
+        object.__setattr__(self, "center", finite_array(center, "region center", (3,)))
+        object.__setattr__(self, "orientation", unit_quaternion(orientation, "region orientation"))
+        object.__setattr__(self, "edge_lengths", edges)
+
+    def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        x, y, z, w = self.orientation
+        axes = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        inside = np.abs((points - self.center) @ axes) <= 0.5 * self.edge_lengths
+        return np.asarray(inside.all(axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpaceRegion(Region):
+    """All points p with normal · p < offset; normal (3,) is scaled to one, offset in m."""
+
+    normal: NDArray[np.float64]
+    offset: float
+
+    def __init__(self, normal: ArrayLike, offset: float) -> None:
+        object.__setattr__(self, "normal", unit_vector(normal, "region normal"))
+        object.__setattr__(self, "offset", finite_float(offset, "region offset"))
+
+    def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return np.asarray(points @ self.normal < self.offset)

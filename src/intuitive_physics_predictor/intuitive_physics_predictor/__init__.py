@@ -1,0 +1,1 @@
+"""Noisy-Newton prediction: distributions of where objects will be, and questions about them."""

@@ -1,0 +1,101 @@
+"""Draws of θ_d: states that are as uncertain as they were perceived."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.state import (
+    ANGULAR_VELOCITY,
+    ERROR_SIZE,
+    LINEAR_VELOCITY,
+    POSITION,
+    ROTATION,
+    ObjectState,
+)
+
+
+@dataclass(frozen=True)
+class StateNoise:
+    """What is added to a perceived state (Sec. III-E).
+
+    The noise has the covariance the state was perceived with, plus fixed Gaussian noise of these
+    standard deviations on each axis; the paper's setting is fixed noise alone.
+
+    Parameters
+    ----------
+    perceived : whether the perceived covariance counts
+    position : m
+    rotation : rad
+    linear_velocity : m/s
+    angular_velocity : rad/s
+    """
+
+    perceived: bool = True
+    position: float = 0.0
+    rotation: float = 0.0
+    linear_velocity: float = 0.0
+    angular_velocity: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("position", "rotation", "linear_velocity", "angular_velocity"):
+            value = getattr(self, name)
+            if not 0.0 <= value < np.inf:
+                raise InvalidInputError(f"{name} noise is {value}; expected a number, 0 or more")
+
+    def covariance(self, state: ObjectState) -> NDArray[np.float64]:
+        """Return the covariance of the noise on one state, shape (12, 12)."""
+        variances = np.empty(ERROR_SIZE)
+        variances[POSITION] = self.position**2
+        variances[ROTATION] = self.rotation**2
+        variances[LINEAR_VELOCITY] = self.linear_velocity**2
+        variances[ANGULAR_VELOCITY] = self.angular_velocity**2
+        fixed = np.diag(variances)
+        return fixed + state.covariance if self.perceived else fixed
+
+
+def sample_states(
+    states: Sequence[ObjectState], noise: StateNoise, count: int, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Draw noisy copies of the states of all objects of a scene.
+
+    Returns
+    -------
+    (count, n_objects, 13)
+        As `ObjectState.to_vector`. The noise of different objects is independent.
+    """
+    means = np.array([state.to_vector() for state in states])
+    covariances = np.array([noise.covariance(state) for state in states])
+    variances, axes = np.linalg.eigh(covariances)
+    roots = axes * np.sqrt(np.maximum(variances, 0.0))[:, None, :]
+    normal = rng.standard_normal((count, len(states), ERROR_SIZE))
+    errors = np.einsum("oij,soj->soi", roots, normal)
+
+    drawn = np.repeat(means[None], count, axis=0)
+    drawn[..., 0:3] += errors[..., POSITION]
+    drawn[..., 3:7] = _turned(drawn[..., 3:7], errors[..., ROTATION])
+    drawn[..., 7:10] += errors[..., LINEAR_VELOCITY]
+    drawn[..., 10:13] += errors[..., ANGULAR_VELOCITY]
+    return drawn
+
+
+def _turned(quaternions: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Turn (…, 4) quaternions by (…, 3) rotation vectors in the environment's axes."""
+    size = np.linalg.norm(angles, axis=-1, keepdims=True)
+    half = 0.5 * size
+    # sin(x) / x without dividing by zero
+    vector = 0.5 * np.sinc(half / np.pi) * angles
+    scalar = np.cos(half)
+    v, w = quaternions[..., :3], quaternions[..., 3:]
+    turned = np.concatenate(
+        [
+            scalar * v + w * vector + np.cross(vector, v),
+            scalar * w - (vector * v).sum(axis=-1, keepdims=True),
+        ],
+        axis=-1,
+    )
+    return turned / np.linalg.norm(turned, axis=-1, keepdims=True)

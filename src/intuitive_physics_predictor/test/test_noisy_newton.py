@@ -1,0 +1,146 @@
+"""Draws of θ_d and the distributions they lead to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
+from intuitive_physics.shapes import Box, Sphere
+from intuitive_physics.state import ObjectState
+from intuitive_physics_predictor.noise import StateNoise, sample_states
+from intuitive_physics_predictor.noisy_newton import PredictionFailedError, predict
+
+G = 9.81
+THETA = StaticParameters.uniform(["ball", "floor"])
+
+
+def flying_scene(covariance=None, height=100.0, velocity=(1.0, 0.0, 0.0), count=1) -> Scene:
+    floor = Environment([Plane("floor", "floor", (0, 0, 1), 0.0)])
+    objects = tuple(SceneObject(f"ball_{k}", "ball", Sphere(0.05)) for k in range(count))
+    states = tuple(
+        ObjectState((3.0 * k, 0, height), (0, 0, 0, 1), velocity, (0, 0, 0), covariance)
+        for k in range(count)
+    )
+    return Scene(floor, objects, states)
+
+
+def random_covariance(seed):
+    root = np.random.default_rng(seed).normal(size=(12, 12)) * 0.01
+    return root @ root.T
+
+
+def test_drawn_states_have_the_perceived_covariance():
+    # Of n draws the sample covariance is off by about sqrt(2 / n) of itself.
+    covariance = random_covariance(0)
+    state = ObjectState((1, 2, 3), (0, 0, 0, 1), (4, 5, 6), (7, 8, 9), covariance)
+    n = 40_000
+    drawn = sample_states([state], StateNoise(), n, np.random.default_rng(1))[:, 0]
+    # Small rotations: the rotation vector is twice the quaternion's vector part.
+    errors = np.hstack([drawn[:, 0:3], 2 * drawn[:, 3:6], drawn[:, 7:13]])
+    np.testing.assert_allclose(
+        np.cov(errors.T), covariance, atol=4 * np.sqrt(2 / n) * covariance.max()
+    )
+    expected = np.concatenate([state.position, state.linear_velocity, state.angular_velocity])
+    np.testing.assert_allclose(drawn[:, [0, 1, 2, *range(7, 13)]].mean(axis=0), expected, atol=1e-3)
+
+
+def test_fixed_noise_is_the_papers_option():
+    # N(0, σ) on each axis of each part, whatever was perceived.
+    noise = StateNoise(
+        perceived=False, position=0.1, rotation=0.02, linear_velocity=0.3, angular_velocity=0.4
+    )
+    state = ObjectState((0, 0, 0), covariance=np.eye(12))
+    drawn = sample_states([state], noise, 20_000, np.random.default_rng(0))[:, 0]
+    spread = drawn.std(axis=0)
+    truth = [0.1] * 3 + [0.01] * 3 + [0.3] * 3 + [0.4] * 3
+    np.testing.assert_allclose(spread[[*range(6), *range(7, 13)]], truth, rtol=0.03)
+
+
+@given(st.integers(0, 2**31), st.integers(1, 3), st.integers(1, 5))
+@settings(max_examples=30, deadline=None)
+def test_drawn_orientations_are_unit(seed, objects, count):
+    scene = flying_scene(np.eye(12) * 9.0, count=objects)
+    drawn = sample_states(scene.states, StateNoise(), count, np.random.default_rng(seed))
+    assert drawn.shape == (count, objects, 13)
+    np.testing.assert_allclose(np.linalg.norm(drawn[..., 3:7], axis=-1), 1.0, atol=1e-12)
+
+
+def test_free_flight_spreads_as_theory_says():
+    # x(t) = x0 + v0 t + g t²/2: the covariance is Σ_xx + t (Σ_xv + Σ_vx) + t² Σ_vv.
+    covariance = random_covariance(3)
+    times = np.array([0.0, 0.5, 1.0])
+    distribution = predict(
+        flying_scene(covariance), THETA, times, rng=np.random.default_rng(0), sample_count=20_000
+    )
+    xx, xv, vv = covariance[:3, :3], covariance[:3, 6:9], covariance[6:9, 6:9]
+    for k, t in enumerate(times):
+        truth = xx + t * (xv + xv.T) + t**2 * vv
+        np.testing.assert_allclose(
+            distribution.covariance[0, k], truth, atol=0.04 * np.trace(truth)
+        )
+        centre = np.array([t, 0, 100 - 0.5 * G * t**2])
+        np.testing.assert_allclose(
+            distribution.mean[0, k], centre, atol=5 * np.sqrt(np.trace(truth) / 20_000)
+        )
+
+
+def test_exactly_known_states_have_one_future():
+    distribution = predict(flying_scene(), THETA, [0.0, 1.0], rng=np.random.default_rng(0))
+    assert distribution.positions.shape == (20, 1, 2, 3)
+    assert np.ptp(distribution.positions, axis=0).max() == 0.0
+    assert distribution.weights.sum() == pytest.approx(1.0)
+
+
+def test_same_seed_same_answer_and_other_seed_another():
+    scene = flying_scene(np.eye(12) * 1e-4, height=0.5)
+    times = np.linspace(0, 2, 20)
+
+    def run(seed):
+        return predict(scene, THETA, times, rng=np.random.default_rng(seed)).positions
+
+    np.testing.assert_array_equal(run(5), run(5))
+    assert (run(5) != run(6)).any()
+
+
+def test_two_futures_stay_two():
+    # A ball dropped on a ball that lies on the floor goes left or right: the samples lie on both
+    # sides, and hardly any near their mean in between.
+    floor = Environment([Plane("floor", "floor", (0, 0, 1), 0.0)])
+    scene = Scene(
+        floor,
+        (SceneObject("top", "ball", Sphere(0.05)), SceneObject("bottom", "ball", Sphere(0.05))),
+        (
+            ObjectState((0, 0, 0.4), covariance=np.diag([1e-4] + [0] * 11)),
+            ObjectState((0, 0, 0.05)),
+        ),
+    )
+    distribution = predict(scene, THETA, [0.0, 2.0], rng=np.random.default_rng(0), sample_count=200)
+    sideways = distribution.of("top")[:, 1, 0]
+    assert (sideways > 0.1).sum() > 60
+    assert (sideways < -0.1).sum() > 60
+    assert abs(distribution.mean[0, 1, 0]) < 0.1
+
+
+def test_what_cannot_be_predicted_is_refused():
+    rng = np.random.default_rng(0)
+    with pytest.raises(InvalidInputError, match="sample count"):
+        predict(flying_scene(), THETA, [1.0], rng=rng, sample_count=0)
+    with pytest.raises(UnknownNameError, match="'ball'"):
+        predict(flying_scene(), StaticParameters.uniform(["floor"]), [1.0], rng=rng)
+    with pytest.raises(PredictionFailedError, match="none of 3"):
+        predict(
+            flying_scene(velocity=(1e308, 1e308, -1e308)), THETA, [1.0], rng=rng, sample_count=3
+        )
+    with pytest.raises(InvalidInputError, match="noise"):
+        StateNoise(position=-1.0)
+    with pytest.raises(InvalidInputError, match="noise"):
+        StateNoise(linear_velocity=float("nan"))
+    scene = flying_scene()
+    box = Scene(scene.environment, (SceneObject("b", "ball", Box((1, 1, 1))),), scene.states)
+    with pytest.raises(Exception, match="not a sphere"):
+        predict(box, THETA, [1.0], rng=rng)

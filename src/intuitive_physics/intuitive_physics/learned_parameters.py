@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.materials import StaticParameters, parameter_names
+from intuitive_physics.materials import (
+    PAIR_COEFFICIENTS,
+    StaticParameters,
+    material_pairs,
+    parameter_names,
+)
 
 FORMAT = "intuitive_physics/learned_parameters/1"
 
@@ -86,6 +91,27 @@ class LearnedParameters:
         """Names, in the order of `parameters.materials`."""
         return self.parameters.materials
 
+    def extended(self, materials: Sequence[str]) -> LearnedParameters:
+        """Return the same over other materials: new ones have defaults that nobody identified."""
+        place = {name: i for i, name in enumerate(_unordered_names(materials))}
+        shared = [
+            (k, place[n]) for k, n in enumerate(_unordered_names(self.materials)) if n in place
+        ]
+        old, new = np.array(shared, dtype=int).reshape(-1, 2).T
+        deviations = np.full(len(place), np.nan)
+        identified = np.zeros(len(place), dtype=bool)
+        deviations[new] = self.standard_deviations[old]
+        identified[new] = self.identified[old]
+        return LearnedParameters(
+            self.parameters.extended(materials),
+            deviations,
+            identified,
+            self.version,
+            self.cost,
+            self.observation_count,
+            self.method,
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data (numbers, strings, None for NaN) that JSON and YAML hold as it is."""
         names = parameter_names(self.materials)
@@ -143,6 +169,13 @@ class LearnedParameters:
                 f"learned parameters cannot be read ({error}); expected version, method, cost, "
                 "observation_count, materials, parameters, standard_deviations, identified"
             ) from None
+
+
+def _unordered_names(materials: Sequence[str]) -> list[tuple[str, frozenset[str]]]:
+    # As `parameter_names`, but a pair has the same name whichever of its materials stands first.
+    names = [("density", frozenset([name])) for name in materials]
+    pairs = [frozenset(pair) for pair in material_pairs(materials)]
+    return names + [(coefficient, pair) for pair in pairs for coefficient in PAIR_COEFFICIENTS]
 
 
 def _in_order(data: Mapping[str, Any], materials: Sequence[str]) -> StaticParameters:

@@ -8,15 +8,15 @@ from numba import njit
 
 
 @njit(inline="always")
-def load(rows, i):
-    """Row i of an (n, 3) array."""
-    return rows[i, 0], rows[i, 1], rows[i, 2]
+def load(array):
+    """The vector in an array of three."""
+    return array[0], array[1], array[2]
 
 
 @njit(inline="always")
-def store(rows, i, a):
-    """Write a vector into row i of an (n, 3) array."""
-    rows[i, 0], rows[i, 1], rows[i, 2] = a
+def store(array, a):
+    """Write a vector into an array of three."""
+    array[0], array[1], array[2] = a
 
 
 @njit(inline="always")
@@ -71,25 +71,18 @@ def clamped(a, longest):
 
 
 @njit
-def turn(orientations, i, angle):
-    """Turn quaternion (x, y, z, w) in row i by the rotation vector `angle`, in the world's axes."""
+def turn(orientation, angle):
+    """Turn a quaternion (x, y, z, w) by the rotation vector `angle`, in the world's axes."""
     size = norm(angle)
     if size < 1e-12:
         return
     s = sin(0.5 * size) / size
     ax, ay, az, aw = angle[0] * s, angle[1] * s, angle[2] * s, cos(0.5 * size)
-    bx, by, bz, bw = (
-        orientations[i, 0],
-        orientations[i, 1],
-        orientations[i, 2],
-        orientations[i, 3],
-    )
+    bx, by, bz, bw = orientation[0], orientation[1], orientation[2], orientation[3]
     qx = aw * bx + ax * bw + ay * bz - az * by
     qy = aw * by - ax * bz + ay * bw + az * bx
     qz = aw * bz + ax * by - ay * bx + az * bw
     qw = aw * bw - ax * bx - ay * by - az * bz
-    length = sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
-    orientations[i, 0] = qx / length
-    orientations[i, 1] = qy / length
-    orientations[i, 2] = qz / length
-    orientations[i, 3] = qw / length
+    scale = 1.0 / sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
+    orientation[0], orientation[1] = qx * scale, qy * scale
+    orientation[2], orientation[3] = qz * scale, qw * scale

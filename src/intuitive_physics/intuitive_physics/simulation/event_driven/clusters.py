@@ -19,9 +19,9 @@ from intuitive_physics.simulation.event_driven.world import (
     inertia,
     object_coefficient,
     plane_coefficient,
+    plane_gap,
 )
 from intuitive_physics.simulation.vectors import (
-    add,
     add_scaled,
     clamped,
     cross,
@@ -45,27 +45,23 @@ STILL_SPEED = 1e-5
 STICKS = 1e-3
 """m/s. A contact that slips slower than this is held by static friction."""
 
-NORMAL_IMPULSE, FRICTION, TORQUE, NORMAL = 0, 1, 4, 7
-FIRST, SECOND, SLIPPED, FLOOR_SPEED = 10, 11, 12, 13
-"""Columns of `World.contacts`; `SECOND` is an object or, as -1 - p, a plane."""
-
 
 @njit(cache=True)
 def gather(world, i):
     """Write i and all objects it touches, directly or through others; return how many."""
-    world.members[0] = i
+    world.objects[0].member = i
     count = 1
     at = 0
     while at < count:
-        member = world.members[at]
+        member = world.objects[at].member
         at += 1
-        for other in range(world.radius.size):
+        for other in range(world.objects.size):
             if world.touches_object[member, other]:
                 known = False
                 for k in range(count):
-                    known = known or world.members[k] == other
+                    known = known or world.objects[k].member == other
                 if not known:
-                    world.members[count] = other
+                    world.objects[count].member = other
                     count += 1
     return count
 
@@ -73,65 +69,65 @@ def gather(world, i):
 @njit(cache=True)
 def plan_cluster(world, count):
     """Set the accelerations of the first `count` members for the next step."""
-    end = world.time[world.members[0]] + STEP
-    moves = False
+    end = world.objects[world.objects[0].member].time + STEP
+    # While the impulses are sought, the accelerations hold the velocities at the step's end: at
+    # first those at its start, by which the contacts stick or slip, then with gravity's share.
     for k in range(count):
-        i = world.members[k]
-        # While the impulses are sought, the accelerations hold the velocities at the step's end.
-        store(
-            world.acceleration,
-            i,
-            add(load(world.velocity, i), scaled(_gravity(world), STEP)),
-        )
-        store(world.spin_acceleration, i, load(world.spin, i))
+        body = world.objects[world.objects[k].member]
+        store(body.acceleration, load(body.velocity))
+        store(body.spin_acceleration, load(body.spin))
     contacts = _list_contacts(world, count)
+    for k in range(count):
+        body = world.objects[world.objects[k].member]
+        fallen = add_scaled(load(body.acceleration), load(world.gravity), STEP)
+        store(body.acceleration, fallen)
     for _ in range(SWEEPS):
         for c in range(contacts):
             _solve_contact(world, c)
+    moves = False
     for k in range(count):
-        i = world.members[k]
-        velocity, spin = load(world.velocity, i), load(world.spin, i)
-        change = sub(load(world.acceleration, i), velocity)
-        turn = sub(load(world.spin_acceleration, i), spin)
-        speed = norm(velocity) + norm(change) + world.radius[i] * (norm(spin) + norm(turn))
+        body = world.objects[world.objects[k].member]
+        velocity, spin = load(body.velocity), load(body.spin)
+        change = sub(load(body.acceleration), velocity)
+        turn = sub(load(body.spin_acceleration), spin)
+        speed = norm(velocity) + norm(change) + body.radius * (norm(spin) + norm(turn))
         moves = moves or speed > STILL_SPEED
-        store(world.acceleration, i, scaled(change, 1.0 / STEP))
-        store(world.spin_acceleration, i, scaled(turn, 1.0 / STEP))
-        world.phase_end[i] = end
-        world.clustered[i] = True
+        store(body.acceleration, scaled(change, 1.0 / STEP))
+        store(body.spin_acceleration, scaled(turn, 1.0 / STEP))
+        body.phase_end = end
+        body.clustered = 1
     if not moves:
         for k in range(count):
-            _rest(world, world.members[k])
+            _rest(world.objects[world.objects[k].member])
 
 
 @njit(cache=True)
-def _rest(world, i):
-    for rows in (world.velocity, world.spin, world.acceleration, world.spin_acceleration):
-        store(rows, i, (0.0, 0.0, 0.0))
-    world.phase_end[i] = inf
-
-
-@njit(cache=True)
-def _gravity(world):
-    return world.gravity[0], world.gravity[1], world.gravity[2]
+def _rest(body):
+    nothing = (0.0, 0.0, 0.0)
+    store(body.velocity, nothing)
+    store(body.spin, nothing)
+    store(body.acceleration, nothing)
+    store(body.spin_acceleration, nothing)
+    body.phase_end = inf
 
 
 @njit(cache=True)
 def _list_contacts(world, count):
     contacts = 0
     for k in range(count):
-        i = world.members[k]
-        for p in range(world.normal.shape[0]):
+        i = world.objects[k].member
+        body = world.objects[i]
+        for p in range(world.planes.size):
             if world.touches_plane[i, p]:
-                n = load(world.normal, p)
-                gap = dot(load(world.position, i), n) - world.offset[p] - world.radius[i]
-                _write_contact(world, contacts, n, i, -1 - p, gap)
+                n = load(world.planes[p].normal)
+                _write_contact(world, contacts, n, i, -1 - p, plane_gap(body, world.planes[p]))
                 contacts += 1
         for j in range(i):
             if world.touches_object[i, j]:
-                apart = sub(load(world.position, i), load(world.position, j))
+                other = world.objects[j]
+                apart = sub(load(body.position), load(other.position))
                 distance = norm(apart)
-                gap = distance - world.radius[i] - world.radius[j]
+                gap = distance - body.radius - other.radius
                 _write_contact(world, contacts, scaled(apart, 1.0 / distance), i, j, gap)
                 contacts += 1
     return contacts
@@ -139,53 +135,57 @@ def _list_contacts(world, count):
 
 @njit(cache=True)
 def _write_contact(world, c, n, i, other, gap):
-    row = world.contacts[c]
-    row[:] = 0.0
-    row[NORMAL], row[NORMAL + 1], row[NORMAL + 2] = n
-    row[FIRST] = i
-    row[SECOND] = other
-    now = _contact_motion(world, world.velocity, world.spin, n, i, other)
-    row[SLIPPED] = norm(tangential(now, n))
-    row[FLOOR_SPEED] = -max(gap, 0.0) / STEP
+    contact = world.contacts[c]
+    contact.first, contact.second = i, other
+    store(contact.normal, n)
+    contact.least_speed = -max(gap, 0.0) / STEP
+    contact.slip = norm(tangential(_speed_at_contact(world, contact), n))
+    contact.normal_impulse = 0.0
+    store(contact.friction, (0.0, 0.0, 0.0))
+    store(contact.torque, (0.0, 0.0, 0.0))
 
 
 @njit(cache=True)
-def _contact_motion(world, velocities, spins, n, i, other):
-    """Velocity of i's material at the contact relative to the other's."""
-    motion = add_scaled(load(velocities, i), cross(load(spins, i), n), -world.radius[i])
-    if other >= 0:
-        theirs = add_scaled(
-            load(velocities, other), cross(load(spins, other), n), world.radius[other]
-        )
-        motion = sub(motion, theirs)
-    return motion
+def _speed_at_contact(world, contact):
+    """Velocity of the first's material at the contact relative to the other's, at the step's end.
+
+    While the impulses are sought, the accelerations hold the velocities at the step's end.
+    """
+    n = load(contact.normal)
+    body = world.objects[contact.first]
+    arm = cross(load(body.spin_acceleration), n)
+    speed = add_scaled(load(body.acceleration), arm, -body.radius)
+    if contact.second >= 0:
+        body = world.objects[contact.second]
+        arm = cross(load(body.spin_acceleration), n)
+        speed = sub(speed, add_scaled(load(body.acceleration), arm, body.radius))
+    return speed
 
 
 @njit(cache=True)
-def _push(world, i, other, n, impulse):
-    """Apply an impulse to i at the contact, and its reaction to the other."""
-    world_velocity, world_spin = world.acceleration, world.spin_acceleration
-    arm = cross(n, impulse)
-    store(world_velocity, i, add_scaled(load(world_velocity, i), impulse, 1.0 / world.mass[i]))
-    turned = add_scaled(load(world_spin, i), arm, -world.radius[i] / inertia(world, i))
-    store(world_spin, i, turned)
-    if other >= 0:
-        pushed = add_scaled(load(world_velocity, other), impulse, -1.0 / world.mass[other])
-        store(world_velocity, other, pushed)
-        turned = add_scaled(
-            load(world_spin, other), arm, -world.radius[other] / inertia(world, other)
-        )
-        store(world_spin, other, turned)
+def _push(world, contact, impulse):
+    """Apply an impulse to the first at the contact, and its reaction to the other."""
+    arm = cross(load(contact.normal), impulse)
+    _push_one(world.objects[contact.first], impulse, arm)
+    if contact.second >= 0:
+        _push_one(world.objects[contact.second], scaled(impulse, -1.0), arm)
+
+
+@njit(inline="always")
+def _push_one(body, impulse, arm):
+    store(body.acceleration, add_scaled(load(body.acceleration), impulse, 1.0 / body.mass))
+    turned = add_scaled(load(body.spin_acceleration), arm, -body.radius / inertia(body))
+    store(body.spin_acceleration, turned)
 
 
 @njit(cache=True)
 def _solve_contact(world, c):
-    row = world.contacts[c]
-    i, other = int(row[FIRST]), int(row[SECOND])
-    n = (row[NORMAL], row[NORMAL + 1], row[NORMAL + 2])
-    inverse_mass = 1.0 / world.mass[i]
+    contact = world.contacts[c]
+    i, other = contact.first, contact.second
+    n = load(contact.normal)
+    inverse_mass = 1.0 / world.objects[i].mass
     if other >= 0:
-        inverse_mass += 1.0 / world.mass[other]
+        inverse_mass += 1.0 / world.objects[other].mass
         static = object_coefficient(world, STATIC, i, other)
         dynamic = object_coefficient(world, DYNAMIC, i, other)
         rolling = object_coefficient(world, ROLLING, i, other)
@@ -194,36 +194,41 @@ def _solve_contact(world, c):
         dynamic = plane_coefficient(world, DYNAMIC, i, -1 - other)
         rolling = plane_coefficient(world, ROLLING, i, -1 - other)
 
-    motion = _contact_motion(world, world.acceleration, world.spin_acceleration, n, i, other)
-    before = row[NORMAL_IMPULSE]
-    row[NORMAL_IMPULSE] = max(0.0, before + (row[FLOOR_SPEED] - dot(motion, n)) / inverse_mass)
-    _push(world, i, other, n, scaled(n, row[NORMAL_IMPULSE] - before))
+    speed = _speed_at_contact(world, contact)
+    before = contact.normal_impulse
+    needed = before + (contact.least_speed - dot(speed, n)) / inverse_mass
+    contact.normal_impulse = max(0.0, needed)
+    _push(world, contact, scaled(n, contact.normal_impulse - before))
 
-    sticks = row[SLIPPED] < STICKS
-    limit = (static if sticks else dynamic) * row[NORMAL_IMPULSE]
-    old = (row[FRICTION], row[FRICTION + 1], row[FRICTION + 2])
-    new = clamped(add_scaled(old, tangential(motion, n), -1.0 / (3.5 * inverse_mass)), limit)
-    row[FRICTION], row[FRICTION + 1], row[FRICTION + 2] = new
-    _push(world, i, other, n, sub(new, old))
+    sticks = contact.slip < STICKS
+    limit = (static if sticks else dynamic) * contact.normal_impulse
+    old = load(contact.friction)
+    new = clamped(add_scaled(old, tangential(speed, n), -1.0 / (3.5 * inverse_mass)), limit)
+    store(contact.friction, new)
+    _push(world, contact, sub(new, old))
     if sticks:
-        _solve_rolling(world, row, i, other, rolling * row[NORMAL_IMPULSE])
+        _solve_rolling(world, contact, rolling * contact.normal_impulse)
 
 
 @njit(cache=True)
-def _solve_rolling(world, row, i, other, limit_per_radius):
+def _solve_rolling(world, contact, limit_per_radius):
     """Oppose the relative spin by a torque of at most μ_r r N, r the smaller radius."""
-    spins = world.spin_acceleration
-    relative = load(spins, i)
-    softness = 1.0 / inertia(world, i)
-    radius = world.radius[i]
-    if other >= 0:
-        relative = sub(relative, load(spins, other))
-        softness += 1.0 / inertia(world, other)
-        radius = min(radius, world.radius[other])
-    old = (row[TORQUE], row[TORQUE + 1], row[TORQUE + 2])
+    body = world.objects[contact.first]
+    relative = load(body.spin_acceleration)
+    softness = 1.0 / inertia(body)
+    radius = body.radius
+    if contact.second >= 0:
+        other = world.objects[contact.second]
+        relative = sub(relative, load(other.spin_acceleration))
+        softness += 1.0 / inertia(other)
+        radius = min(radius, other.radius)
+    old = load(contact.torque)
     new = clamped(add_scaled(old, relative, -1.0 / softness), limit_per_radius * radius)
-    row[TORQUE], row[TORQUE + 1], row[TORQUE + 2] = new
+    store(contact.torque, new)
     change = sub(new, old)
-    store(spins, i, add_scaled(load(spins, i), change, 1.0 / inertia(world, i)))
-    if other >= 0:
-        store(spins, other, add_scaled(load(spins, other), change, -1.0 / inertia(world, other)))
+    spin = add_scaled(load(body.spin_acceleration), change, 1.0 / inertia(body))
+    store(body.spin_acceleration, spin)
+    if contact.second >= 0:
+        other = world.objects[contact.second]
+        spin = add_scaled(load(other.spin_acceleration), change, -1.0 / inertia(other))
+        store(other.spin_acceleration, spin)

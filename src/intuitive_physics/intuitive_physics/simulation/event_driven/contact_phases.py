@@ -55,49 +55,51 @@ def plan_alone(world, i):
 
     Returns False, and leaves them undefined, where several planes press.
     """
-    gravity = (world.gravity[0], world.gravity[1], world.gravity[2])
+    body = world.objects[i]
+    gravity = load(world.gravity)
     support = -1
-    for p in range(world.normal.shape[0]):
-        if world.touches_plane[i, p] and dot(gravity, load(world.normal, p)) < -PRESSES:
+    for p in range(world.planes.size):
+        if world.touches_plane[i, p] and dot(gravity, load(world.planes[p].normal)) < -PRESSES:
             if support >= 0:
                 return False
             support = p
     if support < 0:
-        store(world.acceleration, i, gravity)
-        store(world.spin_acceleration, i, (0.0, 0.0, 0.0))
-        world.phase_end[i] = inf
+        store(body.acceleration, gravity)
+        store(body.spin_acceleration, (0.0, 0.0, 0.0))
+        body.phase_end = inf
         return True
     _plan_on_plane(world, i, support, gravity)
-    acceleration = load(world.acceleration, i)
-    for p in range(world.normal.shape[0]):
-        if world.touches_plane[i, p] and dot(acceleration, load(world.normal, p)) < -PRESSES:
+    acceleration = load(body.acceleration)
+    for p in range(world.planes.size):
+        if world.touches_plane[i, p] and dot(acceleration, load(world.planes[p].normal)) < -PRESSES:
             return False
     return True
 
 
 @njit(cache=True)
 def _plan_on_plane(world, i, p, gravity):
-    n = load(world.normal, p)
+    body = world.objects[i]
+    n = load(world.planes[p].normal)
     pressing = -dot(gravity, n)
     along = tangential(gravity, n)
-    world.phase_end[i] = inf
-    pivoting = _plan_pivot(world, i, n, 2.5 * plane_coefficient(world, ROLLING, i, p) * pressing)
-    slip = plane_slip(world, i, n)
-    if norm(slip) > STILL:
-        _plan_sliding(world, i, p, n, along, pressing, slip, pivoting)
-        return
     grip = plane_coefficient(world, STATIC, i, p) * pressing
-    if 2.0 / 7.0 * norm(along) > grip:
-        about_to_slip = scaled(along, STILL / norm(along))
-        _plan_sliding(world, i, p, n, along, pressing, about_to_slip, pivoting)
-        return
+    braking = plane_coefficient(world, DYNAMIC, i, p) * pressing
     resistance = plane_coefficient(world, ROLLING, i, p) * pressing
-    _plan_rolling(world, i, n, along, grip, resistance, pivoting)
+    body.phase_end = inf
+    pivoting = _plan_pivot(body, n, 2.5 * resistance)
+    slip = plane_slip(body, n)
+    if norm(slip) > STILL:
+        _plan_sliding(body, n, along, braking, slip, pivoting)
+    elif 2.0 / 7.0 * norm(along) > grip:
+        about_to_slip = scaled(along, STILL / norm(along))
+        _plan_sliding(body, n, along, braking, about_to_slip, pivoting)
+    else:
+        _plan_rolling(body, n, along, grip, resistance, pivoting)
 
 
 @njit(cache=True)
-def _plan_rolling(world, i, n, along, grip, resistance, pivoting):
-    rolling = tangential(load(world.velocity, i), n)
+def _plan_rolling(body, n, along, grip, resistance, pivoting):
+    rolling = tangential(load(body.velocity), n)
     heading = rolling
     if norm(rolling) <= STILL:
         rolling, heading = (0.0, 0.0, 0.0), along
@@ -108,13 +110,13 @@ def _plan_rolling(world, i, n, along, grip, resistance, pivoting):
         drive = scaled(along, 5.0 / 7.0)
         direction, duration = _braking(rolling, heading, drive, 5.0 / 7.0 * resistance)
         acceleration = add_scaled(drive, direction, -5.0 / 7.0 * resistance)
-    world.phase_end[i] = min(world.phase_end[i], world.time[i] + duration)
-    pivot = scaled(n, dot(load(world.spin, i), n))
-    store(world.velocity, i, rolling)
-    store(world.spin, i, add_scaled(pivot, cross(n, rolling), 1.0 / world.radius[i]))
-    store(world.acceleration, i, acceleration)
-    turning = add_scaled(pivoting, cross(n, acceleration), 1.0 / world.radius[i])
-    store(world.spin_acceleration, i, turning)
+    body.phase_end = min(body.phase_end, body.time + duration)
+    pivot = scaled(n, dot(load(body.spin), n))
+    store(body.velocity, rolling)
+    store(body.spin, add_scaled(pivot, cross(n, rolling), 1.0 / body.radius))
+    store(body.acceleration, acceleration)
+    turning = add_scaled(pivoting, cross(n, acceleration), 1.0 / body.radius)
+    store(body.spin_acceleration, turning)
 
 
 @njit(cache=True)
@@ -133,30 +135,29 @@ def _bearable_resistance(along, heading, grip):
 
 
 @njit(cache=True)
-def _plan_pivot(world, i, n, resistance):
+def _plan_pivot(body, n, resistance):
     """Return the deceleration of the spin about n, ending the phase when that spin is gone."""
-    spin = load(world.spin, i)
+    spin = load(body.spin)
     pivot = dot(spin, n)
-    rim_speed = abs(pivot) * world.radius[i]
+    rim_speed = abs(pivot) * body.radius
     if rim_speed <= STILL:
-        store(world.spin, i, add_scaled(spin, n, -pivot))
+        store(body.spin, add_scaled(spin, n, -pivot))
         return 0.0, 0.0, 0.0
     if resistance <= 0.0:
         return 0.0, 0.0, 0.0
-    world.phase_end[i] = world.time[i] + rim_speed / resistance
+    body.phase_end = body.time + rim_speed / resistance
     sense = -1.0 if pivot > 0.0 else 1.0
-    return scaled(n, sense * resistance / world.radius[i])
+    return scaled(n, sense * resistance / body.radius)
 
 
 @njit(cache=True)
-def _plan_sliding(world, i, p, n, along, pressing, slip, pivoting):
-    braking = plane_coefficient(world, DYNAMIC, i, p) * pressing
+def _plan_sliding(body, n, along, braking, slip, pivoting):
     direction, duration = _braking(slip, slip, along, 3.5 * braking)
     friction = scaled(direction, -braking)
-    world.phase_end[i] = min(world.phase_end[i], world.time[i] + duration)
-    store(world.acceleration, i, add(along, friction))
-    turning = add_scaled(pivoting, cross(n, friction), -2.5 / world.radius[i])
-    store(world.spin_acceleration, i, turning)
+    body.phase_end = min(body.phase_end, body.time + duration)
+    store(body.acceleration, add(along, friction))
+    turning = add_scaled(pivoting, cross(n, friction), -2.5 / body.radius)
+    store(body.spin_acceleration, turning)
 
 
 @njit(cache=True)

@@ -8,48 +8,50 @@ import numpy as np
 from numba import njit
 
 from intuitive_physics.simulation.event_driven.roots import first_fall, first_fall_quadratic
+from intuitive_physics.simulation.event_driven.world import plane_gap
 from intuitive_physics.simulation.vectors import add_scaled, dot, load, norm, sub
 
 
 @njit(cache=True)
 def predict_plane_impacts(world, i):
     """Find the first plane that object i hits in its present phase."""
-    world.plane_impact_time[i] = inf
-    at, velocity = load(world.position, i), load(world.velocity, i)
-    acceleration = load(world.acceleration, i)
-    for p in range(world.normal.shape[0]):
-        if world.touches_plane[i, p]:
-            continue
-        n = load(world.normal, p)
-        gap = dot(at, n) - world.offset[p] - world.radius[i]
-        t = world.time[i] + first_fall_quadratic(gap, dot(velocity, n), dot(acceleration, n))
-        if t < world.plane_impact_time[i] and t <= world.phase_end[i]:
-            world.plane_impact_time[i] = t
-            world.plane_impact[i] = p
+    body = world.objects[i]
+    body.plane_impact_time = inf
+    velocity, acceleration = load(body.velocity), load(body.acceleration)
+    for p in range(world.planes.size):
+        if not world.touches_plane[i, p]:
+            plane = world.planes[p]
+            n = load(plane.normal)
+            gap = plane_gap(body, plane)
+            t = body.time + first_fall_quadratic(gap, dot(velocity, n), dot(acceleration, n))
+            if t < body.plane_impact_time and t <= body.phase_end:
+                body.plane_impact_time = t
+                body.plane_impact = p
 
 
 @njit(cache=True)
 def predict_object_impacts(world, i, end):
     """Find when object i hits each other object while both are in their present phases."""
-    for j in range(world.radius.size):
+    for j in range(world.objects.size):
         if j != i:
             t = inf
             if not world.touches_object[i, j]:
-                t = _object_impact(world, i, j, end)
+                t = _object_impact(world.objects[i], world.objects[j], end)
             world.object_impact_time[min(i, j), max(i, j)] = t
 
 
 @njit(cache=True)
-def _object_impact(world, i, j, end):
+def _object_impact(one, other, end):
     """Time of impact of two objects: a root of a quartic, of a quadratic where both fly freely."""
-    start = max(world.time[i], world.time[j])
-    end = min(end, min(world.phase_end[i], world.phase_end[j]))
-    end = min(end, min(world.plane_impact_time[i], world.plane_impact_time[j]))
+    start = max(one.time, other.time)
+    end = min(end, min(one.phase_end, other.phase_end))
+    end = min(end, min(one.plane_impact_time, other.plane_impact_time))
     if end < start:
         return inf
-    apart, closing = _relative_motion(world, i, j, start)
-    bending = sub(load(world.acceleration, i), load(world.acceleration, j))
-    reach = world.radius[i] + world.radius[j]
+    apart = sub(_position_at(one, start), _position_at(other, start))
+    closing = sub(_velocity_at(one, start), _velocity_at(other, start))
+    bending = sub(load(one.acceleration), load(other.acceleration))
+    reach = one.radius + other.radius
     span = end - start
     if norm(apart) - reach > span * (norm(closing) + 0.5 * span * norm(bending)):
         return inf
@@ -74,13 +76,12 @@ def _object_impact(world, i, j, end):
 
 
 @njit(cache=True)
-def _relative_motion(world, i, j, t):
-    """Position and velocity of i relative to j at time t."""
-    apart, closing = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for k, sign in ((i, 1.0), (j, -1.0)):
-        tau = t - world.time[k]
-        acceleration = load(world.acceleration, k)
-        at = add_scaled(load(world.position, k), load(world.velocity, k), tau)
-        apart = add_scaled(apart, add_scaled(at, acceleration, 0.5 * tau * tau), sign)
-        closing = add_scaled(closing, add_scaled(load(world.velocity, k), acceleration, tau), sign)
-    return apart, closing
+def _position_at(body, t):
+    tau = t - body.time
+    moved = add_scaled(load(body.position), load(body.velocity), tau)
+    return add_scaled(moved, load(body.acceleration), 0.5 * tau * tau)
+
+
+@njit(cache=True)
+def _velocity_at(body, t):
+    return add_scaled(load(body.velocity), load(body.acceleration), t - body.time)

@@ -37,77 +37,79 @@ REBOUND_SPEED = 5e-3
 
 
 @njit(cache=True)
-def plane_slip(world, i, n):
-    """Velocity of object i's material at its contact with a plane of normal n, in the plane."""
-    velocity = tangential(load(world.velocity, i), n)
-    return add_scaled(velocity, cross(load(world.spin, i), n), -world.radius[i])
+def plane_slip(body, n):
+    """Velocity of a body's material at its contact with a plane of normal n, in the plane."""
+    velocity = tangential(load(body.velocity), n)
+    return add_scaled(velocity, cross(load(body.spin), n), -body.radius)
 
 
 @njit(cache=True)
 def hit_plane(world, i, p):
     """Let object i, touching plane p and approaching it, rebound."""
-    n = load(world.normal, p)
-    approach = -dot(load(world.velocity, i), n)
+    body = world.objects[i]
+    n = load(world.planes[p].normal)
+    approach = -dot(load(body.velocity), n)
     rebound = approach * plane_coefficient(world, RESTITUTION, i, p)
     if rebound < REBOUND_SPEED:
         rebound = 0.0
         world.touches_plane[i, p] = True
-    mass, radius = world.mass[i], world.radius[i]
-    impulse = mass * (approach + rebound)
+    impulse = body.mass * (approach + rebound)
 
-    slip = plane_slip(world, i, n)
-    velocity = add_scaled(load(world.velocity, i), n, approach + rebound)
-    spin = load(world.spin, i)
-    to_stick = 2.0 / 7.0 * mass * norm(slip)
+    slip = plane_slip(body, n)
+    store(body.velocity, add_scaled(load(body.velocity), n, approach + rebound))
+    to_stick = 2.0 / 7.0 * body.mass * norm(slip)
     limit = plane_coefficient(world, DYNAMIC, i, p) * impulse
     if to_stick > 0.0:
-        friction = scaled(slip, -2.0 / 7.0 * mass * min(1.0, limit / to_stick))
-        velocity = add_scaled(velocity, friction, 1.0 / mass)
-        spin = add_scaled(spin, cross(n, friction), -radius / inertia(world, i))
+        _push(body, n, scaled(slip, -2.0 / 7.0 * body.mass * min(1.0, limit / to_stick)))
     if to_stick <= limit:
-        # The angular impulse μ_r r J_n of a rolling sphere takes 5/7 μ_r J_n of its momentum.
-        rolling = tangential(velocity, n)
-        speed = norm(rolling)
-        if speed > 0.0:
-            # It needs as much friction, of which there is only what sticking has left.
-            loss = 5.0 / 7.0 * plane_coefficient(world, ROLLING, i, p) * impulse
-            loss = min(loss, limit - to_stick)
-            slowed = scaled(rolling, -min(1.0, loss / (mass * speed)))
-            velocity = add(velocity, slowed)
-            spin = add_scaled(spin, cross(n, slowed), 1.0 / radius)
-    store(world.velocity, i, velocity)
-    store(world.spin, i, spin)
+        # The angular impulse μ_r r J_n of a rolling sphere takes 5/7 μ_r J_n of its momentum. It
+        # needs as much friction, of which there is only what sticking has left.
+        loss = 5.0 / 7.0 * plane_coefficient(world, ROLLING, i, p) * impulse
+        _slow_rolling(body, n, min(loss, limit - to_stick))
+
+
+@njit(cache=True)
+def _slow_rolling(body, n, loss):
+    """Take so much momentum (N s) from a body that rolls without slip, or all it has."""
+    rolling = tangential(load(body.velocity), n)
+    speed = norm(rolling)
+    if speed > 0.0:
+        slowed = scaled(rolling, -min(1.0, loss / (body.mass * speed)))
+        store(body.velocity, add(load(body.velocity), slowed))
+        store(body.spin, add_scaled(load(body.spin), cross(n, slowed), 1.0 / body.radius))
+
+
+@njit(cache=True)
+def _push(body, n, impulse):
+    """Apply an impulse at the contact point -r n."""
+    store(body.velocity, add_scaled(load(body.velocity), impulse, 1.0 / body.mass))
+    turning = cross(n, impulse)
+    store(body.spin, add_scaled(load(body.spin), turning, -body.radius / inertia(body)))
 
 
 @njit(cache=True)
 def hit_object(world, i, j):
     """Let objects i and j, touching and approaching each other, rebound."""
-    apart = sub(load(world.position, i), load(world.position, j))
+    one, other = world.objects[i], world.objects[j]
+    apart = sub(load(one.position), load(other.position))
     n = scaled(apart, 1.0 / norm(apart))
-    relative = sub(load(world.velocity, i), load(world.velocity, j))
+    relative = sub(load(one.velocity), load(other.velocity))
     approach = -dot(relative, n)
     rebound = approach * object_coefficient(world, RESTITUTION, i, j)
     if rebound < REBOUND_SPEED:
         rebound = 0.0
         world.touches_object[i, j] = True
         world.touches_object[j, i] = True
-    inverse_mass = 1.0 / world.mass[i] + 1.0 / world.mass[j]
+    inverse_mass = 1.0 / one.mass + 1.0 / other.mass
     impulse = (approach + rebound) / inverse_mass
 
-    arms = add(
-        scaled(load(world.spin, i), world.radius[i]), scaled(load(world.spin, j), world.radius[j])
-    )
+    arms = add_scaled(scaled(load(one.spin), one.radius), load(other.spin), other.radius)
     slip = sub(tangential(relative, n), cross(arms, n))
     speed = norm(slip)
     total = scaled(n, impulse)
     if speed > 0.0:
         to_stick = speed / (3.5 * inverse_mass)
         limit = object_coefficient(world, DYNAMIC, i, j) * impulse
-        friction = scaled(slip, -min(to_stick, limit) / speed)
-        total = add(total, friction)
-        turning = cross(n, friction)
-        for k in (i, j):
-            turned = add_scaled(load(world.spin, k), turning, -world.radius[k] / inertia(world, k))
-            store(world.spin, k, turned)
-    store(world.velocity, i, add_scaled(load(world.velocity, i), total, 1.0 / world.mass[i]))
-    store(world.velocity, j, add_scaled(load(world.velocity, j), total, -1.0 / world.mass[j]))
+        total = add_scaled(total, slip, -min(to_stick, limit) / speed)
+    _push(one, n, total)
+    _push(other, scaled(n, -1.0), scaled(total, -1.0))

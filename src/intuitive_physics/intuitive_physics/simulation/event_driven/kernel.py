@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite
+from math import inf, isfinite, pi
 
 from numba import njit
 
 from intuitive_physics.simulation.event_driven.impacts import hit_object, hit_plane
 from intuitive_physics.simulation.event_driven.motion import advance
-from intuitive_physics.simulation.event_driven.transitions import part_overlap, replan
-from intuitive_physics.simulation.event_driven.world import make_world
-from intuitive_physics.simulation.vectors import add_scaled, dot, load, store
+from intuitive_physics.simulation.event_driven.transitions import lift_onto, part_overlap, replan
+from intuitive_physics.simulation.event_driven.world import make_world, plane_gap
+from intuitive_physics.simulation.vectors import load, norm, sub
 
 OK, NOT_FINITE, TOO_MANY_EVENTS = range(3)
+
+TOUCHES = 1e-9
+"""m. Objects nearer than this at the start are in contact."""
 
 
 @njit(nogil=True, cache=True)
@@ -50,12 +53,12 @@ def roll_worlds(
         world = make_world(object_counts[w], plane_counts[e], gravity[e], coefficients[c])
         for p in range(plane_counts[e]):
             for k in range(3):
-                world.normal[p, k] = planes[e, p, k]
-            world.offset[p] = planes[e, p, 3]
-            world.plane_material[p] = plane_materials[e, p]
+                world.planes[p].normal[k] = planes[e, p, k]
+            world.planes[p].offset = planes[e, p, 3]
+            world.planes[p].material = plane_materials[e, p]
         for i in range(object_counts[w]):
             rho = density[c, object_materials[w, i]]
-            _place(world, i, states[w, i], dimensions[w, i, 0], object_materials[w, i], rho)
+            _place(world.objects[i], states[w, i], dimensions[w, i, 0], object_materials[w, i], rho)
         row = times[w if times.shape[0] > 1 else 0]
         wanted = row.size
         while not isfinite(row[wanted - 1]):
@@ -64,21 +67,21 @@ def roll_worlds(
 
 
 @njit(cache=True)
-def _place(world, i, state, radius, material, rho):
+def _place(body, state, radius, material, rho):
     for k in range(3):
-        world.position[i, k] = state[k]
-        world.velocity[i, k] = state[7 + k]
-        world.spin[i, k] = state[10 + k]
+        body.position[k] = state[k]
+        body.velocity[k] = state[7 + k]
+        body.spin[k] = state[10 + k]
     for k in range(4):
-        world.orientation[i, k] = state[3 + k]
-    world.radius[i] = radius
-    world.mass[i] = rho * 4.0 / 3.0 * 3.141592653589793 * radius**3
-    world.material[i] = material
+        body.orientation[k] = state[3 + k]
+    body.radius = radius
+    body.mass = rho * 4.0 / 3.0 * pi * radius**3
+    body.material = material
 
 
 @njit(cache=True)
 def _roll_world(world, times, max_events, positions, orientations):
-    objects = world.radius.size
+    objects = world.objects.size
     _part_start(world)
     for i in range(objects):
         replan(world, i, times, positions, orientations)
@@ -98,9 +101,10 @@ def _roll_world(world, times, max_events, positions, orientations):
             world.object_impact_time[i, j] = inf
             hit_object(world, i, j)
             replan(world, j, times, positions, orientations)
-        elif world.plane_impact_time[i] <= t:
-            hit_plane(world, i, world.plane_impact[i])
-        if not isfinite(world.velocity[i, 0] + world.velocity[i, 1] + world.velocity[i, 2]):
+        elif world.objects[i].plane_impact_time <= t:
+            hit_plane(world, i, world.objects[i].plane_impact)
+        velocity = load(world.objects[i].velocity)
+        if not isfinite(velocity[0] + velocity[1] + velocity[2]):
             status = NOT_FINITE
             break
         replan(world, i, times, positions, orientations)
@@ -114,11 +118,12 @@ def _roll_world(world, times, max_events, positions, orientations):
 def _next_event(world):
     """Time of the next event, its object, and the other object or -1."""
     first, i, j = inf, 0, -1
-    for a in range(world.radius.size):
-        t = min(world.phase_end[a], world.plane_impact_time[a])
+    for a in range(world.objects.size):
+        body = world.objects[a]
+        t = min(body.phase_end, body.plane_impact_time)
         if t < first:
             first, i, j = t, a, -1
-        for b in range(a + 1, world.radius.size):
+        for b in range(a + 1, world.objects.size):
             t = world.object_impact_time[a, b]
             if t < first:
                 first, i, j = t, a, b
@@ -128,26 +133,22 @@ def _next_event(world):
 @njit(cache=True)
 def _part_start(world):
     """Move what overlaps at the start apart: noisy states of touching things overlap a little."""
-    objects, planes = world.radius.size, world.normal.shape[0]
+    objects, planes = world.objects.size, world.planes.size
     for _ in range(20):
         for i in range(objects):
             for j in range(i):
-                part_overlap(world, i, j)
+                part_overlap(world.objects[i], world.objects[j])
         for i in range(objects):
             for p in range(planes):
-                n = load(world.normal, p)
-                gap = dot(load(world.position, i), n) - world.offset[p] - world.radius[i]
-                if gap < 0.0:
-                    store(world.position, i, add_scaled(load(world.position, i), n, -gap))
+                if plane_gap(world.objects[i], world.planes[p]) < 0.0:
+                    lift_onto(world.objects[i], world.planes[p])
     for i in range(objects):
+        one = world.objects[i]
         for p in range(planes):
-            n = load(world.normal, p)
-            gap = dot(load(world.position, i), n) - world.offset[p] - world.radius[i]
-            world.touches_plane[i, p] = abs(gap) < 1e-9
+            world.touches_plane[i, p] = abs(plane_gap(one, world.planes[p])) < TOUCHES
         for j in range(objects):
             if i != j:
-                d = 0.0
-                for k in range(3):
-                    d += (world.position[i, k] - world.position[j, k]) ** 2
-                reach = world.radius[i] + world.radius[j]
-                world.touches_object[i, j] = abs(d**0.5 - reach) < 1e-9
+                other = world.objects[j]
+                distance = norm(sub(load(one.position), load(other.position)))
+                gap = distance - one.radius - other.radius
+                world.touches_object[i, j] = abs(gap) < TOUCHES

@@ -11,6 +11,7 @@ from intuitive_physics.simulation.event_driven.detection import (
     predict_plane_impacts,
 )
 from intuitive_physics.simulation.event_driven.motion import advance
+from intuitive_physics.simulation.event_driven.world import plane_gap
 from intuitive_physics.simulation.vectors import add_scaled, dot, load, norm, scaled, store, sub
 
 CLUSTER_SPEED = 1e-3
@@ -21,11 +22,11 @@ CLUSTER_SPEED = 1e-3
 def replan(world, i, times, positions, orientations):
     """Plan anew the motion of object i, and of all that touch it, from its present time on."""
     count = gather(world, i)
-    now = world.time[i]
+    now = world.objects[i].time
     in_cluster = False
     for k in range(count):
-        advance(world, world.members[k], now, times, positions, orientations)
-        in_cluster = in_cluster or world.clustered[world.members[k]]
+        advance(world, world.objects[k].member, now, times, positions, orientations)
+        in_cluster = in_cluster or world.objects[world.objects[k].member].clustered == 1
     _settle_contacts(world, count, CLUSTER_SPEED if in_cluster else STILL)
     count = gather(world, i)
     if not _plan_apart(world, count):
@@ -33,26 +34,28 @@ def replan(world, i, times, positions, orientations):
     elif in_cluster:
         _settle_contacts(world, count, STILL)
         for k in range(count):
-            world.clustered[world.members[k]] = False
-            plan_alone(world, world.members[k])
+            world.objects[world.objects[k].member].clustered = 0
+            plan_alone(world, world.objects[k].member)
     for k in range(count):
-        predict_plane_impacts(world, world.members[k])
+        predict_plane_impacts(world, world.objects[k].member)
     for k in range(count):
-        predict_object_impacts(world, world.members[k], times[-1])
+        predict_object_impacts(world, world.objects[k].member, times[-1])
 
 
 @njit(cache=True)
 def _plan_apart(world, count):
     """Plan each member by itself; False where a contact between them or with a plane presses."""
     for k in range(count):
-        if not plan_alone(world, world.members[k]):
+        if not plan_alone(world, world.objects[k].member):
             return False
     for k in range(count):
-        i = world.members[k]
-        for j in range(world.radius.size):
+        i = world.objects[k].member
+        body = world.objects[i]
+        for j in range(world.objects.size):
             if world.touches_object[i, j]:
-                apart = sub(load(world.position, i), load(world.position, j))
-                relative = sub(load(world.acceleration, i), load(world.acceleration, j))
+                other = world.objects[j]
+                apart = sub(load(body.position), load(other.position))
+                relative = sub(load(body.acceleration), load(other.acceleration))
                 if dot(relative, apart) < -PRESSES * norm(apart):
                     return False
     return True
@@ -62,38 +65,45 @@ def _plan_apart(world, count):
 def _settle_contacts(world, count, tolerance):
     """Keep contacts that neither part nor close; the others are for the detection again."""
     for k in range(count):
-        i = world.members[k]
-        for p in range(world.normal.shape[0]):
+        i = world.objects[k].member
+        body = world.objects[i]
+        for p in range(world.planes.size):
             if world.touches_plane[i, p]:
-                n = load(world.normal, p)
-                speed = dot(load(world.velocity, i), n)
+                n = load(world.planes[p].normal)
+                speed = dot(load(body.velocity), n)
                 if abs(speed) > tolerance:
                     world.touches_plane[i, p] = False
                 else:
-                    gap = dot(load(world.position, i), n) - world.offset[p] - world.radius[i]
-                    store(world.position, i, add_scaled(load(world.position, i), n, -gap))
-                    store(world.velocity, i, add_scaled(load(world.velocity, i), n, -speed))
-        for j in range(world.radius.size):
+                    lift_onto(body, world.planes[p])
+                    store(body.velocity, add_scaled(load(body.velocity), n, -speed))
+        for j in range(world.objects.size):
             if world.touches_object[i, j]:
-                apart = sub(load(world.position, i), load(world.position, j))
-                n = scaled(apart, 1.0 / norm(apart))
-                closing = dot(sub(load(world.velocity, i), load(world.velocity, j)), n)
-                if abs(closing) > tolerance:
+                other = world.objects[j]
+                apart = sub(load(body.position), load(other.position))
+                relative = sub(load(body.velocity), load(other.velocity))
+                if abs(dot(relative, apart)) > tolerance * norm(apart):
                     world.touches_object[i, j] = False
                     world.touches_object[j, i] = False
                 else:
-                    part_overlap(world, i, j)
+                    part_overlap(body, other)
 
 
 @njit(cache=True)
-def part_overlap(world, i, j):
-    """Move two overlapping objects apart, the lighter one further."""
-    apart = sub(load(world.position, i), load(world.position, j))
+def lift_onto(body, plane):
+    """Move a body along a plane's normal until it touches the plane."""
+    moved = add_scaled(load(body.position), load(plane.normal), -plane_gap(body, plane))
+    store(body.position, moved)
+
+
+@njit(cache=True)
+def part_overlap(one, other):
+    """Move two overlapping bodies apart, the lighter one further."""
+    apart = sub(load(one.position), load(other.position))
     distance = norm(apart)
-    overlap = world.radius[i] + world.radius[j] - distance
+    overlap = one.radius + other.radius - distance
     if overlap <= 0.0:
         return
     n = scaled(apart, 1.0 / distance) if distance > 0.0 else (0.0, 0.0, 1.0)
-    share = overlap / (world.mass[i] + world.mass[j])
-    store(world.position, i, add_scaled(load(world.position, i), n, share * world.mass[j]))
-    store(world.position, j, add_scaled(load(world.position, j), n, -share * world.mass[i]))
+    share = overlap / (one.mass + other.mass)
+    store(one.position, add_scaled(load(one.position), n, share * other.mass))
+    store(other.position, add_scaled(load(other.position), n, -share * one.mass))

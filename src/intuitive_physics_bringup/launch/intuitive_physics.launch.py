@@ -1,0 +1,65 @@
+"""Perception, learner and predictor, connected; optionally a bag to replay and RViz."""
+
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
+from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration, PythonExpression
+from launch_ros.actions import Node
+
+from intuitive_physics_bringup.connections import CAMERA_TOPICS, NODES, remappings
+from launch import LaunchDescription
+
+SHARE = Path(get_package_share_directory("intuitive_physics_bringup"))
+
+ARGUMENTS = {
+    "params_file": (str(SHARE / "config" / "nodes.yaml"), "YAML file with parameters of the nodes"),
+    "use_sim_time": ("false", "take time from /clock, as when a bag is replayed with it"),
+    "depth_image": (CAMERA_TOPICS["~/depth/image"], "topic of the depth images"),
+    "camera_info": (CAMERA_TOPICS["~/depth/camera_info"], "topic of their camera's intrinsics"),
+    "points": (CAMERA_TOPICS["~/points"], "topic of point clouds, where there are no images"),
+    "bag": ("", "bag to replay; empty: none"),
+    "rate": ("1.0", "bag seconds in one real second"),
+    "loop": ("false", "replay the bag again and again"),
+    "rviz": ("false", "show everything in RViz"),
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Describe the suite."""
+    given = {name: LaunchConfiguration(name) for name in ARGUMENTS}
+    inputs = [
+        ("~/depth/image", given["depth_image"]),
+        ("~/depth/camera_info", given["camera_info"]),
+        ("~/points", given["points"]),
+    ]
+    nodes = [
+        Node(
+            package=package,
+            executable=name,
+            name=name,
+            output="screen",
+            parameters=[given["params_file"], {"use_sim_time": given["use_sim_time"]}],
+            remappings=[*remappings(name), *(inputs if name == "perception_node" else [])],
+        )
+        for name, package in NODES.items()
+    ]
+    replay = Node(
+        package="intuitive_physics_experiments",
+        executable="replay_node",
+        output="screen",
+        parameters=[{name: given[name] for name in ("bag", "rate", "loop")}],
+        condition=IfCondition(PythonExpression(["'", given["bag"], "' != ''"])),
+    )
+    rviz = Node(
+        package="rviz2",
+        executable="rviz2",
+        arguments=["-d", str(SHARE / "rviz" / "intuitive_physics.rviz")],
+        condition=IfCondition(given["rviz"]),
+    )
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=text)
+        for name, (default, text) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, *nodes, replay, rviz])

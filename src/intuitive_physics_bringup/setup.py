@@ -1,0 +1,27 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+package_name = "intuitive_physics_bringup"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
+        ("share/" + package_name, ["package.xml"]),
+        ("share/" + package_name + "/launch", glob("launch/*.py")),
+        ("share/" + package_name + "/config", glob("config/*")),
+        ("share/" + package_name + "/rviz", glob("rviz/*.rviz")),
+    ],
+    python_requires=">=3.10",
+    install_requires=["setuptools"],
+    entry_points={"console_scripts": ["demo = intuitive_physics_bringup.demo.__main__:main"]},
+    extras_require={"test": ["pytest"]},
+    zip_safe=False,
+    maintainer="Intuitive Physics maintainers",
+    maintainer_email="maintainers@intuitive-physics.example",
+    description="Launch files, configuration and the demo of the intuitive physics suite",
+    license="Apache-2.0",
+)

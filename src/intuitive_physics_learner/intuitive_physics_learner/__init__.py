@@ -1,0 +1,53 @@
+"""Learning θ_s from observations: cost J, update rules, search, what the data can tell, storage."""
+
+from intuitive_physics_learner.active_parameters import ActiveSpace, active_parameters
+from intuitive_physics_learner.cost import TrajectoryCost
+from intuitive_physics_learner.errors import (
+    LearningCancelledError,
+    MissingDependencyError,
+    NoObservationsError,
+    StorageError,
+    UnknownMethodError,
+)
+from intuitive_physics_learner.identifiability import Identifiability, identify
+from intuitive_physics_learner.learning_session import (
+    LearningOptions,
+    LearningResult,
+    learn,
+    learn_from_store,
+)
+from intuitive_physics_learner.observation_store import ObservationStore
+from intuitive_physics_learner.search import (
+    ConvergenceCriteria,
+    ParameterSearch,
+    SearchProgress,
+    SearchResult,
+    StopReason,
+)
+from intuitive_physics_learner.update_rules import UPDATE_RULES, UpdateRule, make_update_rule
+
+__all__ = [
+    "UPDATE_RULES",
+    "ActiveSpace",
+    "ConvergenceCriteria",
+    "Identifiability",
+    "LearningCancelledError",
+    "LearningOptions",
+    "LearningResult",
+    "MissingDependencyError",
+    "NoObservationsError",
+    "ObservationStore",
+    "ParameterSearch",
+    "SearchProgress",
+    "SearchResult",
+    "StopReason",
+    "StorageError",
+    "TrajectoryCost",
+    "UnknownMethodError",
+    "UpdateRule",
+    "active_parameters",
+    "identify",
+    "learn",
+    "learn_from_store",
+    "make_update_rule",
+]

@@ -1,0 +1,23 @@
+"""What can go wrong in learning, beyond the errors of the core library."""
+
+from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError, UnknownNameError
+
+
+class NoObservationsError(InvalidInputError):
+    """There is nothing to learn from."""
+
+
+class UnknownMethodError(UnknownNameError):
+    """An update rule of that name does not exist."""
+
+
+class MissingDependencyError(IntuitivePhysicsError):
+    """An optional Python package that was asked for is not installed."""
+
+
+class StorageError(IntuitivePhysicsError):
+    """The database of observations cannot be read or written; what it holds was left as it is."""
+
+
+class LearningCancelledError(IntuitivePhysicsError):
+    """Learning was told to stop before its end; nothing was stored."""

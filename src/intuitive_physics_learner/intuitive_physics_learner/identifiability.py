@@ -1,0 +1,207 @@
+"""Which parameters the observations can tell, and how well.
+
+Two questions are asked of every parameter at the optimum θ_s of a search:
+
+1. Does J respond? Each parameter is moved over its bounds, all others kept. Where J never rises by
+   more than twice its own standard error, the observations cannot tell the parameter: the density
+   of a lone sphere, a pair that never touches, a friction that never acted.
+2. How sharp is the optimum? Near it the residuals r (simulated minus observed positions) are
+   linear in θ_s. With their Jacobian A over the unit interval of each parameter, their variance
+   σ² and the knowledge that a parameter lies within its bounds (a variance of 1/12), the
+   covariance of θ_s is
+
+       Σ = (Aᵀ A / (σ² τ) + 12 I)⁻¹.
+
+   The residuals of one trajectory are alike from one point to the next (an error of the first
+   state moves them all), so they count as n / τ independent ones, τ being their integrated
+   autocorrelation time. A parameter whose standard deviation is not below half of that of its
+   bounds alone was not learned from the data either.
+
+Both take a handful of evaluations of J for each parameter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.parameter_space import ParameterSpace
+from intuitive_physics_learner.cost import FAILED_DISTANCE, TrajectoryCost
+from intuitive_physics_learner.errors import LearningCancelledError
+from intuitive_physics_learner.parameter_axes import ParameterAxes
+from intuitive_physics_learner.search import LARGEST_BATCH
+
+SCAN_LEVELS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
+"""Where on its interval each parameter is tried."""
+
+JACOBIAN_STEP = 0.01
+"""Of the unit interval, to both sides: large against the kinks of single contacts."""
+
+RESPONSE_THRESHOLD = 2.0
+"""Standard errors of J by which it must rise."""
+
+SMALLEST_RESPONSE = 1e-9
+"""m; a change of J below this is rounding."""
+
+SMALLEST_NOISE = 1e-4
+"""m; no camera measures better, and the numbers below stay well conditioned."""
+
+PRIOR_PRECISION = 12.0
+"""One over the variance of a number known only to lie within the unit interval."""
+
+LARGEST_DEVIATION = 0.5 / np.sqrt(PRIOR_PRECISION)
+"""Standard deviation on the unit interval from which on a parameter is not identified."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """What the observations tell of each parameter, in the order of `parameter_names`.
+
+    Parameters
+    ----------
+    responsive : (|θ_s|,) bool, whether J depends on the parameter at all, within its bounds
+    identified : (|θ_s|,) bool
+    standard_deviations : (|θ_s|,) in the parameter's SI unit, NaN where not identified
+    """
+
+    responsive: NDArray[np.bool_]
+    identified: NDArray[np.bool_]
+    standard_deviations: NDArray[np.float64]
+
+
+def identify(
+    cost: TrajectoryCost,
+    space: ParameterSpace,
+    parameters: StaticParameters,
+    active: NDArray[np.bool_] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> Identifiability:
+    """Ask of every parameter what the observations tell, around an optimum.
+
+    Parameters
+    ----------
+    cost : J over the observations
+    space : bounds of the search
+    parameters : θ_s that the search found
+    active : (|θ_s|,) bool, which parameters to ask about; the others are taken to have no influence
+        (`active_parameters`); None asks about all
+    cancelled : looked at between batches
+
+    Raises
+    ------
+    LearningCancelledError
+        When `cancelled` returned True.
+    """
+    axes = ParameterAxes(space, parameters)
+    residuals = cost.residuals([parameters])[0]
+    noise = _Noise(residuals, cost.point_trajectory)
+    asked = np.arange(axes.size) if active is None else np.flatnonzero(active)
+    changes = np.zeros((axes.size, len(SCAN_LEVELS)))
+    changes[asked] = _cost_changes(cost, axes, asked, parameters, cancelled)
+    threshold = max(SMALLEST_RESPONSE, RESPONSE_THRESHOLD * noise.cost_standard_error)
+    rising = np.flatnonzero(changes.max(axis=1) > threshold)
+    deviations = np.full(axes.size, np.inf)
+    if rising.size:
+        jacobian = _jacobian(cost, axes, rising, cancelled)
+        information = jacobian.T @ jacobian / noise.effective_variance(rising.size)
+        covariance = np.linalg.inv(information + PRIOR_PRECISION * np.eye(rising.size))
+        deviations[rising] = np.sqrt(np.diag(covariance))
+    identified = deviations < LARGEST_DEVIATION
+    deviations[~identified] = np.nan
+    return Identifiability(
+        np.abs(changes).max(axis=1) > SMALLEST_RESPONSE, identified, deviations * axes.slopes
+    )
+
+
+class _Noise:
+    """What the residuals at the optimum, shape (n_points, 3), say of the noise."""
+
+    def __init__(self, residuals: NDArray[np.float64], point_trajectory: NDArray[np.int64]) -> None:
+        good = np.isfinite(residuals).all(axis=1)
+        starts = np.flatnonzero(np.diff(point_trajectory[good])) + 1
+        self._parts = [part for part in np.split(residuals[good], starts) if len(part)]
+        self._count = sum(len(part) for part in self._parts)
+        self._autocorrelation_time = _autocorrelation_time(self._parts)
+
+    @property
+    def cost_standard_error(self) -> float:
+        """Standard error of J in m, from how the distances scatter within each trajectory."""
+        if not self._parts:
+            return np.inf
+        lengths = [np.linalg.norm(part, axis=1) for part in self._parts]
+        share = [min(1.0, self._autocorrelation_time / len(part)) for part in self._parts]
+        variances = [part.var() * s for part, s in zip(lengths, share, strict=True)]
+        return float(np.sqrt(np.sum(variances)) / len(self._parts))
+
+    def effective_variance(self, fitted: int) -> float:
+        """σ² τ in m², corrected for the number of parameters that were fitted."""
+        squares = sum(float(np.square(part).sum()) for part in self._parts)
+        independent = 3 * self._count / self._autocorrelation_time
+        variance = squares / (3 * self._count) * independent / max(independent - fitted, 1.0)
+        return max(variance, SMALLEST_NOISE**2) * self._autocorrelation_time
+
+
+def _autocorrelation_time(parts: list[NDArray[np.float64]]) -> float:
+    """Integrated autocorrelation time τ ≥ 1 in points, pooled over trajectories."""
+    power = sum(float(np.square(part).sum()) for part in parts)
+    if power == 0.0:
+        return 1.0
+    time = 1.0
+    for lag in range(1, max(len(part) for part in parts)):
+        product = sum(float((part[lag:] * part[:-lag]).sum()) for part in parts)
+        if product <= 0.0:
+            break
+        time += 2.0 * product / power
+    return time
+
+
+def _cost_changes(
+    cost: TrajectoryCost,
+    axes: ParameterAxes,
+    chosen: NDArray[np.int64],
+    parameters: StaticParameters,
+    cancelled: Callable[[], bool] | None,
+) -> NDArray[np.float64]:
+    """By how much J changes at each scan level, shape (n_chosen, n_levels), in m."""
+    at_optimum = cost.distances([parameters])[0]
+    lower, upper = axes.lower[chosen, None], axes.upper[chosen, None]
+    places = lower + np.array(SCAN_LEVELS) * (upper - lower)
+    moves = [axes.moved(axis, z) for axis, row in zip(chosen, places, strict=True) for z in row]
+    changes = []
+    for batch in _batches(moves, cancelled):
+        distances = cost.distances(batch)
+        # A world that the engine cannot finish says nothing of what the data can tell.
+        distances = np.where(distances < FAILED_DISTANCE, distances, at_optimum)
+        changes.append((distances - at_optimum).mean(axis=1))
+    return np.concatenate(changes).reshape(places.shape)
+
+
+def _jacobian(
+    cost: TrajectoryCost,
+    axes: ParameterAxes,
+    chosen: NDArray[np.int64],
+    cancelled: Callable[[], bool] | None,
+) -> NDArray[np.float64]:
+    """Derivative of all residuals along the chosen axes, shape (3 * n_points, n_chosen), in m."""
+    below = np.maximum(axes.origin - JACOBIAN_STEP, axes.lower)[chosen]
+    above = np.minimum(axes.origin + JACOBIAN_STEP, axes.upper)[chosen]
+    width = above - below
+    moves = [axes.moved(axis, z) for axis, z in zip(chosen, below, strict=True)]
+    moves += [axes.moved(axis, z) for axis, z in zip(chosen, above, strict=True)]
+    residuals = np.concatenate([cost.residuals(batch) for batch in _batches(moves, cancelled)])
+    steps = (residuals[chosen.size :] - residuals[: chosen.size]).reshape(chosen.size, -1)
+    usable = np.isfinite(steps) & (width > 0.0)[:, None]
+    return np.divide(steps, width[:, None], out=np.zeros_like(steps), where=usable).T
+
+
+def _batches(
+    candidates: list[StaticParameters], cancelled: Callable[[], bool] | None
+) -> Iterator[list[StaticParameters]]:
+    for first in range(0, len(candidates), LARGEST_BATCH):
+        if cancelled is not None and cancelled():
+            raise LearningCancelledError("learning was cancelled; nothing was stored")
+        yield candidates[first : first + LARGEST_BATCH]

@@ -1,0 +1,122 @@
+"""Learning in a thread of its own, watched and stopped from another."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+
+import numpy as np
+
+from intuitive_physics_learner.learning_session import LearningResult
+from intuitive_physics_learner.search import SearchProgress
+
+TELL_PERIOD = 0.1
+"""s between two calls of `on_change` at least, except for the last."""
+
+Work = Callable[[Callable[[SearchProgress], None], Callable[[], bool]], LearningResult]
+"""Takes `on_progress` and `cancelled`, as `learn_from_store` does."""
+
+
+@dataclass(frozen=True)
+class JobProgress:
+    """How far a job is.
+
+    Parameters
+    ----------
+    iteration : evaluations of J so far
+    best_cost : lowest J so far, m; infinite before the first
+    new_costs : lowest J after each iteration since this was last taken, m
+    seconds_left : until the end at the latest, as far as known
+    """
+
+    iteration: int
+    best_cost: float
+    new_costs: tuple[float, ...]
+    seconds_left: float
+
+
+class LearningJob:
+    """Runs at once. The search's kernels release the interpreter, so other threads go on.
+
+    Parameters
+    ----------
+    work : what to run
+    on_change : called from the job's thread when there is progress, and when it has ended
+    """
+
+    def __init__(self, work: Work, on_change: Callable[[], None]) -> None:
+        self._work = work
+        self._on_change = on_change
+        self._cancelled = threading.Event()
+        self._outcome: Future[LearningResult] = Future()
+        self._lock = threading.Lock()
+        self._progress = JobProgress(0, np.inf, (), np.inf)
+        self._told_at = -np.inf
+        self._began = time.monotonic()
+        self._ended: float | None = None
+        self._thread = threading.Thread(target=self._run, name="learning", daemon=True)
+        self._thread.start()
+
+    @property
+    def done(self) -> bool:
+        """Whether it has ended, in whatever way."""
+        return self._outcome.done()
+
+    @property
+    def seconds(self) -> float:
+        """Wall time so far, or from begin to end."""
+        return (time.monotonic() if self._ended is None else self._ended) - self._began
+
+    @property
+    def iteration(self) -> int:
+        """Evaluations of J so far."""
+        return self._progress.iteration
+
+    def cancel(self) -> None:
+        """Ask it to stop after the batch of candidates it is at."""
+        self._cancelled.set()
+
+    def stop(self, timeout: float) -> bool:
+        """Cancel, wait up to `timeout` s, and return whether it has ended."""
+        self.cancel()
+        self._thread.join(timeout)
+        return self.done
+
+    def take_progress(self) -> JobProgress:
+        """Return how far it is; its new costs are told once."""
+        with self._lock:
+            taken = self._progress
+            self._progress = JobProgress(taken.iteration, taken.best_cost, (), taken.seconds_left)
+        return taken
+
+    def result(self) -> LearningResult:
+        """Wait for the end and return what was learned, or raise what the work raised."""
+        return self._outcome.result()
+
+    def _run(self) -> None:
+        try:
+            result = self._work(self._on_progress, self._cancelled.is_set)
+        except Exception as error:
+            # Whoever asks for the result gets it, in a thread that can answer.
+            self._ended = time.monotonic()
+            self._outcome.set_exception(error)
+        else:
+            self._ended = time.monotonic()
+            self._outcome.set_result(result)
+        self._on_change()
+
+    def _on_progress(self, progress: SearchProgress) -> None:
+        with self._lock:
+            self._progress = JobProgress(
+                progress.iteration,
+                progress.best_cost,
+                self._progress.new_costs + progress.new_costs,
+                progress.seconds_left,
+            )
+        now = time.monotonic()
+        if now - self._told_at >= TELL_PERIOD:
+            self._told_at = now
+            self._on_change()

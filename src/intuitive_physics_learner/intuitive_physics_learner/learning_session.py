@@ -1,0 +1,200 @@
+"""From stored observations to the next version of θ_s: search, judge what was found, store it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters, parameter_names
+from intuitive_physics.observation import Observation, observation_materials
+from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
+from intuitive_physics.simulation import Simulator
+from intuitive_physics_learner.active_parameters import ActiveSpace, active_parameters
+from intuitive_physics_learner.cost import TrajectoryCost
+from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
+from intuitive_physics_learner.identifiability import Identifiability, identify
+from intuitive_physics_learner.observation_store import ObservationStore
+from intuitive_physics_learner.parameter_axes import parameters_of_vector
+from intuitive_physics_learner.search import (
+    ConvergenceCriteria,
+    ParameterSearch,
+    SearchProgress,
+    SearchResult,
+    StopReason,
+)
+from intuitive_physics_learner.update_rules import check_method, make_update_rule
+
+NEGLIGIBLE_COST = 1e-6
+"""m of J that putting back what the data cannot tell may cost."""
+
+
+@dataclass(frozen=True)
+class LearningOptions:
+    """How to learn.
+
+    Parameters
+    ----------
+    method : name of an update rule
+    criteria : when to stop
+    seed : of all randomness; the same seed and observations give the same search
+    bounds : of the search by kind of parameter; what is left out has its default
+    observation_ids : to learn from; none: all that are stored
+    """
+
+    method: str = "cma_es"
+    criteria: ConvergenceCriteria = field(default_factory=ConvergenceCriteria)
+    seed: int = 0
+    bounds: Mapping[str, Bounds] = field(default_factory=dict)
+    observation_ids: Sequence[str] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class LearningResult:
+    """What was learned, over all materials known so far, and how the search went."""
+
+    learned: LearnedParameters
+    search: SearchResult
+
+
+def learn_from_store(
+    store: ObservationStore,
+    simulator: Simulator,
+    options: LearningOptions,
+    *,
+    on_progress: Callable[[SearchProgress], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> LearningResult:
+    """Learn from stored observations, starting from the newest θ_s, and store the next version.
+
+    Raises
+    ------
+    NoObservationsError
+        When nothing is stored.
+    UnknownMethodError, UnknownNameError
+        When no update rule or no observation has the name given.
+    UnsupportedSceneError
+        When the simulator cannot express an observation.
+    LearningCancelledError
+        When `cancelled` returned True; nothing is stored then.
+    StorageError
+        When the store cannot be read or written.
+    """
+    check_method(options.method)
+    observations = store.observations(options.observation_ids)
+    if not observations:
+        raise NoObservationsError(
+            "no observation is stored yet; add some before learning from them"
+        )
+    result = learn(
+        observations,
+        simulator,
+        options,
+        previous=store.newest_parameters(),
+        on_progress=on_progress,
+        cancelled=cancelled,
+    )
+    return LearningResult(store.add_parameters(result.learned), result.search)
+
+
+def learn(
+    observations: Sequence[Observation],
+    simulator: Simulator,
+    options: LearningOptions,
+    *,
+    previous: LearnedParameters | None = None,
+    on_progress: Callable[[SearchProgress], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> LearningResult:
+    """Learn from observations without a store.
+
+    Only parameters that the observations could depend on are searched (`active_parameters`).
+
+    Parameters
+    ----------
+    previous : θ_s to start from; None starts from the defaults. Its materials that were not
+        observed keep their values, and so do parameters that J does not depend on.
+
+    Raises
+    ------
+    NoObservationsError, UnknownMethodError, UnsupportedSceneError, LearningCancelledError
+        As `learn_from_store`.
+    InvalidInputError
+        When no object was seen with anything it could touch.
+    """
+    check_method(options.method)
+    if not observations:
+        raise NoObservationsError("there are no observations; expected at least one")
+    seen = observation_materials(observations)
+    if previous is None:
+        previous = LearnedParameters.defaults(seen)
+    previous = previous.extended(tuple(dict.fromkeys((*previous.materials, *seen))))
+    # In the order of all known materials, so that a pair has the same name in both.
+    materials = tuple(name for name in previous.materials if name in seen)
+    cost = TrajectoryCost(observations, simulator, materials)
+    space = ParameterSpace(materials, options.bounds)
+    start = previous.parameters.extended(materials)
+    active = active_parameters(observations, materials)
+    if not active.any():
+        raise InvalidInputError(
+            "no object was seen with anything it could touch; expected observations with planes, "
+            "boxes or several objects"
+        )
+    searched = ActiveSpace(space, active, start)
+    rule = make_update_rule(
+        options.method, searched.size, np.random.default_rng(options.seed), searched.to_unit(start)
+    )
+    found = ParameterSearch(cost.costs, searched, rule).run(
+        options.criteria, on_progress=on_progress, cancelled=cancelled
+    )
+    if found.stop_reason is StopReason.CANCELLED:
+        raise LearningCancelledError("learning was cancelled; nothing was stored")
+    told = identify(cost, space, found.parameters, active, cancelled)
+    parameters = _without_accidents(cost, found, told, start)
+    return LearningResult(
+        LearnedParameters(
+            *_merged(previous, parameters, told),
+            version=previous.version + 1,
+            cost=float(cost.costs([parameters])[0]),
+            observation_count=len(observations),
+            method=options.method,
+        ),
+        found,
+    )
+
+
+def _without_accidents(
+    cost: TrajectoryCost, found: SearchResult, told: Identifiability, start: StaticParameters
+) -> StaticParameters:
+    """Put back to its start what J does not depend on: a search moves it about at random."""
+    values = np.where(told.responsive, parameter_vector(found.parameters), parameter_vector(start))
+    m = len(found.parameters.materials)
+    frictions = values[m:].reshape(-1, len(PAIR_COEFFICIENTS))
+    free = ~told.responsive[m:].reshape(frictions.shape)
+    static, dynamic = frictions[:, 0], frictions[:, 1]
+    static[free[:, 0]] = np.maximum(static, dynamic)[free[:, 0]]
+    dynamic[free[:, 1]] = np.minimum(static, dynamic)[free[:, 1]]
+    settled = parameters_of_vector(found.parameters.materials, values)
+    if cost.costs([settled])[0] <= found.cost + NEGLIGIBLE_COST:
+        return settled
+    return found.parameters
+
+
+def _merged(
+    previous: LearnedParameters, parameters: StaticParameters, told: Identifiability
+) -> tuple[StaticParameters, NDArray[np.float64], NDArray[np.bool_]]:
+    """θ_s over all known materials, with standard deviations and what is identified."""
+    place = {name: i for i, name in enumerate(parameter_names(previous.materials))}
+    searched = np.array([place[name] for name in parameter_names(parameters.materials)])
+    values = parameter_vector(previous.parameters)
+    deviations = previous.standard_deviations.copy()
+    identified = previous.identified.copy()
+    values[searched] = parameter_vector(parameters)
+    judged = searched[told.responsive]
+    deviations[judged] = told.standard_deviations[told.responsive]
+    identified[judged] = told.identified[told.responsive]
+    return parameters_of_vector(previous.materials, values), deviations, identified

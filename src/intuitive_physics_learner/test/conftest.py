@@ -1,0 +1,110 @@
+"""Own DDS domain for the tests, an engine simple enough to check by hand, thrown balls."""
+
+import os
+
+os.environ["ROS_DOMAIN_ID"] = str(os.getpid() % 100 + 1)
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+
+import numpy as np
+import pytest
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
+from intuitive_physics.shapes import Sphere
+from intuitive_physics.simulation import Rollout, Simulator, WorldStatus, make_simulator
+from intuitive_physics.state import ObjectState
+from intuitive_physics.trajectory import Trajectory
+
+
+class GlideSimulator(Simulator):
+    """Objects glide straight, slowed by the restitution e of their pair with the floor.
+
+    x(t) = x(0) + e v t; where e > 0.99 a world fails half-way. Density and friction do nothing.
+    """
+
+    name = "glide"
+
+    def _rollout(self, worlds, times, orientations):
+        floors = worlds.plane_materials[worlds.environment_index, 0]
+        sets = worlds.parameter_index[:, None]
+        e = worlds.coefficients[sets, 3, worlds.object_materials, floors[:, None]]
+        v, x = worlds.states[..., 7:10], worlds.states[..., 0:3]
+        t = np.broadcast_to(times, (worlds.size, times.shape[1]))
+        positions = x[:, :, None] + e[..., None, None] * v[:, :, None] * t[:, None, :, None]
+        failed = (e > 0.99).any(axis=1)
+        positions[failed, :, times.shape[1] // 2 :] = np.nan
+        status = np.where(failed, WorldStatus.TOO_MANY_EVENTS, WorldStatus.OK)
+        return Rollout(positions, None, status)
+
+
+FLOOR = Environment([Plane("floor", "floor", [0, 0, 1], 0.0)])
+
+
+@pytest.fixture(scope="session")
+def glide():
+    return GlideSimulator()
+
+
+@pytest.fixture(scope="session")
+def event_driven():
+    return make_simulator("event_driven")
+
+
+@pytest.fixture(scope="session")
+def glides():
+    """Make an observation in which objects of given materials glided with restitution e."""
+
+    def make(generator, e, counts=(10,), materials=("ball",), start=0.0, id=None):
+        objects = []
+        for j, (count, material) in enumerate(zip(counts, materials, strict=True)):
+            thing = SceneObject(f"object {j}", material, Sphere(0.05))
+            state = ObjectState(generator.normal(size=3), linear_velocity=generator.normal(size=3))
+            times = np.cumsum(generator.uniform(0.01, 0.1, count))
+            positions = state.position + e * times[:, None] * state.linear_velocity
+            objects.append(ObservedObject(thing, Trajectory(start + times, positions), state))
+        given = {} if id is None else {"id": id}
+        return Observation(FLOOR, tuple(objects), start, **given)
+
+    return make
+
+
+TRUE_PARAMETERS = StaticParameters.uniform(["ball", "floor"]).with_pair(
+    "ball",
+    "floor",
+    static_friction=0.35,
+    dynamic_friction=0.2,
+    rolling_friction=0.02,
+    restitution=0.7,
+)
+
+
+@pytest.fixture(scope="session")
+def true_parameters():
+    return TRUE_PARAMETERS
+
+
+@pytest.fixture(scope="session")
+def throws(event_driven):
+    """Observe balls thrown on a floor so flat that they slide on it for a while."""
+
+    def make(count, seed, noise=0.0, state_noise=0.0, times=60):
+        generator = np.random.default_rng(seed)
+        return [_throw(event_driven, generator, noise, state_noise, times) for _ in range(count)]
+
+    return make
+
+
+def _throw(simulator, generator, noise, state_noise, count):
+    ball = SceneObject("ball", "ball", Sphere(0.05))
+    position = [0.0, 0.0, generator.uniform(0.3, 0.8)]
+    velocity = [*generator.uniform(2.0, 5.0, 2), generator.uniform(-0.5, 0.5)]
+    state = ObjectState(position, linear_velocity=velocity)
+    times = np.arange(count) / 30.0
+    rollout = simulator.rollout([Scene(FLOOR, (ball,), (state,))], TRUE_PARAMETERS, times)
+    seen = rollout.positions[0, 0] + generator.normal(0.0, noise, (count, 3))
+    believed = ObjectState(
+        position + generator.normal(0.0, state_noise, 3),
+        linear_velocity=velocity + generator.normal(0.0, 5.0 * state_noise, 3),
+    )
+    return Observation(FLOOR, (ObservedObject(ball, Trajectory(times, seen), believed),), 0.0)

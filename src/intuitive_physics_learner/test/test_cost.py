@@ -1,0 +1,142 @@
+"""J and D̄ are what Eqs. 5 to 9 say."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from intuitive_physics.errors import UnknownNameError
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.trajectory import Trajectory, mean_distance
+from intuitive_physics_learner import NoObservationsError, TrajectoryCost
+from intuitive_physics_learner import cost as cost_module
+from intuitive_physics_learner.cost import FAILED_DISTANCE
+
+
+def parameters(e, materials=("ball", "floor")):
+    return StaticParameters.uniform(materials, restitution=e)
+
+
+def observed_mean_distance(observation, simulator, theta):
+    """Eq. 6 to the letter: simulate finely enough, synchronise (Eq. 5), take the mean."""
+    distances = []
+    for j, thing in enumerate(observation.objects):
+        times = thing.trajectory.times - observation.start_time
+        times = np.unique(np.concatenate([[0.0], times[times > 0.0]]))
+        rollout = simulator.rollout([observation.scene()], theta, times)
+        simulated = Trajectory(times, rollout.positions[0, j])
+        shifted = Trajectory(
+            thing.trajectory.times - observation.start_time, thing.trajectory.positions
+        )
+        distances.append(mean_distance(shifted, simulated))
+    return distances
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    counts=st.lists(st.lists(st.integers(1, 40), min_size=1, max_size=3), min_size=1, max_size=6),
+    e=st.floats(0.0, 0.98),
+    seen=st.floats(0.0, 1.0),
+)
+def test_agrees_with_the_definition(glide, glides, seed, counts, e, seen):
+    generator = np.random.default_rng(seed)
+    observations = [
+        glides(generator, seen, c, ["ball", "stone", "ball"][: len(c)], start=5.0) for c in counts
+    ]
+    materials = ("ball", "stone", "floor")
+    theta = parameters(e, materials)
+    cost = TrajectoryCost(observations, glide, materials)
+    expected = [observed_mean_distance(y, glide, theta) for y in observations]
+    flat = [d for distances in expected for d in distances]
+    np.testing.assert_allclose(cost.distances([theta])[0], flat, rtol=1e-9, atol=1e-9)
+    # Eqs. 8 and 9: the mean over all trajectories of all observations.
+    np.testing.assert_allclose(cost.costs([theta])[0], np.mean(flat), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        cost.observation_costs([theta])[0],
+        [np.mean(distances) for distances in expected],
+        rtol=1e-9,
+        atol=1e-9,
+    )
+
+
+def test_closed_form(glide, glides):
+    # x(t) = x(0) + e v t, so D̄ = |e - e'| |v| mean(t).
+    observation = glides(np.random.default_rng(0), 0.8, start=100.0)
+    seen = observation.objects[0]
+    speed = np.linalg.norm(seen.initial_state.linear_velocity)
+    expected = 0.3 * speed * (seen.trajectory.times - 100.0).mean()
+    got = TrajectoryCost([observation], glide, ("ball", "floor")).costs([parameters(0.5)])
+    np.testing.assert_allclose(got, [expected], rtol=1e-9)
+
+
+def test_point_at_the_start_counts_and_points_before_do_not(glide, glides):
+    seen = glides(np.random.default_rng(0), 0.8).objects[0]
+    speed = np.linalg.norm(seen.initial_state.linear_velocity)
+    times = np.array([-0.2, -1e-9, 0.1])
+    positions = seen.initial_state.position + 0.8 * times[:, None] * (
+        seen.initial_state.linear_velocity
+    )
+    thing = ObservedObject(seen.object, Trajectory(1000.0 + times, positions), seen.initial_state)
+    environment = glides(np.random.default_rng(0), 0.8).environment
+    cost = TrajectoryCost([Observation(environment, (thing,), 1000.0)], glide, ("ball", "floor"))
+    # Two points: one at the start, where the distance is 0, one at 0.1 s.
+    np.testing.assert_allclose(cost.costs([parameters(0.5)]), 0.3 * speed * 0.1 / 2, rtol=1e-6)
+
+
+def test_batches_equal_single_candidates(event_driven, throws, true_parameters, monkeypatch):
+    observations = throws(3, 0, noise=0.01) + throws(3, 1, times=20)
+    cost = TrajectoryCost(observations, event_driven)
+    some = [true_parameters.with_pair("ball", "floor", restitution=e) for e in (0.2, 0.5, 0.9)]
+    together = cost.distances(some)
+    assert (together == np.concatenate([cost.distances([theta]) for theta in some])).all()
+    residuals = cost.residuals(some)
+    monkeypatch.setattr(cost_module, "LARGEST_CHUNK", 1)
+    assert (together == cost.distances(some)).all()
+    assert (residuals == cost.residuals(some)).all()
+
+
+def test_residuals_have_the_distances_as_their_lengths(event_driven, throws, true_parameters):
+    cost = TrajectoryCost(throws(2, 0, noise=0.01) + throws(2, 1, times=20), event_driven)
+    lengths = np.linalg.norm(cost.residuals([true_parameters])[0], axis=1)
+    counts = np.bincount(cost.point_trajectory)
+    assert sorted(counts) == [20, 20, 60, 60]
+    np.testing.assert_allclose(
+        np.bincount(cost.point_trajectory, lengths) / counts,
+        cost.distances([true_parameters])[0],
+        rtol=1e-12,
+    )
+
+
+def test_nothing_is_left_at_the_true_parameters(event_driven, throws, true_parameters):
+    cost = TrajectoryCost(throws(6, 0), event_driven)
+    assert cost.costs([true_parameters])[0] < 1e-9
+
+
+def test_failed_worlds_cost_a_finite_fortune_and_harm_no_other(glide, glides):
+    generator = np.random.default_rng(0)
+    observations = [glides(generator, 0.5), glides(generator, 0.5, materials=("stone",))]
+    materials = ("ball", "stone", "floor")
+    theta = parameters(0.5, materials).with_pair("ball", "floor", restitution=1.0)
+    cost = TrajectoryCost(observations, glide, materials)
+    distances = cost.distances([theta])[0]
+    assert distances[0] == FAILED_DISTANCE
+    assert distances[1] < 1e-12
+    assert np.isnan(cost.residuals([theta])[0][cost.point_trajectory == 0]).all()
+
+
+def test_worlds_far_away_cost_no_more_than_failed_ones(glide, glides):
+    observation = glides(np.random.default_rng(0), 1e9)
+    cost = TrajectoryCost([observation], glide, ("ball", "floor"))
+    assert cost.costs([parameters(0.0)])[0] == FAILED_DISTANCE
+
+
+def test_no_observations():
+    with pytest.raises(NoObservationsError, match="no observations"):
+        TrajectoryCost([], None)
+
+
+def test_unknown_material(glide, glides):
+    with pytest.raises(UnknownNameError, match="'ball'"):
+        TrajectoryCost([glides(np.random.default_rng(0), 0.5)], glide, ("stone", "floor"))

@@ -1,0 +1,166 @@
+"""What the data cannot tell is never called learned, and what is learned has a true uncertainty."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from intuitive_physics.materials import StaticParameters, parameter_names
+from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
+from intuitive_physics_learner import (
+    ConvergenceCriteria,
+    LearningCancelledError,
+    ParameterSearch,
+    TrajectoryCost,
+    identify,
+    make_update_rule,
+)
+from intuitive_physics_learner.parameter_axes import ParameterAxes, parameters_of_vector
+
+MATERIALS = ("ball", "floor")
+SPACE = ParameterSpace(MATERIALS)
+
+
+def found_optimum(cost, seed=0, iterations=1500):
+    rule = make_update_rule("hybrid_random", SPACE.size, np.random.default_rng(seed))
+    search = ParameterSearch(cost.costs, SPACE, rule)
+    return search.run(ConvergenceCriteria(iterations)).parameters
+
+
+def identified_names(told):
+    return {n for n, yes in zip(parameter_names(MATERIALS), told.identified, strict=True) if yes}
+
+
+def test_only_what_acted_is_identified(event_driven, throws, true_parameters):
+    cost = TrajectoryCost(throws(6, 0, noise=0.003), event_driven, MATERIALS)
+    told = identify(cost, SPACE, true_parameters)
+    # A lone sphere's density cancels in its equation of motion, and ball never met ball.
+    assert identified_names(told) == {
+        "dynamic_friction[ball, floor]",
+        "rolling_friction[ball, floor]",
+        "restitution[ball, floor]",
+    }
+    dependent = {n for n, yes in zip(SPACE.names, told.responsive, strict=True) if yes}
+    assert all(name.endswith("[ball, floor]") for name in dependent)
+    assert (np.isnan(told.standard_deviations) == ~told.identified).all()
+
+
+def test_nothing_is_identified_in_free_flight(event_driven, throws, true_parameters):
+    flight = throws(3, 0, noise=0.003, times=4)
+    told = identify(TrajectoryCost(flight, event_driven, MATERIALS), SPACE, true_parameters)
+    assert not told.identified.any()
+    assert not told.responsive.any()
+
+
+def test_a_response_below_the_noise_identifies_nothing(glide, glides):
+    # e acts, but less than the noise hides: 0.1 s at about 1 mm/s against 1 m.
+    generator = np.random.default_rng(0)
+    observation = glides(generator, 0.5, counts=(20,))
+    thing = observation.objects[0]
+    noisy = type(thing.trajectory)(
+        1e-3 * thing.trajectory.times,
+        thing.trajectory.positions + generator.normal(size=(20, 3)),
+    )
+    changed = type(thing)(thing.object, noisy, thing.initial_state)
+    observation = type(observation)(observation.environment, (changed,), 0.0)
+    cost = TrajectoryCost([observation], glide, MATERIALS)
+    told = identify(cost, SPACE, StaticParameters.uniform(MATERIALS))
+    assert told.responsive.sum() == 1
+    assert not told.identified.any()
+
+
+def test_bounds_that_freeze_a_parameter_leave_nothing_to_identify(
+    event_driven, throws, true_parameters
+):
+    space = ParameterSpace(MATERIALS, {"restitution": Bounds(0.7, 0.7)})
+    cost = TrajectoryCost(throws(4, 0, noise=0.003), event_driven, MATERIALS)
+    told = identify(cost, space, true_parameters)
+    assert not told.responsive[parameter_names(MATERIALS).index("restitution[ball, floor]")]
+
+
+def test_failed_worlds_do_not_count_as_a_response(glide, glides):
+    # Where e > 0.99 the engine fails; a world that starts at rest responds to nothing else.
+    observation = glides(np.random.default_rng(0), 0.0)
+    resting = type(observation.objects[0])(
+        observation.objects[0].object,
+        observation.objects[0].trajectory,
+        type(observation.objects[0].initial_state)(observation.objects[0].initial_state.position),
+    )
+    observation = type(observation)(observation.environment, (resting,), 0.0)
+    cost = TrajectoryCost([observation], glide, MATERIALS)
+    told = identify(cost, SPACE, StaticParameters.uniform(MATERIALS))
+    assert not told.responsive.any()
+
+
+def test_standard_deviation_of_a_linear_model(glide, glides):
+    # x = x0 + e v t with independent noise s: var(e) = s² / Σ (v t)² by least squares.
+    generator = np.random.default_rng(1)
+    observation = glides(generator, 0.5, counts=(400,))
+    thing = observation.objects[0]
+    noise = generator.normal(0.0, 0.02, (400, 3))
+    trajectory = type(thing.trajectory)(thing.trajectory.times, thing.trajectory.positions + noise)
+    changed = type(thing)(thing.object, trajectory, thing.initial_state)
+    observation = type(observation)(observation.environment, (changed,), 0.0)
+    cost = TrajectoryCost([observation], glide, MATERIALS)
+    told = identify(cost, SPACE, StaticParameters.uniform(MATERIALS, restitution=0.5))
+    leverage = np.outer(trajectory.times, thing.initial_state.linear_velocity)
+    expected = 0.02 / np.sqrt(np.square(leverage).sum())
+    got = told.standard_deviations[parameter_names(MATERIALS).index("restitution[ball, floor]")]
+    # 1200 residuals give the noise to some per cent, chance correlation some more.
+    assert 0.8 * expected < got < 1.5 * expected
+
+
+def test_true_values_lie_within_the_stated_uncertainty(event_driven, throws, true_parameters):
+    scores = []
+    for seed in range(6):
+        observed = throws(8, seed, noise=0.005, state_noise=0.004)
+        cost = TrajectoryCost(observed, event_driven, MATERIALS)
+        found = found_optimum(cost)
+        told = identify(cost, SPACE, found)
+        errors = parameter_vector(found) - parameter_vector(true_parameters)
+        scores += (errors / told.standard_deviations)[told.identified].tolist()
+    # Errors in units of their standard deviation have a root mean square of about one.
+    assert len(scores) >= 12
+    assert 0.4 < np.sqrt(np.mean(np.square(scores))) < 2.0
+
+
+def test_can_be_cancelled(glide, glides):
+    cost = TrajectoryCost([glides(np.random.default_rng(0), 0.5)], glide, MATERIALS)
+    with pytest.raises(LearningCancelledError, match="cancelled"):
+        identify(cost, SPACE, StaticParameters.uniform(MATERIALS), cancelled=lambda: True)
+
+
+@settings(max_examples=50, deadline=None)
+@given(data=st.data())
+def test_an_axis_moves_its_own_parameter_and_no_other(data):
+    unit = st.floats(0.0, 1.0)
+    space = ParameterSpace(("a", "b"))
+    point = data.draw(st.lists(unit, min_size=space.size, max_size=space.size))
+    theta = space.to_parameters(point)
+    axes = ParameterAxes(space, theta)
+    assert (axes.lower <= axes.origin + 1e-9).all()
+    assert (axes.origin <= axes.upper + 1e-9).all()
+    axis = data.draw(st.integers(0, axes.size - 1))
+    before = parameter_vector(theta)
+    for place in (data.draw(unit), float(axes.origin[axis])):
+        after = parameter_vector(axes.moved(axis, place))
+        others = np.arange(axes.size) != axis
+        np.testing.assert_allclose(after[others], before[others], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(after[axis], before[axis], rtol=1e-9, atol=1e-9)
+
+
+def test_slopes_are_derivatives():
+    theta = StaticParameters.uniform(("a", "b"))
+    axes = ParameterAxes(ParameterSpace(("a", "b")), theta)
+    for axis in range(axes.size):
+        h = 1e-6
+        up = parameter_vector(axes.moved(axis, axes.origin[axis] + h))[axis]
+        down = parameter_vector(axes.moved(axis, axes.origin[axis] - h))[axis]
+        np.testing.assert_allclose((up - down) / (2 * h), axes.slopes[axis], rtol=1e-4)
+
+
+def test_vector_and_back():
+    theta = ParameterSpace(("a", "b", "c")).to_parameters(np.random.default_rng(0).random(27))
+    back = parameters_of_vector(theta.materials, parameter_vector(theta))
+    assert (back.coefficients == theta.coefficients).all()
+    assert (back.density == theta.density).all()

@@ -1,0 +1,416 @@
+"""The learner node as others see it: a process of its own, spoken to over DDS."""
+
+import math
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rclpy
+from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticArray
+from intuitive_physics_msgs.action import LearnParameters
+from intuitive_physics_msgs.msg import (
+    LearningOptions,
+    Observation,
+    ParameterBounds,
+    ResultCode,
+    StaticParameters,
+)
+from intuitive_physics_msgs.srv import (
+    AddObservation,
+    GetStaticParameters,
+    Learn,
+    SetStaticParameters,
+)
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import parameter_names
+from intuitive_physics.observation import ObservedObject
+from intuitive_physics.scene import SceneObject
+from intuitive_physics.shapes import Box
+from intuitive_physics_ros.conversions import (
+    observation_to_message,
+    static_parameters_from_message,
+    static_parameters_to_message,
+)
+
+PATIENCE = 20.0
+"""Seconds to wait for what takes well under one, on a machine that is busy with other things."""
+
+LATCHED = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+ENDLESS = LearningOptions(method="random", max_iterations=10**7)
+
+
+class NodeProcess:
+    """The learner node, running on a database of the test's, and what it has written so far."""
+
+    def __init__(self, database, *parameters):
+        arguments = [f"database:={database}", *parameters]
+        ros_arguments = [word for one in arguments for word in ("-p", one)]
+        main = "from intuitive_physics_learner.learner_node import main; raise SystemExit(main())"
+        self.process = subprocess.Popen(
+            [sys.executable, "-u", "-c", main, "--ros-args", *ros_arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self.text = ""
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def _read(self):
+        for line in self.process.stdout:
+            self.text += line
+
+    def stop(self, number=signal.SIGINT):
+        """Send a signal, wait for the end and return the exit code."""
+        self.process.send_signal(number)
+        return self.end()
+
+    def end(self):
+        code = self.process.wait(PATIENCE)
+        self._reader.join(PATIENCE)
+        return code
+
+
+class Caller:
+    """A node of the test's own, and what it hears and calls."""
+
+    def __init__(self):
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.node = rclpy.create_node("caller", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.published = []
+        self.diagnostics = []
+        self.node.create_subscription(
+            StaticParameters, "/learner_node/static_parameters", self.published.append, LATCHED
+        )
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnostics.append, 10)
+        self.observations = self.node.create_publisher(
+            Observation, "/learner_node/observation", LATCHED
+        )
+        self.services = {
+            kind: self.node.create_client(kind, f"/learner_node/{name}")
+            for kind, name in (
+                (AddObservation, "add_observation"),
+                (GetStaticParameters, "get_static_parameters"),
+                (SetStaticParameters, "set_static_parameters"),
+                (Learn, "learn"),
+            )
+        }
+        self.action = ActionClient(self.node, LearnParameters, "/learner_node/learn_parameters")
+
+    def close(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def spin_until(self, holds, patience=PATIENCE):
+        deadline = time.monotonic() + patience
+        while not holds():
+            assert time.monotonic() < deadline, "waited in vain"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def start_call(self, kind, **fields):
+        client = self.services[kind]
+        self.spin_until(client.service_is_ready)
+        return client.call_async(kind.Request(**fields))
+
+    def call(self, kind, **fields):
+        future = self.start_call(kind, **fields)
+        self.spin_until(future.done)
+        return future.result()
+
+    def add(self, observation):
+        return self.call(AddObservation, observation=observation_to_message(observation))
+
+    def start_goal(self, options, feedback=None):
+        """Send a goal and return its handle and the future of its result."""
+        self.spin_until(self.action.server_is_ready)
+        sent = self.action.send_goal_async(
+            LearnParameters.Goal(options=options),
+            None if feedback is None else lambda m: feedback.append(m.feedback),
+        )
+        self.spin_until(sent.done)
+        assert sent.result().accepted
+        return sent.result(), sent.result().get_result_async()
+
+    def result_of(self, future):
+        self.spin_until(future.done)
+        return future.result()
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Start learner nodes on one database; none outlives its test."""
+    started = []
+
+    def start_one(*parameters, database=tmp_path / "learner.sqlite3"):
+        started.append(NodeProcess(database, *parameters))
+        return started[-1]
+
+    yield start_one
+    for node in started:
+        if node.process.poll() is None:
+            node.stop(signal.SIGKILL)
+        assert "Traceback" not in node.text
+
+
+@pytest.fixture
+def caller():
+    made = Caller()
+    yield made
+    made.close()
+
+
+def test_learns_what_made_the_observations(start, caller, throws, true_parameters):
+    start("max_iterations:=1500", "seed:=3")
+    answer = caller.call(GetStaticParameters)
+    assert answer.result.value == ResultCode.NOT_READY
+    assert "add an observation" in answer.result.message
+    answer = caller.call(Learn)
+    assert answer.result.value == ResultCode.NO_OBSERVATIONS
+    assert caller.published == []
+
+    observed = throws(8, 3)
+    for count, one in enumerate(observed[:7], 1):
+        answer = caller.add(one)
+        assert (answer.result.value, answer.added) == (ResultCode.OK, True)
+        assert answer.observation_count == count
+    again = caller.add(observed[0])
+    assert (again.result.value, again.added, again.observation_count) == (0, False, 7)
+    # The eighth comes by topic.
+    caller.observations.publish(observation_to_message(observed[7]))
+    caller.spin_until(lambda: caller.add(observed[0]).observation_count == 8)
+    caller.spin_until(lambda: caller.published)
+    assert caller.published[-1].version == 0
+    assert list(caller.published[-1].materials) == ["ball", "floor"]
+
+    answer = caller.call(Learn)
+    assert answer.result.value == ResultCode.OK, answer.result.message
+    assert answer.iterations == 1500
+    assert answer.computation_time > 0.0
+    learned = static_parameters_from_message(answer.static_parameters)
+    assert (learned.version, learned.observation_count, learned.method) == (1, 8, "cma_es")
+    got = learned.parameters.pair("ball", "floor")["restitution"]
+    assert got == pytest.approx(true_parameters.pair("ball", "floor")["restitution"], abs=0.02)
+    assert learned.identified[parameter_names(learned.materials).index("restitution[ball, floor]")]
+    assert not learned.identified[0]
+    caller.spin_until(lambda: caller.published[-1].version == 1)
+    assert caller.call(GetStaticParameters).static_parameters.version == 1
+    # One who comes late hears it too.
+    late = Caller()
+    late.spin_until(lambda: late.published)
+    assert late.published[0].version == 1
+    late.close()
+
+
+def test_wrong_requests_get_their_codes(start, caller, glides):
+    start("max_iterations:=10")
+    observation = glides(np.random.default_rng(0), 0.5)
+    assert caller.add(observation).result.value == ResultCode.OK
+
+    def code(**options):
+        return caller.call(Learn, options=LearningOptions(**options)).result
+
+    unknown = code(method="magic")
+    assert unknown.value == ResultCode.UNKNOWN_METHOD
+    assert "cma_es" in unknown.message
+    inverted = ParameterBounds(kind="restitution", lower=0.9, upper=0.1)
+    assert code(bounds=[inverted]).value == ResultCode.INVALID_BOUNDS
+    assert "expected lower ≤ upper" in code(bounds=[inverted]).message
+    crossed = ParameterBounds(kind="dynamic_friction", lower=0.5, upper=0.9)
+    assert code(bounds=[crossed]).value == ResultCode.INVALID_BOUNDS
+    nameless = ParameterBounds(kind="colour", lower=0.1, upper=0.9)
+    assert code(bounds=[nameless]).value == ResultCode.INVALID_BOUNDS
+    assert code(observation_ids=["nobody"]).value == ResultCode.UNKNOWN_NAME
+    assert code(time_limit=math.nan).value == ResultCode.INVALID_INPUT
+    assert code(cost_threshold=-1.0).value == ResultCode.INVALID_INPUT
+    assert code().value == ResultCode.OK
+
+    broken = observation_to_message(replace(observation, id="broken"))
+    broken.objects[0].positions = broken.objects[0].positions[:-1]
+    answer = caller.call(AddObservation, observation=broken)
+    assert answer.result.value == ResultCode.INVALID_INPUT
+    assert "positions" in answer.result.message
+    answer = caller.call(SetStaticParameters, static_parameters=StaticParameters(materials=["a"]))
+    assert answer.result.value == ResultCode.INVALID_INPUT
+    seen = observation.objects[0]
+    box = SceneObject("box", "ball", Box((0.1, 0.2, 0.3)))
+    boxed = ObservedObject(box, seen.trajectory, seen.initial_state)
+    assert caller.add(replace(observation, id="boxed", objects=(boxed,))).added
+    assert code(observation_ids=["boxed"]).value == ResultCode.UNSUPPORTED_SCENE
+    _, result = caller.start_goal(LearningOptions(method="magic"))
+    assert caller.result_of(result).status == GoalStatus.STATUS_ABORTED
+    assert caller.result_of(result).result.result.value == ResultCode.UNKNOWN_METHOD
+
+
+def test_observations_of_the_topic_that_are_wrong_are_told_of(start, caller, glides):
+    start()
+    broken = observation_to_message(glides(np.random.default_rng(0), 0.5))
+    broken.objects[0].times = []
+    caller.spin_until(lambda: caller.observations.get_subscription_count() == 1)
+    caller.observations.publish(broken)
+
+    def told():
+        return any(
+            "observation input" in status.name and "rejected" in status.message
+            for message in caller.diagnostics
+            for status in message.status
+        )
+
+    caller.spin_until(told)
+    assert caller.call(Learn).result.value == ResultCode.NO_OBSERVATIONS
+
+
+def test_stays_responsive_and_busy_while_it_learns(start, caller, throws):
+    start()
+    for one in throws(6, 0):
+        caller.add(one)
+    feedback = []
+    goal, result = caller.start_goal(ENDLESS, feedback)
+    caller.spin_until(lambda: feedback)
+    waits = []
+    for _ in range(20):
+        began = time.monotonic()
+        assert caller.call(GetStaticParameters).result.value == ResultCode.OK
+        waits.append(time.monotonic() - began)
+    assert max(waits) < 0.5, waits
+    busy = caller.call(Learn).result
+    assert busy.value == ResultCode.BUSY
+    assert "iteration" in busy.message
+    _, refused = caller.start_goal(ENDLESS)
+    assert caller.result_of(refused).result.result.value == ResultCode.BUSY
+    # Observations are stored meanwhile.
+    assert caller.add(throws(1, 9)[0]).observation_count == 7
+
+    began = time.monotonic()
+    goal.cancel_goal_async()
+    answer = caller.result_of(result)
+    assert time.monotonic() - began < 2.0
+    assert answer.status == GoalStatus.STATUS_CANCELED
+    assert answer.result.result.value == ResultCode.CANCELLED
+    assert answer.result.iterations > 0
+    assert caller.call(GetStaticParameters).static_parameters.version == 0
+    # And it learns again.
+    answer = caller.call(Learn, options=LearningOptions(max_iterations=20))
+    assert (answer.result.value, answer.static_parameters.version) == (ResultCode.OK, 1)
+
+
+def test_action_tells_its_progress(start, caller, throws):
+    start()
+    for one in throws(6, 0):
+        caller.add(one)
+    feedback = []
+    options = LearningOptions(method="hybrid_random", max_iterations=3000, seed=1)
+    _, result = caller.start_goal(options, feedback)
+    answer = caller.result_of(result)
+    assert answer.status == GoalStatus.STATUS_SUCCEEDED
+    assert answer.result.result.value == ResultCode.OK
+    history = answer.result.cost_history
+    assert len(history) == answer.result.iterations == 3000
+    assert list(history) == sorted(history, reverse=True)
+    caller.spin_until(lambda: feedback[-1].iteration == 3000)
+    assert [cost for one in feedback for cost in one.cost_history] == list(history)
+    assert all(one.max_iterations == 3000 for one in feedback)
+    assert feedback[-1].time_left == 0.0
+    assert answer.result.static_parameters.version == 1
+
+
+def test_takes_over_parameters(start, caller):
+    start()
+    given = static_parameters_to_message(LearnedParameters.defaults(["ice", "steel"]))
+    answer = caller.call(SetStaticParameters, static_parameters=given)
+    assert (answer.result.value, answer.version) == (ResultCode.OK, 1)
+    caller.spin_until(lambda: caller.published and caller.published[-1].version == 1)
+    assert list(caller.published[-1].materials) == ["ice", "steel"]
+
+
+def test_nothing_is_lost_by_kill_9(start, caller, throws):
+    node = start()
+    for one in throws(3, 0):
+        caller.add(one)
+    before = caller.call(Learn, options=LearningOptions(max_iterations=50)).static_parameters
+    caller.start_goal(ENDLESS)
+    assert caller.add(throws(1, 9)[0]).added
+    assert node.stop(signal.SIGKILL) == -signal.SIGKILL
+    caller.close()
+
+    start()
+    again = Caller()
+    again.spin_until(lambda: again.published)
+    after = static_parameters_from_message(again.published[0])
+    assert after.to_dict() == static_parameters_from_message(before).to_dict()
+    assert again.add(throws(1, 10)[0]).observation_count == 5
+    again.close()
+
+
+def test_full_disk(start, caller, glides):
+    node = start()
+    generator = np.random.default_rng(0)
+    assert caller.add(glides(generator, 0.5)).added
+    # No file of the node may grow any more: what a full disk looks like.
+    resource.prlimit(node.process.pid, resource.RLIMIT_FSIZE, (1, resource.RLIM_INFINITY))
+    answer = caller.add(glides(generator, 0.5))
+    assert answer.result.value == ResultCode.STORAGE_FAILED
+    assert not answer.added
+    options = LearningOptions(max_iterations=10)
+    assert caller.call(Learn, options=options).result.value == ResultCode.STORAGE_FAILED
+    # Room again: it goes on, and nothing was lost.
+    unlimited = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
+    resource.prlimit(node.process.pid, resource.RLIMIT_FSIZE, unlimited)
+    assert caller.add(glides(generator, 0.5)).observation_count == 2
+    assert caller.call(Learn, options=options).result.value == ResultCode.OK
+
+
+def test_a_file_that_is_no_database_stops_it_with_one_line(start, tmp_path):
+    garbage = tmp_path / "garbage"
+    garbage.write_bytes(os.urandom(5000))
+    node = start(database=garbage)
+    assert node.end() == 1
+    (told,) = [line for line in node.text.splitlines() if "error" in line]
+    assert "is not an SQLite database" in told
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ends_cleanly_while_it_learns(start, caller, throws, number):
+    node = start()
+    for one in throws(3, 0):
+        caller.add(one)
+    feedback = []
+    caller.start_goal(ENDLESS, feedback)
+    caller.start_call(Learn)
+    caller.spin_until(lambda: feedback)
+    began = time.monotonic()
+    assert node.stop(number) == 0, node.text
+    assert time.monotonic() - began < 3.0
+
+
+def test_outlives_callers_that_leave(start, caller, throws):
+    node = start()
+    for one in throws(3, 0):
+        caller.add(one)
+    leaving = Caller()
+    options = LearningOptions(method="random", max_iterations=3000)
+    leaving.start_call(Learn, options=options)
+    leaving.spin_until(lambda: leaving.diagnostics)
+    leaving.close()
+    busy = ResultCode.BUSY
+    short = LearningOptions(max_iterations=10)
+    caller.spin_until(lambda: caller.call(Learn, options=short).result.value != busy)
+    assert node.process.poll() is None
+    assert caller.call(GetStaticParameters).static_parameters.version == 2

@@ -1,0 +1,68 @@
+"""A search in a thread of its own."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from intuitive_physics_learner import ConvergenceCriteria, LearningCancelledError, LearningOptions
+from intuitive_physics_learner.database_path import default_database_path
+from intuitive_physics_learner.learning_job import LearningJob
+from intuitive_physics_learner.learning_session import learn
+
+
+def job_of(observed, simulator, iterations, on_change=lambda: None):
+    options = LearningOptions(method="random", criteria=ConvergenceCriteria(iterations))
+    return LearningJob(
+        lambda on_progress, cancelled: learn(
+            observed, simulator, options, on_progress=on_progress, cancelled=cancelled
+        ),
+        on_change,
+    )
+
+
+def test_progress_and_result(glide, glides):
+    changed = threading.Event()
+    job = job_of([glides(np.random.default_rng(0), 0.4)], glide, 500, changed.set)
+    history = []
+    while not job.done:
+        changed.wait(5.0)
+        changed.clear()
+        history += job.take_progress().new_costs
+    history += job.take_progress().new_costs
+    result = job.result()
+    assert history == result.search.history.tolist()
+    assert job.iteration == 500
+    assert job.take_progress().best_cost == result.search.cost
+    assert job.seconds >= result.search.seconds
+
+
+def test_stops_within_a_second(event_driven, throws):
+    job = job_of(throws(12, 0), event_driven, 10**9)
+    while job.iteration == 0:
+        time.sleep(0.01)
+    began = time.monotonic()
+    assert job.stop(5.0)
+    assert time.monotonic() - began < 1.0
+    with pytest.raises(LearningCancelledError):
+        job.result()
+
+
+def test_hands_on_what_went_wrong():
+    def work(on_progress, cancelled):
+        raise ValueError("no luck")
+
+    job = LearningJob(work, lambda: None)
+    with pytest.raises(ValueError, match="no luck"):
+        job.result()
+    assert job.done
+
+
+def test_database_path_follows_xdg(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    assert default_database_path() == tmp_path / "intuitive_physics" / "learner.sqlite3"
+    monkeypatch.setenv("XDG_DATA_HOME", "relative")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    expected = tmp_path / ".local" / "share" / "intuitive_physics" / "learner.sqlite3"
+    assert default_database_path() == expected

@@ -1,0 +1,171 @@
+"""From observations to a version of θ_s."""
+
+import numpy as np
+import pytest
+
+from intuitive_physics.errors import UnknownNameError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import StaticParameters, parameter_names
+from intuitive_physics.parameter_space import Bounds
+from intuitive_physics_learner import (
+    ConvergenceCriteria,
+    LearningCancelledError,
+    LearningOptions,
+    NoObservationsError,
+    ObservationStore,
+    StopReason,
+    TrajectoryCost,
+    UnknownMethodError,
+    learn,
+    learn_from_store,
+)
+
+
+@pytest.fixture
+def store(tmp_path):
+    with ObservationStore(tmp_path / "learner.sqlite3") as opened:
+        yield opened
+
+
+def options(iterations=600, **others):
+    return LearningOptions(criteria=ConvergenceCriteria(iterations), **others)
+
+
+def known(parameters):
+    """θ_s of which everything is said to be identified."""
+    size = len(parameter_names(parameters.materials))
+    return LearnedParameters(parameters, np.full(size, 0.1), np.ones(size, bool), 7, 0.1, 3, "x")
+
+
+@pytest.mark.parametrize("method", ["cma_es", "hybrid_random", "adaptive_random"])
+def test_recovers_what_made_the_observations(event_driven, throws, true_parameters, method):
+    observed = throws(8, 3)
+    learned = learn(observed, event_driven, options(1500, method=method)).learned
+    got, true = (theta.pair("ball", "floor") for theta in (learned.parameters, true_parameters))
+    assert got["restitution"] == pytest.approx(true["restitution"], abs=0.01)
+    assert got["dynamic_friction"] == pytest.approx(true["dynamic_friction"], abs=0.02)
+    assert got["rolling_friction"] == pytest.approx(true["rolling_friction"], rel=0.1)
+    assert learned.cost < 0.02
+    assert learned.method == method
+    assert learned.observation_count == 8
+    assert learned.version == 1
+
+
+def test_noisy_observations_cost_no_more_than_the_truth(event_driven, throws, true_parameters):
+    observed = throws(8, 4, noise=0.01, state_noise=0.005)
+    learned = learn(observed, event_driven, options(2000)).learned
+    oracle = TrajectoryCost(observed, event_driven, ("ball", "floor")).costs([true_parameters])
+    assert learned.cost < 1.05 * oracle[0]
+
+
+def test_what_the_data_cannot_tell_keeps_its_value(event_driven, throws):
+    learned = learn(throws(4, 0, noise=0.003), event_driven, options(300)).learned
+    defaults = StaticParameters.uniform(learned.materials)
+    assert (learned.parameters.density == defaults.density).all()
+    assert learned.parameters.pair("ball", "ball") == defaults.pair("ball", "ball")
+    names = parameter_names(learned.materials)
+    assert not learned.identified[names.index("density[ball]")]
+    assert np.isnan(learned.standard_deviations[names.index("density[ball]")])
+
+
+def test_starts_from_what_is_known_and_keeps_other_materials(glide, glides):
+    # Known: e of ball and floor, to the digit; and what stone is like, which nobody observed.
+    before = known(StaticParameters.uniform(["stone", "ball", "floor"], density=2700.0))
+    before = known(
+        before.parameters.with_pair("floor", "ball", restitution=0.37).with_pair(
+            "stone", "floor", static_friction=0.9
+        )
+    )
+    observed = [glides(np.random.default_rng(0), 0.37)]
+    result = learn(observed, glide, options(30, method="random"), previous=before)
+    assert result.search.history[0] < 1e-9
+    after = result.learned
+    assert after.version == 8
+    assert after.materials == ("stone", "ball", "floor")
+    np.testing.assert_allclose(after.parameters.coefficients, before.parameters.coefficients)
+    assert (after.parameters.density == 2700.0).all()
+    # Only e of ball and floor was judged anew.
+    assert after.identified.all()
+    assert (after.standard_deviations != before.standard_deviations).sum() == 1
+
+
+def test_new_materials_are_added(glide, glides):
+    before = known(StaticParameters.uniform(["floor", "ball"]))
+    observed = [glides(np.random.default_rng(0), 0.5, materials=("cork",))]
+    after = learn(observed, glide, options(100), previous=before).learned
+    assert after.materials == ("floor", "ball", "cork")
+    names = parameter_names(after.materials)
+    assert after.identified[names.index("restitution[floor, cork]")]
+    assert not after.identified[names.index("restitution[ball, cork]")]
+    assert after.identified[names.index("restitution[floor, ball]")]
+
+
+def test_frictions_that_are_put_back_stay_ordered(event_driven, throws):
+    # Balls that only slide: dynamic friction is told, static friction is not.
+    before = known(
+        StaticParameters.uniform(["ball", "floor"], static_friction=0.05, dynamic_friction=0.0)
+    )
+    learned = learn(throws(4, 0, times=12), event_driven, options(300), previous=before).learned
+    pair = learned.parameters.pair("ball", "floor")
+    assert pair["dynamic_friction"] <= pair["static_friction"]
+
+
+def test_bounds_are_kept(glide, glides):
+    observed = [glides(np.random.default_rng(0), 0.9)]
+    bounds = {"restitution": Bounds(0.1, 0.6)}
+    learned = learn(observed, glide, options(200, bounds=bounds)).learned
+    assert learned.parameters.pair("ball", "floor")["restitution"] == pytest.approx(0.6, abs=1e-4)
+
+
+def test_same_seed_same_result(event_driven, throws):
+    observed = throws(3, 0, noise=0.01)
+    first, again, other = (
+        learn(observed, event_driven, options(100, seed=seed)).search.history for seed in (1, 1, 2)
+    )
+    assert (first == again).all()
+    assert (first != other).any()
+
+
+def test_versions_are_stored_and_learning_goes_on_from_them(store, glide, glides):
+    generator = np.random.default_rng(0)
+    for _ in range(3):
+        store.add(glides(generator, 0.4))
+    first = learn_from_store(store, glide, options(200))
+    second = learn_from_store(store, glide, options(50, method="random"))
+    assert [first.learned.version, second.learned.version] == [1, 2]
+    assert second.search.history[0] <= first.search.cost + 1e-9
+    assert [one.to_dict() for one in store.parameters_history()] == [
+        first.learned.to_dict(),
+        second.learned.to_dict(),
+    ]
+    chosen = options(50, observation_ids=store.ids()[:2])
+    assert learn_from_store(store, glide, chosen).learned.observation_count == 2
+
+
+def test_cancelled_searches_store_nothing(store, glide, glides):
+    store.add(glides(np.random.default_rng(0), 0.4))
+    with pytest.raises(LearningCancelledError, match="nothing was stored"):
+        learn_from_store(store, glide, options(), cancelled=lambda: True)
+    assert store.newest_parameters() is None
+
+
+def test_clear_errors(store, glide, glides):
+    with pytest.raises(NoObservationsError, match="no observation is stored yet"):
+        learn_from_store(store, glide, options())
+    with pytest.raises(NoObservationsError):
+        learn([], glide, options())
+    store.add(glides(np.random.default_rng(0), 0.4))
+    with pytest.raises(UnknownMethodError, match="'magic'"):
+        learn_from_store(store, glide, options(method="magic"))
+    with pytest.raises(UnknownNameError, match="'nobody'"):
+        learn_from_store(store, glide, options(observation_ids=("nobody",)))
+
+
+def test_stop_reason_is_told(glide, glides):
+    observed = [glides(np.random.default_rng(0), 0.4)]
+    result = learn(
+        observed,
+        glide,
+        LearningOptions(criteria=ConvergenceCriteria(10_000, cost_threshold=0.01)),
+    )
+    assert result.search.stop_reason is StopReason.COST_THRESHOLD

@@ -1,0 +1,271 @@
+"""Nothing that was acknowledged is lost, and every way to fail has one clear error."""
+
+import resource
+import signal
+import sqlite3
+import subprocess
+import sys
+import threading
+from collections import deque
+
+import numpy as np
+import pytest
+
+from intuitive_physics.errors import UnknownNameError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics_learner import ObservationStore, StorageError
+from intuitive_physics_learner import observation_store as module
+
+WRITER = """
+import sys
+from intuitive_physics.observation import Observation
+from intuitive_physics_learner import ObservationStore
+from dataclasses import replace
+first = Observation.from_json(open(sys.argv[2]).read())
+with ObservationStore(sys.argv[1]) as store:
+    for number in range(10**9):
+        store.add(replace(first, id=f"{sys.argv[3]} {number}"))
+        print(number, flush=True)
+"""
+
+
+@pytest.fixture
+def observation(glides):
+    def make(id):
+        return glides(np.random.default_rng(0), 0.5, id=id)
+
+    return make
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "new" / "folder" / "learner.sqlite3"
+
+
+def start_writer(path, observation, tmp_path, name="writer"):
+    text = tmp_path / "observation.json"
+    text.write_text(observation("first").to_json())
+    return subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(path), str(text), name],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_gives_back_what_it_took_in_order(path, observation):
+    some = [observation(id) for id in ("c", "a", "b")]
+    with ObservationStore(path) as store:
+        assert [store.add(one) for one in some] == [True, True, True]
+    with ObservationStore(path) as store:
+        assert store.count() == 3
+        assert store.ids() == ["c", "a", "b"]
+        assert [one.to_json() for one in store.observations()] == [one.to_json() for one in some]
+        assert [one.id for one in store.observations(["b", "c"])] == ["c", "b"]
+        with pytest.raises(UnknownNameError, match="'x'; expected one of the 3"):
+            store.observations(["a", "x"])
+
+
+def test_the_same_id_is_stored_once(path, observation, glides):
+    other = glides(np.random.default_rng(1), 0.5, id="a")
+    with ObservationStore(path) as store:
+        assert store.add(observation("a"))
+        assert not store.add(other)
+        assert store.count() == 1
+        assert store.observations()[0].to_json() == observation("a").to_json()
+
+
+def test_parameters_get_growing_versions(path):
+    first = LearnedParameters.defaults(["ball", "floor"])
+    with ObservationStore(path) as store:
+        assert store.newest_parameters() is None
+        assert [store.add_parameters(first).version for _ in range(3)] == [1, 2, 3]
+    with ObservationStore(path) as store:
+        assert store.newest_parameters().version == 3
+        assert [one.version for one in store.parameters_history()] == [1, 2, 3]
+        assert store.newest_parameters().materials == ("ball", "floor")
+
+
+@pytest.mark.parametrize("written", [1, 7, 40])
+def test_survives_kill_9(path, observation, tmp_path, written):
+    with start_writer(path, observation, tmp_path) as writer:
+        for _ in range(written):
+            acknowledged = int(writer.stdout.readline())
+        writer.send_signal(signal.SIGKILL)
+        rest = writer.stdout.read().split()
+    acknowledged = int(rest[-1]) if rest else acknowledged
+    with ObservationStore(path) as store:
+        assert store.ids()[: acknowledged + 1] == [f"writer {n}" for n in range(acknowledged + 1)]
+        assert store.count() <= acknowledged + 2
+        assert len(store.observations()) == store.count()
+        assert store.add(observation("later"))
+
+
+def test_two_processes_and_two_threads_write_at_once(path, observation, tmp_path):
+    with start_writer(path, observation, tmp_path) as writer, ObservationStore(path) as store:
+        writer.stdout.readline()
+        threads = [
+            threading.Thread(
+                target=lambda k=k: [store.add(observation(f"{k} {n}")) for n in range(20)]
+            )
+            for k in range(2)
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        writer.kill()
+        ids = store.ids()
+        assert sum(id.startswith("writer") for id in ids) >= 1
+        assert {f"{k} {n}" for k in range(2) for n in range(20)} < set(ids)
+
+
+def filled(path, observation, count=30):
+    with ObservationStore(path) as store:
+        for n in range(count):
+            store.add(observation(str(n)))
+    return path.read_bytes()
+
+
+def test_truncated_file(path, observation):
+    whole = filled(path, observation)
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(StorageError, match="is damaged"):
+        ObservationStore(path)
+    assert path.read_bytes() == whole[: len(whole) // 2]
+
+
+def test_overwritten_pages(path, observation):
+    whole = bytearray(filled(path, observation))
+    whole[8192:16384] = bytes(8192)
+    path.write_bytes(whole)
+    with pytest.raises(StorageError, match="is damaged"):
+        ObservationStore(path)
+    assert path.read_bytes() == whole
+
+
+def test_garbage_file(path):
+    path.parent.mkdir(parents=True)
+    garbage = np.random.default_rng(0).bytes(20_000)
+    path.write_bytes(garbage)
+    with pytest.raises(StorageError, match="not an SQLite database"):
+        ObservationStore(path)
+    assert path.read_bytes() == garbage
+
+
+def test_database_of_another_program(path):
+    path.parent.mkdir(parents=True)
+    with sqlite3.connect(path) as other:
+        other.execute("CREATE TABLE songs (title TEXT)")
+    other.close()
+    with pytest.raises(StorageError, match="another program"):
+        ObservationStore(path)
+
+
+def test_newer_schema(path):
+    ObservationStore(path).close()
+    with sqlite3.connect(path) as newer:
+        newer.execute(f"PRAGMA user_version = {module.SCHEMA_VERSION + 1}")
+    newer.close()
+    with pytest.raises(StorageError, match=f"schema version {module.SCHEMA_VERSION + 1}"):
+        ObservationStore(path)
+
+
+def test_older_schema_is_migrated_and_keeps_its_rows(path, observation, monkeypatch):
+    with ObservationStore(path) as store:
+        store.add(observation("old"))
+    step = ("ALTER TABLE observations ADD COLUMN note TEXT NOT NULL DEFAULT 'none'",)
+    monkeypatch.setattr(module, "MIGRATIONS", (*module.MIGRATIONS, step))
+    monkeypatch.setattr(module, "SCHEMA_VERSION", module.SCHEMA_VERSION + 1)
+    with ObservationStore(path) as store:
+        assert store.ids() == ["old"]
+    with sqlite3.connect(path) as file:
+        assert file.execute("SELECT id, note FROM observations").fetchall() == [("old", "none")]
+        assert file.execute("PRAGMA user_version").fetchone() == (module.SCHEMA_VERSION,)
+    file.close()
+
+
+def test_a_migration_that_fails_changes_nothing(path, observation, monkeypatch):
+    with ObservationStore(path) as store:
+        store.add(observation("old"))
+    steps = ("ALTER TABLE observations ADD COLUMN note TEXT", "SELECT * FROM nowhere")
+    with monkeypatch.context() as patched:
+        patched.setattr(module, "MIGRATIONS", (*module.MIGRATIONS, steps))
+        patched.setattr(module, "SCHEMA_VERSION", module.SCHEMA_VERSION + 1)
+        with pytest.raises(StorageError, match="nowhere"):
+            ObservationStore(path)
+    with ObservationStore(path) as store:
+        assert store.ids() == ["old"]
+
+
+def test_full_disk_loses_nothing_that_was_stored(path, observation, tmp_path):
+    with ObservationStore(path) as store:
+        store.add(observation("before"))
+    writer = start_writer(path, observation, tmp_path)
+    writer.stdout.readline()
+    # No file of this process may grow beyond this any more: what a full disk looks like.
+    size = path.parent.joinpath(path.name + "-wal").stat().st_size + 30_000
+    resource.prlimit(writer.pid, resource.RLIMIT_FSIZE, (size, size))
+    output, errors = writer.communicate(timeout=60)
+    assert writer.returncode == 1
+    assert "StorageError: cannot write" in errors
+    acknowledged = int(output.split()[-1])
+    with ObservationStore(path) as store:
+        expected = ["before", *(f"writer {n}" for n in range(acknowledged + 1))]
+        assert store.ids()[: len(expected)] == expected
+
+
+def test_sqlite_says_that_the_disk_is_full(path, observation):
+    with ObservationStore(path) as store:
+        store.add(observation("before"))
+        store._connection.execute("PRAGMA max_page_count = 1")
+        with pytest.raises(StorageError, match="full; make room"):
+            deque((store.add(observation(str(n))) for n in range(1000)), maxlen=0)
+        assert store.ids()[0] == "before"
+
+
+def test_folder_that_cannot_be_made(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StorageError, match="cannot make the folder"):
+        ObservationStore(tmp_path / "file" / "learner.sqlite3")
+
+
+def test_path_that_is_a_folder(tmp_path):
+    with pytest.raises(StorageError, match="cannot open"):
+        ObservationStore(tmp_path)
+
+
+def test_locked_by_another_process(path, observation, monkeypatch):
+    monkeypatch.setattr(module, "BUSY_TIMEOUT", 0.05)
+    with ObservationStore(path) as store:
+        other = sqlite3.connect(path, isolation_level=None)
+        other.execute("BEGIN IMMEDIATE")
+        with pytest.raises(StorageError, match="another process"):
+            store.add(observation("a"))
+        other.execute("ROLLBACK")
+        other.close()
+        assert store.add(observation("a"))
+
+
+def test_rows_that_cannot_be_read(path, observation):
+    with ObservationStore(path) as store:
+        store.add(observation("good"))
+        store.add(observation("bad"))
+        store.add_parameters(LearnedParameters.defaults(["ball"]))
+    with sqlite3.connect(path) as file:
+        file.execute("UPDATE observations SET json = substr(json, 1, 99) WHERE id = 'bad'")
+        file.execute("UPDATE learned_parameters SET json = '{}'")
+    file.close()
+    with ObservationStore(path) as store:
+        with pytest.raises(StorageError, match="observation bad cannot be read"):
+            store.observations()
+        assert [one.id for one in store.observations(["good"])] == ["good"]
+        with pytest.raises(StorageError, match="version 1 of the learned parameters"):
+            store.newest_parameters()
+
+
+def test_closed(path):
+    store = ObservationStore(path)
+    store.close()
+    with pytest.raises(StorageError, match="open it again"):
+        store.count()

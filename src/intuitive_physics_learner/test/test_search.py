@@ -1,0 +1,149 @@
+"""Algorithm 1 and its convergence criteria."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.parameter_space import ParameterSpace
+from intuitive_physics_learner import (
+    UPDATE_RULES,
+    ConvergenceCriteria,
+    ParameterSearch,
+    StopReason,
+    make_update_rule,
+)
+
+SPACE = ParameterSpace(("stone",))
+
+
+def bowl(candidates):
+    """A cost in m with its lowest, 0, where the restitution is 0.3."""
+    return np.array([abs(theta.coefficients[3, 0, 0] - 0.3) for theta in candidates])
+
+
+def search_of(method="random", cost=bowl, seed=0, start=None):
+    rule = make_update_rule(method, SPACE.size, np.random.default_rng(seed), start)
+    return ParameterSearch(cost, SPACE, rule)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    method=st.sampled_from(sorted(UPDATE_RULES)),
+    seed=st.integers(0, 100),
+    iterations=st.integers(1, 300),
+)
+def test_keeps_the_best_and_counts_every_evaluation(method, seed, iterations):
+    evaluated = []
+
+    def cost(candidates):
+        costs = bowl(candidates)
+        evaluated.extend(costs)
+        return costs
+
+    result = search_of(method, cost, seed).run(ConvergenceCriteria(iterations))
+    assert result.stop_reason is StopReason.MAX_ITERATIONS
+    assert result.iterations == len(evaluated) == iterations
+    assert (result.history == np.minimum.accumulate(evaluated)).all()
+    assert result.cost == min(evaluated) == bowl([result.parameters])[0]
+
+
+def test_cost_threshold():
+    result = search_of("cma_es").run(ConvergenceCriteria(10_000, cost_threshold=1e-3))
+    assert result.stop_reason is StopReason.COST_THRESHOLD
+    assert result.cost < 1e-3
+    assert result.iterations < 2000
+
+
+def test_iterations_without_gain():
+    start = SPACE.to_unit(
+        SPACE.to_parameters(np.full(5, 0.5)).with_pair("stone", "stone", restitution=0.3)
+    )
+    result = search_of("random", start=start).run(
+        ConvergenceCriteria(10_000, max_iterations_without_gain=200)
+    )
+    assert result.stop_reason is StopReason.NO_GAIN
+    # Evaluated in batches of up to 50 after the start.
+    assert 201 <= result.iterations <= 251
+
+
+def test_gains_that_are_too_small_do_not_count():
+    costs = iter(1.0 - 1e-6 * np.arange(10_000))
+    search = search_of("random", lambda some: np.array([next(costs) for _ in some]))
+    result = search.run(ConvergenceCriteria(5000, max_iterations_without_gain=50))
+    assert result.stop_reason is StopReason.NO_GAIN
+
+
+def test_time_limit_and_cancel():
+    def slow(candidates):
+        time.sleep(0.02)
+        return bowl(candidates)
+
+    result = search_of("random", slow).run(ConvergenceCriteria(None, time_limit=0.1))
+    assert result.stop_reason is StopReason.TIME_LIMIT
+    assert 0.1 <= result.seconds < 1.0
+    asked = iter([False, False, True])
+    result = search_of("random", slow).run(
+        ConvergenceCriteria(10_000), cancelled=lambda: next(asked)
+    )
+    assert result.stop_reason is StopReason.CANCELLED
+    assert result.iterations == 150
+
+
+def test_ends_when_there_is_nothing_left_to_try():
+    rule = make_update_rule("grid", SPACE.size, np.random.default_rng(0), increment=1.0)
+    result = ParameterSearch(bowl, SPACE, rule).run(ConvergenceCriteria(1000))
+    assert result.stop_reason is StopReason.EXHAUSTED
+    assert result.iterations == 2**5
+
+
+def test_progress_tells_every_cost_once():
+    told = []
+    result = search_of("cma_es").run(ConvergenceCriteria(130), on_progress=told.append)
+    assert [cost for progress in told for cost in progress.new_costs] == result.history.tolist()
+    assert [progress.iteration for progress in told] == [20, 40, 60, 80, 100, 120, 130]
+    assert told[-1].best_cost == result.cost
+    assert told[-1].seconds_left == 0.0
+
+
+@pytest.mark.parametrize("method", sorted(UPDATE_RULES))
+def test_resumes_exactly(method):
+    whole = search_of(method).run(ConvergenceCriteria(700))
+    stopped = search_of(method)
+    stopped.run(ConvergenceCriteria(333))
+    resumed = search_of(method, seed=99)
+    resumed.load_state(json.loads(json.dumps(stopped.state_dict(), allow_nan=False)))
+    result = resumed.run(ConvergenceCriteria(700))
+    assert (result.history == whole.history).all()
+    assert (result.parameters.coefficients == whole.parameters.coefficients).all()
+
+
+@pytest.mark.parametrize(
+    ("criteria", "message"),
+    [
+        ({"max_iterations": 0}, "max_iterations is 0"),
+        ({"max_iterations_without_gain": -3}, "max_iterations_without_gain is -3"),
+        ({"cost_threshold": float("nan")}, "cost_threshold is nan"),
+        ({"time_limit": -1.0}, "time_limit is -1"),
+        ({"relative_gain": 1.0}, "relative gain is 1"),
+        ({"max_iterations": None}, "nothing bounds the search"),
+    ],
+)
+def test_criteria_are_checked(criteria, message):
+    with pytest.raises(InvalidInputError, match=message):
+        ConvergenceCriteria(**criteria)
+
+
+def test_a_rule_of_another_size_is_refused():
+    rule = make_update_rule("random", 3, np.random.default_rng(0))
+    with pytest.raises(InvalidInputError, match="searches 3 parameters; expected 5"):
+        ParameterSearch(bowl, SPACE, rule)
+
+
+def test_nothing_is_best_before_the_first_evaluation():
+    with pytest.raises(InvalidInputError, match="nothing was evaluated"):
+        _ = search_of().best_parameters

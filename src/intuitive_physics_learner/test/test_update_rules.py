@@ -1,0 +1,222 @@
+"""All update rules keep the ask/tell promise, and each is the rule of Sec. III-D and Table I."""
+
+import builtins
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_learner import (
+    UPDATE_RULES,
+    MissingDependencyError,
+    UnknownMethodError,
+    make_update_rule,
+)
+
+RULES = sorted(UPDATE_RULES)
+SHORT = {
+    "hybrid": {"random_iterations": 30},
+    "hybrid_random": {"random_iterations": 30, "sweeps": 1},
+}
+"""Settings with which a rule passes through all it does in a few hundred candidates."""
+
+
+def bowl(points):
+    """A cost in m with its lowest, 0, at 0.3 everywhere."""
+    return np.abs(points - 0.3).mean(axis=1)
+
+
+def rule_of(name, size=4, seed=0, start=None):
+    return make_update_rule(name, size, np.random.default_rng(seed), start, **SHORT.get(name, {}))
+
+
+def proposed(rule, count, limit=50, costs=bowl):
+    """Run a rule for `count` candidates and return them, shape (count, n)."""
+    points = np.empty((0, rule.size))
+    while len(points) < count:
+        new = rule.ask(min(limit, count - len(points)))
+        rule.tell(costs(new))
+        points = np.concatenate([points, new])
+        if len(new) == 0:
+            break
+    return points
+
+
+@pytest.mark.parametrize("name", RULES)
+@settings(max_examples=10, deadline=None)
+@given(data=st.data())
+def test_resumes_exactly_wherever_it_stopped(name, data):
+    before = data.draw(st.integers(0, 250))
+    seed = data.draw(st.integers(0, 1000))
+    start = data.draw(st.sampled_from([None, [0.9, 0.2, 0.5, 1.0]]))
+    whole = proposed(rule_of(name, seed=seed, start=start), before + 120)
+    stopped = rule_of(name, seed=seed, start=start)
+    first = proposed(stopped, before)
+    state = json.loads(json.dumps(stopped.state_dict(), allow_nan=False))
+    # Another seed and start: all that counts is in the state.
+    resumed = rule_of(name, seed=seed + 1)
+    resumed.load_state(state)
+    assert (np.concatenate([first, proposed(resumed, 120)]) == whole).all()
+
+
+@pytest.mark.parametrize("name", RULES)
+@settings(max_examples=10, deadline=None)
+@given(limits=st.lists(st.integers(1, 60), min_size=1, max_size=200))
+def test_candidates_do_not_depend_on_how_many_are_asked_for(name, limits):
+    rule, got = rule_of(name), []
+    for limit in limits:
+        points = rule.ask(limit)
+        assert 1 <= len(points) <= limit
+        rule.tell(bowl(points))
+        got.append(points)
+    got = np.concatenate(got)
+    assert (got == proposed(rule_of(name), len(got))).all()
+    assert ((got >= 0.0) & (got <= 1.0)).all()
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_start_comes_first(name):
+    start = [0.9, 0.2, 0.5, 1.0]
+    assert (proposed(rule_of(name, start=start), 1) == [start]).all()
+
+
+@pytest.mark.parametrize("name", sorted(set(RULES) - {"grid", "random"}))
+def test_finds_the_lowest(name):
+    points = proposed(rule_of(name), 1500)
+    assert bowl(points).min() < 0.03
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_order_of_ask_and_tell(name):
+    rule = rule_of(name)
+    with pytest.raises(InvalidInputError, match="at least 1"):
+        rule.ask(0)
+    points = rule.ask(3)
+    with pytest.raises(InvalidInputError, match="were told"):
+        rule.ask(3)
+    with pytest.raises(InvalidInputError, match="were told"):
+        rule.state_dict()
+    with pytest.raises(InvalidInputError, match="shape"):
+        rule.tell(np.zeros(len(points) + 1))
+    with pytest.raises(InvalidInputError, match="not finite"):
+        rule.tell(np.full(len(points), np.nan))
+    rule.tell(bowl(points))
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_foreign_states_are_refused(name):
+    state = rule_of(name).state_dict()
+    with pytest.raises(InvalidInputError, match="size"):
+        rule_of(name, size=5).load_state(state)
+    other = RULES[RULES.index(name) - 1]
+    with pytest.raises(InvalidInputError, match="rule"):
+        rule_of(other).load_state(state)
+
+
+def test_unknown_rule():
+    with pytest.raises(UnknownMethodError, match=r"'annealing'.*cma_es"):
+        make_update_rule("annealing", 2, np.random.default_rng(0))
+
+
+def test_settings_must_be_above_zero():
+    with pytest.raises(InvalidInputError, match="increment of grid is -1"):
+        make_update_rule("grid", 2, np.random.default_rng(0), increment=-1)
+
+
+def test_grid_tries_every_combination_once():
+    rule = make_update_rule("grid", 3, np.random.default_rng(0), increment=0.25)
+    points = proposed(rule, 1000, limit=7)
+    assert len(points) == len(np.unique(points, axis=0)) == 5**3
+    assert set(points.ravel()) == {0.0, 0.25, 0.5, 0.75, 1.0}
+    # One value changes at a time, the first fastest.
+    assert (points[:6, 0] == [0.0, 0.25, 0.5, 0.75, 1.0, 0.0]).all()
+
+
+def test_coordinate_descent_sweeps_one_parameter_after_the_other():
+    points = proposed(rule_of("coordinate_descent", start=[0.5] * 4), 1 + 4 * 21)[1:]
+    swept = []
+    for part in points.reshape(4, 21, 4):
+        changing = np.flatnonzero(np.ptp(part, axis=0))
+        assert len(changing) == 1
+        np.testing.assert_allclose(part[:, changing[0]], np.arange(21) * 0.05)
+        swept.append(changing[0])
+    assert sorted(swept) == [0, 1, 2, 3]
+    # After a sweep every parameter is the best of its grid values.
+    after = proposed(rule_of("coordinate_descent", start=[0.5] * 4), 1 + 5 * 21)[-21:]
+    assert (np.count_nonzero(np.isclose(after, 0.3).all(axis=1))) == 1
+
+
+def test_parameter_gradient_halves_and_turns_its_step():
+    rule = make_update_rule("parameter_gradient", 1, np.random.default_rng(0), [0.0])
+    points = proposed(rule, 12, costs=lambda p: np.abs(p[:, 0] - 0.3))[:, 0]
+    # From 0 in steps of 0.1 until J rises at 0.4, then -0.05, +0.025 … around the lowest.
+    expected = [0.0, 0.1, 0.2, 0.3, 0.4, 0.25, 0.325, 0.2875, 0.30625]
+    np.testing.assert_allclose(points[:9], expected, atol=1e-12)
+
+
+def test_adaptive_random_steps_are_as_large_as_the_cost():
+    for cost, largest in ((10.0, 0.1), (0.04, 0.04), (0.0, 0.001)):
+        rule = rule_of("adaptive_random", size=200, start=np.full(200, 0.5))
+        rule.tell(np.full(len(rule.ask(1)), cost))
+        steps = np.abs(rule.ask(1)[0] - 0.5)
+        assert 0.9 * largest < steps.max() <= largest
+
+
+def test_hybrid_switches_after_its_random_iterations():
+    rule = make_update_rule("hybrid", 50, np.random.default_rng(0))
+    points = proposed(rule, 320)
+    best = points[:300][np.argmin(bowl(points[:300]))]
+    assert np.count_nonzero(points[300] != best) == 1
+    assert (np.count_nonzero(np.diff(points[:300], axis=0), axis=1) == 50).all()
+
+
+def test_hybrid_random_ends_with_steps_of_all_parameters():
+    points = proposed(rule_of("hybrid_random"), 400)
+    changed = np.count_nonzero(np.diff(points, axis=0), axis=1)
+    assert (changed[40:45] <= 2).all()
+    assert (changed[-10:] == 4).all()
+
+
+def test_metropolis_hastings_samples_the_distribution_of_its_temperature():
+    # With J = x the chain's stationary density is exp(-x / T) on [0, 1]; T = 0.1: mean near 0.1.
+    rule = make_update_rule(
+        "metropolis_hastings", 1, np.random.default_rng(0), temperature=0.1, learning_rate=0.5
+    )
+    accepted = []
+    for _ in range(6000):
+        point = rule.ask(1)
+        rule.tell(point[:, 0])
+        accepted.append(rule.own_state()["point"][0])
+    assert 0.08 < np.mean(accepted[500:]) < 0.12
+
+
+def test_cma_es_leaves_the_global_generator_alone():
+    np.random.seed(1)  # noqa: NPY002
+    expected = np.random.random()  # noqa: NPY002
+    np.random.seed(1)  # noqa: NPY002
+    proposed(rule_of("cma_es"), 100)
+    assert np.random.random() == expected  # noqa: NPY002
+
+
+def test_cma_es_ends_when_it_has_converged():
+    rule = rule_of("cma_es", size=2)
+    points = proposed(rule, 20_000)
+    assert len(points) < 20_000
+    assert len(rule.ask(10)) == 0
+    assert bowl(points).min() < 1e-6
+
+
+def test_cma_es_without_pycma(monkeypatch):
+    real = builtins.__import__
+
+    def without_cma(name, *args, **kwargs):
+        if name == "cma":
+            raise ImportError("No module named 'cma'")
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", without_cma)
+    with pytest.raises(MissingDependencyError, match="pip install cma"):
+        rule_of("cma_es")

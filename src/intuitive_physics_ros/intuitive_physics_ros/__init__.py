@@ -1,0 +1,1 @@
+"""What all nodes share: message conversions, and the plumbing from start to clean shutdown."""

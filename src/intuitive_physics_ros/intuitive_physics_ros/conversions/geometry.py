@@ -1,0 +1,47 @@
+"""Vectors, points, quaternions and poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from numpy.typing import ArrayLike, NDArray
+
+
+def vector_to_message(vector: ArrayLike) -> Vector3:
+    """Return a vector of shape (3,) as a message."""
+    x, y, z = np.asarray(vector, dtype=np.float64).tolist()
+    return Vector3(x=x, y=y, z=z)
+
+
+def point_to_message(point: ArrayLike) -> Point:
+    """Return a point of shape (3,), m, as a message."""
+    x, y, z = np.asarray(point, dtype=np.float64).tolist()
+    return Point(x=x, y=y, z=z)
+
+
+def quaternion_to_message(quaternion: ArrayLike) -> Quaternion:
+    """Return a quaternion (x, y, z, w), shape (4,), as a message."""
+    x, y, z, w = np.asarray(quaternion, dtype=np.float64).tolist()
+    return Quaternion(x=x, y=y, z=z, w=w)
+
+
+def pose_to_message(position: ArrayLike, orientation: ArrayLike = (0.0, 0.0, 0.0, 1.0)) -> Pose:
+    """Return a pose as a message: position (3,) in m, orientation (4,) as (x, y, z, w)."""
+    return Pose(position=point_to_message(position), orientation=quaternion_to_message(orientation))
+
+
+def xyz(message: Vector3 | Point) -> tuple[float, float, float]:
+    """Return the numbers of a vector or point; they are not checked."""
+    return message.x, message.y, message.z
+
+
+def xyzw(message: Quaternion) -> tuple[float, float, float, float]:
+    """Return the numbers of a quaternion; they are not checked."""
+    return message.x, message.y, message.z, message.w
+
+
+def points_array(messages: Sequence[Point]) -> NDArray[np.float64]:
+    """Return points as an array of shape (n, 3); they are not checked."""
+    return np.array([xyz(message) for message in messages], dtype=np.float64).reshape(-1, 3)

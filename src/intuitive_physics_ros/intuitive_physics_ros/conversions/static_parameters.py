@@ -1,0 +1,121 @@
+"""`StaticParameters` messages and θ_s with what is known of its uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from intuitive_physics_msgs.msg import PairCoefficients
+from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
+from numpy.typing import NDArray
+from std_msgs.msg import Header
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import (
+    PAIR_COEFFICIENTS,
+    StaticParameters,
+    material_pairs,
+    pair_count,
+)
+from intuitive_physics.parameter_space import parameter_vector
+from intuitive_physics_ros.conversions.arrays import flat_array, float64_field
+from intuitive_physics_ros.conversions.fields import in_field
+
+
+def static_parameters_to_message(
+    learned: LearnedParameters, *, stamp: Time | None = None
+) -> StaticParametersMessage:
+    """Return a version of θ_s as a message.
+
+    Parameters
+    ----------
+    learned : what to send; `LearnedParameters.defaults` tells of defaults
+    stamp : when it was learned
+    """
+    m = len(learned.materials)
+    values = parameter_vector(learned.parameters)[m:].reshape(-1, 4)
+    deviations = learned.standard_deviations[m:].reshape(-1, 4)
+    identified = learned.identified[m:].reshape(-1, 4)
+    return StaticParametersMessage(
+        header=Header(stamp=stamp or Time()),
+        version=learned.version,
+        materials=list(learned.materials),
+        densities=float64_field(learned.parameters.density),
+        density_standard_deviations=float64_field(learned.standard_deviations[:m]),
+        density_identified=learned.identified[:m].tolist(),
+        pairs=[
+            PairCoefficients(
+                material_a=a,
+                material_b=b,
+                **dict(zip(PAIR_COEFFICIENTS, values[i].tolist(), strict=True)),
+                standard_deviations=deviations[i].copy(),
+                identified=identified[i].tolist(),
+            )
+            for i, (a, b) in enumerate(material_pairs(learned.materials))
+        ],
+        cost=learned.cost,
+        observation_count=learned.observation_count,
+        method=learned.method,
+    )
+
+
+def static_parameters_from_message(message: StaticParametersMessage) -> LearnedParameters:
+    """Return the version of θ_s that a message carries; its pairs may come in any order.
+
+    Raises
+    ------
+    InvalidInputError
+        When a list has not one element for each material, a pair is missing, stands twice or has
+        an unknown material, or a value lies outside its range.
+    """
+    materials = list(message.materials)
+    m = len(materials)
+    if len(set(materials)) != m:
+        raise InvalidInputError(f"materials are {materials}; expected each name once")
+    with in_field("densities"):
+        density = flat_array(message.densities, (m,))
+    pairs = _pairs_in_order(materials, message)
+    coefficients = np.empty((len(PAIR_COEFFICIENTS), m, m))
+    for (a, b), pair in zip(material_pairs(materials), pairs, strict=True):
+        i, j = materials.index(a), materials.index(b)
+        values = [getattr(pair, name) for name in PAIR_COEFFICIENTS]
+        coefficients[:, i, j] = coefficients[:, j, i] = values
+    deviations = _one_each(message.density_standard_deviations, "density_standard_deviations", m)
+    identified = _one_each(message.density_identified, "density_identified", m)
+    return LearnedParameters(
+        StaticParameters(materials, density, coefficients),
+        np.concatenate([deviations, *(pair.standard_deviations for pair in pairs)]),
+        np.concatenate([identified, *(pair.identified for pair in pairs)]).astype(bool),
+        message.version,
+        message.cost,
+        message.observation_count,
+        message.method,
+    )
+
+
+def _pairs_in_order(
+    materials: list[str], message: StaticParametersMessage
+) -> list[PairCoefficients]:
+    by_pair = {frozenset((pair.material_a, pair.material_b)): pair for pair in message.pairs}
+    expected = [frozenset(pair) for pair in material_pairs(materials)]
+    missing = [sorted(pair) for pair in expected if pair not in by_pair]
+    with in_field("pairs"):
+        if missing:
+            raise InvalidInputError(f"lack the pair of {missing[0]}; expected every unordered pair")
+        if len(message.pairs) != pair_count(len(materials)):
+            raise InvalidInputError(
+                f"are {len(message.pairs)}; expected {pair_count(len(materials))}: each unordered "
+                f"pair of {materials} once"
+            )
+    return [by_pair[pair] for pair in expected]
+
+
+def _one_each(values: Sequence[float], field: str, count: int) -> NDArray[np.float64]:
+    with in_field(field):
+        if len(values) != count:
+            raise InvalidInputError(
+                f"has {len(values)} elements; expected {count}, one for each material"
+            )
+    return np.array(values, dtype=np.float64)

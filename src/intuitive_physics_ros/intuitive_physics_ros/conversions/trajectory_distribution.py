@@ -1,0 +1,153 @@
+"""`TrajectoryDistribution` messages and the arrays of a predicted distribution."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from intuitive_physics_msgs.msg import PredictedTrajectory
+from intuitive_physics_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMessage
+from numpy.typing import ArrayLike, NDArray
+from std_msgs.msg import Header
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.validation import increasing_times
+from intuitive_physics_ros.conversions.arrays import flat_array, float32_field
+from intuitive_physics_ros.conversions.fields import in_field
+
+ROWS, COLUMNS = np.triu_indices(3)
+"""Elements of a covariance in the order of the message: xx, xy, xz, yy, yz, zz."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReceivedDistribution:
+    """A distribution as a message brings it, in the precision of float32.
+
+    Parameters
+    ----------
+    frame_id : of everything below
+    stamp : time that `times` count from
+    object_ids : n_objects names
+    times : (n_times,) s after `stamp`
+    positions : (n_samples, n_objects, n_times, 3) m; NaN from where on a sample went astray
+    weights : (n_samples,), summing to one
+    mean : (n_objects, n_times, 3) m
+    covariance : (n_objects, n_times, 3, 3) m²
+    static_parameters_version, environment_version : what it was made from
+    seed : of the noise
+    computation_time : s
+    """
+
+    frame_id: str
+    stamp: Time
+    object_ids: tuple[str, ...]
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    static_parameters_version: int
+    environment_version: int
+    seed: int
+    computation_time: float
+
+
+def trajectory_distribution_to_message(
+    *,
+    frame_id: str,
+    stamp: Time,
+    object_ids: Sequence[str],
+    times: ArrayLike,
+    positions: ArrayLike,
+    weights: ArrayLike,
+    mean: ArrayLike,
+    covariance: ArrayLike,
+    static_parameters_version: int,
+    environment_version: int,
+    seed: int,
+    computation_time: float,
+) -> TrajectoryDistributionMessage:
+    """Return a distribution as a message; the arrays are those of `ReceivedDistribution`.
+
+    Raises
+    ------
+    InvalidInputError
+        When the shapes of the arrays do not fit together.
+    """
+    times32, weights32 = np.asarray(times, np.float32), np.asarray(weights, np.float32)
+    n_samples, n_objects, n_times = weights32.size, len(object_ids), times32.size
+    samples = _shaped(positions, "positions", (n_samples, n_objects, n_times, 3))
+    means = _shaped(mean, "mean", (n_objects, n_times, 3))
+    covariances = _shaped(covariance, "covariance", (n_objects, n_times, 3, 3))
+    triangles = covariances[..., ROWS, COLUMNS]
+    return TrajectoryDistributionMessage(
+        header=Header(stamp=stamp, frame_id=frame_id),
+        times=float32_field(times32),
+        sample_count=n_samples,
+        weights=float32_field(weights32),
+        objects=[
+            PredictedTrajectory(
+                object_id=object_id,
+                mean=float32_field(means[i]),
+                covariance=float32_field(triangles[i]),
+                samples=float32_field(samples[:, i]),
+            )
+            for i, object_id in enumerate(object_ids)
+        ],
+        static_parameters_version=static_parameters_version,
+        environment_version=environment_version,
+        seed=seed,
+        computation_time=float(computation_time),
+    )
+
+
+def trajectory_distribution_from_message(
+    message: TrajectoryDistributionMessage,
+) -> ReceivedDistribution:
+    """Return the distribution that a message carries.
+
+    Raises
+    ------
+    InvalidInputError
+        When a list has another length than the times, samples and objects ask for, or holds
+        numbers that are not finite.
+    """
+    n_samples, n_times, n_objects = message.sample_count, len(message.times), len(message.objects)
+    with in_field("times"):
+        times = increasing_times(message.times, "list")
+    with in_field("weights"):
+        weights = flat_array(message.weights, (n_samples,))
+    mean = np.empty((n_objects, n_times, 3))
+    covariance = np.empty((n_objects, n_times, 3, 3))
+    positions = np.empty((n_samples, n_objects, n_times, 3))
+    for i, predicted in enumerate(message.objects):
+        with in_field(f"objects[{i}].mean"):
+            mean[i] = flat_array(predicted.mean, (n_times, 3))
+        with in_field(f"objects[{i}].covariance"):
+            triangle = flat_array(predicted.covariance, (n_times, 6))
+        covariance[i][:, ROWS, COLUMNS] = covariance[i][:, COLUMNS, ROWS] = triangle
+        with in_field(f"objects[{i}].samples"):
+            positions[:, i] = flat_array(predicted.samples, (n_samples, n_times, 3))
+    return ReceivedDistribution(
+        frame_id=message.header.frame_id,
+        stamp=message.header.stamp,
+        object_ids=tuple(predicted.object_id for predicted in message.objects),
+        times=times,
+        positions=positions,
+        weights=weights,
+        mean=mean,
+        covariance=covariance,
+        static_parameters_version=message.static_parameters_version,
+        environment_version=message.environment_version,
+        seed=message.seed,
+        computation_time=message.computation_time,
+    )
+
+
+def _shaped(values: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    array = np.asarray(values, dtype=np.float32)
+    if array.shape != shape:
+        raise InvalidInputError(f"{name} has shape {array.shape}; expected {shape}")
+    return array

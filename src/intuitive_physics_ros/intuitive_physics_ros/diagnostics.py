@@ -1,0 +1,109 @@
+"""What a node says of itself on /diagnostics, once a second."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+PERIOD = 1.0
+"""Seconds between two messages, of real time: diagnostics go on when simulated time stands."""
+
+
+class Level(Enum):
+    """How a node or a part of it does."""
+
+    OK = DiagnosticStatus.OK
+    WARN = DiagnosticStatus.WARN
+    ERROR = DiagnosticStatus.ERROR
+
+
+@dataclass(frozen=True)
+class Status:
+    """Answer of one check.
+
+    Parameters
+    ----------
+    level : how it does
+    message : one line
+    values : details by name, shown as text
+    """
+
+    level: Level
+    message: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+
+Check = Callable[[], Status]
+
+
+class Diagnostics:
+    """Publishes the answers of a node's checks on /diagnostics.
+
+    The first check comes with it: that no other node has the same full name.
+
+    Parameters
+    ----------
+    node : whose diagnostics these are
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._checks: dict[str, Check] = {"name": NameCheck(node)}
+        self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(PERIOD, self._publish, clock=self._steady_clock)
+
+    def add(self, name: str, check: Check) -> None:
+        """Ask `check` once a second from now on and publish its answer as `node: name`."""
+        self._checks[name] = check
+
+    def _publish(self) -> None:
+        message = DiagnosticArray()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.status = [
+            self._status_message(name, check()) for name, check in self._checks.items()
+        ]
+        self._publisher.publish(message)
+
+    def _status_message(self, name: str, status: Status) -> DiagnosticStatus:
+        return DiagnosticStatus(
+            level=status.level.value,
+            name=f"{self._node.get_name()}: {name}",
+            message=status.message,
+            hardware_id=self._node.get_fully_qualified_name(),
+            values=[KeyValue(key=key, value=str(value)) for key, value in status.values.items()],
+        )
+
+
+class NameCheck:
+    """Whether this node is the only one of its full name; warns in the log when it is not."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._alone = True
+
+    def __call__(self) -> Status:
+        full_name = self._node.get_fully_qualified_name()
+        found = sum(
+            f"{namespace.rstrip('/')}/{name}" == full_name
+            for name, namespace in self._node.get_node_names_and_namespaces()
+        )
+        alone = found <= 1
+        sentence = (
+            f"{full_name} is the only node of this name"
+            if alone
+            else f"{found} nodes have the name {full_name}: they answer each other's callers and "
+            "publish on the same topics; stop one or start it with -r __node:=another_name "
+            "(one that died without a farewell is still counted for 20 s)"
+        )
+        if alone != self._alone:
+            log = self._node.get_logger()
+            log.info(sentence) if alone else log.warning(sentence)
+        self._alone = alone
+        return Status(Level.OK if alone else Level.WARN, sentence)

@@ -1,0 +1,88 @@
+"""Whether one input of a node arrives and is good."""
+
+from __future__ import annotations
+
+import time
+
+from rclpy.node import Node
+
+from intuitive_physics_ros.diagnostics import Level, Status
+
+REPEAT_AFTER = 10.0
+"""Seconds after which the same complaint about an input is logged again."""
+
+
+class InputMonitor:
+    """Counts what arrives on one input; give `check` to `Diagnostics.add`.
+
+    A complaint is logged when it is new and then at most every 10 s, so that a sensor that is
+    wrong 30 times a second does not fill the log.
+
+    Parameters
+    ----------
+    node : into whose log complaints go
+    name : of the input, as its users know it, such as its topic
+    timeout : s of real time without input after which it counts as lost; None: it may come once
+        only, as latched topics do
+    """
+
+    def __init__(self, node: Node, name: str, timeout: float | None) -> None:
+        self._node = node
+        self._name = name
+        self._timeout = timeout
+        self._accepted = 0
+        self._rejected = 0
+        self._arrived_at: float | None = None
+        self._error = ""
+        self._logged_at = 0.0
+        self._lost = False
+        self._checked_at = time.monotonic()
+        self._checked_count = 0
+
+    def accepted(self) -> None:
+        """Take note of a good message."""
+        self._accepted += 1
+        self._arrived()
+        if self._error:
+            self._node.get_logger().info(f"{self._name} is good again")
+            self._error = ""
+
+    def rejected(self, error: Exception | str) -> None:
+        """Take note of a message that could not be used and log why."""
+        self._rejected += 1
+        self._arrived()
+        sentence, now = str(error), time.monotonic()
+        if sentence != self._error or now - self._logged_at > REPEAT_AFTER:
+            self._node.get_logger().error(f"{self._name} rejected: {sentence}")
+            self._logged_at = now
+        self._error = sentence
+
+    def check(self) -> Status:
+        """Say how the input does; logs when it is lost."""
+        now = time.monotonic()
+        rate = (self._accepted - self._checked_count) / max(now - self._checked_at, 1e-3)
+        self._checked_at, self._checked_count = now, self._accepted
+        values = {
+            "accepted": self._accepted,
+            "rejected": self._rejected,
+            "accepted per second": f"{rate:.1f}",
+        }
+        if self._arrived_at is None:
+            return Status(Level.WARN, f"nothing arrived yet on {self._name}", values)
+        silence = now - self._arrived_at
+        if self._timeout is not None and silence > self._timeout:
+            if not self._lost:
+                self._node.get_logger().warning(f"nothing arrives on {self._name} any more")
+            self._lost = True
+            return Status(
+                Level.ERROR, f"nothing arrived on {self._name} for {silence:.0f} s", values
+            )
+        if self._error:
+            return Status(Level.ERROR, f"{self._name} rejected: {self._error}", values)
+        return Status(Level.OK, f"{self._name} arrives", values)
+
+    def _arrived(self) -> None:
+        self._arrived_at = time.monotonic()
+        if self._lost:
+            self._node.get_logger().info(f"{self._name} arrives again")
+        self._lost = False

@@ -1,0 +1,180 @@
+"""RViz markers of objects, environments and predicted trajectories."""
+
+from __future__ import annotations
+
+import colorsys
+import zlib
+from collections.abc import Sequence
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Pose, Vector3
+from numpy.typing import ArrayLike, NDArray
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker
+
+from intuitive_physics.scene import Environment, Plane, SceneObject, StaticBox
+from intuitive_physics.shapes import Box, Capsule, Shape
+from intuitive_physics.state import ObjectState
+from intuitive_physics_ros.conversions.geometry import (
+    point_to_message,
+    pose_to_message,
+    vector_to_message,
+)
+
+EDGELESS_PLANE_SIZE = 4.0
+"""Edge length in m of the part of a plane without edges that is shown."""
+
+PLANE_THICKNESS = 1e-3
+"""m"""
+
+
+def clearing_marker() -> Marker:
+    """Return what removes all markers of a topic; put first, the others replace the last ones."""
+    return Marker(action=Marker.DELETEALL)
+
+
+def object_markers(
+    things: Sequence[SceneObject],
+    states: Sequence[ObjectState],
+    header: Header,
+    *,
+    namespace: str = "objects",
+) -> list[Marker]:
+    """Return the solids of objects where their states have them, coloured by material."""
+    markers: list[Marker] = []
+    for thing, state in zip(things, states, strict=True):
+        for kind, offset, size in _solids(thing.shape):
+            center = state.position + _rotated(state.orientation, np.array([0.0, 0.0, offset]))
+            markers.append(
+                Marker(
+                    header=header,
+                    ns=namespace,
+                    id=len(markers),
+                    type=kind,
+                    pose=pose_to_message(center, state.orientation),
+                    scale=vector_to_message(size),
+                    color=material_color(thing.material),
+                )
+            )
+    return markers
+
+
+def environment_markers(environment: Environment, stamp: Time | None = None) -> list[Marker]:
+    """Return the planes and boxes of an environment, half transparent."""
+    header = Header(stamp=stamp or Time(), frame_id=environment.frame_id)
+    bodies = [
+        *(_plane_marker(plane) for plane in environment.planes),
+        *(_box_marker(box) for box in environment.boxes),
+    ]
+    for i, marker in enumerate(bodies):
+        marker.header, marker.ns, marker.id = header, "environment", i
+    return bodies
+
+
+def trajectory_marker(
+    positions: ArrayLike,
+    header: Header,
+    color: ColorRGBA,
+    *,
+    namespace: str = "trajectories",
+    id: int = 0,
+    max_points: int = 1000,
+) -> Marker:
+    """Return trajectories as one bundle of lines.
+
+    Parameters
+    ----------
+    positions : (n, n_times, 3) m; times that are not finite are left out
+    max_points : as many points at most, evenly over time: Python makes about 300 in a millisecond
+    """
+    paths = np.asarray(positions, dtype=np.float64)
+    n, n_times = paths.shape[:2]
+    kept = max(2, min(n_times, max_points // (2 * max(n, 1)) + 1))
+    paths = paths[:, np.linspace(0, n_times - 1, kept).round().astype(int)]
+    segments = np.stack([paths[:, :-1], paths[:, 1:]], axis=2).reshape(-1, 2, 3)
+    segments = segments[np.isfinite(segments).all(axis=(1, 2))]
+    return Marker(
+        header=header,
+        ns=namespace,
+        id=id,
+        type=Marker.LINE_LIST,
+        pose=Pose(),
+        scale=Vector3(x=0.004),
+        color=color,
+        points=[point_to_message(point) for point in segments.reshape(-1, 3)],
+    )
+
+
+def material_color(material: str, alpha: float = 1.0) -> ColorRGBA:
+    """Return the colour of a material: always the same for the same name."""
+    hue = (zlib.crc32(material.encode()) % 360) / 360.0
+    r, g, b = colorsys.hsv_to_rgb(hue, 0.6, 0.9)
+    return ColorRGBA(r=r, g=g, b=b, a=alpha)
+
+
+def _solids(shape: Shape) -> list[tuple[int, float, tuple[float, float, float]]]:
+    """Kind of marker, offset along the body's z in m, and size in m of each part of a shape."""
+    match shape:
+        case Box():
+            return [(Marker.CUBE, 0.0, shape.edge_lengths)]
+        case Capsule():
+            d, half = 2.0 * shape.radius, 0.5 * shape.length
+            return [
+                (Marker.CYLINDER, 0.0, (d, d, shape.length)),
+                (Marker.SPHERE, half, (d, d, d)),
+                (Marker.SPHERE, -half, (d, d, d)),
+            ]
+        case _:
+            d = 2.0 * shape.bounding_radius
+            return [(Marker.SPHERE, 0.0, (d, d, d))]
+
+
+def _plane_marker(plane: Plane) -> Marker:
+    color = material_color(plane.material, alpha=0.5)
+    if plane.boundary is None:
+        return Marker(
+            type=Marker.CUBE,
+            pose=pose_to_message(plane.normal * plane.offset, _z_axis_onto(plane.normal)),
+            scale=vector_to_message((EDGELESS_PLANE_SIZE, EDGELESS_PLANE_SIZE, PLANE_THICKNESS)),
+            color=color,
+        )
+    corners = [point_to_message(corner) for corner in plane.boundary]
+    fan = [
+        corner
+        for i in range(1, len(corners) - 1)
+        for corner in (corners[0], corners[i], corners[i + 1])
+    ]
+    return Marker(
+        type=Marker.TRIANGLE_LIST,
+        pose=Pose(),
+        scale=Vector3(x=1.0, y=1.0, z=1.0),
+        color=color,
+        points=fan,
+    )
+
+
+def _box_marker(box: StaticBox) -> Marker:
+    return Marker(
+        type=Marker.CUBE,
+        pose=pose_to_message(box.center, box.orientation),
+        scale=vector_to_message(box.edge_lengths),
+        color=material_color(box.material, alpha=0.5),
+    )
+
+
+def _rotated(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    axis, w = quaternion[:3], quaternion[3]
+    # v' = v + 2 w (q × v) + 2 q × (q × v)
+    across = np.cross(axis, vector)
+    return vector + 2.0 * (w * across + np.cross(axis, across))
+
+
+def _z_axis_onto(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the shortest rotation that turns z onto a unit vector, as (x, y, z, w)."""
+    x, y, z = direction
+    if z < -1.0 + 1e-9:
+        return np.array([1.0, 0.0, 0.0, 0.0])
+    # Half way between z and the direction: (z × d, 1 + z · d), scaled to one.
+    quaternion = np.array([-y, x, 0.0, 1.0 + z])
+    return quaternion / np.linalg.norm(quaternion)

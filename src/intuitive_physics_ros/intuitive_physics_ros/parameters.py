@@ -1,0 +1,146 @@
+"""Node parameters that say what they are, and refuse what they cannot be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from intuitive_physics.errors import InvalidInputError
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a node.
+
+    Parameters
+    ----------
+    name : as users write it
+    default : bool, int, float, str or a list of one of them, not empty; it decides the type
+    description : one sentence with the unit
+    range : smallest and largest value allowed, both included; for numbers
+    choices : values allowed; for strings
+    read_only : False where the node looks at the value again each time it needs it, so that it
+        may change while the node runs
+    """
+
+    name: str
+    default: Any
+    description: str
+    range: tuple[float, float] | None = None
+    choices: Sequence[str] = ()
+    read_only: bool = True
+
+    @property
+    def type(self) -> RosParameter.Type:
+        """Type of the parameter, which is that of its default."""
+        return RosParameter.Type.from_parameter_value(self.default)
+
+    @property
+    def constraint(self) -> str:
+        """What the value must be, in words."""
+        words = TYPE_WORDS[self.type]
+        if self.choices:
+            words += f", one of {', '.join(self.choices)}"
+        if self.range is not None:
+            words += f", {self.range[0]} to {self.range[1]}"
+        return words
+
+    def descriptor(self) -> ParameterDescriptor:
+        """Return what ROS tools show of the parameter."""
+        descriptor = ParameterDescriptor(
+            name=self.name,
+            type=self.type.value,
+            description=self.description,
+            additional_constraints=self.constraint,
+            read_only=self.read_only,
+        )
+        if self.range is not None:
+            low, high = self.range
+            if isinstance(self.default, float):
+                descriptor.floating_point_range = [
+                    FloatingPointRange(from_value=float(low), to_value=float(high), step=0.0)
+                ]
+            else:
+                descriptor.integer_range = [
+                    IntegerRange(from_value=int(low), to_value=int(high), step=1)
+                ]
+        return descriptor
+
+    def accepts(self, value: Any) -> bool:
+        """Whether a value of the right type is finite and one of the choices."""
+        if isinstance(value, float) and not math.isfinite(value):
+            return False
+        return not self.choices or value in self.choices
+
+
+TYPE_WORDS = {
+    RosParameter.Type.BOOL: "true or false",
+    RosParameter.Type.INTEGER: "a whole number",
+    RosParameter.Type.DOUBLE: "a number with a decimal point",
+    RosParameter.Type.STRING: "a string",
+    RosParameter.Type.BOOL_ARRAY: "a list of true and false",
+    RosParameter.Type.INTEGER_ARRAY: "a list of whole numbers",
+    RosParameter.Type.DOUBLE_ARRAY: "a list of numbers with a decimal point",
+    RosParameter.Type.STRING_ARRAY: "a list of strings",
+}
+
+
+def declare_parameters(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
+    """Declare parameters on a node and return their values by name.
+
+    What is set later is checked in the same way and refused with a reason.
+
+    Raises
+    ------
+    InvalidInputError
+        When the command line or a parameter file gives one of them a value it cannot have.
+    """
+    declared = {parameter.name: parameter for parameter in parameters}
+    node.add_on_set_parameters_callback(lambda new: _check(declared, new))
+    return {name: _declare(node, parameter) for name, parameter in declared.items()}
+
+
+def unknown_overrides(node: Node) -> list[str]:
+    """Names that the command line or a parameter file gave and the node does not have."""
+    return sorted(name for name in _overrides(node) if not node.has_parameter(name))
+
+
+def _declare(node: Node, parameter: Parameter) -> Any:
+    try:
+        declared = node.declare_parameter(parameter.name, parameter.default, parameter.descriptor())
+    except ParameterException:
+        override = _overrides(node).get(parameter.name)
+        got = override.value if override is not None else parameter.default
+        raise InvalidInputError(
+            f"parameter {parameter.name} is {got!r}; expected {parameter.constraint} "
+            f"({parameter.description})"
+        ) from None
+    return declared.value
+
+
+def _check(declared: Mapping[str, Parameter], new: Iterable[RosParameter]) -> SetParametersResult:
+    for parameter in new:
+        known = declared.get(parameter.name)
+        if known is not None and not known.accepts(parameter.value):
+            return SetParametersResult(
+                successful=False,
+                reason=f"{parameter.name} is {parameter.value!r}; expected {known.constraint}",
+            )
+    return SetParametersResult(successful=True)
+
+
+def _overrides(node: Node) -> Mapping[str, RosParameter]:
+    # rclpy keeps them to itself; without them a message could not say what the user wrote.
+    return getattr(node, "_parameter_overrides", {})

@@ -1,0 +1,101 @@
+"""A node of a script's own, to talk with other nodes: call, wait, listen."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+
+from intuitive_physics.errors import IntuitivePhysicsError
+
+
+class PeerTimeoutError(IntuitivePhysicsError):
+    """Another node did not appear, answer or send in time."""
+
+
+class Peer:
+    """Makes a node with a context of its own and spins it while something is waited for.
+
+    Parameters
+    ----------
+    name : of the node
+    timeout : s that each wait lasts at the most, unless told otherwise
+    """
+
+    def __init__(self, name: str, timeout: float = 20.0) -> None:
+        self._context = Context()
+        rclpy.init(context=self._context, args=[])
+        self.node = rclpy.create_node(name, context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._timeout = timeout
+
+    def spin_until(self, holds: Callable[[], Any], what: str, timeout: float | None = None) -> Any:
+        """Spin until `holds()` is true, and return what it answered.
+
+        Raises
+        ------
+        PeerTimeoutError
+            When that takes longer than the time-out; `what` says what was waited for.
+        """
+        limit = self._timeout if timeout is None else timeout
+        deadline = time.monotonic() + limit
+        while not (answer := holds()):
+            if time.monotonic() > deadline:
+                raise PeerTimeoutError(f"waited {limit:.0f} s in vain for {what}")
+            self._executor.spin_once(timeout_sec=0.02)
+        return answer
+
+    def spin_for(self, seconds: float) -> None:
+        """Spin for so long."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=max(0.0, min(0.02, end - time.monotonic())))
+
+    def call(self, kind: type, name: str, request: Any, timeout: float | None = None) -> Any:
+        """Call a service and return its response."""
+        client = self.node.create_client(kind, name)
+        self.spin_until(client.service_is_ready, f"the service {name}", timeout)
+        answer = client.call_async(request)
+        self.spin_until(answer.done, f"an answer of {name}", timeout)
+        self.node.destroy_client(client)
+        return answer.result()
+
+    def listen(self, kind: type, topic: str, qos: QoSProfile | int = 10) -> list[Any]:
+        """Return a list to which every message on a topic is appended as it arrives."""
+        heard: list[Any] = []
+        self.node.create_subscription(kind, topic, heard.append, qos)
+        return heard
+
+    def publisher(
+        self, kind: type, topic: str, qos: QoSProfile | int = 10, *, listeners: int = 1
+    ) -> Any:
+        """Return a publisher once so many subscribers are connected to it."""
+        publisher = self.node.create_publisher(kind, topic, qos)
+        self.spin_until(
+            lambda: publisher.get_subscription_count() >= listeners, f"listeners on {topic}"
+        )
+        return publisher
+
+    def close(self) -> None:
+        """Destroy the node and its context."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def __enter__(self) -> Peer:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()

@@ -1,0 +1,67 @@
+"""A node as small as can be, run by `test_run_node.py` in a process of its own."""
+
+import multiprocessing
+import sys
+import time
+
+from rclpy.node import Node
+from std_msgs.msg import Float64
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_ros.diagnostics import Diagnostics
+from intuitive_physics_ros.input_monitor import InputMonitor
+from intuitive_physics_ros.parameters import Parameter, declare_parameters
+from intuitive_physics_ros.run_node import run_node
+
+PARAMETERS = (
+    Parameter("rate", 30.0, "Hz of the sensor", range=(1.0, 1000.0)),
+    Parameter("count", 3, "how many", range=(1, 10), read_only=False),
+    Parameter("mode", "fast", "how", choices=("fast", "exact"), read_only=False),
+    Parameter("limit", 1.0, "m", read_only=False),
+    Parameter("names", ["a", "b"], "of things"),
+)
+
+
+class SmallNode(Node):
+    """Answers each positive number with its double."""
+
+    def __init__(self) -> None:
+        if "--slow-start" in sys.argv:
+            print("starting", flush=True)
+            time.sleep(1.0)
+        super().__init__("small")
+        values = declare_parameters(self, PARAMETERS)
+        if values["names"] == ["impossible"]:
+            raise InvalidInputError("names are impossible; expected possible ones")
+        self._input = InputMonitor(self, "~/number", timeout=1.0)
+        Diagnostics(self).add("number", self._input.check)
+        self._publisher = self.create_publisher(Float64, "~/double", 10)
+        self.create_subscription(Float64, "~/number", self._on_number, 10)
+        if "--worker" in sys.argv:
+            self._end_worker()
+        self.get_logger().info("ready")
+
+    def _end_worker(self) -> None:
+        worker = multiprocessing.get_context("fork").Process(target=time.sleep, args=(60.0,))
+        worker.start()
+        worker.terminate()
+        worker.join()
+        print(f"worker ended by signal {-worker.exitcode}", flush=True)
+
+    def _on_number(self, message: Float64) -> None:
+        if message.data == 0.0:
+            raise InvalidInputError("number is 0; expected another")
+        if message.data < 0.0:
+            self._input.rejected(f"number is {message.data:g}; expected above zero")
+            return
+        self._input.accepted()
+        self._publisher.publish(Float64(data=2.0 * message.data))
+
+    def destroy_node(self) -> None:
+        """Say that the end was reached."""
+        print("closed", flush=True)
+        super().destroy_node()
+
+
+if __name__ == "__main__":
+    sys.exit(run_node(SmallNode))

@@ -1,0 +1,123 @@
+"""Markers show bodies where and as large as they are."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker
+
+from intuitive_physics.scene import Environment, Plane, SceneObject, StaticBox
+from intuitive_physics.shapes import Box, Capsule, Sphere
+from intuitive_physics.state import ObjectState
+from intuitive_physics_ros.markers import (
+    environment_markers,
+    material_color,
+    object_markers,
+    trajectory_marker,
+)
+
+LENGTHS = st.floats(0.01, 10.0)
+DIRECTIONS = arrays(np.float64, 3, elements=st.floats(-1.0, 1.0)).filter(
+    lambda v: np.linalg.norm(v) > 1e-3
+)
+QUARTER_TURN_ABOUT_X = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
+
+
+def xyz(message):
+    return np.array([message.x, message.y, message.z])
+
+
+def z_axis(orientation):
+    x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
+    # Third column of the rotation matrix of a quaternion.
+    return np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+
+
+@given(LENGTHS, LENGTHS)
+def test_capsule_is_a_cylinder_with_two_caps(radius, length):
+    thing = SceneObject("pill", "wood", Capsule(radius, length))
+    state = ObjectState((1.0, 2.0, 3.0), QUARTER_TURN_ABOUT_X)
+    cylinder, *caps = object_markers([thing], [state], Header(frame_id="world"))
+    assert cylinder.type == Marker.CYLINDER
+    np.testing.assert_allclose(xyz(cylinder.scale), [2 * radius, 2 * radius, length])
+    # A quarter turn about x takes z onto -y.
+    ends = sorted(cap.pose.position.y for cap in caps)
+    np.testing.assert_allclose(ends, [2.0 - length / 2, 2.0 + length / 2])
+    for cap in caps:
+        assert cap.type == Marker.SPHERE
+        np.testing.assert_allclose(xyz(cap.scale), 2 * radius)
+
+
+def test_each_shape_has_its_size_and_each_marker_its_id():
+    things = [
+        SceneObject("ball", "rubber", Sphere(0.1)),
+        SceneObject("box", "rubber", Box((1.0, 2.0, 3.0))),
+        SceneObject("pill", "wood", Capsule(0.1, 1.0)),
+    ]
+    header = Header(frame_id="world")
+    markers = object_markers(things, [ObjectState((i, 0, 0)) for i in range(3)], header)
+    np.testing.assert_allclose(xyz(markers[0].scale), 0.2)
+    np.testing.assert_allclose(xyz(markers[1].scale), [1.0, 2.0, 3.0])
+    assert [marker.id for marker in markers] == list(range(5))
+    assert all(marker.header == header for marker in markers)
+    assert markers[0].color == markers[1].color != markers[2].color
+
+
+@given(DIRECTIONS, st.floats(-5.0, 5.0))
+def test_plane_without_edges_lies_in_the_plane(normal, offset):
+    plane = Plane("wall", "brick", normal, offset)
+    (marker,) = environment_markers(Environment([plane]))
+    np.testing.assert_allclose(z_axis(marker.pose.orientation), plane.normal, atol=1e-4)
+    assert abs(plane.signed_distances(xyz(marker.pose.position))) < 1e-9
+
+
+def test_plane_that_looks_straight_down():
+    (marker,) = environment_markers(Environment([Plane("ceiling", "plaster", (0, 0, -1), -3.0)]))
+    np.testing.assert_allclose(z_axis(marker.pose.orientation), [0, 0, -1], atol=1e-12)
+    assert marker.pose.position.z == 3.0
+
+
+@given(st.integers(3, 12), LENGTHS)
+def test_bounded_plane_is_covered_by_its_triangles(corners, radius):
+    angles = 2 * np.pi * np.arange(corners) / corners
+    boundary = radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(corners)])
+    (marker,) = environment_markers(Environment([Plane("table", "wood", (0, 0, 1), 0, boundary)]))
+    a, b, c = np.array([xyz(point) for point in marker.points]).reshape(-1, 3, 3).swapaxes(0, 1)
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+    # Regular polygon: n/2 r² sin(2π/n).
+    assert area == pytest.approx(corners / 2 * radius**2 * math.sin(2 * math.pi / corners))
+
+
+def test_environment_box_and_frame():
+    box = StaticBox("crate", "wood", (1, 2, 3), QUARTER_TURN_ABOUT_X, (0.1, 0.2, 0.3))
+    (marker,) = environment_markers(Environment(boxes=[box], frame_id="room"))
+    assert marker.header.frame_id == "room"
+    np.testing.assert_array_equal(xyz(marker.pose.position), [1, 2, 3])
+    np.testing.assert_array_equal(xyz(marker.scale), [0.1, 0.2, 0.3])
+
+
+@given(st.integers(0, 30), st.integers(1, 300), st.integers(2, 500))
+def test_trajectories_keep_their_ends_and_the_number_of_points(n, n_times, max_points):
+    paths = np.arange(n * n_times * 3, dtype=float).reshape(n, n_times, 3)
+    marker = trajectory_marker(paths, Header(), ColorRGBA(a=1.0), max_points=max_points)
+    assert len(marker.points) <= max(max_points, 2 * n)
+    assert len(marker.points) % 2 == 0
+    if n:
+        np.testing.assert_array_equal(xyz(marker.points[0]), paths[0, 0])
+        np.testing.assert_array_equal(xyz(marker.points[-1]), paths[-1, -1])
+
+
+def test_what_is_not_finite_is_not_drawn():
+    paths = np.zeros((1, 4, 3))
+    paths[0, 2:] = np.nan
+    assert len(trajectory_marker(paths, Header(), ColorRGBA()).points) == 2
+
+
+def test_color_of_a_material_stays():
+    assert material_color("wood") == material_color("wood")
+    assert material_color("wood") != material_color("steel")
+    assert material_color("wood", alpha=0.5).a == 0.5

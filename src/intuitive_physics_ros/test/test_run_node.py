@@ -1,0 +1,288 @@
+"""Nodes live and end as they should, tried with a small node in a process of its own."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from std_msgs.msg import Float64
+
+SMALL_NODE = Path(__file__).parent / "small_node.py"
+PATIENCE = 15.0
+"""Seconds to wait for what takes well under one, on a machine that is busy with other things."""
+
+
+class NodeProcess:
+    """The small node, running, and what it has written so far."""
+
+    def __init__(self, *arguments, environment=None):
+        self.process = subprocess.Popen(
+            [sys.executable, "-u", str(SMALL_NODE), *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=environment,
+        )
+        self.text = ""
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def _read(self):
+        for line in self.process.stdout:
+            self.text += line
+
+    def wait_for(self, text):
+        deadline = time.monotonic() + PATIENCE
+        while text not in self.text:
+            assert time.monotonic() < deadline, f"{text!r} is not in {self.text!r}"
+            time.sleep(0.01)
+
+    def end(self):
+        """Wait for the end and return the exit code."""
+        code = self.process.wait(PATIENCE)
+        self._reader.join(PATIENCE)
+        return code
+
+    def stop(self, *signals):
+        for number in signals:
+            self.process.send_signal(number)
+        return self.end()
+
+
+@pytest.fixture
+def start():
+    """Start small nodes; none outlives its test."""
+    started = []
+
+    def start_one(*arguments, environment=None):
+        started.append(NodeProcess(*arguments, environment=environment))
+        return started[-1]
+
+    yield start_one
+    for node in started:
+        if node.process.poll() is None:
+            node.process.kill()
+            node.end()
+
+
+@pytest.fixture
+def caller():
+    """Make a node of the test's own, with a way to spin it until something holds."""
+    context = Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node("caller", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def spin_until(holds):
+        deadline = time.monotonic() + PATIENCE
+        while not holds():
+            assert time.monotonic() < deadline, "waited in vain"
+            executor.spin_once(timeout_sec=0.05)
+
+    node.spin_until = spin_until
+    yield node
+    executor.shutdown()
+    node.destroy_node()
+    context.try_shutdown()
+
+
+@pytest.mark.parametrize(
+    "signals",
+    [
+        (signal.SIGINT,),
+        (signal.SIGTERM,),
+        (signal.SIGINT, signal.SIGINT, signal.SIGINT),
+        (signal.SIGTERM, signal.SIGINT),
+    ],
+)
+def test_signals_end_it_clean(start, signals):
+    node = start()
+    node.wait_for("ready")
+    assert node.stop(*signals) == 0, node.text
+    assert node.text.count("closed") == 1
+    assert "Traceback" not in node.text
+
+
+def test_late_second_interrupts_change_nothing(start):
+    node = start()
+    node.wait_for("ready")
+    node.process.send_signal(signal.SIGINT)
+    while node.process.poll() is None:
+        node.process.send_signal(signal.SIGINT)
+        time.sleep(0.002)
+    assert node.end() == 0, node.text
+    assert "Traceback" not in node.text
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_while_it_starts(start, number):
+    node = start("--slow-start")
+    node.wait_for("starting")
+    assert node.stop(number) == 0, node.text
+    assert "Traceback" not in node.text
+
+
+def test_worker_it_forked_can_be_ended_and_leaves_it_alive(start):
+    node = start("--worker")
+    node.wait_for(f"worker ended by signal {signal.SIGTERM:d}")
+    node.wait_for("ready")
+    time.sleep(0.5)
+    assert node.process.poll() is None
+    assert node.stop(signal.SIGINT) == 0, node.text
+
+
+@pytest.mark.parametrize(
+    ("argument", "complaint"),
+    [
+        (
+            "rate:=0.5",
+            "parameter rate is 0.5; expected a number with a decimal point, 1.0 to",
+        ),
+        ("rate:=100", "parameter rate is 100; expected a number with a decimal point"),
+        ("rate:=.nan", "parameter rate is nan"),
+        ("rate:=fast", "parameter rate is 'fast'"),
+        ("count:=11", "parameter count is 11; expected a whole number, 1 to 10"),
+        ("mode:=slow", "parameter mode is 'slow'; expected a string, one of fast, exact"),
+        ("names:=[1, 2]", "parameter names is"),
+        ("names:=[impossible]", "names are impossible; expected possible ones"),
+        ("foo", "Couldn't parse parameter override rule"),
+    ],
+)
+def test_bad_parameter_is_one_clear_line(start, argument, complaint):
+    node = start("--ros-args", "-p", argument)
+    assert node.end() == 1
+    errors = [line for line in node.text.splitlines() if "error:" in line]
+    assert len(errors) == 1, node.text
+    assert errors[0].startswith("small_node.py: error: ")
+    assert complaint in errors[0]
+    assert "Traceback" not in node.text
+
+
+def test_parameter_it_does_not_have_is_told(start):
+    node = start("--ros-args", "-p", "ratte:=1.0")
+    node.wait_for("parameter ratte was given, but this node has none of that name")
+    assert node.stop(signal.SIGINT) == 0
+
+
+def test_runs_without_home(start, tmp_path):
+    environment = {k: v for k, v in os.environ.items() if k not in ("HOME", "ROS_LOG_DIR")}
+    node = start(environment={**environment, "TMPDIR": str(tmp_path)})
+    node.wait_for("ready")
+    assert node.stop(signal.SIGINT) == 0, node.text
+    assert list(tmp_path.glob("ros_log_*/*.log"))
+
+
+def test_bad_input_leaves_it_alive(start, caller):
+    node = start()
+    answers = []
+    publisher = caller.create_publisher(Float64, "/small/number", 10)
+    caller.create_subscription(Float64, "/small/double", lambda m: answers.append(m.data), 10)
+    caller.spin_until(lambda: publisher.get_subscription_count() == 1)
+    caller.spin_until(lambda: caller.count_publishers("/small/double") == 1)
+    publisher.publish(Float64(data=0.0))
+    node.wait_for("number is 0; expected another")
+    for _ in range(3):
+        publisher.publish(Float64(data=-1.0))
+    caller.spin_until(lambda: publisher.publish(Float64(data=4.0)) or answers)
+    assert answers[0] == 8.0
+    assert node.text.count("~/number rejected: number is -1; expected above zero") == 1
+    assert node.stop(signal.SIGINT) == 0
+
+
+def test_diagnostics_tell_of_the_input(start, caller):
+    start().wait_for("ready")
+    seen = {}
+    caller.create_subscription(
+        DiagnosticArray, "/diagnostics", lambda m: seen.update({s.name: s for s in m.status}), 10
+    )
+    publisher = caller.create_publisher(Float64, "/small/number", 10)
+
+    def told(level, words):
+        status = seen.get("small: number", DiagnosticStatus())
+        return status.level == level and words in status.message
+
+    caller.spin_until(lambda: told(DiagnosticStatus.WARN, "nothing arrived yet on ~/number"))
+    assert seen["small: name"].level == DiagnosticStatus.OK
+    assert seen["small: name"].hardware_id == "/small"
+    caller.spin_until(lambda: publisher.publish(Float64(data=1.0)) or told(b"\0", "arrives"))
+    caller.spin_until(lambda: publisher.publish(Float64(data=-1.0)) or told(b"\2", "above zero"))
+    caller.spin_until(lambda: told(DiagnosticStatus.ERROR, "nothing arrived on ~/number for"))
+    caller.spin_until(lambda: publisher.publish(Float64(data=1.0)) or told(b"\0", "arrives"))
+
+
+def test_diagnostics_come_once_a_second_though_simulated_time_stands(start, caller):
+    start("--ros-args", "-p", "use_sim_time:=true")
+    times = []
+    caller.create_subscription(
+        DiagnosticArray, "/diagnostics", lambda m: times.append(time.monotonic()), 10
+    )
+    caller.spin_until(lambda: len(times) == 4)
+    # The first may have waited for discovery, so only the last two steps count.
+    assert (times[3] - times[1]) / 2 == pytest.approx(1.0, abs=0.25)
+
+
+def test_second_node_of_the_same_name_is_told_by_both(start, caller):
+    levels = []
+
+    def note(message):
+        levels.extend(s.level for s in message.status if s.name == "small: name")
+
+    caller.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
+    first, second = start(), start()
+    first.wait_for("2 nodes have the name /small")
+    second.wait_for("2 nodes have the name /small")
+    caller.spin_until(lambda: DiagnosticStatus.WARN in levels)
+    assert second.stop(signal.SIGINT) == 0
+    first.wait_for("/small is the only node of this name")
+    assert first.stop(signal.SIGINT) == 0
+
+
+def test_parameters_are_checked_while_it_runs(start, caller):
+    start().wait_for("ready")
+    client = AsyncParameterClient(caller, "/small")
+    caller.spin_until(client.services_are_ready)
+
+    def set_to(name, value):
+        future = client.set_parameters([Parameter(name, value=value)])
+        caller.spin_until(future.done)
+        return future.result().results[0]
+
+    assert set_to("count", 5).successful
+    assert set_to("mode", "exact").successful
+    for name, value, reason in [
+        ("rate", 50.0, "read-only"),
+        ("count", 0, "range"),
+        ("count", 2.5, "type"),
+        ("mode", "slow", "one of fast, exact"),
+        ("limit", float("nan"), "limit is nan; expected a number"),
+    ]:
+        result = set_to(name, value)
+        assert not result.successful, name
+        assert reason in result.reason.lower(), result.reason
+
+
+def test_parameters_describe_themselves(start, caller):
+    start().wait_for("ready")
+    client = AsyncParameterClient(caller, "/small")
+    caller.spin_until(client.services_are_ready)
+    future = client.describe_parameters(["rate", "count", "mode"])
+    caller.spin_until(future.done)
+    rate, count, mode = future.result().descriptors
+    assert (rate.description, rate.read_only) == ("Hz of the sensor", True)
+    assert (rate.floating_point_range[0].from_value, rate.floating_point_range[0].to_value) == (
+        1.0,
+        1000.0,
+    )
+    assert (count.integer_range[0].from_value, count.integer_range[0].to_value) == (1, 10)
+    assert "one of fast, exact" in mode.additional_constraints

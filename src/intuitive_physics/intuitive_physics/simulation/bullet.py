@@ -253,9 +253,9 @@ def _reset(client: _Client, environment: Environment, time_step: float) -> None:
     engine, world = client.engine, client.id
     engine.resetSimulation(physicsClientId=world)
     engine.setGravity(*environment.gravity.tolist(), physicsClientId=world)
-    # By default Bullet swallows slow bounces, and fast ones too when a short step ends within 2 cm
-    # of the contact (breaking threshold); lets rolling balls drift sideways (warm start); and turns
-    # the depth of penetration into speed (ERP): a drop from 1 m rebounds 24 % too high.
+    # By default Bullet swallows slow bounces, lets rolling balls drift sideways (warm start), takes
+    # the gap of a contact to come and the slop of one that is there from its rebound, and turns the
+    # depth of penetration into speed (ERP): a drop from 1 m rebounds 24 % too high.
     engine.setPhysicsEngineParameter(
         fixedTimeStep=time_step,
         numSubSteps=0,
@@ -264,7 +264,7 @@ def _reset(client: _Client, environment: Environment, time_step: float) -> None:
         warmStartingFactor=0.0,
         erp=0.0,
         contactERP=0.0,
-        contactBreakingThreshold=1e-4,
+        contactSlop=0.0,
         enableConeFriction=1,
         deterministicOverlappingPairs=1,
         physicsClientId=world,
@@ -346,5 +346,6 @@ def _set_surface(client: _Client, body: int, surface: _Surface) -> None:
         rollingFriction=float(surface.rolling),
         spinningFriction=float(surface.rolling),
         restitution=float(surface.restitution),
+        contactProcessingThreshold=0.0,
         physicsClientId=client.id,
     )

@@ -1,0 +1,1 @@
+"""Synthetic and recorded data, the depth renderer, bags, evaluation and reports."""

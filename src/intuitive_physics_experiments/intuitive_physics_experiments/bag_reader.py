@@ -1,0 +1,201 @@
+"""Reading rosbag2 recordings (MCAP and SQLite) with no ROS on the machine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from rosbags.interfaces import ConnectionExtRosbag2, QosDurability
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+from intuitive_physics.errors import InvalidInputError, UnknownNameError
+
+METADATA_FILE = "metadata.yaml"
+STORAGE_SUFFIXES = (".mcap", ".db3")
+
+
+@dataclass(frozen=True)
+class BagTopic:
+    """One topic of a bag.
+
+    Parameters
+    ----------
+    name, type : such as "/camera/depth/image_rect_raw", "sensor_msgs/msg/Image"
+    message_count : messages in the bag
+    latched : whether it was offered as transient local
+    """
+
+    name: str
+    type: str
+    message_count: int
+    latched: bool
+
+
+@dataclass(frozen=True)
+class BagMessage:
+    """One message.
+
+    Parameters
+    ----------
+    topic : name
+    type : such as "sensor_msgs/msg/Image"
+    time : ns since the epoch, when it was recorded
+    data : CDR bytes
+    """
+
+    topic: str
+    type: str
+    time: int
+    data: bytes
+
+
+class BagReader:
+    """A bag that is open; use it as a context manager.
+
+    Parameters
+    ----------
+    path : a bag's folder, or one .mcap or .db3 file
+
+    Raises
+    ------
+    InvalidInputError
+        When there is no bag, or it was cut short or damaged.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        _check_is_bag(self.path)
+        with self._readable():
+            self._reader = Reader(str(self.path))
+            self._reader.open()
+        self._typestore = get_typestore(Stores.ROS2_JAZZY)
+
+    def __enter__(self) -> BagReader:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the files; the reader cannot be used any more."""
+        self._reader.close()
+
+    @property
+    def topics(self) -> list[BagTopic]:
+        """All topics, by name."""
+        counts: dict[tuple[str, str], BagTopic] = {}
+        for connection in self._reader.connections:
+            key = (connection.topic, connection.msgtype)
+            before = counts.get(key, BagTopic(*key, 0, False))
+            counts[key] = BagTopic(
+                *key,
+                before.message_count + connection.msgcount,
+                before.latched or _is_latched(connection.ext),
+            )
+        return sorted(counts.values(), key=lambda topic: topic.name)
+
+    @property
+    def start_time(self) -> int:
+        """Time of the first message, ns since the epoch."""
+        return self._reader.start_time
+
+    @property
+    def duration(self) -> float:
+        """Time in s from the first to the last message."""
+        return max(self._reader.duration - 1, 0) * 1e-9
+
+    def messages(
+        self, topics: Sequence[str] | None = None, start_offset: float = 0.0
+    ) -> Iterator[BagMessage]:
+        """Yield messages in order of time.
+
+        Parameters
+        ----------
+        topics : names; None means all
+        start_offset : s after the bag's start before which messages are left out
+
+        Raises
+        ------
+        UnknownNameError
+            When a topic is not in the bag.
+        InvalidInputError
+            When the bag is damaged further on.
+        """
+        connections = self._reader.connections
+        if topics is not None:
+            known = {connection.topic for connection in connections}
+            for name in topics:
+                if name not in known:
+                    raise UnknownNameError(
+                        f"topic is {name!r}; the bag {self.path} has {', '.join(sorted(known))}"
+                    )
+            connections = [c for c in connections if c.topic in topics]
+        if not connections:
+            return
+        start = self.start_time + round(start_offset * 1e9)
+        with self._readable():
+            for connection, time, data in self._reader.messages(connections, start=start):
+                yield BagMessage(connection.topic, connection.msgtype, time, bytes(data))
+
+    def decode(self, message: BagMessage) -> Any:
+        """Return a message of a ROS 2 Jazzy type as an object with the message's fields.
+
+        Raises
+        ------
+        InvalidInputError
+            When the type is unknown or the bytes are not of it.
+        """
+        if message.type not in self._typestore.fielddefs:
+            raise InvalidInputError(
+                f"{message.topic} has the type {message.type}; expected one of ROS 2 Jazzy's own"
+            )
+        with self._readable():
+            return self._typestore.deserialize_cdr(message.data, message.type)
+
+    @contextmanager
+    def _readable(self) -> Iterator[None]:
+        # rosbags lets errors of struct, zstd, lz4, SQLite and its own assertions through.
+        try:
+            yield
+        except (InvalidInputError, GeneratorExit):
+            raise
+        except Exception as error:
+            detail = str(error).strip() or type(error).__name__
+            raise InvalidInputError(
+                f"cannot read the bag {self.path}: {detail} It was cut short or damaged; "
+                "expected a whole MCAP or SQLite recording (`ros2 bag reindex` may repair it)"
+            ) from None
+
+
+def _check_is_bag(path: Path) -> None:
+    if not path.exists():
+        raise InvalidInputError(
+            f"there is no bag {path}; expected a bag's folder or a .mcap or .db3 file"
+        )
+    if path.is_dir():
+        if not (path / METADATA_FILE).exists():
+            raise InvalidInputError(
+                f"folder {path} has no {METADATA_FILE}; expected the folder of a whole rosbag2 "
+                "recording (`ros2 bag reindex` makes the file anew)"
+            )
+    elif path.suffix not in STORAGE_SUFFIXES:
+        raise InvalidInputError(
+            f"{path} ends in {path.suffix or 'nothing'}; "
+            "expected a bag's folder or a .mcap or .db3 file"
+        )
+
+
+def _is_latched(extension: object) -> bool:
+    return isinstance(extension, ConnectionExtRosbag2) and any(
+        qos.durability == QosDurability.TRANSIENT_LOCAL for qos in extension.offered_qos_profiles
+    )

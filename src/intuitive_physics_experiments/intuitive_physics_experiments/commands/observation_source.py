@@ -1,0 +1,59 @@
+"""What `learn` and `evaluate` share: where observations come from, and how to learn."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.observation import Observation
+
+PATH_HELP = "a folder of saved observations, or a recorded set as an .npz file"
+ENGINE = "event_driven"
+
+
+def add_learning_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say how to learn."""
+    parser.add_argument(
+        "--method", default="cma_es", help="update rule, such as adaptive_random (default: cma_es)"
+    )
+    parser.add_argument(
+        "--iterations", type=int, default=2000, help="evaluations of J at most (default: 2000)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of all randomness (default: 0)")
+
+
+def read_observations(path: Path) -> tuple[str, list[Observation]]:
+    """Return title and observations of a folder or a recorded set."""
+    from intuitive_physics_experiments.observation_files import load_observations
+    from intuitive_physics_experiments.recorded_data import load_recorded_set
+
+    if path.is_dir():
+        return "saved observations", load_observations(path)
+    if not path.exists():
+        raise InvalidInputError(f"there is no {path}; expected {PATH_HELP}")
+    if path.suffix != ".npz":
+        raise InvalidInputError(f"{path} is no .npz file; expected {PATH_HELP}")
+    return load_recorded_set(path)
+
+
+def learning_options(options: argparse.Namespace) -> Any:
+    """Return the library's options."""
+    from intuitive_physics_learner.learning_session import LearningOptions
+    from intuitive_physics_learner.search import ConvergenceCriteria
+
+    if options.seed < 0:
+        raise InvalidInputError(f"seed is {options.seed}; expected 0 or more")
+    criteria = ConvergenceCriteria(max_iterations=options.iterations)
+    return LearningOptions(method=options.method, criteria=criteria, seed=options.seed)
+
+
+def progress_to(bar: Any, options: argparse.Namespace) -> Callable[[Any], None]:
+    """Return what shows the search's progress on a bar."""
+
+    def show(progress: Any) -> None:
+        bar.update(progress.iteration, options.iterations, f"J {progress.best_cost:.4f} m")
+
+    return show

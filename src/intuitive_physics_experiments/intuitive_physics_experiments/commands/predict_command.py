@@ -1,0 +1,72 @@
+"""`predict`: predict an observation from its first state, and compare with what happened."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from intuitive_physics.errors import InvalidInputError
+
+
+def add_to(commands: Any) -> None:
+    """Add the subcommand to a parser."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "predict",
+        help="predict a saved observation with learned parameters",
+        description="Simulate many times from noisy copies of an observation's first state and "
+        "compare the distribution with what was observed.",
+    )
+    parser.add_argument("observation", type=Path, help="file of a saved observation")
+    parser.add_argument("parameters", type=Path, help="file that `learn` wrote")
+    parser.add_argument("--samples", type=int, default=20, help="simulations (default: 20)")
+    parser.add_argument("--seed", type=int, default=0, help="of the noise (default: 0)")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Predict and print a table over time."""
+    import numpy as np
+
+    from intuitive_physics.observation import load_observation
+    from intuitive_physics_experiments.terminal import format_table
+    from intuitive_physics_predictor.noisy_newton import predict
+
+    if options.seed < 0:
+        raise InvalidInputError(f"seed is {options.seed}; expected 0 or more")
+    observation = load_observation(options.observation)
+    learned = _read_parameters(options.parameters)
+    for number, seen in enumerate(observation.objects):
+        after = seen.trajectory.times > observation.start_time
+        times = seen.trajectory.times[after] - observation.start_time
+        distribution = predict(
+            observation.scene(),
+            learned.parameters,
+            times,
+            rng=np.random.default_rng(options.seed),
+            sample_count=options.samples,
+        )
+        mean = distribution.mean[number]
+        spread = np.sqrt(np.trace(distribution.covariance[number], axis1=1, axis2=2))
+        error = np.linalg.norm(mean - seen.trajectory.positions[after], axis=1)
+        shown = np.unique(np.linspace(0, len(times) - 1, 12).round().astype(int))
+        rows = [
+            [f"{times[k]:.2f}", *(f"{x:.3f}" for x in (*mean[k], spread[k], error[k]))]
+            for k in shown
+        ]
+        print(f"{seen.object.id} ({seen.object.material}), {options.samples} samples")
+        print(
+            format_table(["time (s)", "x (m)", "y (m)", "z (m)", "spread (m)", "error (m)"], rows)
+        )
+        print(f"mean error {error.mean():.4f} m, mean spread {spread.mean():.4f} m")
+
+
+def _read_parameters(path: Path) -> Any:
+    from intuitive_physics.learned_parameters import LearnedParameters
+
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise InvalidInputError(f"cannot read the parameters {path}: {error}") from None
+    return LearnedParameters.from_dict(data)

@@ -1,0 +1,82 @@
+"""Reading .npz files of others, with every mistake told in one clear error."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.validation import finite_array
+
+Arrays = Mapping[str, NDArray]
+
+
+def load_arrays(path: Path) -> dict[str, NDArray]:
+    """Read an .npz file.
+
+    Raises
+    ------
+    InvalidInputError
+        When there is no such file or it is no .npz file of plain arrays.
+    """
+    try:
+        data = np.load(path, allow_pickle=False)
+        if isinstance(data, np.ndarray):
+            raise InvalidInputError(f"{path} is one bare array; expected an .npz file")
+        with data:
+            return {name: data[name] for name in data.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
+        if isinstance(error, InvalidInputError):
+            raise
+        detail = getattr(error, "strerror", None) or str(error)
+        raise InvalidInputError(f"cannot read {path} as an .npz file: {detail}") from None
+
+
+def load_cloud(path: Path) -> NDArray[np.float32]:
+    """Return the points (n, 3) m of a cloud kept as the array `xyz`; NaN means no reading.
+
+    Raises
+    ------
+    InvalidInputError
+        When the file has no such array or it has another shape.
+    """
+    arrays = load_arrays(path)
+    if "xyz" not in arrays:
+        raise InvalidInputError(
+            f"{path} has the arrays {', '.join(sorted(arrays))}; expected xyz, a cloud's points"
+        )
+    points = arrays["xyz"]
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind != "f":
+        raise InvalidInputError(
+            f"xyz of {path} has shape {points.shape} of {points.dtype}; expected (n, 3) floats"
+        )
+    return np.ascontiguousarray(points, dtype=np.float32)
+
+
+def split_rows(arrays: Arrays, name: str) -> list[NDArray[np.float64]]:
+    """Cut the rows of one array into recordings at `offsets`.
+
+    Raises
+    ------
+    InvalidInputError
+        When the offsets do not cover the rows in order.
+    """
+    rows = np.asarray(arrays[name], dtype=np.float64)
+    offsets = np.asarray(arrays["offsets"])
+    if offsets.ndim != 1 or offsets.dtype.kind not in "iu" or offsets.size < 2:
+        raise InvalidInputError(
+            f"offsets have shape {offsets.shape} of {offsets.dtype}; "
+            "expected at least two whole numbers"
+        )
+    if offsets[0] != 0 or offsets[-1] != len(rows) or (np.diff(offsets) <= 0).any():
+        raise InvalidInputError(
+            f"offsets go from {offsets[0]} to {offsets[-1]} over {len(rows)} rows of {name}; "
+            f"expected increasing numbers from 0 to {len(rows)}"
+        )
+    shape = (None,) if rows.ndim == 1 else (None, 3)
+    checked = finite_array(rows, name, shape)
+    return np.split(checked, offsets[1:-1])

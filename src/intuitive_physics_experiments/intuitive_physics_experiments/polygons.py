@@ -1,0 +1,45 @@
+"""Convex polygons in space."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def clip_polygon(
+    corners: NDArray[np.float64], normal: NDArray[np.float64], offset: float
+) -> NDArray[np.float64]:
+    """Keep the part of a convex polygon with normal · p ≥ offset (Sutherland-Hodgman).
+
+    Parameters
+    ----------
+    corners : (n, 3) m
+    normal : (3,)
+    offset : m
+
+    Returns
+    -------
+    array
+        (k, 3) m; k < 3 when nothing is left
+    """
+    kept = []
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        from_a, from_b = a @ normal - offset, b @ normal - offset
+        if from_a >= 0.0:
+            kept.append(a)
+        if (from_a > 0.0 > from_b) or (from_a < 0.0 < from_b):
+            kept.append(a + (b - a) * from_a / (from_a - from_b))
+    return np.array(kept).reshape(-1, 3)
+
+
+def plane_square(
+    normal: NDArray[np.float64], offset: float, center: NDArray[np.float64], reach: float
+) -> NDArray[np.float64]:
+    """Corners (4, 3) of a square in a plane, `reach` m to each side of what is nearest `center`."""
+    u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    u /= np.linalg.norm(u)
+    v = np.cross(normal, u)
+    middle = center + normal * (offset - normal @ center)
+    return np.array(
+        [middle + reach * (a * u + b * v) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    )

@@ -1,0 +1,37 @@
+from setuptools import find_packages, setup
+
+package_name = "intuitive_physics_experiments"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
+        ("share/" + package_name, ["package.xml"]),
+    ],
+    entry_points={
+        "console_scripts": [
+            "intuitive-physics = intuitive_physics_experiments.command_line:main",
+            "replay_node = intuitive_physics_experiments.replay_node:main",
+        ],
+    },
+    python_requires=">=3.10",
+    install_requires=[
+        "setuptools",
+        "intuitive_physics",
+        "intuitive_physics_learner",
+        "intuitive_physics_perception",
+        "intuitive_physics_predictor",
+        "matplotlib",
+        "numpy>=1.26",
+        "rosbags",
+        "scipy",
+    ],
+    extras_require={"render": ["open3d", "pybullet"], "test": ["pytest", "hypothesis"]},
+    zip_safe=False,
+    maintainer="Intuitive Physics maintainers",
+    maintainer_email="maintainers@intuitive-physics.example",
+    description="Synthetic and recorded data, RGBD renderer, bag replay, reports, command line",
+    license="Apache-2.0",
+)

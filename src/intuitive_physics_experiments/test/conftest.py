@@ -1,0 +1,135 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from intuitive_physics_experiments.corner_room import corner_camera, corner_environment
+from intuitive_physics_experiments.depth_renderer import DepthRenderer
+from intuitive_physics_experiments.rendered_bag import RenderSettings, render_bag
+from intuitive_physics_experiments.table_tennis import LAUNCH_BOUNCE_HEIGHT
+
+REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "real"
+GRAVITY = 9.81
+RESTITUTION = 0.9
+
+Flight = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]]
+
+
+@pytest.fixture(scope="session")
+def needs_open3d() -> None:
+    """Skips where Open3D is not installed or lacks a system package."""
+    try:
+        import open3d  # noqa: F401
+    except ImportError as error:
+        pytest.skip(f"Open3D cannot be loaded: {error}")
+
+
+@pytest.fixture(scope="session")
+def renderer(needs_open3d: None) -> DepthRenderer:
+    """The corner room's renderer."""
+    return DepthRenderer(corner_camera(), corner_environment())
+
+
+@pytest.fixture(scope="session")
+def small_bag(tmp_path_factory: pytest.TempPathFactory, needs_open3d: None) -> Path:
+    """A rendered bag of one throw; treat it as read-only."""
+    path = tmp_path_factory.mktemp("bags") / "one_throw"
+    render_bag(path, RenderSettings(throws=1, seed=1, lead_in=0.5, throw_duration=1.0, pause=0.3))
+    return path
+
+
+@pytest.fixture(scope="session")
+def recording() -> Callable[[str], Path]:
+    """Path of a recording of others by its name; skips where it is not on this machine."""
+
+    def find(name: str) -> Path:
+        path = REAL / name
+        if not path.exists():
+            pytest.skip(f"the recording {path} is not on this machine")
+        return path
+
+    return find
+
+
+def bounce_once(times: np.ndarray, floor: float) -> tuple[np.ndarray, np.ndarray]:
+    start, speed, up = floor + 0.35, np.array([-3.8, 0.1]), 3.1
+    landing = (up + np.sqrt(up**2 + 2.0 * GRAVITY * 0.35)) / GRAVITY
+    since = times - landing
+    rebound = RESTITUTION * (GRAVITY * landing - up)
+    before = times < landing
+    falling = start + up * times - GRAVITY / 2.0 * times**2
+    z = np.where(before, falling, floor + rebound * since - GRAVITY / 2.0 * since**2)
+    vz = np.where(before, up - GRAVITY * times, rebound - GRAVITY * since)
+    across = [np.full_like(times, component) for component in speed]
+    position = np.column_stack([3.0 + speed[0] * times, 0.1 + speed[1] * times, z])
+    return position, np.column_stack([*across, vz])
+
+
+@pytest.fixture(scope="session")
+def bouncing_flight() -> Flight:
+    """Positions and velocities, at given times, of a ball that bounces once at a given height."""
+    return bounce_once
+
+
+@pytest.fixture(scope="session")
+def launch_arrays() -> Callable[[int], dict[str, Any]]:
+    """Arrays of a recorded set of so many equal launches."""
+
+    def make(count: int) -> dict[str, Any]:
+        times = np.arange(160) / 180.0
+        flights = [bounce_once(times, LAUNCH_BOUNCE_HEIGHT)[0] for _ in range(count)]
+        return {
+            "time": np.tile(times, count),
+            "position": np.concatenate(flights).astype(np.float32),
+            "offsets": np.arange(count + 1) * times.size,
+            "radius": np.array(0.02),
+            "mass": np.array(0.0027),
+        }
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def latched() -> Qos:
+    """Offered quality of a latched topic."""
+    return Qos(
+        QosHistory.KEEP_LAST,
+        1,
+        QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL,
+        QosTime(0, 0),
+        QosTime(0, 0),
+        QosLiveliness.AUTOMATIC,
+        QosTime(0, 0),
+        False,
+    )
+
+
+@pytest.fixture(scope="session")
+def write_chatter() -> Callable[[Path], None]:
+    """Writes an SQLite bag of 200 strings on /chatter."""
+
+    def write(path: Path) -> None:
+        typestore = get_typestore(Stores.ROS2_JAZZY)
+        string = typestore.types["std_msgs/msg/String"]
+        with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+            connection = writer.add_connection("/chatter", string.__msgtype__, typestore=typestore)
+            for i in range(200):
+                data = typestore.serialize_cdr(string(data=f"hello {i}" * 50), string.__msgtype__)
+                writer.write(connection, 10**18 + i, data)
+
+    return write

@@ -1,0 +1,175 @@
+"""The command as users run it: what it prints, its exit codes, and never a traceback."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from intuitive_physics_experiments.command_line import main
+
+COMMAND = [sys.executable, "-m", "intuitive_physics_experiments.command_line"]
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    result = subprocess.run(
+        [*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert "Traceback" not in result.stderr
+    return result
+
+
+def errors_in_test(output: str) -> dict[str, float]:
+    """J of the test by the name of what predicted."""
+    lines = output[output.index("error (m)") :].splitlines()[2:]
+    return {line.split("  ")[0]: float(line.split()[-3]) for line in lines}
+
+
+@pytest.fixture
+def launch_set(tmp_path: Path, launch_arrays: Callable[[int], dict[str, Any]]) -> Path:
+    path = tmp_path / "launches.npz"
+    np.savez(path, **launch_arrays(4))
+    return path
+
+
+def test_evaluate_prints_parameters_and_errors(launch_set: Path) -> None:
+    result = run("evaluate", launch_set, "--iterations", 200, "--train-fraction", 0.5)
+    assert result.returncode == 0, result.stderr
+    assert "4 observations, 2 to learn from, 2 to test" in result.stdout
+    assert "restitution[ball, table]" in result.stdout
+    assert "not identified: density of ball, table" in result.stdout
+    errors = errors_in_test(result.stdout)
+    assert errors["learned parameters"] < errors["default parameters"] < errors["free flight"]
+
+
+def test_learn_then_predict(launch_set: Path, tmp_path: Path) -> None:
+    from intuitive_physics_experiments.observation_files import save_observations
+    from intuitive_physics_experiments.recorded_data import load_recorded_set
+
+    folder, parameters = tmp_path / "observations", tmp_path / "parameters.json"
+    save_observations(load_recorded_set(launch_set)[1], folder)
+    learned = run("learn", folder, parameters, "--iterations", 300, "--method", "adaptive_random")
+    assert learned.returncode == 0, learned.stderr
+    assert "saved in" in learned.stdout
+    observation = sorted(folder.glob("*.json"))[0]
+    predicted = run("predict", observation, parameters, "--samples", 10)
+    assert predicted.returncode == 0, predicted.stderr
+    assert "ball (ball), 10 samples" in predicted.stdout
+
+
+def test_render_and_perceive(tmp_path: Path, needs_open3d: None) -> None:
+    bag, saved = tmp_path / "bag", tmp_path / "saved"
+    rendered = run("render", bag, "--throws", 1, "--seed", 4)
+    assert rendered.returncode == 0, rendered.stderr
+    assert "1 throw, " in rendered.stdout
+    assert run("render", bag).returncode == 1
+    perceived = run("perceive", bag, "--ball", "foam=0.07", "--save", saved)
+    assert perceived.returncode == 0, perceived.stderr
+    assert "planes: 3" in perceived.stdout
+    assert "gravity: (0.000, 0.000, -9.810) m/s²" in perceived.stdout
+    assert "observations: 1" in perceived.stdout
+    assert "foam" in perceived.stdout
+    assert len(list(saved.glob("*.json"))) == 1
+
+
+def test_perceive_a_lidar_scan(recording: Callable[[str], Path]) -> None:
+    # README of the data: an exercise ball of 0.28 to 0.30 m radius on a chair.
+    result = run("perceive", recording("lidar_ball_1.npz"))
+    assert result.returncode == 0, result.stderr
+    assert "balls: 1" in result.stdout
+    height, radius = (result.stdout.splitlines()[-1].replace(")", " ").split()[k] for k in (2, 3))
+    assert 0.28 < float(radius) < 0.31
+    assert 0.5 < float(height) < 1.2
+
+
+@pytest.mark.parametrize("name", ["table_tennis_launches.npz", "table_tennis_gun.npz"])
+def test_evaluate_recorded_sets(recording: Callable[[str], Path], name: str) -> None:
+    result = run("evaluate", recording(name), "--iterations", 300)
+    assert result.returncode == 0, result.stderr
+    errors = errors_in_test(result.stdout)
+    assert errors["learned parameters"] < 0.3 * errors["default parameters"]
+    assert errors["default parameters"] < errors["free flight"]
+
+
+def write(path: Path, text: str = "") -> Path:
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["evaluate", "nowhere.npz"], "there is no nowhere.npz"),
+        (["evaluate", "text.npz"], "cannot read text.npz"),
+        (["evaluate", "other.npz"], "has the arrays a; expected"),
+        (["evaluate", "notes.txt"], "is no .npz file"),
+        (["evaluate", "."], "has no .json file"),
+        (["evaluate", "bad_observations"], "not whole JSON"),
+        (["evaluate", "set.npz", "--train-fraction", "2"], "train fraction is 2"),
+        (["evaluate", "set.npz", "--method", "magic"], "method is 'magic'"),
+        (["evaluate", "set.npz", "--iterations", "0"], "max_iterations is 0"),
+        (["evaluate", "set.npz", "--seed", "-1"], "seed is -1"),
+        (["learn", "set.npz", "no/such/folder/out.json", "--iterations", "5"], "cannot write"),
+        (["perceive", "nowhere"], "there is no nowhere"),
+        (["perceive", "other.npz"], "expected xyz"),
+        (["perceive", "nan.npz"], "points"),
+        (["perceive", "notes.txt"], "bag"),
+        (["perceive", "."], "metadata.yaml"),
+        (["perceive", "other.npz", "--save", "x"], "no motion to save"),
+        (["perceive", "cloud.npz", "--ball", "foam"], "expected MATERIAL=RADIUS"),
+        (["predict", "nowhere.json", "nowhere.json"], "cannot read nowhere.json"),
+        (["render", "bag", "--throws", "0"], "expected at least 1"),
+        (["render", "notes.txt"], "exists already"),
+        (["render", "bag", "--seed", "-3"], "seed is -3"),
+    ],
+)
+def test_mistakes_are_one_line_and_exit_code_1(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    launch_arrays: Callable[[int], dict[str, Any]],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "text.npz", "no zip")
+    write(tmp_path / "notes.txt")
+    (tmp_path / "bad_observations").mkdir()
+    write(tmp_path / "bad_observations" / "0.json", "{")
+    np.savez("other.npz", a=np.zeros(3))
+    np.savez("nan.npz", xyz=np.full((100, 3), np.nan))
+    np.savez("cloud.npz", xyz=np.random.default_rng(0).normal(size=(500, 3)))
+    np.savez("set.npz", **launch_arrays(3))
+    assert main(arguments) == 1
+    captured = capsys.readouterr()
+    assert message in captured.err
+    assert captured.err.startswith("intuitive-physics: error: ")
+    assert len(captured.err.strip().splitlines()) == 1
+
+
+def test_wrong_usage_and_errors_as_a_process(tmp_path: Path) -> None:
+    assert run("fly").returncode == 2
+    result = run("perceive", tmp_path / "nowhere")
+    assert (result.returncode, result.stdout) == (1, "")
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_ctrl_c_ends_with_130(launch_set: Path) -> None:
+    process = subprocess.Popen(
+        [*COMMAND, "evaluate", str(launch_set), "--method", "random", "--iterations", "100000000"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    time.sleep(4.0)
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=20)
+    assert process.returncode == 130, stderr
+    assert "Traceback" not in stderr

@@ -1,0 +1,81 @@
+"""The renderer against depth worked out by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_experiments.corner_room import corner_environment
+from intuitive_physics_experiments.depth_renderer import DepthRenderer
+
+
+def test_background_is_the_nearest_plane_of_each_ray(renderer: DepthRenderer) -> None:
+    # Depth t of a ray with z = 1 from p along d: n · (p + t d) = offset.
+    camera = renderer.camera
+    directions = camera.rays() @ camera.rotation.T
+    expected = np.full(directions.shape[:2], np.inf)
+    cosine = np.ones_like(expected)
+    for plane in corner_environment().planes:
+        facing = directions @ plane.normal
+        depth = (plane.offset - camera.position @ plane.normal) / facing
+        nearer = (facing < 0.0) & (depth < expected)
+        expected[nearer] = depth[nearer]
+        cosine[nearer] = (-facing / np.linalg.norm(directions, axis=-1))[nearer]
+    assert np.abs(renderer.background.depth - expected).max() < 1e-5
+    differs = np.abs(renderer.background.incidence_cosine - cosine) > 1e-5
+    assert differs.mean() < 0.005  # pixels on the seam of two planes
+
+
+def test_the_floor_fills_most_of_the_image(renderer: DepthRenderer) -> None:
+    # Sec. VI-B takes the plane with the most points for the floor.
+    camera, depth = renderer.camera, renderer.background.depth
+    points = camera.rays() * depth[..., None] @ camera.rotation.T + camera.position
+    floor, *walls = [
+        (np.abs(plane.signed_distances(points)) < 1e-3).mean()
+        for plane in corner_environment().planes
+    ]
+    assert floor > 1.3 * max(walls)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    x=st.floats(-0.2, 0.9), y=st.floats(-0.2, 0.9), z=st.floats(0.1, 0.9), r=st.floats(0.02, 0.1)
+)
+def test_every_ball_pixel_lies_on_the_sphere(
+    renderer: DepthRenderer, x: float, y: float, z: float, r: float
+) -> None:
+    image = renderer.full_image((x, y, z), r)
+    camera = renderer.camera
+    ball = image.depth != renderer.background.depth
+    points = camera.rays()[ball] * image.depth[ball][:, None] @ camera.rotation.T + camera.position
+    assert np.abs(np.linalg.norm(points - [x, y, z], axis=1) - r).max() < 2e-5
+    # Seen are about as many pixels as the silhouette's solid angle says.
+    distance = np.linalg.norm(camera.position - [x, y, z])
+    rays = camera.rays()
+    to_center = camera.to_optical([x, y, z]) / distance
+    angle = np.arccos(np.clip(rays @ to_center / np.linalg.norm(rays, axis=-1), -1, 1))
+    inside = angle < np.arcsin(r / distance)
+    walls_off = (np.array([x, y]) + r < 1.0).all() and z > r
+    if walls_off:
+        assert np.array_equal(ball, inside) or (ball != inside).sum() <= 4
+
+
+def test_the_nearest_point_has_depth_center_minus_radius(renderer: DepthRenderer) -> None:
+    camera = renderer.camera
+    center = camera.position + camera.rotation[:, 2] * 1.5
+    image = renderer.full_image(center, 0.07)
+    middle = image.depth[camera.height // 2, camera.width // 2]
+    assert middle == pytest.approx(1.43, abs=1e-4)
+
+
+def test_a_ball_outside_the_view_leaves_the_background(renderer: DepthRenderer) -> None:
+    image = renderer.full_image((-0.5, 5.0, 0.5), 0.07)
+    assert np.array_equal(image.depth, renderer.background.depth)
+
+
+def test_a_ball_behind_the_camera_is_refused(renderer: DepthRenderer) -> None:
+    with pytest.raises(InvalidInputError, match="before the camera"):
+        renderer.render((-2.0, -2.0, 2.0), 0.07)

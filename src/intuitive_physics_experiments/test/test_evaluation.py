@@ -1,0 +1,65 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.scene import Scene, SceneObject
+from intuitive_physics.shapes import Sphere
+from intuitive_physics.simulation import make_simulator
+from intuitive_physics.state import ObjectState
+from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_experiments.corner_room import corner_environment
+from intuitive_physics_experiments.evaluation import evaluate, split
+from intuitive_physics_learner.learning_session import LearningOptions
+from intuitive_physics_learner.search import ConvergenceCriteria
+
+TRUE = StaticParameters.uniform(("rubber", "room"), restitution=0.85)
+
+
+def bounces(count: int) -> list[Observation]:
+    """Balls dropped at different speeds under `TRUE`, seen without noise."""
+    times = np.arange(1, 31) / 30.0
+    observations = []
+    for i in range(count):
+        thing = SceneObject("ball", "rubber", Sphere(0.05))
+        state = ObjectState((0.0, 0.0, 0.6), linear_velocity=(0.1 * i, 0.0, 0.0))
+        scene = Scene(corner_environment(), (thing,), (state,))
+        path = make_simulator("event_driven").rollout([scene], TRUE, times).positions[0, 0]
+        seen = ObservedObject(thing, Trajectory(5.0 + times, path), state)
+        observations.append(Observation(scene.environment, (seen,), 5.0))
+    return observations
+
+
+def test_the_parameters_that_made_the_data_are_learned_and_predict_the_rest() -> None:
+    options = LearningOptions(criteria=ConvergenceCriteria(max_iterations=600), seed=1)
+    found = evaluate(bounces(5), options, train_fraction=0.6)
+    assert (len(found.training), len(found.test)) == (3, 2)
+    learned_training, learned_test = found.errors["learned parameters"]
+    default_training, default_test = found.errors["default parameters"]
+    flight_training, flight_test = found.errors["free flight"]
+    assert learned_test.mean < 0.1 * default_test.mean < flight_test.mean
+    assert learned_training.mean == pytest.approx(found.result.learned.cost, abs=1e-9)
+    assert learned_training.last < default_training.last < flight_training.last
+    pair = found.result.learned.parameters.pair("rubber", "room")
+    assert pair["restitution"] == pytest.approx(0.85, abs=0.03)
+
+
+@given(count=st.integers(2, 50), share=st.floats(0.01, 0.99), seed=st.integers(0, 99))
+def test_a_split_uses_everything_once(count: int, share: float, seed: int) -> None:
+    items = list(range(count))
+    training, test = split(items, share, seed)  # type: ignore[arg-type]
+    assert sorted(training + test) == items
+    assert training
+    assert test
+    assert split(items, share, seed) == (training, test)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("count", "share"), [(1, 0.5), (0, 0.5), (5, 0.0), (5, 1.0), (5, np.nan)])
+def test_what_cannot_be_split_is_refused(count: int, share: float) -> None:
+    with pytest.raises(InvalidInputError):
+        split(list(range(count)), share, 0)  # type: ignore[arg-type]

@@ -1,0 +1,181 @@
+"""Loaders of recorded data, on flights made here and on the recordings where they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_experiments.npz_file import load_cloud
+from intuitive_physics_experiments.recorded_data import load_recorded_set
+from intuitive_physics_experiments.table_tennis import (
+    GUN_BOUNCE_HEIGHT,
+    LAUNCH_BOUNCE_HEIGHT,
+    recovered_times,
+)
+
+
+def test_launches_become_observations(
+    tmp_path: Path, launch_arrays: Callable[[int], dict[str, Any]]
+) -> None:
+    np.savez(tmp_path / "set.npz", **launch_arrays(3))
+    title, observations = load_recorded_set(tmp_path / "set.npz")
+    assert title == "table-tennis launches"
+    assert len(observations) == 3
+    (ball,) = observations[0].objects
+    assert observations[0].materials == ("ball", "table")
+    assert ball.object.shape.radius == 0.02
+    assert observations[0].environment.planes[0].offset == pytest.approx(
+        LAUNCH_BOUNCE_HEIGHT - 0.02
+    )
+    assert ball.initial_state.linear_velocity == pytest.approx([-3.8, 0.1, 3.1], abs=1e-3)
+    assert len(ball.trajectory) == 160
+
+
+def test_uneven_time_steps_are_recovered_from_the_motion(
+    bouncing_flight: Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]],
+) -> None:
+    rng = np.random.default_rng(0)
+    halves = rng.choice([0, 1, 2, 2, 2, 2, 2, 3, 4], size=120)
+    true = np.concatenate([[0.0], np.cumsum(halves)]) * 0.0055
+    positions, velocities = bouncing_flight(true, GUN_BOUNCE_HEIGHT)
+    velocities += rng.normal(0.0, 0.05, velocities.shape)
+    times, kept = recovered_times(positions, velocities, 0.011)
+    assert times == pytest.approx(np.unique(true))
+    assert np.array_equal(positions[kept], positions[np.unique(true, return_index=True)[1]])
+
+
+def test_a_flight_over_the_edge_of_the_table_ends_there(
+    tmp_path: Path, bouncing_flight: Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]]
+) -> None:
+    times = np.arange(145) * 0.011
+    positions, velocities = bouncing_flight(times, GUN_BOUNCE_HEIGHT)
+    assert positions[-1, 2] < GUN_BOUNCE_HEIGHT - 0.2
+    np.savez(
+        tmp_path / "set.npz",
+        position=positions,
+        velocity=velocities,
+        offsets=[0, 145],
+        dt_implied=0.011,
+    )
+    _, (observation,) = load_recorded_set(tmp_path / "set.npz")
+    heights = observation.objects[0].trajectory.positions[:, 2]
+    assert heights.min() > GUN_BOUNCE_HEIGHT - 0.03
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"offsets": np.array([0, 160, 320])}, "offsets go from"),
+        ({"offsets": np.array([0.0, 480.0])}, "whole numbers"),
+        ({"position": np.zeros((480, 2))}, "shape"),
+        ({"position": np.full((480, 3), np.nan)}, "not finite"),
+        ({"time": np.zeros(480)}, "strictly increase"),
+        ({"radius": np.array(-1.0)}, "above zero"),
+    ],
+)
+def test_what_a_set_cannot_have_is_named(
+    tmp_path: Path,
+    launch_arrays: Callable[[int], dict[str, Any]],
+    change: dict,
+    message: str,
+) -> None:
+    np.savez(tmp_path / "set.npz", **{**launch_arrays(3), **change})
+    with pytest.raises(InvalidInputError, match=message):
+        load_recorded_set(tmp_path / "set.npz")
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "other.npz", a=np.zeros(3))
+    with pytest.raises(InvalidInputError, match="expected"):
+        load_recorded_set(tmp_path / "other.npz")
+    with pytest.raises(InvalidInputError, match="xyz"):
+        load_cloud(tmp_path / "other.npz")
+    np.savez(tmp_path / "flat.npz", xyz=np.zeros(9))
+    with pytest.raises(InvalidInputError, match=r"expected \(n, 3\)"):
+        load_cloud(tmp_path / "flat.npz")
+    np.savez(tmp_path / "pickle.npz", xyz=np.array([{}], dtype=object))
+    with pytest.raises(InvalidInputError, match="cannot read"):
+        load_cloud(tmp_path / "pickle.npz")
+    np.save(tmp_path / "bare.npy", np.zeros(3))
+    with pytest.raises(InvalidInputError, match="one bare array"):
+        load_cloud(tmp_path / "bare.npy")
+    with pytest.raises(InvalidInputError, match="No such file"):
+        load_cloud(tmp_path / "missing.npz")
+
+
+@settings(max_examples=40, deadline=None)
+@given(share=st.floats(0.0, 0.99))
+def test_truncated_files_are_refused(
+    tmp_path_factory: pytest.TempPathFactory,
+    launch_arrays: Callable[[int], dict[str, Any]],
+    share: float,
+) -> None:
+    path = tmp_path_factory.mktemp("npz") / "set.npz"
+    np.savez(path, **launch_arrays(1))
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(InvalidInputError):
+        load_recorded_set(path)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    position=hnp.arrays(np.float64, (24, 3), elements=st.floats(width=32)),
+    velocity=hnp.arrays(np.float64, (24, 3), elements=st.floats(width=32)),
+)
+def test_any_numbers_are_loaded_or_refused(
+    tmp_path_factory: pytest.TempPathFactory, position: np.ndarray, velocity: np.ndarray
+) -> None:
+    path = tmp_path_factory.mktemp("npz") / "set.npz"
+    np.savez(path, position=position, velocity=velocity, offsets=[0, 24], dt_implied=0.011)
+    try:
+        _, observations = load_recorded_set(path)
+    except InvalidInputError:
+        return
+    assert len(observations) <= 1
+
+
+def test_recorded_launches_fly_as_balls_do(recording: Callable[[str], Path]) -> None:
+    _, observations = load_recorded_set(recording("table_tennis_launches.npz"))
+    assert len(observations) == 32
+    speeds = [
+        np.linalg.norm(seen.objects[0].initial_state.linear_velocity) for seen in observations
+    ]
+    # One launcher at one setting.
+    assert np.std(speeds) < 0.05 * np.mean(speeds)
+    for seen in observations:
+        heights = seen.objects[0].trajectory.positions[:, 2]
+        gap = heights.min() - seen.environment.planes[0].offset
+        assert 0.015 < gap < 0.045  # lowest sample near the bounce
+
+
+def test_recovered_times_of_the_gun_make_balls_fall_as_they_do(
+    recording: Callable[[str], Path],
+) -> None:
+    # At the top of the flight drag has no vertical part: the second derivative of the height is
+    # gravity, and what topspin adds (about a tenth). Even steps of dt_implied give only 8.9 m/s².
+    _, observations = load_recorded_set(recording("table_tennis_gun.npz"))
+    assert len(observations) == 106
+    falls = []
+    for seen in observations:
+        trajectory = seen.objects[0].trajectory
+        times, heights = trajectory.times, trajectory.positions[:, 2]
+        top = np.argmax(heights)
+        near = np.abs(times - times[top]) < 0.2
+        falls.append(-2.0 * np.polyfit(times[near] - times[top], heights[near], 3)[1])
+    assert np.median(falls) == pytest.approx(10.6, abs=0.5)
+
+
+@pytest.mark.parametrize("number", [1, 2, 4, 5, 7])
+def test_lidar_scans_are_clouds(recording: Callable[[str], Path], number: int) -> None:
+    points = load_cloud(recording(f"lidar_ball_{number}.npz"))
+    assert points.dtype == np.float32
+    assert points.shape[1] == 3

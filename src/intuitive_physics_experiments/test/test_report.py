@@ -1,0 +1,157 @@
+"""The report holds what it was given, is one file, and needs no network."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import parameter_names
+from intuitive_physics_experiments.corner_room import (
+    MATERIALS,
+    corner_camera,
+    corner_environment,
+    true_parameters,
+)
+from intuitive_physics_experiments.demo_result import (
+    DemoResult,
+    ExampleFrame,
+    LearningOutcome,
+    PredictionOutcome,
+    ThrowErrors,
+)
+from intuitive_physics_experiments.frame_figure import _pixels, _silhouette
+from intuitive_physics_experiments.report import write_report
+
+
+def example_frame() -> ExampleFrame:
+    camera = corner_camera()
+    time = np.linspace(0.0, 0.6, 19)[:, None]
+    track = np.array([0.2, 0.2, 0.5]) + time * [1.0, 0.7, 1.0] - 4.905 * time**2 * [0.0, 0.0, 1.0]
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    nothing = np.zeros(4)
+    return ExampleFrame(
+        depth=np.full((camera.height, camera.width), 2000, np.uint16),
+        camera_matrix=camera.matrix(),
+        rotation=camera.rotation,
+        translation=camera.position,
+        environment=corner_environment(),
+        plane_outlines=(
+            np.column_stack([square, nothing]),
+            np.column_stack([nothing + 1.0, square]),
+            np.column_stack([square[:, :1], nothing + 1.0, square[:, 1:]]),
+        ),
+        sphere_center=track[9],
+        sphere_radius=0.05,
+        track=track,
+    )
+
+
+@pytest.fixture(scope="module")
+def result() -> DemoResult:
+    rng = np.random.default_rng(0)
+    frame = example_frame()
+    names = parameter_names(MATERIALS)
+    identified = [name.startswith("restitution") and "room" in name for name in names]
+    learned = LearnedParameters(
+        true_parameters(),
+        np.where(identified, 0.01, np.nan),
+        identified,
+        version=1,
+        cost=0.02,
+        observation_count=3,
+        method="cma_es",
+    )
+    times = np.linspace(0.0, 0.6, 19)
+    samples = frame.track + rng.normal(0.0, 0.02, (25, 1, 3)) * times[:, None]
+    return DemoResult(
+        frame,
+        LearningOutcome(true_parameters(), learned, np.geomspace(0.2, 0.02, 80), 0.1, 0.012),
+        (ThrowErrors("throw <1>", "foam", 0.07, 60, 0.0021, 0.02, 0.012, 0.1),),
+        PredictionOutcome(
+            frame.environment,
+            "rubber",
+            0.05,
+            times,
+            samples,
+            samples.mean(axis=0),
+            times,
+            frame.track,
+            frame.track,
+        ),
+        {"learned_J_m": 0.0213, "prediction_rate_hz": 99.9},
+        {"seed": "0", "command": "make demo & more"},
+    )
+
+
+class PageParser(HTMLParser):
+    """Collects the tags and checks that they nest."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.sources: list[str] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def test_the_page_is_whole_and_self_contained(result: DemoResult, tmp_path: Path) -> None:
+    paths = write_report(result, tmp_path / "new" / "folder")
+    assert paths.picture.read_bytes().startswith(b"\x89PNG")
+    page = paths.page.read_text(encoding="utf-8")
+    parser = PageParser()
+    parser.feed(page)
+    assert parser.open == []
+    assert len(parser.sources) == 5
+    assert all(source.startswith("data:image/png;base64,") for source in parser.sources)
+    assert not re.search(r"https?://", page)
+    for text in (
+        "throw <1>",
+        "0.0213",
+        "learned J (m)",
+        "prediction rate (Hz)",
+        "make demo & more",
+    ):
+        assert text in parser.text
+    assert "restitution[foam, room]" in parser.text
+    assert "Not identified" in parser.text
+
+
+def test_the_silhouette_is_where_rays_touch_the_sphere() -> None:
+    frame = example_frame()
+    rim = _silhouette(frame)
+    to_rim, to_center = rim - frame.translation, rim - frame.sphere_center
+    assert np.linalg.norm(to_center, axis=1) == pytest.approx(frame.sphere_radius)
+    assert np.abs((to_rim * to_center).sum(axis=1)).max() < 1e-12
+    center = _pixels(frame, frame.sphere_center[None])[0]
+    assert _pixels(frame, rim).mean(axis=0) == pytest.approx(center, abs=0.5)
+
+
+def test_nothing_identified_is_no_reason_to_fail(result: DemoResult, tmp_path: Path) -> None:
+    learning = replace(result.learning, learned=LearnedParameters.defaults(MATERIALS))
+    paths = write_report(replace(result, learning=learning), tmp_path)
+    assert "Not identified" in paths.page.read_text(encoding="utf-8")
+
+
+def test_a_folder_that_cannot_be_written_is_one_clear_error(
+    result: DemoResult, tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InvalidInputError, match="cannot write the report"):
+        write_report(result, tmp_path / "file")

@@ -38,6 +38,10 @@ STEP = 1e-3
 """s."""
 
 SWEEPS = 60
+"""At most; fewer where a sweep changes no velocity by more than `CONVERGED`."""
+
+CONVERGED = 1e-9
+"""m/s."""
 
 STILL_SPEED = 1e-5
 """m/s. A cluster in which nothing moves faster is at rest."""
@@ -82,8 +86,11 @@ def plan_cluster(world, count):
         fallen = add_scaled(load(body.acceleration), load(world.gravity), STEP)
         store(body.acceleration, fallen)
     for _ in range(SWEEPS):
+        largest = 0.0
         for c in range(contacts):
-            _solve_contact(world, c)
+            largest = max(largest, _solve_contact(world, c))
+        if largest < CONVERGED:
+            break
     moves = False
     for k in range(count):
         body = world.objects[world.objects[k].member]
@@ -180,6 +187,7 @@ def _push_one(body, impulse, arm):
 
 @njit(cache=True)
 def _solve_contact(world, c):
+    """Improve the impulses of one contact; return by how much (m/s) that changed a velocity."""
     contact = world.contacts[c]
     i, other = contact.first, contact.second
     n = load(contact.normal)
@@ -206,13 +214,18 @@ def _solve_contact(world, c):
     new = clamped(add_scaled(old, tangential(speed, n), -1.0 / (3.5 * inverse_mass)), limit)
     store(contact.friction, new)
     _push(world, contact, sub(new, old))
+    change = (abs(contact.normal_impulse - before) + norm(sub(new, old))) * inverse_mass
     if sticks:
-        _solve_rolling(world, contact, rolling * contact.normal_impulse)
+        change += _solve_rolling(world, contact, rolling * contact.normal_impulse)
+    return change
 
 
 @njit(cache=True)
 def _solve_rolling(world, contact, limit_per_radius):
-    """Oppose the relative spin by a torque of at most μ_r r N, r the smaller radius."""
+    """Oppose the relative spin by a torque of at most μ_r r N, r the smaller radius.
+
+    Returns the change in m/s at the surface.
+    """
     body = world.objects[contact.first]
     relative = load(body.spin_acceleration)
     softness = 1.0 / inertia(body)
@@ -232,3 +245,4 @@ def _solve_rolling(world, contact, limit_per_radius):
         other = world.objects[contact.second]
         spin = add_scaled(load(other.spin_acceleration), change, -1.0 / inertia(other))
         store(other.spin_acceleration, spin)
+    return norm(change) * softness * radius

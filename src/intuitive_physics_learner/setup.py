@@ -14,8 +14,8 @@ setup(
         "console_scripts": ["learner_node = intuitive_physics_learner.learner_node:main"]
     },
     python_requires=">=3.10",
-    install_requires=["setuptools", "numpy>=1.26"],
-    extras_require={"cma": ["cma"], "test": ["pytest", "hypothesis", "pyyaml"]},
+    install_requires=["setuptools", "intuitive_physics", "numpy>=1.26", "cma"],
+    extras_require={"test": ["pytest", "hypothesis", "pyyaml"]},
     zip_safe=False,
     maintainer="Intuitive Physics maintainers",
     maintainer_email="maintainers@intuitive-physics.example",

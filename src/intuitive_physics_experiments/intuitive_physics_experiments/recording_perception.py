@@ -60,7 +60,8 @@ def perceive_recording(
         When the bag cannot be read or shows no scene.
     """
     pipeline = PerceptionPipeline(settings, rng)
-    model, observations = None, []
+    model: EnvironmentModel | None = None
+    observations: list[Observation] = []
     problems: Counter[str] = Counter()
     with_spheres = 0
     with BagReader(path) as bag:

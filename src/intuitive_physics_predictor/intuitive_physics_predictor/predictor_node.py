@@ -357,7 +357,3 @@ def output_times(horizon: float, time_step: float) -> np.ndarray:
 def main() -> int:
     """Run the node until it is told to stop."""
     return run_node(PredictorNode)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

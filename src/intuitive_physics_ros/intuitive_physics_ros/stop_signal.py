@@ -9,6 +9,8 @@ import threading
 from collections.abc import Callable
 from types import FrameType
 
+NUMBERS = (signal.SIGINT, signal.SIGTERM)
+
 
 class StopSignal:
     """Is set by the first SIGINT or SIGTERM of this process; later ones change nothing.
@@ -25,10 +27,12 @@ class StopSignal:
         # arrives here arrives at once.
         self._arrivals, self._wakeup = socket.socketpair()
         self._wakeup.setblocking(False)
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in NUMBERS:
             signal.signal(number, self._set)
         signal.set_wakeup_fd(self._wakeup.fileno(), warn_on_full_buffer=False)
-        os.register_at_fork(after_in_child=_leave_to_parent)
+        os.register_at_fork(
+            before=_hold_back, after_in_parent=_let_through, after_in_child=_leave_to_parent
+        )
 
     def is_set(self) -> bool:
         """Whether a signal has come."""
@@ -52,8 +56,20 @@ class StopSignal:
         self._event.set()
 
 
+# A forked worker shares the socket: a signal to the worker would stop the node. So signals wait
+# until the worker has become one that SIGTERM ends and that leaves SIGINT to the node.
+
+
+def _hold_back() -> None:
+    signal.pthread_sigmask(signal.SIG_BLOCK, NUMBERS)
+
+
+def _let_through() -> None:
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, NUMBERS)
+
+
 def _leave_to_parent() -> None:
-    # A forked worker shares the socket: a signal to it would stop the node.
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    _let_through()

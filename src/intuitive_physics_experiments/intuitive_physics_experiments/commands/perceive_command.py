@@ -68,7 +68,9 @@ def _settings(options: argparse.Namespace, up: Sequence[float] | None) -> Any:
                 f"--ball is {text!r}; expected MATERIAL=RADIUS with the radius in m, "
                 "such as wood=0.03"
             ) from None
-    return PerceptionSettings(known_objects=tuple(known), up_hint=up)
+    return PerceptionSettings(
+        known_objects=tuple(known), up_hint=None if up is None else (up[0], up[1], up[2])
+    )
 
 
 def _perceive_cloud(options: argparse.Namespace) -> None:

@@ -1,0 +1,62 @@
+# Intuitive Physics. `make` alone lists what there is.
+
+.DEFAULT_GOAL := help
+.PHONY: help setup build lint test library-tests system-tests demo clean
+
+# A ROS, or a Python, that the caller's shell has sourced must not mix with ours.
+unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH
+unexport COLCON_PREFIX_PATH ROS_DISTRO ROS_LOCALHOST_ONLY
+
+# Nodes of one run talk among themselves and on this machine only, through the one middleware that
+# comes as wheels; its profile says itself what it is for.
+run_environment = \
+	ROS_DOMAIN_ID=$$(( $$$$ % 100 + 1 )) \
+	ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
+	ROS_LOG_DIR=$(CURDIR)/build/ros_log \
+	RMW_IMPLEMENTATION=rmw_fastrtps_cpp \
+	FASTRTPS_DEFAULT_PROFILES_FILE=$(CURDIR)/.venv/share/intuitive_physics_bringup/config/fastdds_profile.xml
+
+# Open3D brings dash, whose pytest plug-in serves nothing here and warns in every run.
+pytest = .venv/bin/pytest -p no:dash
+
+python_packages = $(dir $(wildcard src/*/setup.py))
+node_tests = $(wildcard src/*/test/test_*node*.py)
+ros_packages = src/intuitive_physics_ros src/intuitive_physics_bringup
+
+help: ## List the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+setup: ## Make .venv and build the workspace; the others do it when needed
+	@tools/setup.sh
+
+build: setup ## Build the workspace again after a change in src/
+
+lint: setup ## Only check style and types
+	@echo "── lint"
+	@.venv/bin/ruff check .
+	@.venv/bin/ruff format --check --quiet . || { .venv/bin/ruff format --diff --quiet . ; exit 1; }
+	@MYPYPATH=$(subst $(eval ) ,:,$(python_packages)) .venv/bin/mypy --namespace-packages \
+		$(foreach package,$(python_packages),$(package)$(notdir $(package:/=)))
+
+test: setup ## Lint, test the libraries, test the nodes and the whole system
+	@failed=; for stage in lint library-tests system-tests; do \
+		$(MAKE) --no-print-directory $$stage || failed="$$failed $$stage"; \
+	done; \
+	if [ -n "$$failed" ]; then echo "failed:$$failed"; exit 1; fi; \
+	echo "all tests passed"
+
+library-tests: setup ## Only test what knows nothing of ROS
+	@echo "── library tests"
+	@$(pytest) $(addsuffix test,$(filter-out $(addsuffix /,$(ros_packages)),$(python_packages))) \
+		$(addprefix --ignore=,$(node_tests))
+
+system-tests: setup ## Only test nodes, as processes that talk over DDS
+	@echo "── system tests"
+	@$(run_environment) $(pytest) $(wildcard $(addsuffix /test,$(ros_packages)) test) $(node_tests)
+
+demo: setup ## Perceive, learn from and predict thrown balls; write a report
+	@$(run_environment) .venv/bin/python -m intuitive_physics_bringup.demo
+
+clean: ## Remove the environment and everything built
+	rm -rf .venv build log install demo_output .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find src -name __pycache__ -o -name '*.egg-info' | xargs rm -rf

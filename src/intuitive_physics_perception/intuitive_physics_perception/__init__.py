@@ -1,0 +1,1 @@
+"""From depth images or point clouds to environment, object states and observations."""

@@ -1,0 +1,212 @@
+"""Model the environment Ω_e from the first frames: planes, gravity and a gravity-aligned frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.scene import Environment, Plane
+from intuitive_physics_perception.noise import RangeNoise
+from intuitive_physics_perception.planes import DetectedPlane, detect_planes
+from intuitive_physics_perception.settings import PerceptionSettings
+
+MAX_FUSED_POINTS = 24000
+MIN_POINTS = 50
+VERTICAL_VIEW_COSINE = float(np.cos(np.radians(10.0)))
+
+
+class NoEnvironmentError(IntuitivePhysicsError):
+    """The frames show no plane that could support anything."""
+
+
+@dataclass(frozen=True, eq=False)
+class EnvironmentModel:
+    """The environment, and where the sensor stands in it.
+
+    The environment's frame has z along the normal of the supporting plane, its origin where a
+    plumb line from the sensor meets that plane, and x along the sensor's optical axis (z) dropped
+    onto the plane, or along the sensor's x axis where the optical axis is vertical within 10°.
+
+    Parameters
+    ----------
+    environment : Ω_e; its first plane is the support, its planes have no edges
+    detected : the same planes in the sensor's frame, with their outlines
+    rotation : (3, 3) and
+    translation : (3,) m: p_environment = rotation p_sensor + translation
+    noise : of the range readings, measured on the planes
+    """
+
+    environment: Environment
+    detected: tuple[DetectedPlane, ...]
+    rotation: NDArray[np.float64]
+    translation: NDArray[np.float64]
+    noise: RangeNoise
+
+    def to_environment(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return points (..., 3) of the sensor's frame in the environment's frame, m."""
+        return np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation
+
+    def to_sensor(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return points (..., 3) of the environment's frame in the sensor's frame, m."""
+        return (np.asarray(points, dtype=np.float64) - self.translation) @ self.rotation
+
+    def sensor_orientation(self) -> NDArray[np.float64]:
+        """Return the quaternion (x, y, z, w), (4,), sensor to environment."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_matrix(self.rotation).as_quat()
+
+    def outlines(self) -> list[NDArray[np.float64]]:
+        """Return the convex outline (n, 3), m, of what was seen of each plane, in its frame."""
+        return [self.to_environment(plane.corners) for plane in self.detected]
+
+
+def model_environment(
+    frames: Sequence[NDArray[np.float32]],
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+) -> EnvironmentModel:
+    """Fuse frames of points and model what is static in them (Sec. VI-B).
+
+    Parameters
+    ----------
+    frames : each (height, width, 3) m, NaN where nothing was read, the sensor at the origin
+
+    Raises
+    ------
+    NoEnvironmentError
+        When there are too few points, no plane, or none of the planes fits `up_hint`.
+    """
+    points = fuse(frames, settings, rng)
+    if len(points) < MIN_POINTS:
+        raise NoEnvironmentError(
+            f"{len(frames)} frames have {len(points)} points between {settings.min_range:g} and "
+            f"{settings.max_range:g} m; expected at least {MIN_POINTS}"
+        )
+    assumed = RangeNoise.from_settings(settings)
+    planes = detect_planes(points, assumed, settings, rng)
+    if not planes:
+        raise NoEnvironmentError(
+            f"no plane holds {settings.plane_min_fraction:.0%} of the {len(points)} points; "
+            "expected a floor or table: turn the sensor to it or lower plane_min_fraction"
+        )
+    planes = _support_first(planes, settings)
+    noise = _measured_noise(frames[-1], planes, assumed, settings, rng)
+    rotation, translation = _gravity_aligned(planes[0])
+    environment = Environment(
+        [
+            Plane(
+                f"plane_{k}",
+                settings.plane_material,
+                rotation @ plane.normal,
+                plane.offset + float(rotation @ plane.normal @ translation),
+            )
+            for k, plane in enumerate(planes)
+        ],
+        gravity=(0.0, 0.0, -settings.gravity),
+        frame_id=settings.environment_frame_id,
+    )
+    return EnvironmentModel(environment, tuple(planes), rotation, translation, noise)
+
+
+def fuse(
+    frames: Sequence[NDArray[np.float32]],
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """Return points (n, 3), at most MAX_FUSED_POINTS, of all frames.
+
+    Frames of one organised size are fused by the median of each pixel, which averages noise and
+    drops what moves; others are thrown together.
+    """
+    shapes = {frame.shape for frame in frames}
+    if len(shapes) == 1 and frames[0].shape[0] > 1:
+        height, width = frames[0].shape[:2]
+        stride = max(1, int(np.ceil(np.sqrt(height * width / MAX_FUSED_POINTS))))
+        stack = np.stack([frame[::stride, ::stride] for frame in frames]).astype(np.float64)
+        points = _pixel_medians(stack.reshape(len(frames), -1, 3))
+    else:
+        points = np.concatenate([frame.reshape(-1, 3) for frame in frames]).astype(np.float64)
+    points = points[_in_range(points, settings)]
+    if len(points) > MAX_FUSED_POINTS:
+        points = points[rng.choice(len(points), MAX_FUSED_POINTS, replace=False)]
+    return points
+
+
+def _pixel_medians(stack: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Median reading of each pixel, (n_pixels, 3) of (n_frames, n_pixels, 3), seen in at least half
+    of the frames; else NaN."""
+    ranges = np.linalg.norm(stack, axis=2)
+    seen = np.isfinite(ranges).sum(axis=0)
+    # NaN sorts to the end, so the median of what was seen stands at half its count.
+    order = np.argsort(ranges, axis=0)
+    middle = np.take_along_axis(order, (seen // 2).clip(max=len(stack) - 1)[None], axis=0)[0]
+    medians = stack[middle, np.arange(stack.shape[1])]
+    medians[2 * seen < len(stack)] = np.nan
+    return medians
+
+
+def _in_range(points: NDArray[np.float64], settings: PerceptionSettings) -> NDArray[np.bool_]:
+    ranges = np.linalg.norm(points, axis=1)
+    return (ranges >= settings.min_range) & (ranges <= settings.max_range)
+
+
+def _support_first(
+    planes: list[DetectedPlane], settings: PerceptionSettings
+) -> list[DetectedPlane]:
+    """Put the supporting plane first: the largest, or the largest that fits the hint."""
+    if settings.up_hint is None:
+        return planes
+    cosine = np.cos(np.radians(settings.up_hint_tolerance))
+    for k, plane in enumerate(planes):
+        if plane.normal @ np.array(settings.up_hint) >= cosine:
+            return [plane, *planes[:k], *planes[k + 1 :]]
+    raise NoEnvironmentError(
+        f"none of {len(planes)} planes faces up_hint {settings.up_hint} within "
+        f"{settings.up_hint_tolerance:g}°; expected a floor or table: correct the hint"
+    )
+
+
+def _measured_noise(
+    frame: NDArray[np.float32],
+    planes: list[DetectedPlane],
+    assumed: RangeNoise,
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+) -> RangeNoise:
+    """Measure the range noise of one frame on the points nearest to each plane."""
+    if not settings.estimate_noise:
+        return assumed
+    points = fuse([frame.reshape(1, -1, 3)], settings, rng)
+    ranges = np.linalg.norm(points, axis=1)
+    normals = np.stack([plane.normal for plane in planes])
+    offsets = np.array([plane.offset for plane in planes])
+    along = points @ normals.T
+    errors = along - offsets
+    nearest = np.abs(errors).argmin(axis=1)
+    rows = np.arange(len(points))
+    error, cosine = errors[rows, nearest], along[rows, nearest] / ranges
+    # Grazing rays tell of the plane's unevenness, not of the noise along the ray.
+    frontal = np.abs(cosine) > 0.25
+    near = np.abs(error) < settings.plane_tolerance + settings.plane_sigmas * np.abs(
+        cosine
+    ) * assumed.deviation(ranges)
+    use = frontal & near
+    return assumed.measured(ranges[use], error[use] / cosine[use])
+
+
+def _gravity_aligned(
+    support: DetectedPlane,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rotation and translation from the sensor's frame to the environment's."""
+    up = support.normal
+    optical, sideways = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+    ahead = sideways if abs(optical @ up) > VERTICAL_VIEW_COSINE else optical
+    x = ahead - (ahead @ up) * up
+    x /= np.linalg.norm(x)
+    rotation = np.stack([x, np.cross(up, x), up])
+    return rotation, np.array([0.0, 0.0, -support.offset])

@@ -1,0 +1,139 @@
+"""From tracks to observations: when something moves, and what of it can be learned from.
+
+An *episode* lasts from the first motion until nothing moves any more. All balls of an observation
+must have a state at its start, so an episode is cut where a ball appears: each piece is an
+observation of the balls that are there at its beginning, and ends where the next one begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.scene import Environment
+from intuitive_physics.state import ObjectState
+from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_perception.initial_state import Record, state_at
+from intuitive_physics_perception.motion import RADIUS
+from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.tracker import Track
+
+MAX_START_TRIALS = 90
+
+
+class EpisodeRecorder:
+    """Watches tracks and turns each episode into observations once it is over."""
+
+    def __init__(self, environment: Environment, settings: PerceptionSettings) -> None:
+        self._environment = environment
+        self._settings = settings
+        self._start: float | None = None
+        self._ended: list[Track] = []
+
+    def update(
+        self, time: float, alive: Sequence[Track], ended: Sequence[Track]
+    ) -> list[Observation]:
+        """Take the confirmed tracks of a frame and those that ended; return what is finished."""
+        moving = [track for track in alive if not track.resting]
+        if self._start is None:
+            if not moving:
+                return []
+            self._start = min(track.moving_since for track in moving)
+        self._ended += ended
+        if moving and time - self._start < self._settings.max_duration:
+            return []
+        finished = self.finish(alive)
+        if moving:
+            # Time is out for what still moves: it begins anew.
+            self._start = time
+        return finished
+
+    def finish(self, alive: Sequence[Track]) -> list[Observation]:
+        """End the episode now and return its observations."""
+        if self._start is None:
+            return []
+        records = [
+            record_of(track, self._settings).between(self._start, np.inf)
+            for track in (*self._ended, *alive)
+        ]
+        self._start, self._ended = None, []
+        return observations_of(records, self._environment, self._settings)
+
+
+def record_of(track: Track, settings: PerceptionSettings) -> Record:
+    """Return what was seen of a track, given the radius its average found.
+
+    Each detection told centre and radius with their covariance; knowing the radius better moves
+    the centre: c' = c + C_cr / C_rr (r̄ - r).
+    """
+    spheres = [point.sphere for point in track.history]
+    covariances = np.stack([sphere.covariance for sphere in spheres])
+    gains = covariances[:, :3, 3] / covariances[:, 3, 3, None]
+    off = track.mean[RADIUS] - np.array([sphere.radius for sphere in spheres])
+    positions = np.stack([sphere.center for sphere in spheres]) + gains * off[:, None]
+    left = np.maximum(covariances[:, 3, 3] - track.covariance[RADIUS, RADIUS], 0.0)
+    narrowed = covariances[:, :3, :3] - left[:, None, None] * gains[:, :, None] * gains[:, None, :]
+    return Record(
+        track.scene_object(settings),
+        np.array([point.time for point in track.history]),
+        positions,
+        narrowed,
+    )
+
+
+def observations_of(
+    records: Sequence[Record], environment: Environment, settings: PerceptionSettings
+) -> list[Observation]:
+    """Cut an episode where balls appear and return the pieces one can learn from."""
+    worth = [record for record in records if _is_worth(record, settings)]
+    appearances = sorted({float(record.times[0]) for record in worth})
+    pieces = zip(appearances, [*appearances[1:], np.inf], strict=True)
+    found = [_piece(worth, start, end, environment, settings) for start, end in pieces]
+    return [observation for observation in found if observation is not None]
+
+
+def _is_worth(record: Record, settings: PerceptionSettings) -> bool:
+    return (
+        len(record.times) >= settings.min_observed_points and record.travel >= settings.min_travel
+    )
+
+
+def _piece(
+    records: Sequence[Record],
+    start: float,
+    end: float,
+    environment: Environment,
+    settings: PerceptionSettings,
+) -> Observation | None:
+    """The observation of the balls that are there at `start`, None where it would be too short.
+
+    It begins at the first time at which the state of each is known and one of them moves: before,
+    a hand may have moved them.
+    """
+    there = [record for record in records if record.times[0] <= start <= record.times[-1]]
+    times = np.unique(np.concatenate([record.between(start, end).times for record in there]))
+    for time in times[:MAX_START_TRIALS]:
+        parts = [record.between(time, end) for record in there]
+        members = [k for k, part in enumerate(parts) if _is_worth(part, settings)]
+        if not members:
+            return None
+        states = [state_at(there[k], time, environment, settings) for k in members]
+        known = [state for state in states if state is not None]
+        if len(known) == len(members) and any(_moves(state, settings) for state in known):
+            return Observation(
+                environment,
+                tuple(
+                    ObservedObject(
+                        parts[k].object, Trajectory(parts[k].times, parts[k].positions), state
+                    )
+                    for k, state in zip(members, known, strict=True)
+                ),
+                float(time),
+            )
+    return None
+
+
+def _moves(state: ObjectState, settings: PerceptionSettings) -> bool:
+    return bool(np.linalg.norm(state.linear_velocity) > settings.rest_speed)

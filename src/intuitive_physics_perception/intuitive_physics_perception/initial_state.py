@@ -1,0 +1,157 @@
+"""The first state θ_d of an observed ball: least squares over a stretch without a contact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.scene import Environment, SceneObject
+from intuitive_physics.state import (
+    ANGULAR_VELOCITY,
+    ERROR_SIZE,
+    LINEAR_VELOCITY,
+    POSITION,
+    ObjectState,
+)
+from intuitive_physics_perception.motion import supported_acceleration, supporting_planes
+from intuitive_physics_perception.settings import PerceptionSettings
+
+MIN_POINTS = 3
+MAX_POINTS = 12
+MAX_DURATION = 0.5
+POINTS_BEFORE = 6
+SURPRISE = 16.0
+MAX_MISFIT = 3.0
+TOUCH_SIGMAS, TOUCH_SLACK = 3.0, 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What was seen of one ball.
+
+    Parameters
+    ----------
+    object : what it is
+    times : (n,) s, strictly increasing
+    positions : (n, 3) m, of the centre in the environment's frame
+    covariances : (n, 3, 3) m²
+    """
+
+    object: SceneObject
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+
+    def between(self, start: float, end: float) -> Record:
+        """Return the part with start ≤ time < end."""
+        inside = (self.times >= start) & (self.times < end)
+        return Record(
+            self.object, self.times[inside], self.positions[inside], self.covariances[inside]
+        )
+
+    @property
+    def travel(self) -> float:
+        """Largest distance in m from the first position."""
+        if not len(self.times):
+            return 0.0
+        return float(np.linalg.norm(self.positions - self.positions[0], axis=1).max())
+
+
+def state_at(
+    record: Record, time: float, environment: Environment, settings: PerceptionSettings
+) -> ObjectState | None:
+    """Estimate a ball's state at `time` from the longest stretch about it that gravity explains.
+
+    A stretch is flight, or sliding on the planes that the ball touches; it ends where the next
+    point is a surprise, the first sign of a bounce. Position and velocity come from weighted least
+    squares with the acceleration known; their covariance grows with the misfit.
+
+    Returns
+    -------
+    None where no stretch of at least three points holds `time`.
+    """
+    first = int(np.searchsorted(record.times, time - 1e-9))
+    best: _Stretch | None = None
+    for start in range(max(first - POINTS_BEFORE, 0), min(first + 1, len(record.times))):
+        for acceleration in _accelerations(record, start, environment):
+            stretch = _longest_stretch(record, start, time, acceleration)
+            if (
+                stretch is not None
+                and record.times[stretch.end - 1] >= time
+                and (best is None or stretch.end - stretch.start > best.end - best.start)
+            ):
+                best = stretch
+    if best is None:
+        return None
+    covariance = np.zeros((ERROR_SIZE, ERROR_SIZE))
+    covariance[POSITION, POSITION] = best.covariance[:3, :3]
+    covariance[POSITION, LINEAR_VELOCITY] = best.covariance[:3, 3:]
+    covariance[LINEAR_VELOCITY, POSITION] = best.covariance[3:, :3]
+    covariance[LINEAR_VELOCITY, LINEAR_VELOCITY] = best.covariance[3:, 3:]
+    covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = settings.angular_velocity_deviation**2 * (
+        np.eye(3)
+    )
+    return ObjectState(best.mean[:3], linear_velocity=best.mean[3:], covariance=covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """Points start to end (exclusive) and (position, velocity) at the time asked for."""
+
+    start: int
+    end: int
+    mean: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+
+def _accelerations(
+    record: Record, start: int, environment: Environment
+) -> list[NDArray[np.float64]]:
+    """Flight, and sliding where the ball touches planes."""
+    noise = float(np.sqrt(np.trace(record.covariances[start])))
+    touched = supporting_planes(
+        environment,
+        record.positions[start],
+        record.object.shape.bounding_radius,
+        TOUCH_SIGMAS * noise + TOUCH_SLACK,
+    )
+    flight = [environment.gravity]
+    return [*flight, supported_acceleration(environment, touched)] if touched else flight
+
+
+def _longest_stretch(
+    record: Record, start: int, time: float, acceleration: NDArray[np.float64]
+) -> _Stretch | None:
+    """Grow a stretch from `start` until a point is a surprise or it is long enough."""
+    information, right, squares = np.zeros((6, 6)), np.zeros(6), 0.0
+    grown: list[_Stretch] = []
+    stop = min(len(record.times), start + MAX_POINTS)
+    for k in range(start, stop):
+        t = record.times[k] - time
+        if record.times[k] - record.times[start] > MAX_DURATION:
+            break
+        # x(t) = x₀ + v₀ t + a t² / 2, linear in x₀ and v₀ once the last term is taken off.
+        row = np.hstack([np.eye(3), t * np.eye(3)])
+        seen = record.positions[k] - 0.5 * t * t * acceleration
+        weight = np.linalg.inv(record.covariances[k])
+        if grown:
+            spread = row @ grown[-1].covariance @ row.T + record.covariances[k]
+            surprise = seen - row @ grown[-1].mean
+            if surprise @ np.linalg.solve(spread, surprise) > SURPRISE:
+                # The bounce may have begun before the point that shows it.
+                return grown[-2] if len(grown) > 2 else grown[-1]
+        information += row.T @ weight @ row
+        right += row.T @ weight @ seen
+        squares += float(seen @ weight @ seen)
+        count = k + 1 - start
+        if count < MIN_POINTS:
+            continue
+        covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
+        mean = covariance @ right
+        misfit = max(squares - float(right @ mean), 0.0) / (3 * count - 6)
+        if misfit > MAX_MISFIT:
+            return grown[-1] if grown else None
+        grown.append(_Stretch(start, k + 1, mean, covariance * max(misfit, 1.0)))
+    return grown[-1] if grown else None

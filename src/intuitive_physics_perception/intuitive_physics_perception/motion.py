@@ -1,0 +1,141 @@
+"""Where a ball goes between two frames: gravity, support by planes, and bounces nobody knows yet.
+
+The vector of a ball is (position, velocity, radius), shape (7,), in the environment's frame.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.scene import Environment, Plane
+
+POSITION, VELOCITY, RADIUS = slice(0, 3), slice(3, 6), 6
+SIZE = 7
+MAX_BOUNCES = 4
+SUPPORT_DISTANCE = 0.006
+SUPPORT_SPEED = 0.25
+NORMAL_DOUBT, TANGENTIAL_DOUBT = 0.35, 0.3
+
+
+def supporting_planes(
+    environment: Environment, position: NDArray[np.float64], radius: float, tolerance: float
+) -> list[Plane]:
+    """Planes a ball at `position` (3,) touches within `tolerance` m and gravity presses it on."""
+    return [
+        plane
+        for plane in environment.planes
+        if abs(plane.signed_distances(position) - radius) < tolerance
+        and plane.normal @ environment.gravity < 0.0
+    ]
+
+
+def supported_acceleration(environment: Environment, planes: list[Plane]) -> NDArray[np.float64]:
+    """Acceleration (3,) in m/s² of a ball that slides freely on planes, or flies if there are
+    none."""
+    acceleration = environment.gravity.copy()
+    for plane in planes:
+        acceleration -= min(float(acceleration @ plane.normal), 0.0) * plane.normal
+    return acceleration
+
+
+def predicted(
+    mean: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    duration: float,
+    environment: Environment,
+    *,
+    restitution: float,
+    acceleration_noise: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return mean and covariance of a ball `duration` s later.
+
+    A bounce turns the velocity with the restitution one expects and widens the covariance by what
+    friction and another restitution could make of it.
+    """
+    mean, covariance, left = mean.copy(), covariance.copy(), duration
+    for _ in range(MAX_BOUNCES):
+        support = [
+            plane
+            for plane in supporting_planes(
+                environment, mean[POSITION], mean[RADIUS], SUPPORT_DISTANCE
+            )
+            if abs(plane.normal @ mean[VELOCITY]) < SUPPORT_SPEED
+        ]
+        acceleration = supported_acceleration(environment, support)
+        plane, until = _next_contact(mean, acceleration, left, environment, support)
+        mean, covariance = _flown(mean, covariance, until, acceleration, acceleration_noise)
+        left -= until
+        if plane is None:
+            break
+        mean, covariance = _bounced(mean, covariance, plane.normal, restitution)
+    return mean, covariance
+
+
+def _next_contact(
+    mean: NDArray[np.float64],
+    acceleration: NDArray[np.float64],
+    duration: float,
+    environment: Environment,
+    support: list[Plane],
+) -> tuple[Plane | None, float]:
+    """First plane met within `duration` s and when; (None, duration) when there is none."""
+    first, until = None, duration
+    for plane in environment.planes:
+        if plane in support:
+            continue
+        gap = float(plane.signed_distances(mean[POSITION]) - mean[RADIUS])
+        speed = float(plane.normal @ mean[VELOCITY])
+        pull = float(plane.normal @ acceleration)
+        time = _falls_to_zero(gap, speed, pull)
+        if time < until:
+            first, until = plane, time
+    return first, until
+
+
+def _falls_to_zero(gap: float, speed: float, pull: float) -> float:
+    """First time ≥ 0 at which gap + speed t + pull t² / 2 gets to zero from above; inf if never."""
+    if gap <= 0.0:
+        return 0.0 if speed < 0.0 else np.inf
+    if abs(pull) < 1e-9:
+        return -gap / speed if speed < 0.0 else np.inf
+    root = speed * speed - 2.0 * pull * gap
+    if root < 0.0 or (pull > 0.0 and speed >= 0.0):
+        return np.inf
+    return (-speed - sqrt(root)) / pull
+
+
+def _flown(
+    mean: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    duration: float,
+    acceleration: NDArray[np.float64],
+    noise: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    transition = np.eye(SIZE)
+    transition[POSITION, VELOCITY] = duration * np.eye(3)
+    moved = transition @ mean
+    moved[POSITION] += 0.5 * duration**2 * acceleration
+    moved[VELOCITY] += duration * acceleration
+    # An acceleration that is constant over the step and unknown: d²/2 and d times it.
+    gain = np.vstack([0.5 * duration**2 * np.eye(3), duration * np.eye(3), np.zeros((1, 3))])
+    return moved, transition @ covariance @ transition.T + noise**2 * gain @ gain.T
+
+
+def _bounced(
+    mean: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    normal: NDArray[np.float64],
+    restitution: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    speed = abs(float(normal @ mean[VELOCITY]))
+    across = np.outer(normal, normal)
+    kept = 0.0 if speed < SUPPORT_SPEED else restitution
+    turn = np.eye(SIZE)
+    turn[VELOCITY, VELOCITY] -= (1.0 + kept) * across
+    turned = turn @ covariance @ turn.T
+    turned[VELOCITY, VELOCITY] += (NORMAL_DOUBT * speed) ** 2 * across
+    turned[VELOCITY, VELOCITY] += (TANGENTIAL_DOUBT * speed) ** 2 * (np.eye(3) - across)
+    return turn @ mean, turned

@@ -1,0 +1,257 @@
+"""Planes in a cloud by RANSAC: hypotheses in batches, local refinement, merged, by support."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics_perception.noise import RangeNoise
+from intuitive_physics_perception.settings import PerceptionSettings
+
+SCORED_POINTS = 1500
+BATCHES = 24
+BATCH_SIZE = 64
+REFINEMENTS = 6
+MERGE_ANGLE_COSINE = float(np.cos(np.radians(4.0)))
+MERGE_WIDENING = 2.0
+DIRECTION_CELL = 0.05
+BULGE_TOLD = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class DetectedPlane:
+    """A plane in the sensor's frame, normal to the sensor's side.
+
+    Parameters
+    ----------
+    normal : (3,) unit vector
+    offset : m; points p of the plane satisfy normal · p = offset, which is below zero
+    corners : (n, 3) m, convex hull of the points that were seen on it, counter-clockwise seen
+        against the normal
+    support : how many of the points given belong to it
+    """
+
+    normal: NDArray[np.float64]
+    offset: float
+    corners: NDArray[np.float64]
+    support: int
+
+
+def detect_planes(
+    points: NDArray[np.float64],
+    noise: RangeNoise,
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+) -> list[DetectedPlane]:
+    """Find all planes that hold at least `plane_min_fraction` of the points, largest first.
+
+    Parameters
+    ----------
+    points : (n, 3) m, all finite, the sensor at the origin
+    rng : decides which hypotheses are tried
+    """
+    cloud = _Cloud(points, noise, settings)
+    needed = max(int(settings.plane_min_fraction * len(points)), 3)
+    found: list[NDArray[np.float64]] = []
+    free = np.ones(len(points), dtype=bool)
+    # A plane that is found twice is merged, so a few more searches than planes are allowed.
+    for _ in range(2 * settings.max_planes):
+        plane = _best_plane(cloud, np.flatnonzero(free), needed, rng)
+        if plane is None:
+            break
+        free &= ~cloud.near(plane)
+        if not _bulges(cloud, plane, 2.0 * settings.max_radius):
+            found.append(plane)
+    merged = _merge(cloud, found)
+    planes = [_bounded(cloud, plane, needed) for plane in merged]
+    planes.sort(key=lambda plane: -plane.support if plane else 0)
+    return [plane for plane in planes if plane][: settings.max_planes]
+
+
+class _Cloud:
+    """Points with what is needed to judge how near to a plane they are."""
+
+    def __init__(
+        self, points: NDArray[np.float64], noise: RangeNoise, settings: PerceptionSettings
+    ) -> None:
+        self.points = np.asarray(points, dtype=np.float64)
+        self.ranges = np.linalg.norm(self.points, axis=1)
+        self.deviations = noise.deviation(self.ranges)
+        self.tolerance = settings.plane_tolerance
+        self.sigmas = settings.plane_sigmas
+
+    def scaled_distances(
+        self, plane: NDArray[np.float64], which: NDArray[np.intp] | slice = slice(None)
+    ) -> NDArray[np.float64]:
+        """Distances from planes (..., 4), (..., n), in units of what noise makes likely.
+
+        Noise acts along the ray, so a grazing ray moves a point little away from the plane.
+        """
+        along = plane[..., :3] @ self.points[which].T
+        cosine = along / self.ranges[which]
+        spread = np.square(self.sigmas * self.deviations[which] * cosine) + self.tolerance**2
+        return np.abs(along - plane[..., 3:]) / np.sqrt(spread)
+
+    def near(self, plane: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return self.scaled_distances(plane) < 1.0
+
+
+def _best_plane(
+    cloud: _Cloud, free: NDArray[np.intp], needed: int, rng: np.random.Generator
+) -> NDArray[np.float64] | None:
+    """Best plane (normal, offset) through the free points, None if it holds too few of them."""
+    if free.size < needed:
+        return None
+    scored = rng.permutation(free)[:SCORED_POINTS]
+    best_score, best = 0.0, None
+    for batch in range(BATCHES):
+        hypotheses = _planes_through(_triples(cloud.points[free], batch, rng))
+        distances = cloud.scaled_distances(hypotheses, scored)
+        # MSAC: a point counts the more the nearer it is, and nothing beyond the tolerance.
+        scores = np.maximum(1.0 - np.square(distances), 0.0).sum(axis=1)
+        if scores.size and scores.max() > best_score:
+            best_score, best = float(scores.max()), hypotheses[int(scores.argmax())]
+    if best is None:
+        return None
+    refined = _refined(cloud, best, free)
+    if cloud.near(refined)[free].sum() < needed:
+        return None
+    return refined
+
+
+def _triples(
+    points: NDArray[np.float64], batch: int, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Draw (BATCH_SIZE, 3, 3) points: from all of them, or in odd batches from a neighbourhood.
+
+    Three random points of a whole cloud seldom lie on the same small plane; neighbours often do.
+    """
+    if batch % 2:
+        centre = points[rng.integers(len(points))]
+        distances = np.linalg.norm(points - centre, axis=1)
+        reach = np.linalg.norm(centre) * np.exp(rng.uniform(np.log(0.05), np.log(0.5)))
+        near = np.flatnonzero(distances < reach)
+        if near.size >= 3:
+            points = points[near]
+    return points[rng.integers(len(points), size=(BATCH_SIZE, 3))]
+
+
+def _planes_through(triples: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Planes (m, 4) through triples (n, 3, 3), m ≤ n: degenerate ones are left out."""
+    a, b, c = triples[:, 0], triples[:, 1], triples[:, 2]
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1)
+    longest = np.maximum(np.linalg.norm(b - a, axis=1), np.linalg.norm(c - a, axis=1))
+    good = lengths > 0.05 * longest**2 + 1e-12
+    normals = normals[good] / lengths[good, None]
+    return _facing_sensor(np.column_stack([normals, (normals * a[good]).sum(axis=1)]))
+
+
+def _facing_sensor(planes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Turn planes (..., 4) so that the sensor, the origin, lies on the side of the normal."""
+    return np.where(planes[..., 3:] > 0.0, -planes, planes)
+
+
+def _refined(
+    cloud: _Cloud, plane: NDArray[np.float64], which: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """Least squares over the inliers, weighted by noise, until it stays."""
+    for _ in range(REFINEMENTS):
+        inliers = which[cloud.scaled_distances(plane, which) < 1.0]
+        if inliers.size < 3:
+            return plane
+        plane = _least_squares(cloud, inliers)
+    return plane
+
+
+def _least_squares(cloud: _Cloud, inliers: NDArray[np.intp]) -> NDArray[np.float64]:
+    points = cloud.points[inliers]
+    weights = 1.0 / (cloud.deviations[inliers] ** 2 + (cloud.tolerance / cloud.sigmas) ** 2)
+    weights /= weights.sum()
+    centre = weights @ points
+    centred = points - centre
+    scatter = (centred * weights[:, None]).T @ centred
+    normal = np.linalg.eigh(scatter)[1][:, 0]
+    return _facing_sensor(np.append(normal, normal @ centre))
+
+
+def _bulges(cloud: _Cloud, plane: NDArray[np.float64], radius: float) -> bool:
+    """Whether the inliers lie on something round of less than `radius` m, as the near side of a
+    ball does that is large for the noise."""
+    inliers = cloud.points[cloud.near(plane)]
+    first, second = plane_axes(plane[:3])
+    across = (inliers - inliers.mean(axis=0)) @ np.stack([first, second], axis=1)
+    a, b = across.T
+    # A sphere rises from its tangent plane by -(a² + b²) / 2 R.
+    design = np.column_stack([np.ones_like(a), a, b, a * a + b * b])
+    heights = inliers @ plane[:3] - plane[3]
+    solution = np.linalg.lstsq(design, heights, rcond=None)[0]
+    left = heights - design @ solution
+    told = 1.0 - left.var() / max(float(heights.var()), 1e-12)
+    return bool(told > BULGE_TOLD and solution[3] < -1.0 / (2.0 * radius))
+
+
+def _merge(cloud: _Cloud, planes: list[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    """Join planes that are one: nearly parallel, and the points of one are near the other."""
+    merged: list[NDArray[np.float64]] = []
+    for plane in planes:
+        for k, kept in enumerate(merged):
+            if plane[:3] @ kept[:3] < MERGE_ANGLE_COSINE:
+                continue
+            own = np.flatnonzero(cloud.near(plane))
+            if np.median(cloud.scaled_distances(kept, own)) < MERGE_WIDENING:
+                merged[k] = _refined(cloud, kept, np.arange(len(cloud.points)))
+                break
+        else:
+            merged.append(plane)
+    return merged
+
+
+def _bounded(cloud: _Cloud, plane: NDArray[np.float64], needed: int) -> DetectedPlane | None:
+    """Give a plane the outline of its largest connected part, None if that part is too small."""
+    inliers = np.flatnonzero(cloud.near(plane))
+    part = inliers[_largest_part(cloud.points[inliers] / cloud.ranges[inliers, None])]
+    if part.size < needed:
+        return None
+    normal, offset = plane[:3], float(plane[3])
+    corners = _outline(cloud.points[part], normal, offset)
+    return None if corners is None else DetectedPlane(normal, offset, corners, int(part.size))
+
+
+def _largest_part(directions: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which of the unit vectors (n, 3) belong to the largest region of neighbouring directions."""
+    from scipy.ndimage import label
+
+    cells = ((directions + 1.0) / DIRECTION_CELL).astype(np.intp) + 1
+    side = int(2.0 / DIRECTION_CELL) + 3
+    filled = np.zeros((side, side, side), dtype=bool)
+    filled[tuple(cells.T)] = True
+    parts, _ = label(filled, structure=np.ones((3, 3, 3), dtype=bool))
+    own = parts[tuple(cells.T)]
+    return own == np.bincount(own).argmax()
+
+
+def _outline(
+    points: NDArray[np.float64], normal: NDArray[np.float64], offset: float
+) -> NDArray[np.float64] | None:
+    """Convex hull (n, 3) of points dropped onto a plane, None where they lie on a line."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    first, second = plane_axes(normal)
+    flat = np.column_stack([points @ first, points @ second])
+    try:
+        hull = flat[ConvexHull(flat).vertices]
+    except QhullError:
+        return None
+    # Qhull's order is counter-clockwise, and (first, second, normal) is right-handed.
+    return hull[:, :1] * first + hull[:, 1:] * second + offset * normal
+
+
+def plane_axes(normal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Two unit vectors that make a right-handed frame with a unit normal as the third."""
+    helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    first = np.cross(helper, normal)
+    first /= np.linalg.norm(first)
+    return first, np.cross(normal, first)

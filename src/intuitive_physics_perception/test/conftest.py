@@ -1,0 +1,235 @@
+"""Analytic depth images with a depth camera's faults, made by intersecting rays with shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from intuitive_physics_perception.depth import Intrinsics, points_from_depth
+from intuitive_physics_perception.environment_model import EnvironmentModel, model_environment
+from intuitive_physics_perception.settings import PerceptionSettings
+
+WIDTH, HEIGHT, FOCAL = 640, 480, 525.0
+
+Ball = tuple[Sequence[float], float]
+
+
+@dataclass
+class Room:
+    """A floor z = 0 and walls, seen by a camera; world z up, camera's frame x right, y down.
+
+    The camera stands at (0, 0, height), looks along +x and is tilted down by `tilt` degrees, so
+    the world is the environment's frame that perception must find.
+    """
+
+    tilt: float = 20.0
+    height: float = 0.8
+    walls: Sequence[tuple[Sequence[float], float]] = (
+        ((-1.0, 0.0, 0.0), -3.2),
+        ((0.0, -1.0, 0.0), -1.5),
+    )
+    noise_constant: float = 0.001
+    noise_quadratic: float = 0.0014
+    faults: bool = True
+    width: int = WIDTH
+    height_pixels: int = HEIGHT
+    focal: float = FOCAL
+    seed: int = 0
+    rng: np.random.Generator = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.rng = np.random.default_rng(self.seed)
+        v, u = np.mgrid[: self.height_pixels, : self.width]
+        self.matrix = np.array(
+            [
+                [self.focal, 0.0, (self.width - 1) / 2],
+                [0.0, self.focal, (self.height_pixels - 1) / 2],
+                [0.0, 0.0, 1.0],
+            ]
+        )
+        rays = np.stack(
+            [
+                (u - self.matrix[0, 2]) / self.focal,
+                (v - self.matrix[1, 2]) / self.focal,
+                np.ones(u.shape),
+            ],
+            axis=-1,
+        )
+        c, s = np.cos(np.radians(self.tilt)), np.sin(np.radians(self.tilt))
+        # Columns: the camera's x, y, z axes in the world.
+        self.rotation = np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
+        self.rays = rays @ self.rotation.T
+        self.origin = np.array([0.0, 0.0, self.height])
+
+    def to_camera(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (np.asarray(points) - self.origin) @ self.rotation
+
+    def true_depth(self, balls: Sequence[Ball] = (), extra: Sequence[object] = ()) -> NDArray:
+        """Depth along the optical axis, m, and the cosine of incidence, of the nearest surface."""
+        depth, cosine = np.full(self.rays.shape[:2], np.inf), np.zeros(self.rays.shape[:2])
+        lengths = np.linalg.norm(self.rays, axis=-1)
+        for normal, offset in [((0.0, 0.0, 1.0), 0.0), *self.walls]:
+            n = np.asarray(normal)
+            along = self.rays @ n
+            with np.errstate(divide="ignore"):
+                t = np.where(along < 0.0, (offset - n @ self.origin) / along, np.inf)
+            nearer = (t > 0.0) & (t < depth)
+            depth[nearer], cosine[nearer] = t[nearer], (-along / lengths)[nearer]
+        for shape in [*(BallShape(*ball) for ball in balls), *extra]:
+            t, c = shape.hit(self.origin, self.rays)
+            nearer = t < depth
+            depth[nearer], cosine[nearer] = t[nearer], c[nearer]
+        return depth, cosine
+
+    def depth(self, balls: Sequence[Ball] = (), extra: Sequence[object] = ()) -> NDArray[np.uint16]:
+        """A frame in millimetres: noise that grows with range squared, missing readings at edges
+        and grazing angles, whole millimetres."""
+        depth, cosine = self.true_depth(balls, extra)
+        if self.faults:
+            lengths = np.linalg.norm(self.rays, axis=-1)
+            deviation = np.hypot(self.noise_constant, self.noise_quadratic * (depth * lengths) ** 2)
+            noisy = depth + self.rng.normal(size=depth.shape) * deviation / lengths
+            grazing = np.clip((0.35 - cosine) / 0.35, 0.0, 1.0)
+            step = np.zeros(depth.shape)
+            for axis in (0, 1):
+                difference = np.abs(np.diff(depth, axis=axis))
+                pad = [(0, 0), (0, 0)]
+                pad[axis] = (0, 1)
+                step = np.maximum(step, np.pad(difference, pad))
+                pad[axis] = (1, 0)
+                step = np.maximum(step, np.pad(difference, pad))
+            missing = np.maximum(0.7 * grazing**2, np.where(step > 0.05 * depth, 0.4, 0.002))
+            noisy[self.rng.random(depth.shape) < missing] = 0.0
+            depth = noisy
+        millimetres = np.round(np.where(np.isfinite(depth), depth, 0.0) * 1000.0)
+        return np.clip(millimetres, 0, 65535).astype(np.uint16)
+
+
+@dataclass
+class BallShape:
+    center: Sequence[float]
+    radius: float
+
+    def hit(self, origin: NDArray, rays: NDArray) -> tuple[NDArray, NDArray]:
+        relative = np.asarray(self.center) - origin
+        a, b = (rays**2).sum(axis=-1), rays @ relative
+        root = b * b - a * (relative @ relative - self.radius**2)
+        safe = np.sqrt(np.maximum(root, 0.0))
+        t = np.where((root > 0.0) & (b > safe), (b - safe) / a, np.inf)
+        return t, safe / (np.sqrt(a) * self.radius)
+
+
+@dataclass
+class BowlShape:
+    """The half of a sphere's inside that opens towards the camera."""
+
+    center: Sequence[float]
+    radius: float
+
+    def hit(self, origin: NDArray, rays: NDArray) -> tuple[NDArray, NDArray]:
+        relative = np.asarray(self.center) - origin
+        a, b = (rays**2).sum(axis=-1), rays @ relative
+        root = b * b - a * (relative @ relative - self.radius**2)
+        safe = np.sqrt(np.maximum(root, 0.0))
+        return np.where(root > 0.0, (b + safe) / a, np.inf), safe / (np.sqrt(a) * self.radius)
+
+
+@dataclass
+class CylinderShape:
+    """An upright cylinder that stands on the floor."""
+
+    x: float
+    y: float
+    radius: float
+    top: float
+
+    def hit(self, origin: NDArray, rays: NDArray) -> tuple[NDArray, NDArray]:
+        flat, relative = rays[..., :2], np.array([self.x, self.y]) - origin[:2]
+        a, b = (flat**2).sum(axis=-1), flat @ relative
+        root = b * b - a * (relative @ relative - self.radius**2)
+        safe = np.sqrt(np.maximum(root, 0.0))
+        t = (b - safe) / np.maximum(a, 1e-12)
+        z = origin[2] + t * rays[..., 2]
+        good = (root > 0.0) & (t > 0.0) & (z >= 0.0) & (z <= self.top)
+        return np.where(good, t, np.inf), safe / (np.sqrt(a) * self.radius + 1e-12)
+
+
+@dataclass
+class BoxShape:
+    """A box whose edges lie along turned horizontal axes and the vertical."""
+
+    center: Sequence[float]
+    edges: Sequence[float]
+    turn: float
+
+    def hit(self, origin: NDArray, rays: NDArray) -> tuple[NDArray, NDArray]:
+        c, s = np.cos(self.turn), np.sin(self.turn)
+        to_box = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        o, d = to_box @ (origin - np.asarray(self.center)), rays @ to_box.T
+        half = 0.5 * np.asarray(self.edges)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            first, second = (-half - o) / d, (half - o) / d
+        near, far = np.minimum(first, second), np.maximum(first, second)
+        enter, leave = near.max(axis=-1), far.min(axis=-1)
+        face = near.argmax(axis=-1)
+        cosine = np.abs(np.take_along_axis(d, face[..., None], axis=-1)[..., 0])
+        cosine /= np.linalg.norm(d, axis=-1)
+        return np.where((enter < leave) & (enter > 0.0), enter, np.inf), cosine
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(7)
+
+
+@pytest.fixture
+def make_room() -> type[Room]:
+    return Room
+
+
+@pytest.fixture
+def shapes() -> dict[str, type]:
+    return {"bowl": BowlShape, "cylinder": CylinderShape, "box": BoxShape}
+
+
+def bouncing_ball(
+    times: NDArray[np.float64],
+    start: Sequence[float],
+    velocity: Sequence[float],
+    radius: float,
+    restitution: float = 0.7,
+) -> NDArray[np.float64]:
+    """Positions (n, 3) of a ball over a frictionless floor z = 0: parabolas joined by
+    v_z' = -e v_z at z = radius."""
+    p, v, now = np.array(start, dtype=float), np.array(velocity, dtype=float), 0.0
+    places = []
+    for time in times:
+        while True:
+            fall = (v[2] + np.sqrt(v[2] ** 2 + 2 * 9.81 * max(p[2] - radius, 0.0))) / 9.81
+            step = time - now
+            if step < fall or fall < 1e-4:
+                break
+            p = p + v * fall
+            p[2], v[2], now = radius, restitution * (9.81 * fall - v[2]), now + fall
+        place = p + v * step - np.array([0, 0, 0.5 * 9.81 * step**2])
+        place[2] = max(place[2], radius)
+        places.append(place)
+    return np.array(places)
+
+
+@pytest.fixture
+def bounce() -> Callable[..., NDArray[np.float64]]:
+    return bouncing_ball
+
+
+@pytest.fixture(scope="session")
+def corner_model() -> tuple[Room, NDArray[np.float32], EnvironmentModel]:
+    """A room, the rays of its camera and the environment modelled from eight noisy frames."""
+    room = Room(tilt=30.0, seed=3)
+    rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
+    frames = [points_from_depth(room.depth(), rays) for _ in range(8)]
+    return room, rays, model_environment(frames, PerceptionSettings(), np.random.default_rng(1))

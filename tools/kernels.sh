@@ -1,0 +1,10 @@
+#!/usr/bin/env bash
+# Compiles the kernels into Numba's cache, so that no callback ever waits for a compiler.
+set -euo pipefail
+
+# Numba does not notice that what a cached kernel calls has changed.
+find .venv/lib/python*/site-packages/intuitive_physics* -name '*.nb[ic]' -delete
+
+for module in intuitive_physics.simulation.compile intuitive_physics_perception.compile; do
+    .venv/bin/python -m "$module"
+done

@@ -28,7 +28,7 @@ DEMO = [sys.executable, "-m", "intuitive_physics_bringup.demo"]
 def demo(tmp_path_factory):
     """A small demo: three throws to learn from, one to predict."""
     folder = tmp_path_factory.mktemp("demo")
-    command = [*DEMO, "--output", str(folder), "--throws", "3", "--iterations", "300"]
+    command = [*DEMO, "--output", str(folder), "--throws", "3", "--iterations", "1200"]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     return folder, json.loads(ended.stdout.splitlines()[-1])

@@ -149,18 +149,25 @@ def energies(theta, scene, rollout, times):
     return (mass[:, None] * (0.5 * (velocity**2).sum(-1) + G * height)).sum(0)
 
 
-@given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 4), e=st.floats(0, 1), mu=st.floats(0, 1))
-@settings(max_examples=150, deadline=None)
-def test_energy_never_grows(world, seed, n, e, mu):
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    n=st.integers(1, 5),
+    e=st.floats(0, 1),
+    mu=st.floats(0, 1),
+    tilt=st.sampled_from([0.0, 0.0, 0.05, 0.2]),
+)
+@settings(max_examples=300, deadline=None)
+def test_energy_never_grows(world, seed, n, e, mu, tilt):
     # E = Σ m v²/2 + I ω²/2 + m g z. A chord's speed never exceeds the mean speed along it, and the
     # rotational energy is left out, so the bound is: translational energy ≤ E(0).
     rng = np.random.default_rng(seed)
     balls = []
     for k in range(n):
-        r = rng.uniform(0.03, 0.15)
-        at = (-0.6 + 0.4 * k, rng.uniform(-0.5, 0.5), r + rng.uniform(0, 0.5))
+        r = rng.uniform(0.03, 0.12)
+        at = (-0.75 + 0.36 * k, rng.uniform(-0.5, 0.5), 0.2 + r + rng.uniform(0, 0.5))
         balls.append((r, at, UPRIGHT, rng.normal(size=3) * 2, rng.normal(size=3) * 10))
-    scene = world.scene(*balls, planes=ROOM)
+    planes = np.array([(np.sin(tilt), 0, np.cos(tilt), 0), *ROOM[1:]])
+    scene = world.scene(*balls, planes=planes)
     theta = world.parameters(mu_s=mu, mu_d=0.8 * mu, mu_r=0.02, e=e)
     times = np.arange(0, 3, 2e-3)
     rollout = world.roll(scene, theta, times)
@@ -176,11 +183,11 @@ def test_energy_never_grows(world, seed, n, e, mu):
     )
     assert energies(theta, scene, rollout, times).max() <= start * (1 + 1e-6)
     # And nothing leaves the room or enters another ball, but for what a cluster's solver may leave
-    # of normal velocity, 1 mm/s over its step of 1 ms.
+    # of normal velocity, 1 mm/s over its steps of 1 ms until the contact is settled again.
     x = rollout.positions[0]
-    radii = np.array([b[0] for b in balls])[:, None]
-    assert (x[..., 2] >= radii - 1e-5).all()
-    assert (np.abs(x[..., :2]) <= 1 - radii[..., None] + 1e-5).all()
+    radii = np.array([b[0] for b in balls])
+    gaps = x @ planes[:, :3].T - planes[:, 3] - radii[:, None, None]
+    assert gaps.min() > -5e-5
     for i in range(n):
         for j in range(i):
             gap = np.linalg.norm(x[i] - x[j], axis=1) - radii[i] - radii[j]

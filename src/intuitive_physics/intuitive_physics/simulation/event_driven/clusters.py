@@ -74,23 +74,7 @@ def gather(world, i):
 def plan_cluster(world, count):
     """Set the accelerations of the first `count` members for the next step."""
     end = world.objects[world.objects[0].member].time + STEP
-    # While the impulses are sought, the accelerations hold the velocities at the step's end: at
-    # first those at its start, by which the contacts stick or slip, then with gravity's share.
-    for k in range(count):
-        body = world.objects[world.objects[k].member]
-        store(body.acceleration, load(body.velocity))
-        store(body.spin_acceleration, load(body.spin))
-    contacts = _list_contacts(world, count)
-    for k in range(count):
-        body = world.objects[world.objects[k].member]
-        fallen = add_scaled(load(body.acceleration), load(world.gravity), STEP)
-        store(body.acceleration, fallen)
-    for _ in range(SWEEPS):
-        largest = 0.0
-        for c in range(contacts):
-            largest = max(largest, _solve_contact(world, c))
-        if largest < CONVERGED:
-            break
+    _solve(world, count, STEP)
     moves = False
     for k in range(count):
         body = world.objects[world.objects[k].member]
@@ -106,6 +90,44 @@ def plan_cluster(world, count):
     if not moves:
         for k in range(count):
             _rest(world.objects[world.objects[k].member])
+
+
+@njit(cache=True)
+def stop_jam(world, count):
+    """Let the first `count` members hit everything they touch at once, without restitution.
+
+    Impacts one after the other need not come to an end where several contacts are wedged.
+    """
+    _solve(world, count, 0.0)
+    for k in range(count):
+        body = world.objects[world.objects[k].member]
+        store(body.velocity, load(body.acceleration))
+        store(body.spin, load(body.spin_acceleration))
+        body.clustered = 1
+
+
+@njit(cache=True)
+def _solve(world, count, falling):
+    """Find the members' velocities after all contact impulses and `falling` (s) of gravity.
+
+    While the impulses are sought, and afterwards, the accelerations hold those velocities: at
+    first the present ones, by which the contacts stick or slip.
+    """
+    for k in range(count):
+        body = world.objects[world.objects[k].member]
+        store(body.acceleration, load(body.velocity))
+        store(body.spin_acceleration, load(body.spin))
+    contacts = _list_contacts(world, count)
+    for k in range(count):
+        body = world.objects[world.objects[k].member]
+        fallen = add_scaled(load(body.acceleration), load(world.gravity), falling)
+        store(body.acceleration, fallen)
+    for _ in range(SWEEPS):
+        largest = 0.0
+        for c in range(contacts):
+            largest = max(largest, _solve_contact(world, c))
+        if largest < CONVERGED:
+            break
 
 
 @njit(cache=True)

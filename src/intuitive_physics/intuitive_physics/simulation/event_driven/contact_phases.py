@@ -45,6 +45,9 @@ STILL = 1e-7
 CURVED_PIECE = 2e-3
 """s. Length of the pieces of a phase whose direction turns."""
 
+SHORTEST_PIECE = 1e-6
+"""s. A slip or speed that turns while it is braked is none when it would last no longer."""
+
 PRESSES = 1e-9
 """m/s². An acceleration into a plane below this presses nothing: rounding leaves about 1e-15."""
 
@@ -88,7 +91,7 @@ def _plan_on_plane(world, i, p, gravity):
     body.phase_end = inf
     pivoting = _plan_pivot(body, n, 2.5 * resistance)
     slip = plane_slip(body, n)
-    if norm(slip) > STILL:
+    if norm(slip) > _still(along, 3.5 * braking):
         _plan_sliding(body, n, along, braking, slip, pivoting)
     elif 2.0 / 7.0 * norm(along) > grip:
         about_to_slip = scaled(along, STILL / norm(along))
@@ -101,7 +104,7 @@ def _plan_on_plane(world, i, p, gravity):
 def _plan_rolling(body, n, along, grip, resistance, pivoting):
     rolling = tangential(load(body.velocity), n)
     heading = rolling
-    if norm(rolling) <= STILL:
+    if norm(rolling) <= _still(along, resistance):
         rolling, heading = (0.0, 0.0, 0.0), along
     resistance = min(resistance, _bearable_resistance(along, heading, grip))
     acceleration = (0.0, 0.0, 0.0)
@@ -161,6 +164,13 @@ def _plan_sliding(body, n, along, braking, slip, pivoting):
 
 
 @njit(cache=True)
+def _still(drive, brake):
+    """Speed below which du/dt = drive - brake û has come to its end."""
+    pull = norm(drive)
+    return STILL if pull == 0.0 else max(STILL, SHORTEST_PIECE * (pull + brake))
+
+
+@njit(cache=True)
 def _braking(u, heading, drive, brake):
     """Direction and duration of du/dt = drive - brake û, for as long as û may be held constant.
 
@@ -177,7 +187,7 @@ def _braking(u, heading, drive, brake):
         if brake <= push or speed == 0.0:
             return direction, inf
         return direction, speed / (brake - push)
-    duration = min(CURVED_PIECE, max(0.1 * speed / (brake + norm(drive)), 1e-6))
+    duration = min(CURVED_PIECE, max(0.1 * speed / (brake + norm(drive)), SHORTEST_PIECE))
     middle = add_scaled(add_scaled(u, drive, 0.5 * duration), direction, -0.5 * duration * brake)
     length = norm(middle)
     if length > 0.0:

@@ -48,7 +48,7 @@ def _object_impact(one, other, end):
     end = min(end, min(one.plane_impact_time, other.plane_impact_time))
     if end < start:
         return inf
-    apart = sub(_position_at(one, start), _position_at(other, start))
+    apart = sub(position_at(one, start), position_at(other, start))
     closing = sub(_velocity_at(one, start), _velocity_at(other, start))
     bending = sub(load(one.acceleration), load(other.acceleration))
     reach = one.radius + other.radius
@@ -76,7 +76,8 @@ def _object_impact(one, other, end):
 
 
 @njit(cache=True)
-def _position_at(body, t):
+def position_at(body, t):
+    """Position (m) of a body at time t (s) of its present phase."""
     tau = t - body.time
     moved = add_scaled(load(body.position), load(body.velocity), tau)
     return add_scaled(moved, load(body.acceleration), 0.5 * tau * tau)

@@ -8,11 +8,23 @@ from numba import njit
 
 from intuitive_physics.simulation.event_driven.impacts import hit_object, hit_plane
 from intuitive_physics.simulation.event_driven.motion import advance
-from intuitive_physics.simulation.event_driven.transitions import lift_onto, part_overlap, replan
+from intuitive_physics.simulation.event_driven.transitions import (
+    end_jam,
+    find_touching,
+    lift_onto,
+    part_overlap,
+    replan,
+)
 from intuitive_physics.simulation.event_driven.world import make_world, plane_gap
-from intuitive_physics.simulation.vectors import load, norm, sub
+from intuitive_physics.simulation.vectors import load
 
 OK, NOT_FINITE, TOO_MANY_EVENTS = range(3)
+
+INSTANT = 1e-9
+"""s. Events nearer than this are at the same time …"""
+
+JAM = 100
+"""… and more of them than this are a jam."""
 
 TOUCHES = 1e-9
 """m. Objects nearer than this at the start are in contact."""
@@ -87,16 +99,22 @@ def _roll_world(world, times, max_events, positions, orientations):
         replan(world, i, times, positions, orientations)
     status = OK
     events = 0
+    instant, at_once = -1.0, 0
     while True:
         t, i, j = _next_event(world)
         if t > times[-1]:
             break
         events += 1
+        at_once = at_once + 1 if t - instant < INSTANT else 0
+        instant = t
         if events > max_events:
             status = TOO_MANY_EVENTS
             break
         advance(world, i, t, times, positions, orientations)
-        if j >= 0:
+        if at_once > JAM:
+            end_jam(world, i, times, positions, orientations)
+            at_once = 0
+        elif j >= 0:
             advance(world, j, t, times, positions, orientations)
             world.object_impact_time[i, j] = inf
             hit_object(world, i, j)
@@ -143,12 +161,4 @@ def _part_start(world):
                 if plane_gap(world.objects[i], world.planes[p]) < 0.0:
                     lift_onto(world.objects[i], world.planes[p])
     for i in range(objects):
-        one = world.objects[i]
-        for p in range(planes):
-            world.touches_plane[i, p] = abs(plane_gap(one, world.planes[p])) < TOUCHES
-        for j in range(objects):
-            if i != j:
-                other = world.objects[j]
-                distance = norm(sub(load(one.position), load(other.position)))
-                gap = distance - one.radius - other.radius
-                world.touches_object[i, j] = abs(gap) < TOUCHES
+        find_touching(world, i, TOUCHES)

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from numba import njit
 
-from intuitive_physics.simulation.event_driven.clusters import gather, plan_cluster
+from intuitive_physics.simulation.event_driven.clusters import gather, plan_cluster, stop_jam
 from intuitive_physics.simulation.event_driven.contact_phases import PRESSES, STILL, plan_alone
 from intuitive_physics.simulation.event_driven.detection import (
+    position_at,
     predict_object_impacts,
     predict_plane_impacts,
 )
 from intuitive_physics.simulation.event_driven.motion import advance
 from intuitive_physics.simulation.event_driven.world import plane_gap
 from intuitive_physics.simulation.vectors import add_scaled, dot, load, norm, scaled, store, sub
+
+JAM_GAP = 1e-7
+"""m. Objects nearer than this take part in a jam."""
 
 CLUSTER_SPEED = 1e-3
 """m/s. Normal velocity that a cluster's solver may leave on a contact that lasts."""
@@ -40,6 +44,30 @@ def replan(world, i, times, positions, orientations):
         predict_plane_impacts(world, world.objects[k].member)
     for k in range(count):
         predict_object_impacts(world, world.objects[k].member, times[-1])
+
+
+@njit(cache=True)
+def end_jam(world, i, times, positions, orientations):
+    """Resolve at once all contacts around object i, whose impacts find no end."""
+    find_touching(world, i, JAM_GAP)
+    count = gather(world, i)
+    for k in range(count):
+        member = world.objects[k].member
+        advance(world, member, world.objects[i].time, times, positions, orientations)
+    stop_jam(world, count)
+
+
+@njit(cache=True)
+def find_touching(world, i, tolerance):
+    """Take note of all that object i touches now, within `tolerance` (m)."""
+    body = world.objects[i]
+    for p in range(world.planes.size):
+        world.touches_plane[i, p] = abs(plane_gap(body, world.planes[p])) < tolerance
+    for j in range(world.objects.size):
+        if j != i:
+            apart = sub(position_at(body, body.time), position_at(world.objects[j], body.time))
+            gap = norm(apart) - body.radius - world.objects[j].radius
+            world.touches_object[i, j] = world.touches_object[j, i] = abs(gap) < tolerance
 
 
 @njit(cache=True)

@@ -20,10 +20,10 @@ from intuitive_physics.simulation.vectors import load
 
 OK, NOT_FINITE, TOO_MANY_EVENTS = range(3)
 
-INSTANT = 1e-9
+INSTANT = 1e-7
 """s. Events nearer than this are at the same time …"""
 
-JAM = 100
+JAM = 30
 """… and more of them than this are a jam."""
 
 TOUCHES = 1e-9
@@ -113,6 +113,9 @@ def _roll_world(world, times, max_events, positions, orientations):
         advance(world, i, t, times, positions, orientations)
         if at_once > JAM:
             end_jam(world, i, times, positions, orientations)
+            for k in range(objects):
+                advance(world, k, t, times, positions, orientations)
+                replan(world, k, times, positions, orientations)
             at_once = 0
         elif j >= 0:
             advance(world, j, t, times, positions, orientations)

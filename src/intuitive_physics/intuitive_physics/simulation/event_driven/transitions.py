@@ -59,15 +59,17 @@ def end_jam(world, i, times, positions, orientations):
 
 @njit(cache=True)
 def find_touching(world, i, tolerance):
-    """Take note of all that object i touches now, within `tolerance` (m)."""
+    """Take note of all that object i touches besides what is known, within `tolerance` (m)."""
     body = world.objects[i]
     for p in range(world.planes.size):
-        world.touches_plane[i, p] = abs(plane_gap(body, world.planes[p])) < tolerance
+        if abs(plane_gap(body, world.planes[p])) < tolerance:
+            world.touches_plane[i, p] = True
     for j in range(world.objects.size):
         if j != i:
             apart = sub(position_at(body, body.time), position_at(world.objects[j], body.time))
             gap = norm(apart) - body.radius - world.objects[j].radius
-            world.touches_object[i, j] = world.touches_object[j, i] = abs(gap) < tolerance
+            if abs(gap) < tolerance:
+                world.touches_object[i, j] = world.touches_object[j, i] = True
 
 
 @njit(cache=True)

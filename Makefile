@@ -12,9 +12,9 @@ unexport COLCON_PREFIX_PATH ROS_DISTRO ROS_LOCALHOST_ONLY
 run_environment = \
 	ROS_DOMAIN_ID=$$(( $$$$ % 100 + 1 )) \
 	ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
-	ROS_LOG_DIR=$(CURDIR)/build/ros_log \
+	ROS_LOG_DIR="$(CURDIR)/build/ros_log" \
 	RMW_IMPLEMENTATION=rmw_fastrtps_cpp \
-	FASTRTPS_DEFAULT_PROFILES_FILE=$(CURDIR)/.venv/share/intuitive_physics_bringup/config/fastdds_profile.xml
+	FASTRTPS_DEFAULT_PROFILES_FILE="$(CURDIR)/.venv/share/intuitive_physics_bringup/config/fastdds_profile.xml"
 
 # Open3D brings dash, whose pytest plug-in serves nothing here and warns in every run.
 pytest = .venv/bin/pytest -p no:dash

@@ -8,6 +8,7 @@ under_way=.venv/.setup/packages_under_way
 if [ -e "$under_way" ]; then rm -rf .venv; fi
 if ! .venv/bin/python -m pip --version > /dev/null 2>&1; then
     echo "set-up: making .venv from $("$python" --version)"
+    rm -rf build/colcon # CMake remembers the folder and the Python it was built with
     "$python" -m venv --clear .venv
 fi
 mkdir -p .venv/.setup

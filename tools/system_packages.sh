@@ -29,6 +29,10 @@ check_machine() {
         fail "this machine is $(uname -sm); expected Linux x86_64, where there are ROS 2 wheels." \
             "Elsewhere build src/ with a ROS 2 Jazzy of its own: rosdep install, colcon build."
     fi
+    case $PWD in
+        *[[:space:]]*) fail "the path of this folder has a space: $PWD." \
+            "The first line of a script cannot name a Python there. Move the folder." ;;
+    esac
     # Without a python3, Debian's is installed; a Python that is there has to be of use.
     if [ "$python" != python3 ] || command -v python3 > /dev/null; then check_python; fi
 }

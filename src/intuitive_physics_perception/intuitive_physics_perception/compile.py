@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from intuitive_physics_perception.depth import (
     Field,
@@ -20,31 +20,39 @@ WIDTH, HEIGHT, FOCAL_LENGTH = 80, 60, 60.0
 
 
 def warm_up() -> None:
-    """Perceive a ball before a wall, as depth images of both kinds and as a cloud."""
-    camera = Intrinsics(
+    """Perceive a ball and a box before a wall, as depth images of all kinds and as a cloud."""
+    rays = Intrinsics(
         WIDTH, HEIGHT, [FOCAL_LENGTH, 0, WIDTH / 2, 0, FOCAL_LENGTH, HEIGHT / 2, 0, 0, 1]
-    )
-    rays = camera.rays()
+    ).rays()
     wall = np.full((HEIGHT, WIDTH), 2.0, dtype=np.float32)
-    ball = wall.copy()
-    # z of a sphere of radius 0.2 m about (0, 0, 1.5): |z ray - c|² = r².
+    # A box is searched for spheres at random, which a ball is not.
+    box = wall.copy()
+    box[20:40, 20:40] = 1.2
+    frames = [points_from_depth(depth, rays) for depth in (wall, _with_ball(wall, rays), box)]
+    for kind, scale in ((np.uint16, 1000.0), (np.float32, 1.0)):
+        image = (scale * wall).astype(kind)
+        points_from_depth(image, rays)
+        # To the compiler an array that cannot be written to is another type.
+        image.setflags(write=False)
+        points_from_depth(image, rays)
+    pipeline = PerceptionPipeline(
+        PerceptionSettings(environment_frames=1), np.random.default_rng(0)
+    )
+    for k, points in enumerate([*frames, _as_cloud(frames[1])]):
+        pipeline.process(points, 0.1 * k)
+
+
+def _with_ball(depth: NDArray[np.float32], rays: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Put a ball of 0.2 m radius 1.5 m before the camera: |z ray - c|² = r²."""
     length2 = np.square(rays).sum(axis=-1)
     root = 1.5**2 - length2 * (1.5**2 - 0.2**2)
-    hit = root > 0.0
-    ball[hit] = (1.5 - np.sqrt(root[hit])) / length2[hit]
-    settings = replace(PerceptionSettings(), environment_frames=1)
-    for shown in (wall, ball):
-        points_from_depth((1000.0 * shown).astype(np.uint16), rays)
-    pipeline = PerceptionPipeline(settings, np.random.default_rng(0))
-    pipeline.process(points_from_depth(wall, rays), 0.0)
-    frame = points_from_depth(ball, rays)
-    # A second ball-like half is searched for at random, which needs the remaining kernels.
-    half = frame.copy()
-    half[:, WIDTH // 2 :] = np.nan
-    for k, points in enumerate((frame, half, frame[:, :30].copy())):
-        pipeline.process(points, 0.1 * (k + 1))
-    cloud = points_from_cloud_data(
-        frame.tobytes(),
+    ball = (1.5 - np.sqrt(np.maximum(root, 0.0))) / length2
+    return np.where(root > 0.0, ball, depth).astype(np.float32)
+
+
+def _as_cloud(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    return points_from_cloud_data(
+        points.tobytes(),
         width=WIDTH * HEIGHT,
         height=1,
         point_step=12,
@@ -52,7 +60,6 @@ def warm_up() -> None:
         fields=[Field(name, 4 * k, 7, 1) for k, name in enumerate("xyz")],
         is_bigendian=False,
     )
-    pipeline.process(cloud, 1.0)
 
 
 def main() -> None:

@@ -32,6 +32,7 @@ IMAGE_TYPES: dict[str, np.dtype[Any]] = {
 
 DISTORTION_TERMS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (0, 8)}
 UNDISTORTION_STEPS = 20
+MAX_PIXELS = 50_000_000
 
 
 @dataclass(frozen=True)
@@ -75,8 +76,11 @@ class Intrinsics:
         distortion: ArrayLike = (),
         distortion_model: str = "plumb_bob",
     ) -> None:
-        if width <= 0 or height <= 0:
-            raise InvalidInputError(f"camera has {width} x {height} pixels; expected both above 0")
+        if width <= 0 or height <= 0 or width * height > MAX_PIXELS:
+            raise InvalidInputError(
+                f"camera has {width} x {height} pixels; expected both above 0 and at most "
+                f"{MAX_PIXELS:,} in all"
+            )
         k = finite_array(np.ravel(np.asarray(matrix)), "camera matrix", (9,)).reshape(3, 3)
         positive_float(k[0, 0], "focal length fx of the camera matrix")
         positive_float(k[1, 1], "focal length fy of the camera matrix")

@@ -8,6 +8,7 @@ observation of the balls that are there at its beginning, and ends where the nex
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -89,8 +90,10 @@ def observations_of(
     """Cut an episode where balls appear and return the pieces one can learn from."""
     worth = [record for record in records if _is_worth(record, settings)]
     appearances = sorted({float(record.times[0]) for record in worth})
-    pieces = zip(appearances, [*appearances[1:], np.inf], strict=True)
-    found = [_piece(worth, start, end, environment, settings) for start, end in pieces]
+    found = [
+        _piece(worth, start, end, environment, settings)
+        for start, end in pairwise([*appearances, np.inf])
+    ]
     return [observation for observation in found if observation is not None]
 
 

@@ -23,7 +23,8 @@ MAX_POINTS = 12
 MAX_DURATION = 0.5
 POINTS_BEFORE = 6
 SURPRISE = 16.0
-MAX_MISFIT = 3.0
+MISFIT_SIGMAS = 5.0
+SURE_POINTS = 5
 TOUCH_SIGMAS, TOUCH_SLACK = 3.0, 0.005
 
 
@@ -76,7 +77,7 @@ def state_at(
     best: _Stretch | None = None
     for start in range(max(first - POINTS_BEFORE, 0), min(first + 1, len(record.times))):
         for acceleration in _accelerations(record, start, environment):
-            stretch = _longest_stretch(record, start, time, acceleration)
+            stretch = _longest_stretch(record, start, time, acceleration, environment)
             if (
                 stretch is not None
                 and record.times[stretch.end - 1] >= time
@@ -122,9 +123,16 @@ def _accelerations(
 
 
 def _longest_stretch(
-    record: Record, start: int, time: float, acceleration: NDArray[np.float64]
+    record: Record,
+    start: int,
+    time: float,
+    acceleration: NDArray[np.float64],
+    environment: Environment,
 ) -> _Stretch | None:
-    """Grow a stretch from `start` until a point is a surprise or it is long enough."""
+    """Grow a stretch from `start` until a point is a surprise or it is long enough.
+
+    A few points obey gravity by chance, as in a hand; they count only where a plane ends them.
+    """
     information, right, squares = np.zeros((6, 6)), np.zeros(6), 0.0
     grown: list[_Stretch] = []
     stop = min(len(record.times), start + MAX_POINTS)
@@ -140,6 +148,9 @@ def _longest_stretch(
             spread = row @ grown[-1].covariance @ row.T + record.covariances[k]
             surprise = seen - row @ grown[-1].mean
             if surprise @ np.linalg.solve(spread, surprise) > SURPRISE:
+                expected = row @ grown[-1].mean + 0.5 * t * t * acceleration
+                if k - start < SURE_POINTS and not _touches(record, k, expected, environment):
+                    return None
                 # The bounce may have begun before the point that shows it.
                 return grown[-2] if len(grown) > 2 else grown[-1]
         information += row.T @ weight @ row
@@ -150,8 +161,19 @@ def _longest_stretch(
             continue
         covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
         mean = covariance @ right
-        misfit = max(squares - float(right @ mean), 0.0) / (3 * count - 6)
-        if misfit > MAX_MISFIT:
+        freedom = 3 * count - 6
+        misfit = max(squares - float(right @ mean), 0.0) / freedom
+        # χ² has the mean `freedom` and the variance 2 `freedom`.
+        if misfit > 1.0 + MISFIT_SIGMAS * np.sqrt(2.0 / freedom):
             return grown[-1] if grown else None
         grown.append(_Stretch(start, k + 1, mean, covariance * max(misfit, 1.0)))
     return grown[-1] if grown else None
+
+
+def _touches(
+    record: Record, k: int, position: NDArray[np.float64], environment: Environment
+) -> bool:
+    """Whether a ball expected at `position` at point k would have met a plane by then."""
+    reach = record.object.shape.bounding_radius + TOUCH_SLACK
+    reach += TOUCH_SIGMAS * float(np.sqrt(np.trace(record.covariances[k])))
+    return any(plane.signed_distances(position) < reach for plane in environment.planes)

@@ -64,13 +64,16 @@ def predicted(
             )
             if abs(plane.normal @ mean[VELOCITY]) < SUPPORT_SPEED
         ]
+        for plane in support:
+            # What is left of a bounce is a hop of millimetres: it stays on the plane.
+            mean[VELOCITY] -= (plane.normal @ mean[VELOCITY]) * plane.normal
         acceleration = supported_acceleration(environment, support)
-        plane, until = _next_contact(mean, acceleration, left, environment, support)
+        met, until = _next_contact(mean, acceleration, left, environment, support)
         mean, covariance = _flown(mean, covariance, until, acceleration, acceleration_noise)
         left -= until
-        if plane is None:
+        if met is None:
             break
-        mean, covariance = _bounced(mean, covariance, plane.normal, restitution)
+        mean, covariance = _bounced(mean, covariance, met.normal, restitution)
     return mean, covariance
 
 

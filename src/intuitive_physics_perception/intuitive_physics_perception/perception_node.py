@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates
@@ -153,8 +152,6 @@ class PerceptionNode(Node):
         self._camera: _Camera | None = None
         self._rebuild = False
         self._model: EnvironmentModel | None = None
-        self._model_stamp = Time()
-        self._sensor_frame = ""
         self._version = 0
         self._frames = 0
         self._restarts = 0
@@ -224,7 +221,7 @@ class PerceptionNode(Node):
                 message.width, message.height, matrix, distortion, message.distortion_model
             )
             self._camera = _Camera(key, camera.rays())
-        except (IntuitivePhysicsError, MemoryError) as error:
+        except IntuitivePhysicsError as error:
             self._info_monitor.rejected(error)
         else:
             self._info_monitor.accepted()
@@ -251,7 +248,8 @@ class PerceptionNode(Node):
                 self.get_logger().info(f"perceives {self._kind.__name__} messages")
             if self._rebuild:
                 self._rebuild = False
-                self._pipeline.rebuild_environment()
+                for observation in self._pipeline.rebuild_environment():
+                    self._publish_observation(observation)
             perceived = self._pipeline.process(points, seconds_from_stamp(message.header.stamp))
             self._publish(message.header, perceived)
         except IntuitivePhysicsError as error:
@@ -287,7 +285,6 @@ class PerceptionNode(Node):
         self._frames += 1
         self._problem = perceived.diagnostics.problem
         self._seconds = perceived.diagnostics.seconds
-        self._sensor_frame = header.frame_id
         if perceived.restarted:
             self._restarts += 1
             self.get_logger().warning("time went back: what was followed is followed anew")
@@ -309,7 +306,6 @@ class PerceptionNode(Node):
 
     def _publish_environment(self, header: Header, model: EnvironmentModel) -> None:
         self._version += 1
-        self._model_stamp = header.stamp
         pose = pose_to_message(model.translation, model.sensor_orientation())
         self._environment.publish(
             environment_to_message(

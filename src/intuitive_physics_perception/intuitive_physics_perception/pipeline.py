@@ -92,12 +92,14 @@ class PerceptionPipeline:
         self._rng = rng
         self._next_track = 1
         self._last_time = -np.inf
-        self.rebuild_environment()
-
-    def rebuild_environment(self) -> None:
-        """Forget the environment and what is followed; model it from the next frames."""
         self._first_frames: list[NDArray[np.float32]] = []
         self._scene: _ModelledScene | None = None
+
+    def rebuild_environment(self) -> tuple[Observation, ...]:
+        """Forget the environment, which the next frames model anew; return what was under way."""
+        observations = self._restarted()
+        self._first_frames, self._scene = [], None
+        return observations
 
     def process(self, points: NDArray[np.float32], time: float) -> Perceived:
         """Perceive one frame.

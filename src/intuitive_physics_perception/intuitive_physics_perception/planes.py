@@ -17,7 +17,8 @@ REFINEMENTS = 6
 MERGE_ANGLE_COSINE = float(np.cos(np.radians(4.0)))
 MERGE_WIDENING = 2.0
 DIRECTION_CELL = 0.05
-BULGE_TOLD = 0.2
+BULGE_TOLD, BULGE_RADII = 0.2, 5.0
+LARGE_PART, WIDE_RADII = 0.02, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +63,11 @@ def detect_planes(
         if plane is None:
             break
         free &= ~cloud.near(plane)
-        if not _bulges(cloud, plane, 2.0 * settings.max_radius):
+        if not _bulges(cloud, plane, BULGE_RADII * settings.max_radius):
             found.append(plane)
     merged = _merge(cloud, found)
-    planes = [_bounded(cloud, plane, needed) for plane in merged]
+    smallest = WIDE_RADII * settings.max_radius
+    planes = [_bounded(cloud, plane, needed, smallest) for plane in merged]
     planes.sort(key=lambda plane: -plane.support if plane else 0)
     return [plane for plane in planes if plane][: settings.max_planes]
 
@@ -96,6 +98,12 @@ class _Cloud:
 
     def near(self, plane: NDArray[np.float64]) -> NDArray[np.bool_]:
         return self.scaled_distances(plane) < 1.0
+
+    def connected(self, plane: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Indices of the points near a plane that are seen as one part, the largest."""
+        inliers = np.flatnonzero(self.near(plane))
+        directions = self.points[inliers] / self.ranges[inliers, None]
+        return inliers[_largest_part(directions)]
 
 
 def _best_plane(
@@ -178,9 +186,11 @@ def _least_squares(cloud: _Cloud, inliers: NDArray[np.intp]) -> NDArray[np.float
 
 
 def _bulges(cloud: _Cloud, plane: NDArray[np.float64], radius: float) -> bool:
-    """Whether the inliers lie on something round of less than `radius` m, as the near side of a
-    ball does that is large for the noise."""
-    inliers = cloud.points[cloud.near(plane)]
+    """Whether the plane only cuts off a cap of something round of less than `radius` m.
+
+    Where noise is large the tolerance takes in much of the near side of a ball.
+    """
+    inliers = cloud.points[cloud.connected(plane)]
     first, second = plane_axes(plane[:3])
     across = (inliers - inliers.mean(axis=0)) @ np.stack([first, second], axis=1)
     a, b = across.T
@@ -209,15 +219,25 @@ def _merge(cloud: _Cloud, planes: list[NDArray[np.float64]]) -> list[NDArray[np.
     return merged
 
 
-def _bounded(cloud: _Cloud, plane: NDArray[np.float64], needed: int) -> DetectedPlane | None:
-    """Give a plane the outline of its largest connected part, None if that part is too small."""
-    inliers = np.flatnonzero(cloud.near(plane))
-    part = inliers[_largest_part(cloud.points[inliers] / cloud.ranges[inliers, None])]
+def _bounded(
+    cloud: _Cloud, plane: NDArray[np.float64], needed: int, smallest: float
+) -> DetectedPlane | None:
+    """Give a plane the outline of its largest connected part, None if that is no plane of a room.
+
+    A small part of the scene that is not wide either may be the side of an object, or cut through
+    one: what moves must not be taken for it.
+    """
+    part = cloud.connected(plane)
     if part.size < needed:
         return None
     normal, offset = plane[:3], float(plane[3])
     corners = _outline(cloud.points[part], normal, offset)
-    return None if corners is None else DetectedPlane(normal, offset, corners, int(part.size))
+    if corners is None:
+        return None
+    width = np.linalg.norm(corners[:, None] - corners, axis=2).max()
+    if part.size < LARGE_PART * len(cloud.points) and width < smallest:
+        return None
+    return DetectedPlane(normal, offset, corners, int(part.size))
 
 
 def _largest_part(directions: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -27,6 +27,8 @@ RADIUS_GATE = 4.0
 RADIUS_SLACK = 0.003
 RESTING_SPEED_DEVIATION = 0.02
 TENTATIVE_MISSES = 1
+PATIENCE = 4
+KNOWN_RADIUS_DEVIATION = 1e-5
 MAX_HISTORY = 4000
 MEASURED = np.array([0, 1, 2, RADIUS])
 
@@ -191,9 +193,19 @@ class Tracker:
         track.covariance = keep @ track.covariance @ keep.T + gain @ sphere.covariance @ gain.T
         track.hits, track.misses, track.last_seen = track.hits + 1, 0, track.time
         track.history.append(TrackPoint(track.time, sphere))
-        if not track.confirmed and track.hits >= self._settings.confirming_hits:
+        if not track.confirmed and self._is_settled(track):
             track.confirmed = True
             self._recognise(track)
+
+    def _is_settled(self, track: Track) -> bool:
+        """Whether it was seen often enough, and its radius tells known objects apart."""
+        settings = self._settings
+        deviation = np.sqrt(track.covariance[RADIUS, RADIUS])
+        return track.hits >= settings.confirming_hits and (
+            not settings.known_objects
+            or 2.0 * deviation < settings.known_object_tolerance
+            or track.hits >= PATIENCE * settings.confirming_hits
+        )
 
     def _forget_velocity(self, track: Track, innovation: NDArray[np.float64]) -> None:
         """Something unmodelled moved it: what was believed of its velocity is void."""
@@ -218,7 +230,7 @@ class Tracker:
             return
         track.known = known
         # A measurement of the radius alone, as good as a known one: it moves the centre, too.
-        variance = track.covariance[RADIUS, RADIUS] + 1e-8
+        variance = track.covariance[RADIUS, RADIUS] + KNOWN_RADIUS_DEVIATION**2
         gain = track.covariance[:, RADIUS] / variance
         track.mean = track.mean + gain * (known.radius - track.mean[RADIUS])
         track.covariance = track.covariance - np.outer(gain, gain) * variance
@@ -246,7 +258,9 @@ class Tracker:
         covariance[VELOCITY, VELOCITY] = (self._settings.max_speed / 3.0) ** 2 * np.eye(3)
         track = Track(self.next_number, time, mean, covariance, time, time)
         track.history.append(TrackPoint(time, sphere))
-        track.confirmed = self._settings.confirming_hits == 1
+        if self._is_settled(track):
+            track.confirmed = True
+            self._recognise(track)
         self.next_number += 1
         return track
 

@@ -229,7 +229,7 @@ def bounce() -> Callable[..., NDArray[np.float64]]:
 @pytest.fixture(scope="session")
 def corner_model() -> tuple[Room, NDArray[np.float32], EnvironmentModel]:
     """A room, the rays of its camera and the environment modelled from eight noisy frames."""
-    room = Room(tilt=30.0, seed=3)
+    room = Room(tilt=25.0, seed=3)
     rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
     frames = [points_from_depth(room.depth(), rays) for _ in range(8)]
     return room, rays, model_environment(frames, PerceptionSettings(), np.random.default_rng(1))

@@ -76,6 +76,7 @@ def test_distorting_an_undistorted_ray_gives_its_pixel(model: str, terms: list[f
     ("arguments", "message"),
     [
         ((0, 5, K), "0 x 5 pixels"),
+        ((2**32 - 1, 2**32 - 1, K), "at most 50,000,000"),
         ((7, 5, np.zeros(9)), "focal length fx"),
         ((7, 5, np.zeros(8)), "camera matrix"),
         ((7, 5, K, [0.1] * 4, "equidistant"), "equidistant"),
@@ -238,7 +239,7 @@ def test_any_image_message_gives_points_or_one_error(
     except InvalidInputError:
         return
     assert image.shape == (height, width)
-    if width and height:
+    if image.size:
         points = points_from_depth(image, Intrinsics(width, height, K).rays())
         depth = points[..., 2]
         assert ((depth > 0.0) | np.isnan(depth)).all()

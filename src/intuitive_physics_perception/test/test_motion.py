@@ -1,0 +1,81 @@
+"""Prediction obeys the laws of flight, support and impact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from intuitive_physics.scene import Environment, Plane
+from intuitive_physics_perception.motion import SIZE, predicted
+
+FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
+CORNER = Environment([*FLOOR.planes, Plane("wall", "m", (-1, 0, 0), -1.0)])
+RADIUS = 0.05
+COVARIANCE = np.diag([1e-6] * 3 + [1e-2] * 3 + [1e-8])
+
+
+def ball(position, velocity):
+    return np.array([*position, *velocity, RADIUS])
+
+
+def predict(mean, duration, environment=FLOOR, restitution=0.6, noise=0.0):
+    return predicted(
+        mean, COVARIANCE, duration, environment, restitution=restitution, acceleration_noise=noise
+    )
+
+
+def test_flight_is_a_parabola() -> None:
+    # x = x₀ + v t + g t² / 2
+    mean, covariance = predict(ball((0, 0, 1), (1, -2, 0.5)), 0.2)
+    assert mean[:3] == pytest.approx([0.2, -0.4, 1 + 0.1 - 0.5 * 9.81 * 0.04])
+    assert mean[3:6] == pytest.approx([1, -2, 0.5 - 9.81 * 0.2])
+    # Var(x + v t) = Var(x) + t² Var(v)
+    assert np.diag(covariance)[:3] == pytest.approx(1e-6 + 0.04 * 1e-2)
+
+
+def test_a_dropped_ball_comes_back_to_e_squared_of_its_height() -> None:
+    height, e = 0.8, 0.6
+    fall = np.sqrt(2 * height / 9.81)
+    up = e * np.sqrt(2 * 9.81 * height) / 9.81
+    mean, covariance = predict(ball((0, 0, RADIUS + height), (0, 0, 0)), fall + up, restitution=e)
+    assert mean[2] == pytest.approx(RADIUS + e**2 * height)
+    assert mean[5] == pytest.approx(0.0, abs=1e-9)
+    # What an impact does to the velocity is in doubt.
+    assert covariance[5, 5] > COVARIANCE[5, 5]
+
+
+def test_a_wall_turns_the_normal_velocity_only() -> None:
+    mean, _ = predict(ball((0.9, 0, 1), (2.0, 1.0, 0.0)), 0.05, CORNER, restitution=0.5)
+    # It meets the wall after 0.05 m at 2 m/s and goes back at half the speed.
+    assert mean[0] == pytest.approx(0.95 - 0.5 * 2.0 * 0.025)
+    assert mean[3:5] == pytest.approx([-1.0, 1.0])
+
+
+def test_a_ball_on_the_floor_stays_on_it() -> None:
+    mean, _ = predict(ball((0, 0, RADIUS), (0.5, 0, 0)), 0.5)
+    assert mean[:3] == pytest.approx([0.25, 0, RADIUS])
+    assert mean[3:6] == pytest.approx([0.5, 0, 0])
+
+
+def test_an_unknown_acceleration_widens_the_covariance() -> None:
+    _, covariance = predict(ball((0, 0, 1), (0, 0, 0)), 0.1, noise=2.0)
+    assert covariance[0, 0] == pytest.approx(1e-6 + 1e-4 + (2.0 * 0.1**2 / 2) ** 2)
+
+
+@given(
+    st.lists(st.floats(-2, 2), min_size=3, max_size=3),
+    st.lists(st.floats(-10, 10), min_size=3, max_size=3),
+    st.floats(0, 2),
+)
+def test_any_prediction_is_finite_and_its_covariance_positive(position, velocity, duration) -> None:
+    mean, covariance = predict(ball(position, velocity), duration, CORNER, noise=1.0)
+    assert mean.shape == (SIZE,)
+    assert np.isfinite(mean).all()
+    assert np.linalg.eigvalsh(covariance)[0] > -1e-9
+    if position[2] > RADIUS:
+        # Energy never grows: e < 1, and gravity does the work it does.
+        before = 0.5 * np.dot(velocity, velocity) + 9.81 * position[2]
+        after = 0.5 * mean[3:6] @ mean[3:6] + 9.81 * mean[2]
+        assert after <= before + 1e-6

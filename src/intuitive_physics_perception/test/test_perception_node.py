@@ -1,0 +1,306 @@
+"""The perception node as a process, over DDS: a throw, and everything that can go wrong."""
+
+from __future__ import annotations
+
+import array
+import os
+import signal
+
+import numpy as np
+import pytest
+
+os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
+os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from diagnostic_msgs.msg import DiagnosticArray
+from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
+from intuitive_physics_msgs.msg import ObjectStates, Observation
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
+
+from intuitive_physics_perception.depth import Intrinsics, points_from_depth
+from intuitive_physics_perception.perception_node import OBSERVATIONS
+from intuitive_physics_ros.conversions import (
+    environment_from_message,
+    object_states_from_messages,
+    observation_from_message,
+    stamp_from_seconds,
+)
+from intuitive_physics_ros.node_process import NodeProcess
+from intuitive_physics_ros.peer import Peer
+from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
+
+MODULE = "intuitive_physics_perception.perception_node"
+NODE = "/perception_node"
+FRAMES = 4
+PARAMETERS = ["-p", f"environment_frames:={FRAMES}", "-p", "known_object_names:=[rubber]"]
+PARAMETERS += ["-p", "known_object_radii:=[0.07]", "-p", "known_object_materials:=[rubber]"]
+SMALL = {"width": 320, "height_pixels": 240, "focal": 262.0}
+STEP = 0.05
+
+
+@pytest.fixture(scope="module")
+def node():
+    with NodeProcess(MODULE, PARAMETERS) as process:
+        yield process
+
+
+@pytest.fixture
+def peer(node):
+    with Peer("tester") as peer:
+        yield peer
+    node.check_running()
+    assert "Traceback" not in node.output
+
+
+@pytest.fixture(scope="module")
+def room(corner_model):
+    return corner_model[0].__class__(tilt=25.0, seed=5, **SMALL)
+
+
+def image_message(depth: np.ndarray, time: float, **changes) -> Image:
+    height, width = depth.shape
+    message = Image(
+        header=Header(stamp=stamp_from_seconds(time), frame_id="camera"),
+        height=height,
+        width=width,
+        encoding="16UC1",
+        step=2 * width,
+        data=array.array("B", depth.astype("<u2").tobytes()),
+    )
+    for name, value in changes.items():
+        setattr(message, name, value)
+    return message
+
+
+def info_message(room) -> CameraInfo:
+    return CameraInfo(
+        header=Header(frame_id="camera"),
+        width=room.width,
+        height=room.height_pixels,
+        k=room.matrix.ravel(),
+        distortion_model="plumb_bob",
+    )
+
+
+def cloud_message(points: np.ndarray, time: float, **changes) -> PointCloud2:
+    height, width = points.shape[:2]
+    message = PointCloud2(
+        header=Header(stamp=stamp_from_seconds(time), frame_id="lidar"),
+        height=height,
+        width=width,
+        fields=[
+            PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1)
+            for k, name in enumerate("xyz")
+        ],
+        point_step=12,
+        row_step=12 * width,
+        data=array.array("B", points.astype("<f4").tobytes()),
+    )
+    for name, value in changes.items():
+        setattr(message, name, value)
+    return message
+
+
+def throw(room) -> list[np.ndarray]:
+    """Depth images: the empty room, a ball that flies through it, the empty room."""
+    times = np.arange(0, 0.5, STEP)
+    places = np.array([1.4, -0.4, 0.5]) + times[:, None] * [0.4, 0.9, 1.2]
+    places[:, 2] -= 0.5 * 9.81 * times**2
+    empty = [room.depth() for _ in range(FRAMES + 2)]
+    return [*empty, *(room.depth([(place, 0.07)]) for place in places), *empty, *empty]
+
+
+def play(peer, publisher, messages) -> None:
+    for message in messages:
+        publisher.publish(message)
+        peer.spin_for(0.03)
+
+
+def statuses(peer, heard, name: str, text: str):
+    """Wait until a diagnostic of the node says something."""
+
+    def found():
+        for message in heard:
+            for status in message.status:
+                if status.name == f"perception_node: {name}" and text in status.message:
+                    return status
+        return None
+
+    return peer.spin_until(found, f"{text!r} in the diagnostic {name!r}")
+
+
+def test_images_without_camera_info_are_named_and_then_used(peer, node, room) -> None:
+    heard = peer.listen(DiagnosticArray, "/diagnostics")
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    play(peer, images, [image_message(room.depth(), 1.0 + k) for k in range(3)])
+    statuses(peer, heard, "depth/image", "without a CameraInfo")
+    infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
+    infos.publish(CameraInfo(width=4, height=4))
+    statuses(peer, heard, "depth/camera_info", "focal length fx")
+    heard.clear()
+    infos.publish(info_message(room))
+    statuses(peer, heard, "depth/camera_info", "arrives")
+    assert node.output.count("without a CameraInfo") == 1
+
+
+def test_a_throw_gives_environment_states_and_one_observation(peer, node, room) -> None:
+    environments = peer.listen(EnvironmentMessage, f"{NODE}/environment", LATCHED)
+    states = peer.listen(ObjectStates, f"{NODE}/object_states", SENSOR_DATA)
+    observations = peer.listen(Observation, f"{NODE}/observation", OBSERVATIONS)
+    markers = peer.listen(MarkerArray, f"{NODE}/markers")
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    play(peer, images, [image_message(d, 100.0 + STEP * k) for k, d in enumerate(throw(room))])
+    peer.spin_until(lambda: observations, "an observation")
+
+    message = environments[-1]
+    environment = environment_from_message(message)
+    assert (message.header.frame_id, message.camera_frame_id) == ("environment", "camera")
+    assert message.version >= 1
+    assert len(environment.planes) == 3
+    assert environment.gravity == pytest.approx([0, 0, -9.81])
+    assert message.camera_pose.position.z == pytest.approx(room.height, abs=0.01)
+
+    seen = [object_states_from_messages(message.objects) for message in states]
+    flying = [s[0] for objects, s in seen if objects]
+    assert len(flying) >= 5
+    assert np.linalg.norm(flying[3].linear_velocity) > 0.5
+    assert states[-1].header.frame_id == "environment"
+
+    observation = observation_from_message(observations[-1])
+    (ball,) = observation.objects
+    assert ball.object.material == "rubber"
+    assert ball.object.id.startswith("rubber_")
+    assert ball.object.shape.bounding_radius == pytest.approx(0.07, abs=0.001)
+    assert 100.0 < observation.start_time < 101.0
+    peer.spin_until(lambda: markers, "markers")
+    kinds = {marker.ns for marker in markers[-1].markers}
+    assert {"environment", "gravity"} <= kinds
+
+
+def test_a_late_learner_still_gets_environment_and_observations(peer) -> None:
+    environments = peer.listen(EnvironmentMessage, f"{NODE}/environment", LATCHED)
+    observations = peer.listen(Observation, f"{NODE}/observation", OBSERVATIONS)
+    peer.spin_until(lambda: environments and observations, "what was published before")
+
+
+def test_time_that_jumps_back_restarts_the_tracker(peer, node, room) -> None:
+    observations = peer.listen(Observation, f"{NODE}/observation", OBSERVATIONS)
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    peer.spin_until(lambda: observations, "the first observation")
+    before = len(observations)
+    play(peer, images, [image_message(d, 50.0 + STEP * k) for k, d in enumerate(throw(room))])
+    peer.spin_until(lambda: len(observations) > before, "an observation of the second run")
+    assert "time went back" in node.output
+    ids = [seen.initial_state.id for message in observations for seen in message.objects]
+    assert len(set(ids)) == len(ids)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"encoding": "rgb8"}, "'rgb8'"),
+        ({"is_bigendian": 1}, "big-endian"),
+        ({"height": 241}, "truncated"),
+        ({"width": 319, "step": 640}, "expected the same size"),
+    ],
+)
+def test_images_that_cannot_be_used_are_named(peer, node, room, changes, text) -> None:
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    play(peer, images, [image_message(room.depth(), 200.0, **changes)])
+    peer.spin_until(lambda: text in node.output, f"{text!r} in the log")
+
+
+def test_an_image_without_readings_is_named_and_the_next_good_one_used(peer, room) -> None:
+    heard = peer.listen(DiagnosticArray, "/diagnostics")
+    states = peer.listen(ObjectStates, f"{NODE}/object_states", SENSOR_DATA)
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    play(peer, images, [image_message(np.zeros((240, 320)), 300.0)])
+    statuses(peer, heard, "depth/image", "no reading")
+    play(peer, images, [image_message(room.depth(), 301.0)])
+    peer.spin_until(lambda: states, "states")
+
+
+def test_the_environment_can_be_rebuilt(peer, room) -> None:
+    environments = peer.listen(EnvironmentMessage, f"{NODE}/environment", LATCHED)
+    peer.spin_until(lambda: environments, "the environment")
+    version = environments[-1].version
+    answer = peer.call(Trigger, f"{NODE}/rebuild_environment", Trigger.Request())
+    assert answer.success
+    assert f"next {FRAMES} frames" in answer.message
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    play(peer, images, [image_message(room.depth(), 400.0 + k) for k in range(FRAMES + 2)])
+    peer.spin_until(lambda: environments[-1].version == version + 1, "a new environment")
+
+
+@pytest.fixture(scope="module")
+def cloud_node():
+    arguments = ["-p", "input:=points", "-p", f"environment_frames:={FRAMES}"]
+    with NodeProcess(MODULE, [*arguments, "-r", "__node:=perception_node"]) as process:
+        yield process
+
+
+def test_clouds_bad_and_good(node, cloud_node, room) -> None:
+    """One node for clouds; the one for images stops first, as they have one name."""
+    node.stop(signal.SIGTERM)
+    rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
+    # Half the resolution: best effort over UDP loses parts of what is larger.
+    empty, good = (
+        points_from_depth(room.depth(balls), rays)[::2, ::2]
+        for balls in ((), [((1.5, 0.0, 0.4), 0.07)])
+    )
+    fields = cloud_message(good, 0.0).fields
+    bad = [
+        ("no reading", np.zeros((1, 0, 3)), {}),
+        ("no reading", np.full((2, 3, 3), np.nan), {}),
+        ("z missing", good, {"fields": fields[:2]}),
+        ("big-endian", good, {"is_bigendian": True}),
+        ("truncated", good, {"height": 500}),
+    ]
+    clock = iter(np.arange(1.0, 1000.0, STEP))
+    with Peer("tester") as peer:
+        heard = peer.listen(DiagnosticArray, "/diagnostics")
+        states = peer.listen(ObjectStates, f"{NODE}/object_states", SENSOR_DATA)
+        clouds = peer.publisher(PointCloud2, f"{NODE}/points", SENSOR_DATA)
+
+        def send(points, **changes) -> None:
+            play(peer, clouds, [cloud_message(points, next(clock), **changes)])
+
+        for text, points, changes in bad:
+            heard.clear()
+
+            def named(points=points, changes=changes, text=text) -> bool:
+                send(points, **changes)
+                return any(text in s.message for message in heard for s in message.status)
+
+            peer.spin_until(named, f"{text!r} in the diagnostics")
+        for _ in range(2 * FRAMES):
+            send(empty)
+
+        def seen() -> bool:
+            send(good)
+            return any(message.objects for message in states)
+
+        peer.spin_until(seen, "a ball")
+    cloud_node.check_running()
+    assert "Traceback" not in cloud_node.output
+    assert cloud_node.stop(signal.SIGINT) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["-p", "min_radius:=0.9"], "min_radius below max_radius"),
+        (["-p", "known_object_names:=[a, b]"], "[2, 1, 1] entries"),
+        (["-p", "input:=radar"], "auto, depth, points"),
+        (["-p", "min_points:=3"], "8"),
+    ],
+)
+def test_parameters_that_cannot_be_are_one_line(arguments, text) -> None:
+    with NodeProcess(MODULE, arguments) as process:
+        assert process.wait(20.0) == 1
+        assert text in process.output
+        assert "Traceback" not in process.output

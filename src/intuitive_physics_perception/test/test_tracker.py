@@ -1,0 +1,158 @@
+"""Tracks: who is who, how fast, how large, and when it is over."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from intuitive_physics.scene import Environment, Plane
+from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
+from intuitive_physics_perception.spheres import DetectedSphere
+from intuitive_physics_perception.tracker import Tracker
+
+FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
+SETTINGS = PerceptionSettings()
+STEP = 1.0 / 30.0
+NOISE = 0.001
+
+
+def seen(rng, place, radius=0.05, noise=NOISE):
+    error = noise * rng.normal(size=4)
+    return DetectedSphere(
+        np.asarray(place) + error[:3], radius + error[3], noise**2 * np.eye(4), 200, 2.0
+    )
+
+
+def follow(tracker, rng, paths, times, radius=0.05):
+    """Feed paths (n_balls, n_times, 3); return tracks after each frame and all that ended."""
+    alive, ended = [], []
+    for k, time in enumerate(times):
+        spheres = [seen(rng, path[k], radius) for path in paths if np.isfinite(path[k]).all()]
+        ended += tracker.update(float(time), spheres)
+        alive.append(deepcopy(tracker.tracks))
+    return alive, ended
+
+
+def test_velocity_before_and_after_a_bounce(rng, bounce) -> None:
+    times = np.arange(0, 1.2, STEP)
+    path = bounce(times, (0, 0, 0.8), (0.5, 0.2, 0.0), 0.05, 0.7)
+    tracker = Tracker(FLOOR, SETTINGS)
+    alive, _ = follow(tracker, rng, [path], times)
+    assert {track.number for tracks in alive for track in tracks} == {1}
+    truth = np.gradient(path, times, axis=0)
+    # Away from bounces (at 0.39 and 0.93 s) central differences of parabolas are exact.
+    for k in (8, 9, 10, 18, 19, 20, 25, 26):
+        speed = alive[k][0].mean[3:6]
+        assert np.linalg.norm(speed - truth[k]) < 0.12, times[k]
+
+
+def test_errors_are_as_large_as_the_covariance_says(bounce) -> None:
+    times = np.arange(0, 0.35, STEP)
+    path = bounce(times, (0, 0, 1.0), (1.0, 0.0, 0.5), 0.05)
+    velocity = np.array([1.0, 0.0, 0.5]) - np.array([0, 0, 9.81]) * times[-1]
+    ratios = []
+    for seed in range(60):
+        tracker = Tracker(FLOOR, SETTINGS)
+        alive, _ = follow(tracker, np.random.default_rng(seed), [path], times)
+        (track,) = alive[-1]
+        error = track.mean - np.array([*path[-1], *velocity, 0.05])
+        ratios.append(error @ np.linalg.solve(track.covariance, error) / 7.0)
+    # The process noise allows for accelerations that are not there, so it may be cautious.
+    assert 0.2 < np.mean(ratios) < 1.3
+
+
+def test_two_balls_that_cross_keep_their_names(rng) -> None:
+    times = np.arange(0, 0.8, STEP)
+    fall = 1.5 - 0.5 * 9.81 * times**2 * 0.0
+    left = np.column_stack([-0.8 + 2.0 * times, 0.08 + 0 * times, fall])
+    right = np.column_stack([0.8 - 2.0 * times, -0.08 + 0 * times, fall])
+    weightless = Environment(FLOOR.planes, gravity=(0, 0, -1e-6))
+    alive, _ = follow(Tracker(weightless, SETTINGS), rng, [left, right], times)
+    tracks = {track.number: track for track in alive[-1]}
+    assert sorted(tracks) == [1, 2]
+    assert tracks[1].mean[3] == pytest.approx(2.0, abs=0.1)
+    assert tracks[2].mean[3] == pytest.approx(-2.0, abs=0.1)
+
+
+def test_a_short_occlusion_keeps_the_track_and_a_long_one_ends_it(rng, bounce) -> None:
+    times = np.arange(0, 1.0, STEP)
+    path = bounce(times, (0, 0, 1.5), (1.0, 0, 1.0), 0.05)
+    hidden = path.copy()
+    hidden[10:15] = np.nan
+    alive, ended = follow(Tracker(FLOOR, SETTINGS), rng, [hidden], times)
+    assert ended == []
+    assert {track.number for track in alive[-1]} == {1}
+    hidden[10:22] = np.nan
+    alive, ended = follow(Tracker(FLOOR, SETTINGS), rng, [hidden], times)
+    assert [track.number for track in ended] == [1]
+    assert {track.number for track in alive[-1]} == {2}
+
+
+def test_radius_is_averaged(rng) -> None:
+    times = np.arange(0, 1.0, STEP)
+    still = np.tile([0.3, 0.2, 0.05], (times.size, 1))
+    alive, _ = follow(Tracker(FLOOR, SETTINGS), rng, [still], times)
+    assert alive[-1][0].mean[6] == pytest.approx(0.05, abs=0.0006)
+    assert np.sqrt(alive[-1][0].covariance[6, 6]) < 0.4 * NOISE
+
+
+def test_a_ball_that_lies_still_comes_to_rest_even_where_nothing_is_modelled(rng) -> None:
+    # On a chair the model does not know.
+    times = np.arange(0, 2.0, STEP)
+    still = np.tile([0.3, 0.2, 0.5], (times.size, 1))
+    alive, ended = follow(Tracker(FLOOR, SETTINGS), rng, [still], times)
+    (track,) = alive[-1]
+    assert ended == []
+    assert track.resting
+    assert track.mean[:3] == pytest.approx(still[0], abs=0.002)
+    assert track.mean[3:6] == pytest.approx([0, 0, 0])
+    assert {t.number for tracks in alive for t in tracks} == {1}
+
+
+def test_a_resting_ball_that_is_hit_moves_again(rng) -> None:
+    times = np.arange(0, 2.0, STEP)
+    path = np.tile([0.0, 0.0, 0.05], (times.size, 1))
+    late = times > 1.2
+    path[late, 0] = 1.0 * (times[late] - 1.2)
+    alive, _ = follow(Tracker(FLOOR, SETTINGS), rng, [path], times)
+    assert alive[34][0].resting
+    (track,) = alive[-1]
+    assert not track.resting
+    assert track.number == 1
+    assert track.moving_since == pytest.approx(1.2, abs=0.1)
+    assert track.mean[3] == pytest.approx(1.0, abs=0.1)
+
+
+def test_single_false_detections_never_become_objects(rng) -> None:
+    tracker = Tracker(FLOOR, SETTINGS)
+    for k in range(60):
+        place = rng.uniform(-1, 1, 3) + [0, 0, 2]
+        tracker.update(k * STEP, [seen(rng, place)] if k % 4 == 0 else [])
+        assert tracker.tracks == []
+
+
+def test_a_known_object_gives_name_material_and_radius(rng, bounce) -> None:
+    known = (KnownObject("small", 0.03, "wood"), KnownObject("large", 0.05, "rubber"))
+    settings = replace(SETTINGS, known_objects=known)
+    times = np.arange(0, 0.4, STEP)
+    path = bounce(times, (0, 0, 1), (1, 0, 0), 0.05)
+    alive, _ = follow(Tracker(FLOOR, settings), rng, [path], times, radius=0.051)
+    thing = alive[-1][0].scene_object(settings)
+    assert (thing.id, thing.material) == ("large_1", "rubber")
+    assert thing.shape.bounding_radius == pytest.approx(0.05, abs=1e-4)
+    alive, _ = follow(Tracker(FLOOR, settings), rng, [path], times, radius=0.04)
+    thing = alive[-1][0].scene_object(settings)
+    assert (thing.id, thing.material) == ("sphere_1", "ball")
+
+
+def test_the_state_has_a_wide_spin_and_no_doubt_in_rotation(rng) -> None:
+    tracker = Tracker(FLOOR, SETTINGS)
+    for k in range(4):
+        tracker.update(k * STEP, [seen(rng, (0, 0, 1.0))])
+    state = tracker.tracks[0].object_state(SETTINGS)
+    assert np.diag(state.covariance)[9:] == pytest.approx(100.0)
+    assert np.abs(state.covariance[3:6]).max() == 0.0
+    assert state.angular_velocity == pytest.approx([0, 0, 0])

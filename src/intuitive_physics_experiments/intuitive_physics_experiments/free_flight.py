@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.scene import Environment
+from intuitive_physics.simulation.event_driven.roots import first_fall_quadratic
 from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import finite_array
-
-SMALLEST_APPROACH = 1e-9
 
 
 def free_flight(
@@ -33,7 +32,7 @@ def free_flight(
 
 def _contact_time(environment: Environment, radius: float, state: ObjectState) -> float:
     contacts = [
-        _time_to_plane(
+        first_fall_quadratic(
             float(plane.signed_distances(state.position)) - radius,
             float(plane.normal @ state.linear_velocity),
             float(plane.normal @ environment.gravity),
@@ -41,17 +40,3 @@ def _contact_time(environment: Environment, radius: float, state: ObjectState) -
         for plane in environment.planes
     ]
     return min(contacts, default=np.inf)
-
-
-def _time_to_plane(distance: float, speed: float, acceleration: float) -> float:
-    """First t ≥ 0 with d + s t + a t² / 2 ≤ 0 while approaching; infinite where there is none."""
-    if distance <= 0.0 and speed <= SMALLEST_APPROACH:
-        return 0.0
-    if abs(acceleration) < SMALLEST_APPROACH:
-        return distance / -speed if speed < 0.0 and distance > 0.0 else np.inf
-    discriminant = speed**2 - 2.0 * acceleration * distance
-    if discriminant < 0.0:
-        return np.inf
-    # At the root where the distance falls, s + a t = -√(s² - 2 a d).
-    time = (-np.sqrt(discriminant) - speed) / acceleration
-    return float(time) if time > 0.0 else np.inf

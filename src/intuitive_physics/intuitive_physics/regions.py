@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.rotation import rotation_matrix
 from intuitive_physics.validation import (
     finite_array,
     finite_float,
@@ -60,14 +61,7 @@ class BoxRegion(Region):
         object.__setattr__(self, "edge_lengths", edges)
 
     def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        x, y, z, w = self.orientation
-        axes = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-            ]
-        )
+        axes = rotation_matrix(self.orientation)
         inside = np.abs((points - self.center) @ axes) <= 0.5 * self.edge_lengths
         return np.asarray(inside.all(axis=-1))
 

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation
+from intuitive_physics.rotation import rotation_matrix
 from intuitive_physics.simulation import make_simulator
+from intuitive_physics.trajectory import Trajectory, mean_distance
 from intuitive_physics_experiments.demo_result import PredictionOutcome, ThrowErrors
 from intuitive_physics_experiments.ground_truth import GroundTruth
 from intuitive_physics_experiments.throws import Throw
@@ -42,14 +44,7 @@ class PerceivedFrame:
     def of(message: EnvironmentMessage, truth: GroundTruth) -> PerceivedFrame:
         """Read where perception thinks the camera is."""
         at, turned = message.camera_pose.position, message.camera_pose.orientation
-        x, y, z, w = turned.x, turned.y, turned.z, turned.w
-        rotation = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-            ]
-        )
+        rotation = rotation_matrix((turned.x, turned.y, turned.z, turned.w))
         return PerceivedFrame(rotation, np.array([at.x, at.y, at.z]), truth)
 
     def true_positions(self, throw: Throw, stamps: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -74,9 +69,9 @@ def explain_costs(
 ) -> NDArray[np.float64]:
     """Return D̄ of each observation (n,) under learned, true and default parameters: (3, n) m."""
     cost = TrajectoryCost(observations, make_simulator("event_driven"))
-    candidates = [learned, true.extended(cost.materials), StaticParameters.uniform(cost.materials)]
-    candidates[0] = learned.extended(cost.materials)
-    return cost.observation_costs(candidates)
+    default = StaticParameters.uniform(cost.materials)
+    known = [parameters.extended(cost.materials) for parameters in (learned, true)]
+    return cost.observation_costs([*known, default])
 
 
 def throw_errors(
@@ -138,4 +133,5 @@ def prediction_outcome(
 
 def prediction_error(outcome: PredictionOutcome) -> float:
     """D̄ (Eq. 6) between the predicted mean and the truth, m."""
-    return float(np.linalg.norm(outcome.mean - outcome.true, axis=1).mean())
+    predicted, true = (Trajectory(outcome.times, path) for path in (outcome.mean, outcome.true))
+    return mean_distance(predicted, true)

@@ -16,11 +16,13 @@ from intuitive_physics.validation import (
     finite_array,
     finite_float,
     name_string,
+    non_negative_float,
     unit_quaternion,
     unit_vector,
 )
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
+STANDARD_AIR_DENSITY = 1.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,12 +142,14 @@ class Environment:
     boxes : static boxes
     gravity : (3,) m/s²
     frame_id : name of the frame everything is in
+    air_density : kg/m³, of use to objects with drag or Magnus force only
     """
 
     planes: tuple[Plane, ...]
     boxes: tuple[StaticBox, ...]
     gravity: NDArray[np.float64]
     frame_id: str
+    air_density: float
 
     def __init__(
         self,
@@ -153,6 +157,7 @@ class Environment:
         boxes: Sequence[StaticBox] = (),
         gravity: ArrayLike = STANDARD_GRAVITY,
         frame_id: str = "world",
+        air_density: float = STANDARD_AIR_DENSITY,
     ) -> None:
         primitives: list[Plane | StaticBox] = [*planes, *boxes]
         ids = [primitive.id for primitive in primitives]
@@ -162,6 +167,7 @@ class Environment:
         object.__setattr__(self, "boxes", tuple(boxes))
         object.__setattr__(self, "gravity", finite_array(gravity, "gravity", (3,)))
         object.__setattr__(self, "frame_id", frame_id)
+        object.__setattr__(self, "air_density", non_negative_float(air_density, "air density"))
 
     @property
     def materials(self) -> tuple[str, ...]:
@@ -176,6 +182,7 @@ class Environment:
             "boxes": [box.to_dict() for box in self.boxes],
             "gravity": self.gravity.tolist(),
             "frame_id": self.frame_id,
+            "air_density": self.air_density,
         }
 
     @staticmethod
@@ -187,6 +194,7 @@ class Environment:
                 [StaticBox(**box) for box in data["boxes"]],
                 data["gravity"],
                 data["frame_id"],
+                data.get("air_density", STANDARD_AIR_DENSITY),
             )
         except (KeyError, TypeError) as error:
             raise InvalidInputError(
@@ -203,11 +211,15 @@ class SceneObject:
     id : unique in its scene
     material : name
     shape : its primitive
+    drag_coefficient : C_d in the drag force -½ ρ C_d A |v| v, A the shape's mean silhouette
+    magnus_coefficient : C_M in the Magnus force ½ ρ A r C_M ω × v, with A = π r²
     """
 
     id: str
     material: str
     shape: Shape
+    drag_coefficient: float = 0.0
+    magnus_coefficient: float = 0.0
 
     def __post_init__(self) -> None:
         name_string(self.id, "object id")
@@ -216,16 +228,31 @@ class SceneObject:
             raise InvalidInputError(
                 f"shape of object {self.id} is {self.shape!r}; expected a Sphere, Box or Capsule"
             )
+        for name in ("drag_coefficient", "magnus_coefficient"):
+            words = f"{name.replace('_', ' ')} of object {self.id}"
+            object.__setattr__(self, name, non_negative_float(getattr(self, name), words))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data that `from_dict` reads back."""
-        return {"id": self.id, "material": self.material, "shape": self.shape.to_dict()}
+        return {
+            "id": self.id,
+            "material": self.material,
+            "shape": self.shape.to_dict(),
+            "drag_coefficient": self.drag_coefficient,
+            "magnus_coefficient": self.magnus_coefficient,
+        }
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> SceneObject:
         """Read what `to_dict` wrote."""
         try:
-            return SceneObject(data["id"], data["material"], shape_from_dict(data["shape"]))
+            return SceneObject(
+                data["id"],
+                data["material"],
+                shape_from_dict(data["shape"]),
+                data.get("drag_coefficient", 0.0),
+                data.get("magnus_coefficient", 0.0),
+            )
         except (KeyError, TypeError) as error:
             raise InvalidInputError(
                 f"object cannot be read ({error}); expected id, material, shape"

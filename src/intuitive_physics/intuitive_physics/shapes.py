@@ -27,6 +27,11 @@ class Shape(ABC):
 
     @property
     @abstractmethod
+    def surface(self) -> float:
+        """Surface in m²; a convex body's mean silhouette is a quarter of it (Cauchy)."""
+
+    @property
+    @abstractmethod
     def bounding_radius(self) -> float:
         """Radius in m of the smallest sphere about the origin that holds the shape."""
 
@@ -67,6 +72,10 @@ class Sphere(Shape):
         return 4.0 / 3.0 * pi * self.radius**3
 
     @property
+    def surface(self) -> float:
+        return 4.0 * pi * self.radius**2
+
+    @property
     def bounding_radius(self) -> float:
         return self.radius
 
@@ -98,6 +107,11 @@ class Box(Shape):
     def volume(self) -> float:
         x, y, z = self.edge_lengths
         return x * y * z
+
+    @property
+    def surface(self) -> float:
+        x, y, z = self.edge_lengths
+        return 2.0 * (x * y + y * z + z * x)
 
     @property
     def bounding_radius(self) -> float:
@@ -132,6 +146,10 @@ class Capsule(Shape):
     @property
     def volume(self) -> float:
         return pi * self.radius**2 * (self.length + 4.0 / 3.0 * self.radius)
+
+    @property
+    def surface(self) -> float:
+        return 2.0 * pi * self.radius * (self.length + 2.0 * self.radius)
 
     @property
     def bounding_radius(self) -> float:

@@ -32,6 +32,14 @@ def finite_float(value: Any, name: str) -> float:
     return number
 
 
+def non_negative_float(value: Any, name: str) -> float:
+    """Return `value` as a float, which must be finite and not below zero."""
+    number = finite_float(value, name)
+    if number < 0.0:
+        raise InvalidInputError(f"{name} is {number:g}; expected zero or above")
+    return number
+
+
 def name_string(value: Any, name: str) -> str:
     """Return `value` after checking that it is a string with something in it."""
     if not isinstance(value, str) or not value.strip():

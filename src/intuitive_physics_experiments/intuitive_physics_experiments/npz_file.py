@@ -57,8 +57,12 @@ def load_cloud(path: Path) -> NDArray[np.float32]:
     return np.ascontiguousarray(points, dtype=np.float32)
 
 
-def split_rows(arrays: Arrays, name: str) -> list[NDArray[np.float64]]:
+def split_rows(arrays: Arrays, name: str, columns: int = 3) -> list[NDArray[np.float64]]:
     """Cut the rows of one array into recordings at `offsets`.
+
+    Parameters
+    ----------
+    columns : of the array, unless it has one axis only
 
     Raises
     ------
@@ -77,6 +81,6 @@ def split_rows(arrays: Arrays, name: str) -> list[NDArray[np.float64]]:
             f"offsets go from {offsets[0]} to {offsets[-1]} over {len(rows)} rows of {name}; "
             f"expected increasing numbers from 0 to {len(rows)}"
         )
-    shape = (None,) if rows.ndim == 1 else (None, 3)
+    shape = (None,) if rows.ndim == 1 else (None, columns)
     checked = finite_array(rows, name, shape)
     return np.split(checked, offsets[1:-1])

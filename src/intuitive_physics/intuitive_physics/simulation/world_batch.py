@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics.scene import Environment, Scene
+from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 from intuitive_physics.validation import finite_array
 
@@ -30,11 +31,17 @@ class WorldBatch:
     dimensions : (W, O, 3) m: (radius, 0, 0), edge lengths, or (radius, length, 0)
     object_materials : (W, O) codes
     states : (W, O, 13) as `ObjectState.to_vector`
+    air_factors : (W, O, 2) ½ ρ C_d A (kg/m) and ½ ρ C_M A r (kg) of drag and Magnus force
     environment_index : (W,) row of each world in the environment arrays
     gravity : (E, 3) m/s²
     plane_counts : (E,)
     planes : (E, P, 4) unit normal and offset
     plane_materials : (E, P) codes
+    corner_counts : (E, P) corners of each plane's boundary, 0 where it has no edge
+    corners : (E, P, K, 3) m, counter-clockwise seen against the normal
+    box_counts : (E,)
+    boxes : (E, B, 10) centre (m), orientation (x, y, z, w) and edge lengths (m)
+    box_materials : (E, B) codes
     parameter_index : (W,) row of each world in the parameter arrays
     density : (C, m) kg/m³
     coefficients : (C, 4, m, m) as `StaticParameters.coefficients`
@@ -47,11 +54,17 @@ class WorldBatch:
     dimensions: NDArray[np.float64]
     object_materials: NDArray[np.int64]
     states: NDArray[np.float64]
+    air_factors: NDArray[np.float64]
     environment_index: NDArray[np.int64]
     gravity: NDArray[np.float64]
     plane_counts: NDArray[np.int64]
     planes: NDArray[np.float64]
     plane_materials: NDArray[np.int64]
+    corner_counts: NDArray[np.int64]
+    corners: NDArray[np.float64]
+    box_counts: NDArray[np.int64]
+    boxes: NDArray[np.float64]
+    box_materials: NDArray[np.int64]
     parameter_index: NDArray[np.int64]
     density: NDArray[np.float64]
     coefficients: NDArray[np.float64]
@@ -107,6 +120,7 @@ class WorldBatch:
             "dimensions",
             "object_materials",
             "states",
+            "air_factors",
             "environment_index",
             "parameter_index",
         )
@@ -161,17 +175,20 @@ def _object_arrays(scenes: Sequence[Scene], parameters: StaticParameters) -> dic
     materials = np.zeros(padded, dtype=np.int64)
     states = np.zeros((*padded, 13))
     states[..., 6] = 1.0
+    air = np.zeros((*padded, 2))
     for w, scene in enumerate(scenes):
         for i, (thing, state) in enumerate(zip(scene.objects, scene.states, strict=True)):
             kinds[w, i], dimensions[w, i] = _shape_numbers(thing.shape)
             materials[w, i] = parameters.index(thing.material)
             states[w, i] = state.to_vector()
+            air[w, i] = _air_factors(thing, scene.environment.air_density)
     return {
         "object_counts": counts,
         "shape_kinds": kinds,
         "dimensions": dimensions,
         "object_materials": materials,
         "states": states,
+        "air_factors": air,
     }
 
 
@@ -186,6 +203,15 @@ def _shape_numbers(shape: Shape) -> tuple[int, tuple[float, float, float]]:
     raise InvalidInputError(f"shape is {shape!r}; expected a Sphere, Box or Capsule")
 
 
+def _air_factors(thing: SceneObject, air_density: float) -> tuple[float, float]:
+    silhouette = 0.25 * thing.shape.surface
+    drag = 0.5 * air_density * silhouette
+    return (
+        drag * thing.drag_coefficient,
+        drag * thing.magnus_coefficient * math.sqrt(silhouette / math.pi),
+    )
+
+
 def _environment_arrays(
     environments: Sequence[Environment], parameters: StaticParameters
 ) -> dict[str, NDArray]:
@@ -197,12 +223,48 @@ def _environment_arrays(
         for p, plane in enumerate(environment.planes):
             planes[row, p] = (*plane.normal, plane.offset)
             materials[row, p] = parameters.index(plane.material)
+    corner_counts, corners = _boundary_arrays(environments, padded)
     return {
         "gravity": np.array([e.gravity for e in environments]),
         "plane_counts": counts,
         "planes": planes,
         "plane_materials": materials,
+        "corner_counts": corner_counts,
+        "corners": corners,
+        **_box_arrays(environments, parameters),
     }
+
+
+def _boundary_arrays(
+    environments: Sequence[Environment], padded: tuple[int, int]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    boundaries = {
+        (row, p): plane.boundary
+        for row, environment in enumerate(environments)
+        for p, plane in enumerate(environment.planes)
+        if plane.boundary is not None
+    }
+    most = max((len(boundary) for boundary in boundaries.values()), default=0)
+    counts = np.zeros(padded, dtype=np.int64)
+    corners = np.zeros((*padded, most, 3))
+    for place, boundary in boundaries.items():
+        counts[place] = len(boundary)
+        corners[place][: len(boundary)] = boundary
+    return counts, corners
+
+
+def _box_arrays(
+    environments: Sequence[Environment], parameters: StaticParameters
+) -> dict[str, NDArray]:
+    counts = np.array([len(e.boxes) for e in environments], dtype=np.int64)
+    padded = (len(environments), int(counts.max()))
+    boxes = np.zeros((*padded, 10))
+    materials = np.zeros(padded, dtype=np.int64)
+    for row, environment in enumerate(environments):
+        for b, box in enumerate(environment.boxes):
+            boxes[row, b] = (*box.center, *box.orientation, *box.edge_lengths)
+            materials[row, b] = parameters.index(box.material)
+    return {"box_counts": counts, "boxes": boxes, "box_materials": materials}
 
 
 def _parameter_tables(

@@ -1,0 +1,272 @@
+// Rolls out worlds in ODE, for benchmarks/peers/ode.py.
+//
+// Reads requests from standard input and answers each on standard output until the input ends.
+// Both are arrays of doubles in the machine's byte order, preceded by their length as a double.
+//
+// Request: the members of `Request` in their order, then
+//   objects      (n_objects, 8)  shape (0 sphere, 1 box, 2 capsule), three dimensions in m (radius;
+//                                edge lengths; radius and length), mass in kg, principal inertia
+//   planes       (n_planes, 4)   unit normal and offset in m
+//   coefficients (n_objects, n_objects + n_planes, 4)  of each pair: μ_s, μ_d, rolling arm in m, e
+//   starts       (n_simulations, n_objects, 13)  position, quaternion (x, y, z, w), linear and
+//                                angular velocity
+// Answer: seconds, then positions (n_simulations, n_objects, n_steps, 3) after each step.
+//
+// The seconds are those of the simulation alone: setting the first states of each simulation,
+// finding contacts, stepping, and writing the positions down.
+
+#include <ode/ode.h>
+
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <cstdarg>
+#include <cstddef>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+namespace {
+
+static_assert(sizeof(dReal) == sizeof(double), "this ODE was built for single precision");
+
+constexpr int kMostContacts = 8;
+constexpr double kSlipSpeed = 0.01;   // m/s, above which a contact slides: μ_d instead of μ_s
+constexpr double kBounceSpeed = 0.1;  // m/s, below which ODE's contacts do not bounce; g · 10 ms
+
+enum ShapeCode { kSphere, kBox, kCapsule };
+
+struct Request {
+  int n_simulations, n_objects, n_planes, n_steps;
+  bool auto_disable, hash_space, boxes_roll;
+  double step;
+  std::array<double, 3> gravity;
+  const double *objects, *planes, *coefficients, *starts;
+};
+
+class Reader {
+ public:
+  explicit Reader(const std::vector<double>& data) : data_(data) {}
+
+  const double* take(std::size_t count) {
+    if (next_ + count > data_.size()) throw std::runtime_error("the request is too short");
+    const double* at = data_.data() + next_;
+    next_ += count;
+    return at;
+  }
+  int integer() { return static_cast<int>(*take(1)); }
+  bool flag() { return *take(1) != 0.0; }
+  bool at_end() const { return next_ == data_.size(); }
+
+ private:
+  const std::vector<double>& data_;
+  std::size_t next_ = 0;
+};
+
+Request parse(const std::vector<double>& data) {
+  Reader reader(data);
+  Request r{};
+  r.n_simulations = reader.integer();
+  r.n_objects = reader.integer();
+  r.n_planes = reader.integer();
+  r.n_steps = reader.integer();
+  r.auto_disable = reader.flag();
+  r.hash_space = reader.flag();
+  r.boxes_roll = reader.flag();
+  r.step = *reader.take(1);
+  const double* gravity = reader.take(3);
+  r.gravity = {gravity[0], gravity[1], gravity[2]};
+  const std::size_t objects = r.n_objects, planes = r.n_planes, simulations = r.n_simulations;
+  r.objects = reader.take(objects * 8);
+  r.planes = reader.take(planes * 4);
+  r.coefficients = reader.take(objects * (objects + planes) * 4);
+  r.starts = reader.take(simulations * objects * 13);
+  if (!reader.at_end()) throw std::runtime_error("the request is too long");
+  return r;
+}
+
+// One ODE world, used for all simulations of a request.
+class World {
+ public:
+  explicit World(const Request& request)
+      : request_(request), world_(dWorldCreate()), contacts_(dJointGroupCreate(0)) {
+    space_ = request.hash_space ? dHashSpaceCreate(nullptr) : dSimpleSpaceCreate(nullptr);
+    dWorldSetGravity(world_, request.gravity[0], request.gravity[1], request.gravity[2]);
+    dWorldSetAutoDisableFlag(world_, request.auto_disable);
+    for (int i = 0; i < request.n_objects; ++i) add_object(i);
+    for (int p = 0; p < request.n_planes; ++p) add_plane(p);
+  }
+
+  ~World() {
+    dJointGroupDestroy(contacts_);
+    dSpaceDestroy(space_);
+    dWorldDestroy(world_);
+  }
+
+  World(const World&) = delete;
+  World& operator=(const World&) = delete;
+
+  void simulate(const double* starts, double* positions) {
+    reset(starts);
+    for (int step = 0; step < request_.n_steps; ++step) {
+      dSpaceCollide(space_, this, &World::near);
+      dWorldQuickStep(world_, request_.step);
+      dJointGroupEmpty(contacts_);
+      for (std::size_t i = 0; i < bodies_.size(); ++i) {
+        const dReal* at = dBodyGetPosition(bodies_[i]);
+        double* row = positions + 3 * (i * request_.n_steps + step);
+        for (int axis = 0; axis < 3; ++axis) row[axis] = at[axis];
+      }
+    }
+  }
+
+ private:
+  void add_object(int i) {
+    const double* object = request_.objects + 8 * i;
+    dBodyID body = dBodyCreate(world_);
+    dMass mass;
+    dMassSetParameters(&mass, object[4], 0, 0, 0, object[5], object[6], object[7], 0, 0, 0);
+    dBodySetMass(body, &mass);
+    dGeomID geom = nullptr;
+    switch (static_cast<int>(object[0])) {
+      case kSphere: geom = dCreateSphere(space_, object[1]); break;
+      case kBox: geom = dCreateBox(space_, object[1], object[2], object[3]); break;
+      case kCapsule: geom = dCreateCapsule(space_, object[1], object[2]); break;
+      default: throw std::runtime_error("the request has an unknown shape");
+    }
+    dGeomSetBody(geom, body);
+    name(geom, i);
+    bodies_.push_back(body);
+  }
+
+  void add_plane(int p) {
+    const double* plane = request_.planes + 4 * p;
+    dGeomID geom = dCreatePlane(space_, plane[0], plane[1], plane[2], plane[3]);
+    // Planes do not ask whether they touch one another.
+    dGeomSetCategoryBits(geom, 2);
+    dGeomSetCollideBits(geom, 1);
+    name(geom, request_.n_objects + p);
+  }
+
+  // Objects come first, then planes: the index of a row or column of the pair coefficients.
+  static void name(dGeomID geom, int index) {
+    dGeomSetData(geom, reinterpret_cast<void*>(static_cast<std::intptr_t>(index)));
+  }
+  static int index(dGeomID geom) {
+    return static_cast<int>(reinterpret_cast<std::intptr_t>(dGeomGetData(geom)));
+  }
+
+  void reset(const double* starts) {
+    for (std::size_t i = 0; i < bodies_.size(); ++i) {
+      const double* s = starts + 13 * i;
+      const dQuaternion turn = {s[6], s[3], s[4], s[5]};
+      dBodySetPosition(bodies_[i], s[0], s[1], s[2]);
+      dBodySetQuaternion(bodies_[i], turn);
+      dBodySetLinearVel(bodies_[i], s[7], s[8], s[9]);
+      dBodySetAngularVel(bodies_[i], s[10], s[11], s[12]);
+      dBodySetForce(bodies_[i], 0, 0, 0);
+      dBodySetTorque(bodies_[i], 0, 0, 0);
+      dBodyEnable(bodies_[i]);
+    }
+    dRandSetSeed(0);  // the quick stepper shuffles its rows
+  }
+
+  static void near(void* self, dGeomID a, dGeomID b) { static_cast<World*>(self)->touch(a, b); }
+
+  void touch(dGeomID a, dGeomID b) {
+    int row = index(a), column = index(b);
+    if (row >= request_.n_objects) std::swap(row, column);
+    const double* pair =
+        request_.coefficients + 4 * (row * (request_.n_objects + request_.n_planes) + column);
+    dBodyID body_a = dGeomGetBody(a), body_b = dGeomGetBody(b);
+    dContact contacts[kMostContacts];
+    const int count = dCollide(a, b, kMostContacts, &contacts[0].geom, sizeof(dContact));
+    for (int i = 0; i < count; ++i) {
+      dSurfaceParameters& surface = contacts[i].surface;
+      surface.mode = dContactBounce | dContactApprox1;
+      surface.mu = slip(contacts[i].geom, body_a, body_b) > kSlipSpeed ? pair[1] : pair[0];
+      surface.bounce = pair[3];
+      surface.bounce_vel = kBounceSpeed;
+      if (pair[2] > 0.0 && (request_.boxes_roll || (round(a) && round(b)))) {
+        surface.mode |= dContactRolling;
+        surface.rho = pair[2];
+      }
+      dJointAttach(dJointCreateContact(world_, contacts_, &contacts[i]), body_a, body_b);
+    }
+  }
+
+  static bool round(dGeomID geom) { return dGeomGetClass(geom) != dBoxClass; }
+
+  // Speed at which two surfaces pass one another along their contact.
+  static double slip(const dContactGeom& contact, dBodyID a, dBodyID b) {
+    double v[3] = {0, 0, 0};
+    for (const auto& [body, sign] : {std::pair{a, 1.0}, std::pair{b, -1.0}}) {
+      if (!body) continue;
+      dVector3 own;
+      dBodyGetPointVel(body, contact.pos[0], contact.pos[1], contact.pos[2], own);
+      for (int axis = 0; axis < 3; ++axis) v[axis] += sign * own[axis];
+    }
+    const dReal* n = contact.normal;
+    const double along = v[0] * n[0] + v[1] * n[1] + v[2] * n[2];
+    return std::hypot(v[0] - along * n[0], v[1] - along * n[1], v[2] - along * n[2]);
+  }
+
+  const Request& request_;
+  dWorldID world_;
+  dSpaceID space_;
+  dJointGroupID contacts_;
+  std::vector<dBodyID> bodies_;
+};
+
+std::vector<double> answer(const Request& request) {
+  const std::size_t size = std::size_t{3} * request.n_objects * request.n_steps;
+  std::vector<double> result(1 + size * request.n_simulations);
+  World world(request);
+  const auto start = std::chrono::steady_clock::now();
+  for (int s = 0; s < request.n_simulations; ++s) {
+    world.simulate(request.starts + std::size_t{13} * request.n_objects * s, &result[1 + size * s]);
+  }
+  const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
+  result[0] = took.count();
+  return result;
+}
+
+void stop_on_error(int number, const char* message, std::va_list arguments) {
+  std::fprintf(stderr, "ODE error %d: ", number);
+  std::vfprintf(stderr, message, arguments);
+  std::fputc('\n', stderr);
+  std::exit(1);
+}
+
+bool read_doubles(std::vector<double>& data) {
+  double length = 0;
+  if (std::fread(&length, sizeof length, 1, stdin) != 1) return false;
+  data.resize(static_cast<std::size_t>(length));
+  return std::fread(data.data(), sizeof(double), data.size(), stdin) == data.size();
+}
+
+void write_doubles(const std::vector<double>& data) {
+  const double length = static_cast<double>(data.size());
+  std::fwrite(&length, sizeof length, 1, stdout);
+  std::fwrite(data.data(), sizeof(double), data.size(), stdout);
+  std::fflush(stdout);
+}
+
+}  // namespace
+
+int main() {
+  dInitODE2(0);
+  dSetErrorHandler(stop_on_error);
+  dSetMessageHandler(stop_on_error);
+  try {
+    for (std::vector<double> data; read_doubles(data);) write_doubles(answer(parse(data)));
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "%s\n", error.what());
+    return 1;
+  }
+  dCloseODE();
+  return 0;
+}

@@ -1,7 +1,7 @@
 # Intuitive Physics. `make` alone lists what there is.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build lint test library-tests system-tests demo clean
+.PHONY: help setup build lint test library-tests system-tests demo bench-simulation clean
 
 # A ROS, or a Python, that the caller's shell has sourced must not mix with ours.
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH
@@ -24,7 +24,7 @@ node_tests = $(wildcard src/*/test/test_*node*.py)
 ros_packages = src/intuitive_physics_ros src/intuitive_physics_bringup
 
 help: ## List the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: ## Make .venv and build the workspace; the others do it when needed
 	@tools/setup.sh
@@ -56,6 +56,10 @@ system-tests: setup ## Only test nodes, as processes that talk over DDS
 
 demo: setup ## Perceive, learn from and predict thrown balls; write a report
 	@$(run_environment) .venv/bin/python -m intuitive_physics_bringup.demo
+
+bench-simulation: setup ## Race our simulators against ODE, PyBullet and MuJoCo; options="--quick"
+	@tools/bench_packages.sh
+	@.venv/bin/python -m benchmarks.simulation $(options)
 
 clean: ## Remove the environment and everything built
 	rm -rf .venv build log install demo_output .pytest_cache .mypy_cache .ruff_cache .hypothesis

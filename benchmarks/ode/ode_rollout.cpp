@@ -41,7 +41,7 @@ enum ShapeCode { kSphere, kBox, kCapsule };
 
 struct Request {
   int n_simulations, n_objects, n_planes, n_steps;
-  bool auto_disable, hash_space, boxes_roll;
+  bool auto_disable, boxes_roll;
   double step;
   std::array<double, 3> gravity;
   const double *objects, *planes, *coefficients, *starts;
@@ -74,7 +74,6 @@ Request parse(const std::vector<double>& data) {
   r.n_planes = reader.integer();
   r.n_steps = reader.integer();
   r.auto_disable = reader.flag();
-  r.hash_space = reader.flag();
   r.boxes_roll = reader.flag();
   r.step = *reader.take(1);
   const double* gravity = reader.take(3);
@@ -92,8 +91,10 @@ Request parse(const std::vector<double>& data) {
 class World {
  public:
   explicit World(const Request& request)
-      : request_(request), world_(dWorldCreate()), contacts_(dJointGroupCreate(0)) {
-    space_ = request.hash_space ? dHashSpaceCreate(nullptr) : dSimpleSpaceCreate(nullptr);
+      : request_(request),
+        world_(dWorldCreate()),
+        space_(dSimpleSpaceCreate(nullptr)),  // quicker than the hash space up to 20 objects
+        contacts_(dJointGroupCreate(0)) {
     dWorldSetGravity(world_, request.gravity[0], request.gravity[1], request.gravity[2]);
     dWorldSetAutoDisableFlag(world_, request.auto_disable);
     for (int i = 0; i < request.n_objects; ++i) add_object(i);
@@ -187,7 +188,13 @@ class World {
     for (int i = 0; i < count; ++i) {
       dSurfaceParameters& surface = contacts[i].surface;
       surface.mode = dContactBounce | dContactApprox1;
-      surface.mu = slip(contacts[i].geom, body_a, body_b) > kSlipSpeed ? pair[1] : pair[0];
+      surface.mu = pair[0];
+      const double speed = slip(contacts[i].geom, body_a, body_b, contacts[i].fdir1);
+      if (speed > kSlipSpeed) {
+        // ODE bounds friction on two axes each; along the slip the bound is exact.
+        surface.mode |= dContactFDir1;
+        surface.mu = pair[1];
+      }
       surface.bounce = pair[3];
       surface.bounce_vel = kBounceSpeed;
       if (pair[2] > 0.0 && (request_.boxes_roll || (round(a) && round(b)))) {
@@ -200,8 +207,8 @@ class World {
 
   static bool round(dGeomID geom) { return dGeomGetClass(geom) != dBoxClass; }
 
-  // Speed at which two surfaces pass one another along their contact.
-  static double slip(const dContactGeom& contact, dBodyID a, dBodyID b) {
+  // Speed at which two surfaces pass one another along their contact, and its direction.
+  static double slip(const dContactGeom& contact, dBodyID a, dBodyID b, dReal* direction) {
     double v[3] = {0, 0, 0};
     for (const auto& [body, sign] : {std::pair{a, 1.0}, std::pair{b, -1.0}}) {
       if (!body) continue;
@@ -211,7 +218,10 @@ class World {
     }
     const dReal* n = contact.normal;
     const double along = v[0] * n[0] + v[1] * n[1] + v[2] * n[2];
-    return std::hypot(v[0] - along * n[0], v[1] - along * n[1], v[2] - along * n[2]);
+    for (int axis = 0; axis < 3; ++axis) v[axis] -= along * n[axis];
+    const double speed = std::hypot(v[0], v[1], v[2]);
+    for (int axis = 0; axis < 3; ++axis) direction[axis] = v[axis] / speed;
+    return speed;
   }
 
   const Request& request_;

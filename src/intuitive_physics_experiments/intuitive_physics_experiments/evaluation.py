@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation
 from intuitive_physics.simulation import make_simulator, pack_worlds
@@ -19,6 +21,8 @@ from intuitive_physics_learner.learning_session import (
     learn,
 )
 from intuitive_physics_learner.search import SearchProgress
+
+Seen = TypeVar("Seen")
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,7 @@ def evaluate(
     train_fraction: float = 0.8,
     engine: str = "event_driven",
     on_progress: Callable[[SearchProgress], None] | None = None,
+    start: StaticParameters | None = None,
 ) -> Evaluation:
     """Split at random (by the options' seed), learn from one part, predict both.
 
@@ -66,6 +71,7 @@ def evaluate(
     observations : at least two
     train_fraction : share that is learned from, above 0 and below 1
     engine : simulator that learns and predicts
+    start : θ_s that learning starts from and is compared with; None: the defaults
 
     Raises
     ------
@@ -73,9 +79,12 @@ def evaluate(
         When there are too few observations or the share is not between 0 and 1.
     """
     training, test = split(observations, train_fraction, options.seed)
-    result = learn(training, make_simulator(engine), options, on_progress=on_progress)
+    known = None if start is None else _not_learned(start)
+    result = learn(
+        training, make_simulator(engine), options, previous=known, on_progress=on_progress
+    )
     learned = result.learned.parameters
-    default = StaticParameters.uniform(learned.materials)
+    default = StaticParameters.uniform(learned.materials) if start is None else start
     parts = (training, test)
     simulated = {
         "learned parameters": learned,
@@ -94,8 +103,8 @@ def evaluate(
 
 
 def split(
-    observations: Sequence[Observation], train_fraction: float, seed: int
-) -> tuple[list[Observation], list[Observation]]:
+    observations: Sequence[Seen], train_fraction: float, seed: int
+) -> tuple[list[Seen], list[Seen]]:
     """Return two parts, each with at least one observation, in their first order."""
     if not 0.0 < train_fraction < 1.0:
         raise InvalidInputError(
@@ -112,6 +121,19 @@ def split(
     training = [seen for i, seen in enumerate(observations) if i in chosen]
     test = [seen for i, seen in enumerate(observations) if i not in chosen]
     return training, test
+
+
+def _not_learned(parameters: StaticParameters) -> LearnedParameters:
+    unknown = LearnedParameters.defaults(parameters.materials)
+    return LearnedParameters(
+        parameters,
+        unknown.standard_deviations,
+        unknown.identified,
+        unknown.version,
+        unknown.cost,
+        unknown.observation_count,
+        unknown.method,
+    )
 
 
 def _simulate(

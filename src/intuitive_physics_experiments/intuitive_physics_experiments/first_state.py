@@ -49,7 +49,7 @@ def fit_first_state(times: ArrayLike, positions: ArrayLike, gravity: ArrayLike) 
     design = np.column_stack([np.ones_like(since), since])
     solution, *_ = np.linalg.lstsq(design, x - falling, rcond=None)
     residuals = x - falling - design @ solution
-    variance = _noise_variance(residuals, parameters=2)
+    variance = noise_variance(residuals, parameters=2)
     inverse = np.linalg.inv(design.T @ design)
     covariance = np.zeros((ERROR_SIZE, ERROR_SIZE))
     covariance[POSITION, POSITION] = np.diag(variance * inverse[0, 0])
@@ -60,7 +60,7 @@ def fit_first_state(times: ArrayLike, positions: ArrayLike, gravity: ArrayLike) 
     return ObjectState(solution[0], linear_velocity=solution[1], covariance=covariance)
 
 
-def _noise_variance(residuals: NDArray[np.float64], parameters: int) -> NDArray[np.float64]:
+def noise_variance(residuals: NDArray[np.float64], parameters: int) -> NDArray[np.float64]:
     """Variance of a point on each axis, (3,) m², as if neighbours were independent."""
     n = len(residuals)
     freedom = max(n - parameters, 1)

@@ -1,26 +1,34 @@
 """Table-tennis balls in flight, recorded by others, as observations above a table.
 
-First states are fitted to the whole flight before the first bounce. Air drag and spin are not
-modelled; what the model lacks stays visible in the covariances and errors.
+First states are fitted to the whole flight before the first bounce. Air is left out as the paper
+does, unless coefficients of it are given; what the model lacks then stays visible in the
+covariances and errors. In air the spin is part of the fit.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Sphere
+from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics.validation import positive_float
+from intuitive_physics.validation import non_negative_float, positive_float
 from intuitive_physics_experiments.first_state import fit_first_state
+from intuitive_physics_experiments.first_state_in_air import AirFactors, fit_first_state_in_air
 from intuitive_physics_experiments.npz_file import Arrays, split_rows
 
 BALL_MATERIAL, TABLE_MATERIAL = "ball", "table"
 BALL_RADIUS = 0.020
 """m, by the rules of the sport."""
+BALL_MASS = 0.0027
+"""kg, by the rules of the sport."""
 
 LAUNCH_BOUNCE_HEIGHT = 0.759
 GUN_BOUNCE_HEIGHT = -0.44
@@ -36,24 +44,53 @@ FEWEST_FREE_POINTS = 6
 FEWEST_POINTS = 20
 
 
-def launch_observations(arrays: Arrays) -> list[Observation]:
+@dataclass(frozen=True)
+class AirCoefficients:
+    """What air does to a ball; all zero is the paper's vacuum.
+
+    Parameters
+    ----------
+    drag : C_d, about 0.47 for a smooth sphere at these speeds
+    magnus : C_M, about 1
+    """
+
+    drag: float = 0.0
+    magnus: float = 0.0
+
+    def __post_init__(self) -> None:
+        non_negative_float(self.drag, "drag coefficient")
+        non_negative_float(self.magnus, "Magnus coefficient")
+
+
+VACUUM = AirCoefficients()
+
+
+def ball_parameters() -> StaticParameters:
+    """Default θ_s of ball and table, but for the ball's density, which counts in air."""
+    default = StaticParameters.uniform((BALL_MATERIAL, TABLE_MATERIAL))
+    return default.with_density(BALL_MATERIAL, BALL_MASS / Sphere(BALL_RADIUS).volume)
+
+
+def launch_observations(arrays: Arrays, air: AirCoefficients = VACUUM) -> list[Observation]:
     """Observations of the launcher's shots; recordings without enough free flight are left out.
 
     Parameters
     ----------
     arrays : `time` (n,) s, `position` (n, 3) m, `offsets`, `radius` m
+    air : that the balls fly through
     """
     radius = positive_float(arrays["radius"], "radius")
     environment = _table(LAUNCH_BOUNCE_HEIGHT - radius)
+    ball = _ball(radius, air)
     recordings = zip(split_rows(arrays, "time"), split_rows(arrays, "position"), strict=True)
     observations = [
-        _observation(f"launch_{i:03d}", times - times[0], positions, environment, radius)
+        _observation(f"launch_{i:03d}", times - times[0], positions, environment, ball)
         for i, (times, positions) in enumerate(recordings)
     ]
     return [seen for seen in observations if seen is not None]
 
 
-def gun_observations(arrays: Arrays) -> list[Observation]:
+def gun_observations(arrays: Arrays, air: AirCoefficients = VACUUM) -> list[Observation]:
     """Observations of the gun's flights; recordings without enough free flight are left out.
 
     The set has no time stamps. Displacement over speed of neighbouring rows comes in whole
@@ -63,16 +100,16 @@ def gun_observations(arrays: Arrays) -> list[Observation]:
     Parameters
     ----------
     arrays : `position` (n, 3) m, `velocity` (n, 3) m/s, `offsets`, `dt_implied` s
+    air : that the balls fly through
     """
     period = positive_float(arrays["dt_implied"], "dt_implied")
     environment = _table(GUN_BOUNCE_HEIGHT - BALL_RADIUS)
+    ball = _ball(BALL_RADIUS, air)
     recordings = zip(split_rows(arrays, "position"), split_rows(arrays, "velocity"), strict=True)
     observations = []
     for i, (positions, velocities) in enumerate(recordings):
         times, kept = recovered_times(positions, velocities, period)
-        observations.append(
-            _observation(f"gun_{i:03d}", times, positions[kept], environment, BALL_RADIUS)
-        )
+        observations.append(_observation(f"gun_{i:03d}", times, positions[kept], environment, ball))
     return [seen for seen in observations if seen is not None]
 
 
@@ -113,22 +150,36 @@ def _observation(
     times: NDArray[np.float64],
     positions: NDArray[np.float64],
     environment: Environment,
-    radius: float,
+    ball: SceneObject,
 ) -> Observation | None:
-    above = environment.planes[0].signed_distances(positions) - radius
+    above = environment.planes[0].signed_distances(positions) - ball.shape.bounding_radius
     free = _rows_before_contact(above)
     # A ball below the table has flown over its edge, which the set does not tell.
     gone = np.flatnonzero(above < -CLEARANCE)
     end = int(gone[0]) if gone.size else len(times)
     if free < FEWEST_FREE_POINTS or end < FEWEST_POINTS:
         return None
-    state = fit_first_state(times[:free], positions[:free], environment.gravity)
-    ball = ObservedObject(
-        SceneObject("ball", BALL_MATERIAL, Sphere(radius)),
-        Trajectory(times[:end], positions[:end]),
-        state,
-    )
-    return Observation(environment, (ball,), float(times[0]), name)
+    state = _first_state(times[:free], positions[:free], environment, ball)
+    seen = ObservedObject(ball, Trajectory(times[:end], positions[:end]), state)
+    return Observation(environment, (seen,), float(times[0]), name)
+
+
+def _ball(radius: float, air: AirCoefficients) -> SceneObject:
+    return SceneObject("ball", BALL_MATERIAL, Sphere(radius), air.drag, air.magnus)
+
+
+def _first_state(
+    times: NDArray[np.float64],
+    positions: NDArray[np.float64],
+    environment: Environment,
+    ball: SceneObject,
+) -> ObjectState:
+    if ball.drag_coefficient == ball.magnus_coefficient == 0.0:
+        return fit_first_state(times, positions, environment.gravity)
+    radius = ball.shape.bounding_radius
+    pressed = 0.5 * environment.air_density * np.pi * radius**2 / BALL_MASS
+    air = AirFactors(pressed * ball.drag_coefficient, pressed * radius * ball.magnus_coefficient)
+    return fit_first_state_in_air(times, positions, environment.gravity, air)
 
 
 def _rows_before_contact(above: NDArray[np.float64]) -> int:

@@ -66,9 +66,7 @@ class TossBatch:
         """Shape (n_tosses, n_steps), s after the first row; NaN after a toss's end."""
         return self._times
 
-    def simulated(
-        self, simulator: Simulator, candidates: Sequence[StaticParameters]
-    ) -> TossErrors:
+    def simulated(self, simulator: Simulator, candidates: Sequence[StaticParameters]) -> TossErrors:
         """Errors (n_candidates, n_tosses) of simulating every toss from its first row."""
         count = len(candidates)
         rollout = simulator.rollout_batch(

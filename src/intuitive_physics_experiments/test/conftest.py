@@ -16,11 +16,17 @@ from rosbags.interfaces import (
 )
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
 
+from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
+from intuitive_physics.shapes import Box
+from intuitive_physics.simulation import make_simulator
+from intuitive_physics.state import ObjectState
 from intuitive_physics_experiments.corner_room import corner_camera, corner_environment
 from intuitive_physics_experiments.depth_renderer import DepthRenderer
 from intuitive_physics_experiments.rendered_bag import RenderSettings, render_bag
 from intuitive_physics_experiments.table_tennis import LAUNCH_BOUNCE_HEIGHT
+from intuitive_physics_experiments.toss_evaluation import toss_parameters
 
 REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "real"
 GRAVITY = 9.81
@@ -101,6 +107,59 @@ def launch_arrays() -> Callable[[int], dict[str, Any]]:
         }
 
     return make
+
+
+@pytest.fixture(scope="session")
+def toss_arrays() -> Callable[..., dict[str, Any]]:
+    """Arrays of a recorded set of cubes that an engine has tossed."""
+
+    def make(
+        count: int, engine: str = "bullet", friction: float = 0.2, restitution: float = 0.3
+    ) -> dict[str, Any]:
+        rng = np.random.default_rng(7)
+        times = np.arange(60) / 100.0
+        starts = [
+            ObjectState(
+                (0.0, 0.0, 0.2 + 0.01 * i),
+                Rotation.from_quat(rng.normal(size=4)).as_quat(),
+                (1.0, *rng.normal(0.0, 0.3, 2)),
+                rng.normal(0.0, 4.0, 3),
+            )
+            for i in range(count)
+        ]
+        cube = SceneObject("cube", "cube", Box((0.1, 0.1, 0.1)))
+        table = Environment([Plane("table", "table", (0.0, 0.0, 1.0), 0.0)])
+        rollout = make_simulator(engine).rollout(
+            [Scene(table, (cube,), (start,)) for start in starts],
+            toss_parameters(friction, restitution),
+            times,
+        )
+        return recorded_as_toss_set(
+            rollout.positions[:, 0], np.asarray(rollout.orientations)[:, 0], starts, times
+        )
+
+    return make
+
+
+def recorded_as_toss_set(
+    positions: np.ndarray, orientations: np.ndarray, starts: list[ObjectState], times: np.ndarray
+) -> dict[str, Any]:
+    """Only the first row of each toss has velocities; nobody reads the others."""
+    tosses, steps = positions.shape[:2]
+    velocities, spins = np.zeros((2, tosses, steps, 3))
+    for i, start in enumerate(starts):
+        velocities[i, 0] = start.linear_velocity
+        turn = Rotation.from_quat(start.orientation)
+        spins[i, 0] = turn.as_matrix().T @ start.angular_velocity
+    return {
+        "position": positions.reshape(-1, 3),
+        "quaternion_wxyz": orientations[..., [3, 0, 1, 2]].reshape(-1, 4),
+        "velocity_world": velocities.reshape(-1, 3),
+        "angular_velocity_body": spins.reshape(-1, 3),
+        "offsets": np.arange(tosses + 1) * steps,
+        "dt": np.array(times[1]),
+        "cube_edge": np.array(0.1),
+    }
 
 
 @pytest.fixture(scope="session")

@@ -8,27 +8,46 @@ from intuitive_physics.errors import UnknownNameError
 from intuitive_physics.simulation.simulator import Simulator
 
 
-def _event_driven() -> Simulator:
+def _automatic(threads: int) -> Simulator:
+    from intuitive_physics.simulation.automatic import AutomaticSimulator
+
+    return AutomaticSimulator(threads=threads)
+
+
+def _event_driven(threads: int) -> Simulator:
     from intuitive_physics.simulation.event_driven import EventDrivenSimulator
 
-    return EventDrivenSimulator()
+    return EventDrivenSimulator(threads=threads)
 
 
-def _bullet() -> Simulator:
+def _stepped(threads: int) -> Simulator:
+    from intuitive_physics.simulation.stepped import SteppedSimulator
+
+    return SteppedSimulator(threads=threads)
+
+
+def _bullet(threads: int) -> Simulator:
     from intuitive_physics.simulation.bullet import BulletSimulator
 
     return BulletSimulator()
 
 
 # Imported late: Numba and PyBullet each take a moment, and PyBullet may not be installed.
-SIMULATORS: dict[str, Callable[[], Simulator]] = {
+SIMULATORS: dict[str, Callable[[int], Simulator]] = {
+    "auto": _automatic,
     "event_driven": _event_driven,
+    "stepped": _stepped,
     "bullet": _bullet,
 }
 
 
-def make_simulator(name: str) -> Simulator:
+def make_simulator(name: str, threads: int = 1) -> Simulator:
     """Return the engine of that name.
+
+    Parameters
+    ----------
+    name : one of `SIMULATORS`
+    threads : worker threads over the worlds of a batch; bullet always uses one
 
     Raises
     ------
@@ -37,4 +56,4 @@ def make_simulator(name: str) -> Simulator:
     """
     if name not in SIMULATORS:
         raise UnknownNameError(f"simulator is {name!r}; expected one of {', '.join(SIMULATORS)}")
-    return SIMULATORS[name]()
+    return SIMULATORS[name](threads)

@@ -4,64 +4,64 @@ from __future__ import annotations
 
 from math import cos, sin, sqrt
 
-from numba import njit
+from intuitive_physics.simulation.kernels import inlined, kernel
 
 
-@njit(inline="always")
+@inlined
 def load(array):
     """The vector in an array of three."""
     return array[0], array[1], array[2]
 
 
-@njit(inline="always")
+@inlined
 def store(array, a):
     """Write a vector into an array of three."""
     array[0], array[1], array[2] = a
 
 
-@njit(inline="always")
+@inlined
 def add(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@njit(inline="always")
+@inlined
 def sub(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(inline="always")
+@inlined
 def scaled(a, s):
     return a[0] * s, a[1] * s, a[2] * s
 
 
-@njit(inline="always")
+@inlined
 def add_scaled(a, b, s):
     """a + s b."""
     return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
 
 
-@njit(inline="always")
+@inlined
 def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(inline="always")
+@inlined
 def cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(inline="always")
+@inlined
 def norm(a):
     return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
-@njit(inline="always")
+@inlined
 def tangential(a, n):
     """The part of a that is perpendicular to the unit vector n."""
     return add_scaled(a, n, -dot(a, n))
 
 
-@njit(inline="always")
+@inlined
 def clamped(a, longest):
     """a, shortened to the length `longest` if it is longer."""
     length = norm(a)
@@ -70,7 +70,7 @@ def clamped(a, longest):
     return a
 
 
-@njit
+@kernel
 def turn(orientation, angle):
     """Turn a quaternion (x, y, z, w) by the rotation vector `angle`, in the world's axes."""
     size = norm(angle)

@@ -29,6 +29,8 @@ class WorldBatch:
     object_counts : (W,) objects in each world; the rest of axis O is padding
     shape_kinds : (W, O) SPHERE, BOX or CAPSULE
     dimensions : (W, O, 3) m: (radius, 0, 0), edge lengths, or (radius, length, 0)
+    volumes : (W, O) m³
+    unit_inertias : (W, O, 3) kg m² at 1 kg/m³, as `Shape.unit_density_inertia`
     object_materials : (W, O) codes
     states : (W, O, 13) as `ObjectState.to_vector`
     air_factors : (W, O, 2) ½ ρ C_d A (kg/m) and ½ ρ C_M A r (kg) of drag and Magnus force
@@ -52,6 +54,8 @@ class WorldBatch:
     object_counts: NDArray[np.int64]
     shape_kinds: NDArray[np.int64]
     dimensions: NDArray[np.float64]
+    volumes: NDArray[np.float64]
+    unit_inertias: NDArray[np.float64]
     object_materials: NDArray[np.int64]
     states: NDArray[np.float64]
     air_factors: NDArray[np.float64]
@@ -80,7 +84,7 @@ class WorldBatch:
         density, coefficients = _parameter_tables(parameter_sets, self.materials)
         sets = len(parameter_sets)
         return replace(
-            self._taken(np.tile(np.arange(self.size), sets)),
+            self.taken(np.tile(np.arange(self.size), sets)),
             parameter_index=np.repeat(np.arange(sets), self.size),
             density=density,
             coefficients=coefficients,
@@ -100,7 +104,7 @@ class WorldBatch:
             raise InvalidInputError(f"batch has {self.size} worlds; expected one to repeat")
         starts = finite_array(states, "states", (None, self.states.shape[1], 13))
         n = len(starts)
-        copies = replace(self._taken(np.zeros(n, dtype=np.int64)), states=starts)
+        copies = replace(self.taken(np.zeros(n, dtype=np.int64)), states=starts)
         if parameter_sets is None:
             return copies
         if len(parameter_sets) != n:
@@ -113,11 +117,14 @@ class WorldBatch:
             coefficients=coefficients,
         )
 
-    def _taken(self, worlds: NDArray[np.int64]) -> WorldBatch:
+    def taken(self, worlds: NDArray[np.int64]) -> WorldBatch:
+        """Return the worlds of these indices, as often and in the order they are named."""
         per_world = (
             "object_counts",
             "shape_kinds",
             "dimensions",
+            "volumes",
+            "unit_inertias",
             "object_materials",
             "states",
             "air_factors",
@@ -172,6 +179,8 @@ def _object_arrays(scenes: Sequence[Scene], parameters: StaticParameters) -> dic
     padded = (len(scenes), int(counts.max()))
     kinds = np.zeros(padded, dtype=np.int64)
     dimensions = np.ones((*padded, 3))
+    volumes = np.ones(padded)
+    inertias = np.ones((*padded, 3))
     materials = np.zeros(padded, dtype=np.int64)
     states = np.zeros((*padded, 13))
     states[..., 6] = 1.0
@@ -179,6 +188,8 @@ def _object_arrays(scenes: Sequence[Scene], parameters: StaticParameters) -> dic
     for w, scene in enumerate(scenes):
         for i, (thing, state) in enumerate(zip(scene.objects, scene.states, strict=True)):
             kinds[w, i], dimensions[w, i] = _shape_numbers(thing.shape)
+            volumes[w, i] = thing.shape.volume
+            inertias[w, i] = thing.shape.unit_density_inertia()
             materials[w, i] = parameters.index(thing.material)
             states[w, i] = state.to_vector()
             air[w, i] = _air_factors(thing, scene.environment.air_density)
@@ -186,6 +197,8 @@ def _object_arrays(scenes: Sequence[Scene], parameters: StaticParameters) -> dic
         "object_counts": counts,
         "shape_kinds": kinds,
         "dimensions": dimensions,
+        "volumes": volumes,
+        "unit_inertias": inertias,
         "object_materials": materials,
         "states": states,
         "air_factors": air,

@@ -14,13 +14,29 @@ PATH_HELP = "a folder of saved observations, or a recorded set as an .npz file"
 ENGINE = "event_driven"
 
 
-def add_learning_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say how to learn."""
+ITERATIONS = 2000
+
+
+def add_learning_options(
+    parser: argparse.ArgumentParser,
+    iterations: int | None = ITERATIONS,
+    told_default: str = str(ITERATIONS),
+) -> None:
+    """Add the options that say how to learn.
+
+    Parameters
+    ----------
+    iterations : the default; None leaves it to the command, which must set it
+    told_default : what the help says about it
+    """
     parser.add_argument(
         "--method", default="cma_es", help="update rule, such as adaptive_random (default: cma_es)"
     )
     parser.add_argument(
-        "--iterations", type=int, default=2000, help="evaluations of J at most (default: 2000)"
+        "--iterations",
+        type=int,
+        default=iterations,
+        help=f"evaluations of J at most (default: {told_default})",
     )
     parser.add_argument("--seed", type=int, default=0, help="of all randomness (default: 0)")
 

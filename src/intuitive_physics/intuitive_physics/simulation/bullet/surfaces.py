@@ -58,8 +58,8 @@ def surfaces(
             "make them equal or use stepped"
         )
     levers = _levers(shapes, len(static))
-    rolling = mu_r[touching] * np.minimum(levers[firsts], levers[seconds])
-    rolling[~np.isfinite(rolling)] = 0.0
+    arms = np.minimum(levers[firsts], levers[seconds])
+    rolling = mu_r[touching] * np.where(np.isfinite(arms), arms, 0.0)
     if len(objects) == 1:
         friction = np.concatenate([[1.0], mu_d[touching]])
         restitution = np.concatenate([[1.0], e[touching]])

@@ -1,0 +1,1 @@
+"""Benchmarks: this project beside its peers, measured in one interleaved run."""

@@ -1,0 +1,62 @@
+"""What the benchmark wants of an engine."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.scenes import Instance
+
+
+class MissingPeerError(Exception):
+    """A peer is not installed; the message says how to get it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Simulations of one instance and what they took.
+
+    Parameters
+    ----------
+    seconds : wall time of setting the first states, simulating and writing the positions down
+    positions : (n_simulations, n_objects, n_steps, 3) m, after each step
+    """
+
+    seconds: float
+    positions: NDArray[np.float64]
+
+
+class Prepared(AbstractContextManager["Prepared"], ABC):
+    """An engine with an instance's world built, ready to simulate it again and again."""
+
+    @abstractmethod
+    def predict(self) -> Prediction:
+        """Simulate all starts of the instance once."""
+
+    def __exit__(self, *_: object) -> None:
+        """Release what the engine holds."""
+
+
+class Engine(ABC):
+    """Simulates instances on one thread at equal time steps.
+
+    Parameters
+    ----------
+    name : as in the tables
+    how : one line on how it is set up
+    """
+
+    name: str
+    how: str
+
+    def simulates(self, instance: Instance) -> bool:
+        """Whether the engine can express the instance."""
+        return True
+
+    @abstractmethod
+    def prepare(self, instance: Instance, steps: int, time_step: float) -> Prepared:
+        """Build the world, which is not measured."""

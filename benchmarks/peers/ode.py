@@ -1,0 +1,155 @@
+"""ODE, the paper's engine, through a C++ program that is compiled when it is first needed."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.peers.engine import Engine, MissingPeerError, Prediction, Prepared
+from benchmarks.scenes import Instance, rolling_radius
+from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCE = ROOT / "benchmarks/ode/ode_rollout.cpp"
+PROGRAM = ROOT / "build/benchmarks/ode_rollout"
+
+
+class Ode(Engine):
+    """Debian's ODE with its quick stepper and the full contact model.
+
+    Parameters
+    ----------
+    auto_disable : whether bodies that have come to rest are put to sleep, at ODE's defaults
+    boxes_roll : whether boxes, too, have rolling friction, as ODE users give it to all; ours gives
+        it to round objects only
+    """
+
+    def __init__(self, *, auto_disable: bool = False, boxes_roll: bool = True) -> None:
+        self.name = "ODE"
+        self.how = (
+            "one world, simple space, quick stepper; the callback gives each contact its pair's e, "
+            "rolling arm, and μ_s or μ_d by slip speed, friction's first axis along the slip"
+        )
+        if auto_disable:
+            self.name += ", auto-disable"
+            self.how = "the same with bodies at rest put to sleep, at ODE's defaults"
+        if not boxes_roll:
+            self.name += ", boxes do not roll"
+            self.how = "the same with rolling friction for round objects only, as in ours"
+        self._flags = (auto_disable, boxes_roll)
+
+    def prepare(self, instance: Instance, steps: int, time_step: float) -> Prepared:
+        return _Prepared(instance, _request(instance, self._flags, steps, time_step), steps)
+
+
+def compile_program() -> Path:
+    """Compile the program if its source is newer.
+
+    Raises
+    ------
+    MissingPeerError
+        When there is no compiler or no libode.
+    """
+    if PROGRAM.exists() and PROGRAM.stat().st_mtime >= SOURCE.stat().st_mtime:
+        return PROGRAM
+    compiler = shutil.which("g++")
+    if compiler is None:
+        raise MissingPeerError("there is no g++; install it: apt-get install g++")
+    PROGRAM.parent.mkdir(parents=True, exist_ok=True)
+    command = [compiler, "-std=c++17", "-O2", str(SOURCE), "-lode", "-o", str(PROGRAM)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode != 0:
+        raise MissingPeerError(
+            f"ODE's program does not compile; install ODE: tools/bench_packages.sh\n{done.stderr}"
+        )
+    return PROGRAM
+
+
+class _Prepared(Prepared):
+    def __init__(self, instance: Instance, request: NDArray[np.float64], steps: int) -> None:
+        self._request = request
+        self._shape = (*instance.starts.shape[:2], steps, 3)
+        self._program = subprocess.Popen(
+            [compile_program()], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+
+    def predict(self) -> Prediction:
+        _write(self._program, self._request)
+        answer = _read(self._program)
+        return Prediction(float(answer[0]), answer[1:].reshape(self._shape))
+
+    def __exit__(self, *_: object) -> None:
+        assert self._program.stdin is not None
+        assert self._program.stdout is not None
+        self._program.stdin.close()
+        self._program.stdout.close()
+        self._program.wait()
+
+
+def _write(program: subprocess.Popen[bytes], values: NDArray[np.float64]) -> None:
+    assert program.stdin is not None
+    try:
+        program.stdin.write(np.array([values.size], dtype=np.float64).tobytes() + values.tobytes())
+        program.stdin.flush()
+    except BrokenPipeError:
+        raise RuntimeError(f"ODE's program ended with {program.wait()}; see above") from None
+
+
+def _read(program: subprocess.Popen[bytes]) -> NDArray[np.float64]:
+    assert program.stdout is not None
+    length = program.stdout.read(8)
+    if len(length) < 8:
+        raise RuntimeError(f"ODE's program ended with {program.wait()}; see above")
+    return np.frombuffer(program.stdout.read(8 * int(np.frombuffer(length)[0])))
+
+
+def _request(
+    instance: Instance, flags: tuple[bool, bool], steps: int, time_step: float
+) -> NDArray[np.float64]:
+    """Lay out an instance as `ode/ode_rollout.cpp` reads it."""
+    environment = instance.scene.environment
+    parameters = instance.static_parameters
+    simulations, count = instance.starts.shape[:2]
+    objects = [
+        (*_shape_numbers(shape), shape.mass(rho), *shape.inertia(rho))
+        for shape, rho in zip(instance.shapes, parameters.density, strict=False)
+    ]
+    planes = [(*plane.normal, plane.offset) for plane in environment.planes]
+    return np.concatenate(
+        [
+            [simulations, count, len(planes), steps, *flags, time_step],
+            environment.gravity,
+            np.ravel(objects),
+            np.ravel(planes),
+            _pair_table(instance).ravel(),
+            instance.starts.ravel(),
+        ]
+    )
+
+
+def _pair_table(instance: Instance) -> NDArray[np.float64]:
+    """Return (objects, objects + planes, 4): μ_s, μ_d, rolling arm in m, e."""
+    parameters, scene = instance.static_parameters, instance.scene
+    own = [parameters.index(thing.material) for thing in scene.objects]
+    all_of = own + [parameters.index(plane.material) for plane in scene.environment.planes]
+    table = parameters.coefficients[:, own][:, :, all_of].transpose(1, 2, 0).copy()
+    radii = np.array([rolling_radius(shape) for shape in instance.shapes])
+    radius_of_pair = np.broadcast_to(radii[:, None], (len(own), len(all_of))).copy()
+    radius_of_pair[:, : len(own)] = (radii[:, None] + radii[None, :]) / 2
+    table[..., 2] *= radius_of_pair
+    return table
+
+
+def _shape_numbers(shape: Shape) -> tuple[float, float, float, float]:
+    match shape:
+        case Sphere():
+            return 0, shape.radius, 0, 0
+        case Box():
+            return 1, *shape.edge_lengths
+        case Capsule():
+            return 2, shape.radius, shape.length, 0
+    raise TypeError(f"ODE's program knows no {shape!r}; expected a Sphere, Box or Capsule")

@@ -1,0 +1,71 @@
+"""This project's engines, through the interface that everybody has."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from benchmarks.peers.engine import Engine, Prediction, Prepared
+from benchmarks.scenes import Instance
+from intuitive_physics.shapes import Sphere
+from intuitive_physics.simulation import SIMULATORS, Simulator, make_simulator, pack_worlds
+
+NAMES = tuple(name for name in ("event_driven", "stepped") if name in SIMULATORS)
+
+
+class Ours(Engine):
+    """One of our simulators.
+
+    Parameters
+    ----------
+    simulator : name for `make_simulator`
+    orientations : whether they are asked for, which no peer has to answer
+    threads : worker threads
+    """
+
+    def __init__(self, simulator: str, *, orientations: bool = False, threads: int = 1) -> None:
+        options = {"orientations": orientations, f"{threads} threads": threads > 1}
+        self.name = ", ".join([simulator, *(name for name, on in options.items() if on)])
+        self.how = f"rollout_batch(worlds.repeated(states), times, orientations={orientations})"
+        self._simulator = simulator
+        self._orientations = orientations
+        self._threads = threads
+
+    def simulates(self, instance: Instance) -> bool:
+        return self._simulator != "event_driven" or all(
+            isinstance(shape, Sphere) for shape in instance.shapes
+        )
+
+    def prepare(self, instance: Instance, steps: int, time_step: float) -> Prepared:
+        simulator = make_simulator(self._simulator, threads=self._threads)
+        return _Prepared(simulator, instance, steps, time_step, self._orientations)
+
+
+class _Prepared(Prepared):
+    def __init__(
+        self,
+        simulator: Simulator,
+        instance: Instance,
+        steps: int,
+        time_step: float,
+        orientations: bool,
+    ) -> None:
+        self._simulator = simulator
+        self._world = pack_worlds([instance.scene], instance.static_parameters)
+        self._starts = instance.starts
+        self._times = time_step * np.arange(1, steps + 1)
+        self._orientations = orientations
+
+    def predict(self) -> Prediction:
+        start = time.perf_counter()
+        rollout = self._simulator.rollout_batch(
+            self._world.repeated(self._starts), self._times, orientations=self._orientations
+        )
+        seconds = time.perf_counter() - start
+        if rollout.status.any():
+            raise RuntimeError(
+                f"{self._simulator.name} answered the status {rollout.status.tolist()}; "
+                "expected all simulations to end OK"
+            )
+        return Prediction(seconds, rollout.positions)

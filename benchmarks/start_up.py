@@ -1,0 +1,61 @@
+"""How long the kernels take to compile, and to load from a cache that is there.
+
+Measured in a process of its own: from when NumPy and Numba are imported until
+`intuitive_physics.simulation.compile` has returned, that is, until every engine has been imported
+and has answered its first rollout.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+
+_CHILD = """
+import time
+import numba, numpy
+start = time.perf_counter()
+from intuitive_physics.simulation.compile import main
+main()
+print(time.perf_counter() - start)
+"""
+
+
+@dataclass(frozen=True)
+class StartUp:
+    """Seconds until every engine has answered.
+
+    Parameters
+    ----------
+    compile_s, load_s : with an empty cache and with a full one, after NumPy and Numba are imported
+    compile_process_s, load_process_s : of the whole process
+    """
+
+    compile_s: float
+    load_s: float
+    compile_process_s: float
+    load_process_s: float
+
+
+def start_up(loads: int) -> StartUp:
+    """Compile once and load `loads` times, of which the quickest counts."""
+    with tempfile.TemporaryDirectory() as cache:
+        compiled = _run(cache)
+        loaded = min(_run(cache) for _ in range(loads))
+    return StartUp(compiled[0], loaded[0], compiled[1], loaded[1])
+
+
+def _run(cache: str) -> tuple[float, float]:
+    """Return what the child measured and its whole wall time, in s."""
+    start = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", _CHILD],
+        env={**os.environ, "NUMBA_CACHE_DIR": cache},
+        check=True,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    return float(done.stdout.split()[-1]), time.perf_counter() - start

@@ -1,0 +1,112 @@
+"""Spheres, boxes and capsules in fixed steps: impacts at their time, contact forces by sweeps."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.simulation.simulator import Rollout, Simulator
+from intuitive_physics.simulation.stepped.kernel import roll_worlds
+from intuitive_physics.simulation.stepped.world import BODY, CLIPPED, CONTACT, PLANE, World
+from intuitive_physics.simulation.world_batch import WorldBatch
+
+DEFAULT_TIME_STEP = 0.01
+
+SMALLEST_SHARE = 4
+"""Worlds for which another thread is worth its start."""
+
+CONTACTS_A_BODY = 48
+"""Room for contacts; more than so many for each body at once are left out."""
+
+
+class SteppedSimulator(Simulator):
+    """Steps every scene there is: see `parts` for a step and `solver` for the contacts' laws.
+
+    Parameters
+    ----------
+    time_step : s
+    threads : worker threads over the worlds of a batch; the answer does not depend on it
+    """
+
+    name = "stepped"
+
+    def __init__(self, *, time_step: float = DEFAULT_TIME_STEP, threads: int = 1) -> None:
+        if not 1e-6 <= time_step <= 0.1:
+            raise InvalidInputError(f"time step is {time_step} s; expected 1e-6 to 0.1 s")
+        if threads < 1:
+            raise InvalidInputError(f"threads is {threads}; expected at least 1")
+        self.time_step = float(time_step)
+        self.threads = threads
+
+    def _rollout(
+        self, worlds: WorldBatch, times: NDArray[np.float64], orientations: bool
+    ) -> Rollout:
+        shape = (*worlds.states.shape[:2], times.shape[1])
+        positions = np.full((*shape, 3), np.nan)
+        turned = np.full((*shape, 4) if orientations else (shape[0], 0, shape[2], 4), np.nan)
+        status = np.zeros(worlds.size, dtype=np.int64)
+
+        def roll(first: int, last: int) -> None:
+            roll_worlds(
+                first,
+                last,
+                self.time_step,
+                worlds.object_counts,
+                worlds.shape_kinds,
+                worlds.dimensions,
+                worlds.volumes,
+                worlds.unit_inertias,
+                worlds.object_materials,
+                worlds.states,
+                worlds.air_factors,
+                worlds.environment_index,
+                worlds.gravity,
+                worlds.plane_counts,
+                worlds.planes,
+                worlds.plane_materials,
+                worlds.corner_counts,
+                worlds.corners,
+                worlds.box_counts,
+                worlds.boxes,
+                worlds.box_materials,
+                worlds.parameter_index,
+                worlds.density,
+                worlds.coefficients,
+                times,
+                _scratch(worlds),
+                positions,
+                turned,
+                status,
+            )
+
+        shares = max(1, min(self.threads, worlds.size // SMALLEST_SHARE))
+        if shares == 1:
+            roll(0, worlds.size)
+        else:
+            edges = np.linspace(0, worlds.size, shares + 1).astype(int).tolist()
+            with ThreadPoolExecutor(shares) as pool:
+                list(pool.map(roll, edges[:-1], edges[1:]))
+        return Rollout(positions, turned if orientations else None, status)
+
+
+def _scratch(worlds: WorldBatch) -> World:
+    """Room for the largest world of a batch."""
+    moving = int(worlds.object_counts.max())
+    bodies = moving + worlds.boxes.shape[1]
+    planes = worlds.planes.shape[1]
+    return World(
+        bodies=np.zeros(bodies, BODY),
+        planes=np.zeros(planes, PLANE),
+        corners=np.zeros((planes * worlds.corners.shape[2], 3)),
+        contacts=np.zeros(CONTACTS_A_BODY * moving, CONTACT),
+        clip=np.zeros((2, CLIPPED, 3)),
+        members=np.zeros(bodies, dtype=np.int64),
+        gravity=np.zeros(3),
+        coefficients=np.zeros((4, 1, 1)),
+        times=np.zeros(1),
+        positions=np.zeros((0, 0, 3)),
+        orientations=np.zeros((0, 0, 4)),
+    )

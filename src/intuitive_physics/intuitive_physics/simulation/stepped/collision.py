@@ -1,0 +1,108 @@
+"""All contacts of the bodies of one island."""
+
+from __future__ import annotations
+
+from intuitive_physics.simulation.kernels import kernel
+from intuitive_physics.simulation.stepped.boxes import meet_boxes
+from intuitive_physics.simulation.stepped.manifolds import meet_box, meet_plane, meet_rounded
+from intuitive_physics.simulation.stepped.poses import set_inverse_inertia
+from intuitive_physics.simulation.vectors import add_scaled, dot, load, norm, store, sub
+from intuitive_physics.simulation.world_batch import BOX
+
+MARGIN = 2e-4
+"""m. Features nearer than this are looked at: they may close during the step."""
+
+OVERLAP = 1e-6
+"""m. Overlaps smaller than this stay."""
+
+PARTING_SWEEPS = 8
+
+
+@kernel
+def meet(world, i, j, margin, count):
+    """Contacts of bodies i and j; see `manifolds`."""
+    first_box, second_box = world.bodies[i].kind == BOX, world.bodies[j].kind == BOX
+    if first_box and second_box:
+        return meet_boxes(world, i, j, margin, count)
+    if first_box or second_box:
+        return meet_box(world, i, j, i if first_box else j, margin, count)
+    return meet_rounded(world, i, j, margin, count)
+
+
+@kernel
+def find_contacts(world, moving, members):
+    """Write all contacts of an island's bodies; return how many.
+
+    Parameters
+    ----------
+    moving, members : the first `moving` of the first `members` bodies in `World.members` move
+    """
+    count = 0
+    for a in range(moving):
+        i = world.members[a]
+        body = world.bodies[i]
+        before = count
+        for p in range(world.planes.size):
+            count, _ = meet_plane(world, i, p, MARGIN, count)
+        for b in range(a + 1, members):
+            j = world.members[b]
+            other = world.bodies[j]
+            reach = body.reach + other.reach + MARGIN
+            apart = sub(load(body.position), load(other.position))
+            if dot(apart, apart) < reach * reach:
+                others = count
+                count, _ = meet(world, i, j, MARGIN, count)
+                if count > others and other.inverse_mass > 0.0:
+                    set_inverse_inertia(other)
+        if count > before:
+            set_inverse_inertia(body)
+    return count
+
+
+@kernel
+def part_overlaps(world, count):
+    """Move overlapping bodies apart along the contacts' normals, the lighter ones further."""
+    for _ in range(PARTING_SWEEPS):
+        moved = False
+        for c in range(count):
+            contact = world.contacts[c]
+            if contact.gap < -OVERLAP:
+                moved = True
+                _part(world, contact, count)
+        if not moved:
+            break
+
+
+@kernel
+def _part(world, contact, count):
+    i, j = contact.first, contact.second
+    mobility = world.bodies[i].inverse_mass
+    if j >= 0:
+        mobility += world.bodies[j].inverse_mass
+    n = load(contact.axes[0])
+    distance = -contact.gap
+    _shift(world, i, n, distance * world.bodies[i].inverse_mass / mobility, count)
+    if j >= 0 and world.bodies[j].inverse_mass > 0.0:
+        _shift(world, j, n, -distance * world.bodies[j].inverse_mass / mobility, count)
+
+
+@kernel
+def _shift(world, i, direction, distance, count):
+    """Move body i and bring the gaps of its contacts up to it."""
+    body = world.bodies[i]
+    store(body.position, add_scaled(load(body.position), direction, distance))
+    for c in range(count):
+        contact = world.contacts[c]
+        if contact.first == i:
+            contact.gap += distance * dot(direction, load(contact.axes[0]))
+        elif contact.second == i:
+            contact.gap -= distance * dot(direction, load(contact.axes[0]))
+
+
+@kernel
+def are_near(one, other, duration, fall):
+    """Whether two bodies may meet within so many seconds, in which they fall `fall` (m)."""
+    way = duration * (norm(load(one.velocity)) + norm(load(other.velocity))) + fall
+    reach = one.reach + other.reach + MARGIN + way
+    apart = sub(load(one.position), load(other.position))
+    return dot(apart, apart) < reach * reach

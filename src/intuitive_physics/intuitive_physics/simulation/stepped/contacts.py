@@ -1,0 +1,157 @@
+"""The rows of a contact: how impulses along its axes change velocities, and its coefficients."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.stepped.world import (
+    DYNAMIC,
+    RESTITUTION,
+    ROLLING,
+    STATIC,
+    times,
+)
+from intuitive_physics.simulation.vectors import (
+    add,
+    add_scaled,
+    cross,
+    dot,
+    load,
+    norm,
+    scaled,
+    store,
+    sub,
+    tangential,
+)
+from intuitive_physics.simulation.world_batch import BOX
+
+STICK_SPEED = 1e-3
+"""m/s. A contact that slips slower than this is held by static friction."""
+
+
+@kernel
+def prepare(world, c):
+    """Fill in a contact of which the geometry is known."""
+    contact = world.contacts[c]
+    body = world.bodies[contact.first]
+    n = load(contact.axes[0])
+    slip = tangential(speed_at(world, contact), n)
+    slipping = norm(slip)
+    along = scaled(slip, 1.0 / slipping) if slipping > 1e-9 else _any_perpendicular(n)
+    store(contact.axes[1], along)
+    store(contact.axes[2], cross(n, along))
+    contact.sticks = slipping < STICK_SPEED
+    for axis in range(3):
+        contact.impulse[axis] = 0.0
+        contact.torque[axis] = 0.0
+        direction = load(contact.axes[axis])
+        lever = cross(load(contact.arm), direction)
+        turn = times(body.inverse_inertia, lever)
+        store(contact.lever[axis], lever)
+        store(contact.turn[axis], turn)
+        softness = body.inverse_mass + dot(lever, turn)
+        if contact.second >= 0:
+            other = world.bodies[contact.second]
+            lever = cross(load(contact.other_arm), direction)
+            turn = times(other.inverse_inertia, lever)
+            store(contact.other_lever[axis], lever)
+            store(contact.other_turn[axis], turn)
+            softness += other.inverse_mass + dot(lever, turn)
+        contact.softness[axis] = softness
+    _look_up(world, contact)
+
+
+@kernel
+def _look_up(world, contact):
+    body = world.bodies[contact.first]
+    a = body.material
+    softness = _roll_softness(body)
+    radius = body.radius
+    if contact.second >= 0:
+        other = world.bodies[contact.second]
+        b = other.material
+        if other.inverse_mass > 0.0:
+            softness += _roll_softness(other)
+        if other.kind != BOX and (body.kind == BOX or other.radius < radius):
+            radius = other.radius
+    else:
+        b = world.planes[-1 - contact.second].material
+    contact.static = world.coefficients[STATIC, a, b]
+    contact.dynamic = world.coefficients[DYNAMIC, a, b]
+    contact.restitution = world.coefficients[RESTITUTION, a, b]
+    contact.roll_radius = world.coefficients[ROLLING, a, b] * radius
+    contact.roll_softness = softness
+
+
+@inlined
+def _roll_softness(body):
+    return 1.0 / min(min(body.inertia[0], body.inertia[1]), body.inertia[2])
+
+
+@inlined
+def _any_perpendicular(n):
+    if abs(n[2]) > 0.7:
+        scale = 1.0 / sqrt(n[1] * n[1] + n[2] * n[2])
+        return 0.0, -n[2] * scale, n[1] * scale
+    scale = 1.0 / sqrt(n[0] * n[0] + n[1] * n[1])
+    return -n[1] * scale, n[0] * scale, 0.0
+
+
+@kernel
+def speed_at(world, contact):
+    """Velocity (m/s) of the first's material at the contact, relative to the second's."""
+    body = world.bodies[contact.first]
+    speed = add(load(body.velocity), cross(load(body.spin), load(contact.arm)))
+    if contact.second >= 0:
+        other = world.bodies[contact.second]
+        there = add(load(other.velocity), cross(load(other.spin), load(contact.other_arm)))
+        speed = sub(speed, there)
+    return speed
+
+
+@inlined
+def speed_along(world, contact, axis):
+    """The part of `speed_at` along one axis of a prepared contact."""
+    body = world.bodies[contact.first]
+    speed = dot(load(body.velocity), load(contact.axes[axis])) + dot(
+        load(body.spin), load(contact.lever[axis])
+    )
+    if contact.second >= 0:
+        other = world.bodies[contact.second]
+        speed -= dot(load(other.velocity), load(contact.axes[axis])) + dot(
+            load(other.spin), load(contact.other_lever[axis])
+        )
+    return speed
+
+
+@inlined
+def push(world, contact, axis, impulse):
+    """Apply an impulse (N s) along one axis of a prepared contact, to both."""
+    body = world.bodies[contact.first]
+    n = load(contact.axes[axis])
+    store(body.velocity, add_scaled(load(body.velocity), n, impulse * body.inverse_mass))
+    store(body.spin, add_scaled(load(body.spin), load(contact.turn[axis]), impulse))
+    if contact.second >= 0:
+        other = world.bodies[contact.second]
+        store(other.velocity, add_scaled(load(other.velocity), n, -impulse * other.inverse_mass))
+        store(other.spin, add_scaled(load(other.spin), load(contact.other_turn[axis]), -impulse))
+
+
+@kernel
+def twist(world, contact, torque):
+    """Apply an angular impulse (N m s), in the world's axes, to both."""
+    body = world.bodies[contact.first]
+    store(body.spin, add(load(body.spin), times(body.inverse_inertia, torque)))
+    if contact.second >= 0:
+        other = world.bodies[contact.second]
+        store(other.spin, sub(load(other.spin), times(other.inverse_inertia, torque)))
+
+
+@kernel
+def relative_spin(world, contact):
+    """Spin (rad/s) of the first relative to the second."""
+    spin = load(world.bodies[contact.first].spin)
+    if contact.second >= 0:
+        spin = sub(spin, load(world.bodies[contact.second].spin))
+    return spin

@@ -1,0 +1,220 @@
+"""When, within a part of a step, bodies first hit something hard enough to rebound."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.stepped.collision import meet
+from intuitive_physics.simulation.stepped.impacts import IMPACT_GAP
+from intuitive_physics.simulation.stepped.manifolds import meet_plane
+from intuitive_physics.simulation.stepped.motion import place
+from intuitive_physics.simulation.stepped.world import column
+from intuitive_physics.simulation.vectors import dot, load, norm, sub
+from intuitive_physics.simulation.world_batch import SPHERE
+
+CLOSED = 1e-8
+"""m. A gap this small is none."""
+
+ITERATIONS = 40
+
+SAMPLES = 64
+"""At most so many looks at a fast pair: each for a way of half its thinness."""
+
+FAR = 1e9
+"""m. Margin that keeps a manifold from leaving out anything when only its gap is wanted."""
+
+
+@kernel
+def first_impact(world, moving, members, duration, threshold):
+    """Time (s) after the part's start of its first impact faster than `threshold`, or its end.
+
+    The moving bodies' motion is planned; they are left anywhere on it.
+    """
+    first = duration
+    for a in range(moving):
+        i = world.members[a]
+        body = world.bodies[i]
+        if body.kind != SPHERE:
+            place(body, first)
+        for p in range(world.planes.size):
+            plane = world.planes[p]
+            if plane.corners == 0:
+                if body.kind == SPHERE:
+                    first = _sphere_on_plane(body, plane, first, threshold)
+                elif _lowest(body, load(plane.normal), plane.offset) < -CLOSED:
+                    first = _corner_on_plane(body, plane, first, threshold)
+                    place(body, first)
+        for p in range(world.planes.size):
+            if world.planes[p].corners > 0:
+                first = _sampled(world, i, -1 - p, first, threshold)
+        for b in range(a + 1, members):
+            first = _sampled(world, i, world.members[b], first, threshold)
+    return first
+
+
+@kernel
+def _sphere_on_plane(body, plane, first, threshold):
+    """Root of gap + v t + a t²/2, the later one for a sphere that has just rebounded."""
+    n = load(plane.normal)
+    gap = dot(n, load(body.start_position)) - plane.offset - body.radius
+    speed, acceleration = dot(n, load(body.start_velocity)), dot(n, load(body.acceleration))
+    if gap + first * min(0.0, speed + 0.5 * first * min(0.0, acceleration)) > 0.0:
+        return first
+    if gap <= IMPACT_GAP and speed <= threshold:
+        return first
+    under_root = speed * speed - 2.0 * acceleration * max(gap, 0.0)
+    if under_root < threshold * threshold:
+        return first
+    root = sqrt(under_root)
+    if speed > 0.0:
+        if acceleration >= 0.0:
+            return first
+        return min(first, -(speed + root) / acceleration)
+    return min(first, 2.0 * max(gap, 0.0) / (root - speed))
+
+
+@inlined
+def _lowest(body, n, offset):
+    """Distance of the nearest point of a body from a plane."""
+    height = dot(n, load(body.position)) - offset - body.radius
+    for k in range(3):
+        height -= abs(body.half_extents[k] * dot(n, column(body.rotation, k)))
+    return height
+
+
+@inlined
+def _corner_gap(body, n, offset, corner):
+    """Distance of a corner of the rounded core from a plane; a capsule has each end four times."""
+    height = dot(n, load(body.position)) - offset - body.radius
+    for k in range(3):
+        along = body.half_extents[k] * dot(n, column(body.rotation, k))
+        height += along if corner & (1 << k) else -along
+    return height
+
+
+@kernel
+def _corner_on_plane(body, plane, first, threshold):
+    """Root of the smallest gap among the corners that are free at the start and through after."""
+    n, offset = load(plane.normal), plane.offset
+    through = 0
+    for corner in range(8):
+        if _corner_gap(body, n, offset, corner) < -CLOSED:
+            through |= 1 << corner
+    place(body, 0.0)
+    for corner in range(8):
+        if _corner_gap(body, n, offset, corner) <= IMPACT_GAP:
+            through &= ~(1 << corner)
+    if through == 0:
+        return first
+    low, high = 0.0, first
+    at_low = _least_gap(body, n, offset, through)
+    place(body, first)
+    at_high = _least_gap(body, n, offset, through)
+    if at_low - at_high < threshold * first:
+        return first
+    side = 0
+    t = first
+    for _ in range(ITERATIONS):
+        t = (low * at_high - high * at_low) / (at_high - at_low)
+        place(body, t)
+        gap = _least_gap(body, n, offset, through)
+        if abs(gap) < CLOSED:
+            break
+        low, at_low, high, at_high, side = _illinois(low, at_low, high, at_high, side, t, gap)
+    return t
+
+
+@kernel
+def _least_gap(body, n, offset, corners):
+    least = FAR
+    for corner in range(8):
+        if corners & (1 << corner):
+            least = min(least, _corner_gap(body, n, offset, corner))
+    return least
+
+
+@inlined
+def _illinois(low, at_low, high, at_high, side, t, value):
+    """Narrow a bracket by the point (t, value); an end that stays twice counts half."""
+    if value < 0.0:
+        return low, 0.5 * at_low if side == -1 else at_low, t, value, -1
+    return t, value, high, 0.5 * at_high if side == 1 else at_high, 1
+
+
+@kernel
+def _sampled(world, i, second, first, threshold):
+    """First time that body i closes on a body, or a bounded plane -1 - p, by looking often."""
+    body = world.bodies[i]
+    thin = body.thinness
+    way = norm(sub(_at(body, first), load(body.start_position)))
+    if second >= 0:
+        other = world.bodies[second]
+        thin += other.thinness
+        if other.inverse_mass > 0.0:
+            way += norm(sub(_at(other, first), load(other.start_position)))
+        apart = norm(sub(load(body.start_position), load(other.start_position)))
+        if apart > body.reach + other.reach + 2.0 * way:
+            return first
+    elif not _crosses(body, world.planes[-1 - second], first):
+        return first
+    before = _gap_at(world, i, second, 0.0)
+    if before <= IMPACT_GAP:
+        return first
+    samples = min(SAMPLES, 1 + int(way / (0.5 * thin)))
+    since = 0.0
+    for k in range(1, samples + 1):
+        t = first * k / samples
+        gap = _gap_at(world, i, second, t)
+        if gap < -CLOSED:
+            if before - gap < threshold * (t - since):
+                return first
+            return _root(world, i, second, since, before, t, gap)
+        since, before = t, gap
+    return first
+
+
+@kernel
+def _root(world, i, second, low, at_low, high, at_high):
+    side = 0
+    t = high
+    for _ in range(ITERATIONS):
+        # A body beside a bounded plane is infinitely far from it.
+        t = 0.5 * (low + high)
+        if at_low < FAR:
+            t = (low * at_high - high * at_low) / (at_high - at_low)
+        gap = _gap_at(world, i, second, t)
+        if abs(gap) < CLOSED:
+            break
+        low, at_low, high, at_high, side = _illinois(low, at_low, high, at_high, side, t, gap)
+    return t
+
+
+@inlined
+def _at(body, t):
+    x, v, a = load(body.start_position), load(body.start_velocity), load(body.acceleration)
+    h = 0.5 * t * t
+    return (
+        x[0] + t * v[0] + h * a[0],
+        x[1] + t * v[1] + h * a[1],
+        x[2] + t * v[2] + h * a[2],
+    )
+
+
+@kernel
+def _crosses(body, plane, first):
+    n = load(plane.normal)
+    start = dot(n, load(body.start_position)) - plane.offset
+    end = dot(n, _at(body, first)) - plane.offset
+    return start > 0.0 and min(start, end) < body.reach
+
+
+@kernel
+def _gap_at(world, i, second, t):
+    place(world.bodies[i], t)
+    nowhere = world.contacts.size
+    if second < 0:
+        return meet_plane(world, i, -1 - second, FAR, nowhere)[1]
+    if world.bodies[second].inverse_mass > 0.0:
+        place(world.bodies[second], t)
+    return meet(world, i, second, FAR, nowhere)[1]

@@ -1,0 +1,147 @@
+"""Impacts: pair after pair rebounds, until none approaches any more.
+
+All contacts of one pair are solved together: Newton's restitution along each normal, Coulomb's
+friction with μ_d over the impulse. Where several eccentric contacts would together raise the
+kinetic energy, all their impulses are scaled down to keep it.
+"""
+
+from __future__ import annotations
+
+from intuitive_physics.simulation.kernels import kernel
+from intuitive_physics.simulation.stepped.contacts import push, relative_spin, speed_along, twist
+from intuitive_physics.simulation.stepped.solver import solve
+from intuitive_physics.simulation.vectors import dot, load, scaled
+from intuitive_physics.simulation.world_batch import SPHERE
+
+IMPACT_GAP = 1e-5
+"""m. Bodies farther apart have not hit each other yet."""
+
+SWEEPS = 40
+PRECISION = 1e-6
+"""m/s."""
+
+ROUNDS_A_CONTACT = 4
+"""After so many impacts for each contact, what still approaches is left to the pressing solver."""
+
+
+@kernel
+def rebound(world, count, threshold):
+    """Let all prepared contacts that have closed rebound.
+
+    Parameters
+    ----------
+    threshold : m/s; slower approaches are no impacts, and slower rebounds are none
+
+    Returns
+    -------
+    The number of impacts.
+    """
+    impacts = 0
+    for _ in range(ROUNDS_A_CONTACT * count):
+        fastest, hit = -threshold, -1
+        for c in range(count):
+            if world.contacts[c].gap <= IMPACT_GAP:
+                speed = speed_along(world, world.contacts[c], 0)
+                if speed < fastest:
+                    fastest, hit = speed, c
+        if hit < 0:
+            break
+        impacts += 1
+        first, last = _pair_of(world, hit, count)
+        _hit(world, first, last, threshold)
+    return impacts
+
+
+@kernel
+def _pair_of(world, c, count):
+    """The range of contacts between the same two bodies."""
+    one, other = world.contacts[c].first, world.contacts[c].second
+    first, last = c, c + 1
+    while first > 0 and (
+        world.contacts[first - 1].first == one and world.contacts[first - 1].second == other
+    ):
+        first -= 1
+    while last < count and (
+        world.contacts[last].first == one and world.contacts[last].second == other
+    ):
+        last += 1
+    return first, last
+
+
+@kernel
+def _hit(world, first, last, threshold):
+    for c in range(first, last):
+        contact = world.contacts[c]
+        speed = speed_along(world, contact, 0)
+        back = -contact.restitution * speed
+        contact.least_speed = back if back > threshold else 0.0
+        contact.active = contact.gap <= IMPACT_GAP or speed >= -threshold
+        contact.friction = contact.dynamic
+        contact.rolls = 0
+        for axis in range(3):
+            contact.impulse[axis] = 0.0
+            contact.torque[axis] = 0.0
+    solve(world, first, last, SWEEPS, PRECISION)
+    if _let_roll(world, first, last):
+        solve(world, first, last, SWEEPS, PRECISION)
+    contact = world.contacts[first]
+    if last - first > 1 or _is_eccentric(world, contact):
+        _limit_energy(world, first, last)
+
+
+@kernel
+def _let_roll(world, first, last):
+    """Let rolling friction act where a contact has come to stick, which shows only afterwards."""
+    any_rolls = False
+    for c in range(first, last):
+        contact = world.contacts[c]
+        grip = contact.friction * contact.impulse[0]
+        used = contact.impulse[1] ** 2 + contact.impulse[2] ** 2
+        contact.rolls = contact.roll_radius > 0.0 and used < grip * grip
+        any_rolls = any_rolls or contact.rolls == 1
+    return any_rolls
+
+
+@kernel
+def _is_eccentric(world, contact):
+    """Whether a normal impulse also turns a body."""
+    if world.bodies[contact.first].kind != SPHERE:
+        return True
+    return contact.second >= 0 and world.bodies[contact.second].kind != SPHERE
+
+
+@kernel
+def _limit_energy(world, first, last):
+    """Scale the impulses J to what gains no kinetic energy: s J·u⁻ + s² J·(u⁺ - u⁻)/2 ≤ 0."""
+    at_end = _work(world, first, last)
+    _apply(world, first, last, -1.0)
+    at_start = _work(world, first, last)
+    stiffness = 0.5 * (at_end - at_start)
+    share = 1.0
+    if at_start + stiffness > 0.0 and stiffness > 0.0:
+        share = max(0.0, -at_start / stiffness)
+    _apply(world, first, last, share)
+
+
+@kernel
+def _work(world, first, last):
+    """J·u with the present speeds u, in J."""
+    work = 0.0
+    for c in range(first, last):
+        contact = world.contacts[c]
+        if contact.active == 1:
+            for axis in range(3):
+                work += contact.impulse[axis] * speed_along(world, contact, axis)
+            work += dot(load(contact.torque), relative_spin(world, contact))
+    return work
+
+
+@kernel
+def _apply(world, first, last, share):
+    """Apply so much of the impulses once more."""
+    for c in range(first, last):
+        contact = world.contacts[c]
+        if contact.active == 1:
+            for axis in range(3):
+                push(world, contact, axis, share * contact.impulse[axis])
+            twist(world, contact, scaled(load(contact.torque), share))

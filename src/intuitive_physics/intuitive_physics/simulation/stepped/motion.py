@@ -1,0 +1,174 @@
+"""How a body moves over one part of a step, and writing what was asked for on the way.
+
+Over a part, acceleration and torque are constant. Positions are then exact; orientations follow
+one mean rotation vector: in free flight by a Magnus series of fourth order over Euler's equations,
+under contact forces of second order. The angular momentum, not the spin, is carried along: so a
+body in free flight keeps it to rounding, and its kinetic energy to fourth order.
+"""
+
+from __future__ import annotations
+
+from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.stepped.poses import (
+    angular_momentum,
+    rotate,
+    set_rotation,
+    turned,
+)
+from intuitive_physics.simulation.stepped.world import transposed_times
+from intuitive_physics.simulation.vectors import (
+    add,
+    add_scaled,
+    cross,
+    load,
+    norm,
+    scaled,
+    store,
+    sub,
+)
+from intuitive_physics.simulation.world_batch import SPHERE
+
+TIME_ROUNDING = 1e-12
+"""s. An output this little after a step's end belongs to it."""
+
+
+@kernel
+def free_acceleration(world, body, duration):
+    """Gravity and the air's forces, these at the middle of the part, in m/s²."""
+    gravity = load(world.gravity)
+    if body.drag == 0.0 and body.magnus == 0.0:
+        return gravity
+    velocity = load(body.velocity)
+    start = add(gravity, _air(body, velocity))
+    return add(gravity, _air(body, add_scaled(velocity, start, 0.5 * duration)))
+
+
+@inlined
+def _air(body, velocity):
+    braking = scaled(velocity, -body.drag * norm(velocity))
+    force = add_scaled(braking, cross(load(body.spin), velocity), body.magnus)
+    return scaled(force, body.inverse_mass)
+
+
+@kernel
+def begin(body):
+    """Note the state at the start of a part of a step."""
+    for k in range(3):
+        body.start_position[k] = body.position[k]
+        body.start_velocity[k] = body.velocity[k]
+        body.start_spin[k] = body.spin[k]
+    for k in range(4):
+        body.start_orientation[k] = body.orientation[k]
+    store(body.angular_momentum, angular_momentum(body))
+
+
+@kernel
+def plan_flight(world, body, duration):
+    """Let a body that begins a part of a step fly freely over it."""
+    store(body.acceleration, free_acceleration(world, body, duration))
+    store(body.torque, (0.0, 0.0, 0.0))
+    body.pressed = 0
+    spin = load(body.start_spin)
+    a, b, c = load(body.inertia)
+    if a == b == c:
+        store(body.turning, spin)
+        return
+    r = duration
+    w0 = transposed_times(body.rotation, spin)
+    k1 = _euler(a, b, c, w0)
+    k2 = _euler(a, b, c, add_scaled(w0, k1, 0.5 * r))
+    k3 = _euler(a, b, c, add_scaled(w0, k2, 0.5 * r))
+    k4 = _euler(a, b, c, add_scaled(w0, k3, r))
+    w1 = add_scaled(w0, add(add(k1, k4), scaled(add(k2, k3), 2.0)), r / 6.0)
+    ends = add(w0, w1)
+    slope = sub(k1, _euler(a, b, c, w1))
+    # Simpson's rule with the middle of the cubic through both ends, and the Magnus commutator.
+    mean = add_scaled(scaled(ends, 0.5), slope, r / 12.0)
+    store(body.turning, turned(body, add_scaled(mean, cross(w0, w1), r / 12.0)))
+
+
+@inlined
+def _euler(a, b, c, w):
+    """Euler's equations without torque: dω/dt in the body's axes."""
+    return (b - c) / a * w[1] * w[2], (c - a) / b * w[2] * w[0], (a - b) / c * w[0] * w[1]
+
+
+@kernel
+def plan_pressed(body, duration):
+    """Let a body move so that it reaches, over a part of a step, the velocities it now holds."""
+    velocity, spin = load(body.velocity), load(body.spin)
+    start = load(body.start_spin)
+    store(body.acceleration, scaled(sub(velocity, load(body.start_velocity)), 1.0 / duration))
+    momentum = angular_momentum(body)
+    store(body.torque, scaled(sub(momentum, load(body.angular_momentum)), 1.0 / duration))
+    mean = scaled(add(start, spin), 0.5)
+    a, b, c = load(body.inertia)
+    if not a == b == c:
+        w = transposed_times(body.rotation, mean)
+        mean = add_scaled(mean, turned(body, _euler(a, b, c, w)), 0.5 * duration)
+    store(body.turning, mean)
+
+
+@kernel
+def place(body, after):
+    """Put a body where it is `after` (s) the start of its part of a step."""
+    moved = add_scaled(load(body.start_position), load(body.start_velocity), after)
+    store(body.position, add_scaled(moved, load(body.acceleration), 0.5 * after * after))
+    if body.kind != SPHERE:
+        rotate(body, body.start_orientation, scaled(load(body.turning), after))
+        set_rotation(body)
+
+
+@kernel
+def finish(body, after):
+    """End a body's part of a step `after` (s) its start, where `place` has put it."""
+    velocity = add_scaled(load(body.start_velocity), load(body.acceleration), after)
+    store(body.velocity, velocity)
+    momentum = add_scaled(load(body.angular_momentum), load(body.torque), after)
+    if body.kind == SPHERE:
+        store(body.spin, scaled(momentum, 1.0 / body.inertia[0]))
+        return
+    local = transposed_times(body.rotation, momentum)
+    w = local[0] / body.inertia[0], local[1] / body.inertia[1], local[2] / body.inertia[2]
+    store(body.spin, turned(body, w))
+
+
+@kernel
+def write_outputs(world, i, start, after):
+    """Write body i's outputs from time `start` up to `after` (s) later."""
+    body = world.bodies[i]
+    k = body.next_output
+    times = world.times
+    end = start + after + TIME_ROUNDING
+    turns = world.orientations.shape[0] > 0
+    if k < times.size and times[k] <= end:
+        position, velocity = load(body.start_position), load(body.start_velocity)
+        acceleration, turning = load(body.acceleration), load(body.turning)
+        while k < times.size and times[k] <= end:
+            tau = times[k] - start
+            moved = add_scaled(position, velocity, tau)
+            store(world.positions[i, k], add_scaled(moved, acceleration, 0.5 * tau * tau))
+            if turns:
+                rotate(body, body.start_orientation, scaled(turning, tau))
+                for c in range(4):
+                    world.orientations[i, k, c] = body.orientation[c]
+            k += 1
+        body.next_output = k
+    if turns:
+        rotate(body, body.start_orientation, scaled(load(body.turning), after))
+
+
+@kernel
+def write_rest(world, i, end):
+    """Write the outputs of a body that does not move, up to and including time `end`."""
+    body = world.bodies[i]
+    times = world.times
+    k = body.next_output
+    while k < times.size and times[k] <= end + TIME_ROUNDING:
+        for c in range(3):
+            world.positions[i, k, c] = body.position[c]
+        if world.orientations.shape[0] > 0:
+            for c in range(4):
+                world.orientations[i, k, c] = body.orientation[c]
+        k += 1
+    body.next_output = k

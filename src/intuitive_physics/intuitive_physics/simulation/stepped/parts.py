@@ -1,0 +1,125 @@
+"""One step of one island: parts that end where something hits something."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from intuitive_physics.simulation.kernels import kernel
+from intuitive_physics.simulation.stepped.collision import find_contacts, part_overlaps
+from intuitive_physics.simulation.stepped.contacts import prepare, speed_along
+from intuitive_physics.simulation.stepped.impact_times import first_impact
+from intuitive_physics.simulation.stepped.impacts import IMPACT_GAP, rebound
+from intuitive_physics.simulation.stepped.motion import (
+    TIME_ROUNDING,
+    begin,
+    finish,
+    free_acceleration,
+    place,
+    plan_flight,
+    plan_pressed,
+    write_outputs,
+)
+from intuitive_physics.simulation.stepped.solver import keep, solve, start_from_kept
+from intuitive_physics.simulation.vectors import add_scaled, dot, load, store
+
+PARTS = 16
+"""At most so many parts a step; in the last one, what hits does not rebound before the next."""
+
+SWEEPS = 30
+
+SLOWEST_REBOUND = 1e-5
+"""m/s. In a world without gravity, rebounds slower than this are none."""
+
+
+@kernel
+def rebound_threshold(world, step):
+    """Speed (m/s) below which a rebound is none: its flight would last less than a step."""
+    gravity = load(world.gravity)
+    return max(SLOWEST_REBOUND, 0.5 * step * sqrt(dot(gravity, gravity)))
+
+
+@kernel
+def step_island(world, moving, members, start, duration, threshold):
+    """Carry the bodies in `World.members` from time `start` (s) on by `duration` (s)."""
+    done = 0.0
+    for part in range(PARTS):
+        left = duration - done
+        count = find_contacts(world, moving, members)
+        if count > 0:
+            part_overlaps(world, count)
+            for c in range(count):
+                prepare(world, c)
+            if rebound(world, count, threshold) > 0:
+                for c in range(count):
+                    prepare(world, c)
+        _plan(world, moving, count, left, threshold)
+        after = left
+        if part < PARTS - 1:
+            after = first_impact(world, moving, members, left, threshold)
+        for a in range(moving):
+            i = world.members[a]
+            write_outputs(world, i, start + done, after)
+            place(world.bodies[i], after)
+            finish(world.bodies[i], after)
+        done += after
+        if done >= duration - TIME_ROUNDING:
+            break
+
+
+@kernel
+def _plan(world, moving, count, duration, threshold):
+    """Find how the bodies move over the next part: freely, or as their contacts press them."""
+    for a in range(moving):
+        body = world.bodies[world.members[a]]
+        begin(body)
+        body.pressed = 0
+    if _activate(world, count, duration, threshold):
+        _press(world, moving, count, duration)
+    for a in range(moving):
+        body = world.bodies[world.members[a]]
+        if body.pressed == 1:
+            plan_pressed(body, duration)
+        else:
+            body.kept = 0
+            plan_flight(world, body, duration)
+
+
+@kernel
+def _activate(world, count, duration, threshold):
+    """Choose the contacts that may press during the part; whether there are any."""
+    any_active = False
+    gravity = load(world.gravity)
+    leaving = 4.0 * max(threshold, duration * sqrt(dot(gravity, gravity)))
+    for c in range(count):
+        contact = world.contacts[c]
+        speed = speed_along(world, contact, 0)
+        contact.active = speed < leaving and (speed > -threshold or contact.gap <= IMPACT_GAP)
+        if contact.active == 1:
+            any_active = True
+            contact.least_speed = -max(contact.gap, 0.0) / duration
+            contact.friction = contact.static if contact.sticks == 1 else contact.dynamic
+            contact.rolls = contact.sticks == 1 and contact.roll_radius > 0.0
+            world.bodies[contact.first].pressed = 1
+            if contact.second >= 0:
+                world.bodies[contact.second].pressed = 1
+    return any_active
+
+
+@kernel
+def _press(world, moving, count, duration):
+    gravity = load(world.gravity)
+    for a in range(moving):
+        body = world.bodies[world.members[a]]
+        if body.pressed == 1:
+            falling = free_acceleration(world, body, duration)
+            store(body.velocity, add_scaled(load(body.velocity), falling, duration))
+    for c in range(count):
+        if world.contacts[c].active == 1:
+            start_from_kept(world, c, duration)
+    precision = 1e-4 * duration * sqrt(dot(gravity, gravity)) + 1e-9
+    solve(world, 0, count, SWEEPS, precision)
+    for a in range(moving):
+        world.bodies[world.members[a]].kept = 0
+    for c in range(count):
+        if world.contacts[c].active == 1:
+            keep(world, c, duration)

@@ -1,0 +1,93 @@
+"""Orientation of a body, and what follows from it."""
+
+from __future__ import annotations
+
+from math import cos, sin, sqrt
+
+from intuitive_physics.simulation.kernels import kernel
+from intuitive_physics.simulation.stepped.world import transposed_times
+from intuitive_physics.simulation.vectors import load
+from intuitive_physics.simulation.world_batch import SPHERE
+
+SMALL_ANGLE = 0.25
+"""rad. Below it the series of sine and cosine to the eighth power are exact to rounding."""
+
+
+@kernel
+def rotate(body, origin, angle):
+    """Set a body's orientation to `origin` turned by the rotation vector `angle` (rad).
+
+    Parameters
+    ----------
+    origin : (4,) quaternion (x, y, z, w), not changed
+    angle : tuple of three, in the world's axes
+    """
+    square = angle[0] * angle[0] + angle[1] * angle[1] + angle[2] * angle[2]
+    h = 0.25 * square
+    if square < SMALL_ANGLE * SMALL_ANGLE:
+        s = 0.5 * (1.0 - h / 6.0 * (1.0 - h / 20.0 * (1.0 - h / 42.0 * (1.0 - h / 72.0))))
+        w = 1.0 - h / 2.0 * (1.0 - h / 12.0 * (1.0 - h / 30.0 * (1.0 - h / 56.0)))
+    else:
+        size = sqrt(square)
+        s = sin(0.5 * size) / size
+        w = cos(0.5 * size)
+    x, y, z = angle[0] * s, angle[1] * s, angle[2] * s
+    a, b, c, d = origin[0], origin[1], origin[2], origin[3]
+    qx = w * a + x * d + y * c - z * b
+    qy = w * b - x * c + y * d + z * a
+    qz = w * c + x * b - y * a + z * d
+    qw = w * d - x * a - y * b - z * c
+    scale = 1.0 / sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
+    q = body.orientation
+    q[0], q[1], q[2], q[3] = qx * scale, qy * scale, qz * scale, qw * scale
+
+
+@kernel
+def set_rotation(body):
+    """Bring the rotation matrix up to the orientation."""
+    q = body.orientation
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    r = body.rotation
+    r[0], r[1], r[2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)
+    r[3], r[4], r[5] = 2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)
+    r[6], r[7], r[8] = 2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)
+
+
+@kernel
+def set_inverse_inertia(body):
+    """Bring the inverse inertia in the world's axes up to the rotation: R I⁻¹ Rᵀ."""
+    r, inverse = body.rotation, body.inverse_inertia
+    if body.kind == SPHERE:
+        value = 1.0 / body.inertia[0]
+        inverse[0] = inverse[4] = inverse[8] = value
+        return
+    a, b, c = 1.0 / body.inertia[0], 1.0 / body.inertia[1], 1.0 / body.inertia[2]
+    inverse[0] = a * r[0] * r[0] + b * r[1] * r[1] + c * r[2] * r[2]
+    inverse[4] = a * r[3] * r[3] + b * r[4] * r[4] + c * r[5] * r[5]
+    inverse[8] = a * r[6] * r[6] + b * r[7] * r[7] + c * r[8] * r[8]
+    inverse[1] = inverse[3] = a * r[0] * r[3] + b * r[1] * r[4] + c * r[2] * r[5]
+    inverse[2] = inverse[6] = a * r[0] * r[6] + b * r[1] * r[7] + c * r[2] * r[8]
+    inverse[5] = inverse[7] = a * r[3] * r[6] + b * r[4] * r[7] + c * r[5] * r[8]
+
+
+@kernel
+def angular_momentum(body):
+    """R I Rᵀ ω in kg m²/s, as a tuple, in the world's axes."""
+    spin = load(body.spin)
+    if body.kind == SPHERE:
+        return spin[0] * body.inertia[0], spin[1] * body.inertia[0], spin[2] * body.inertia[0]
+    local = transposed_times(body.rotation, spin)
+    return turned(
+        body, (local[0] * body.inertia[0], local[1] * body.inertia[1], local[2] * body.inertia[2])
+    )
+
+
+@kernel
+def turned(body, a):
+    """A vector of the body's axes in the world's."""
+    r = body.rotation
+    return (
+        r[0] * a[0] + r[1] * a[1] + r[2] * a[2],
+        r[3] * a[0] + r[4] * a[1] + r[5] * a[2],
+        r[6] * a[0] + r[7] * a[1] + r[8] * a[2],
+    )

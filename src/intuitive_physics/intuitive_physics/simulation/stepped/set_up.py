@@ -1,0 +1,77 @@
+"""Fill a world's records from a batch's arrays."""
+
+from __future__ import annotations
+
+from intuitive_physics.simulation.kernels import kernel
+from intuitive_physics.simulation.stepped.poses import set_inverse_inertia, set_rotation
+from intuitive_physics.simulation.vectors import load, norm
+from intuitive_physics.simulation.world_batch import BOX, CAPSULE
+
+
+@kernel
+def place_object(body, kind, dimensions, material, state, air_factors, mass, density, unit_inertia):
+    """Fill in a body that moves; see `WorldBatch` for the arrays."""
+    _reset(body, kind, material)
+    for k in range(3):
+        body.position[k] = state[k]
+        body.velocity[k] = state[7 + k]
+        body.spin[k] = state[10 + k]
+        body.inertia[k] = density * unit_inertia[k]
+    for k in range(4):
+        body.orientation[k] = state[3 + k]
+    _set_size(body, kind, dimensions)
+    body.inverse_mass = 1.0 / mass
+    body.drag, body.magnus = air_factors[0], air_factors[1]
+    set_rotation(body)
+    set_inverse_inertia(body)
+
+
+@kernel
+def place_static_box(body, box, material):
+    """Fill in a box that never moves: centre, orientation, edge lengths."""
+    _reset(body, BOX, material)
+    for k in range(3):
+        body.position[k] = box[k]
+        body.inertia[k] = 1.0
+    for k in range(4):
+        body.orientation[k] = box[3 + k]
+    _set_size(body, BOX, box[7:10])
+    body.inverse_mass = 0.0
+    set_rotation(body)
+
+
+@kernel
+def _reset(body, kind, material):
+    body.kind, body.material = kind, material
+    body.drag = body.magnus = 0.0
+    body.pressed = body.quiet_steps = body.asleep = body.next_output = body.kept = 0
+    for k in range(3):
+        body.velocity[k] = body.spin[k] = body.half_extents[k] = 0.0
+    for k in range(9):
+        body.inverse_inertia[k] = 0.0
+
+
+@kernel
+def _set_size(body, kind, dimensions):
+    body.radius = 0.0 if kind == BOX else dimensions[0]
+    body.thinness = body.radius
+    if kind == BOX:
+        for k in range(3):
+            body.half_extents[k] = 0.5 * dimensions[k]
+        body.thinness = min(min(dimensions[0], dimensions[1]), dimensions[2]) * 0.5
+    elif kind == CAPSULE:
+        body.half_extents[2] = 0.5 * dimensions[1]
+    body.reach = body.radius + norm(load(body.half_extents))
+
+
+@kernel
+def place_plane(plane, numbers, material, corners, boundary, first_corner, stored):
+    """Fill in a plane and store its corners from `first_corner` on."""
+    for k in range(3):
+        plane.normal[k] = numbers[k]
+    plane.offset = numbers[3]
+    plane.material = material
+    plane.corners, plane.first_corner = corners, first_corner
+    for c in range(corners):
+        for k in range(3):
+            stored[first_corner + c, k] = boundary[c, k]

@@ -1,0 +1,155 @@
+"""The state of one world while it is stepped.
+
+Bodies, planes and contacts are records: a kernel gets a pointer to them. Every shape is a core (a
+point, a segment or a box, given by its half extents) that is rounded by a radius.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+
+import numpy as np
+
+from intuitive_physics.simulation.kernels import inlined
+
+KEPT = 16
+"""Contacts of one body whose impulses are kept to start the next step's search with."""
+
+CLIPPED = 16
+"""Corners that the intersection of a face with a convex polygon may have."""
+
+BODY = np.dtype(
+    [
+        ("position", "f8", 3),  # m
+        ("velocity", "f8", 3),  # m/s
+        ("spin", "f8", 3),  # rad/s, in the world's axes
+        ("orientation", "f8", 4),  # (x, y, z, w)
+        ("rotation", "f8", 9),  # the same as a matrix, row by row
+        ("inverse_inertia", "f8", 9),  # 1/(kg m²), in the world's axes, row by row
+        # What the body is.
+        ("half_extents", "f8", 3),  # m, of the core
+        ("radius", "f8"),  # m, around the core
+        ("reach", "f8"),  # m, from the centre to the farthest point
+        ("thinness", "f8"),  # m, from the centre to the nearest point of the surface
+        ("inverse_mass", "f8"),  # 1/kg
+        ("inertia", "f8", 3),  # kg m², about the body's axes
+        ("kind", "i8"),
+        ("material", "i8"),
+        ("drag", "f8"),  # kg/m
+        ("magnus", "f8"),  # kg
+        # Its motion over the present part of a step, from the part's start on.
+        ("start_position", "f8", 3),
+        ("start_orientation", "f8", 4),
+        ("start_velocity", "f8", 3),
+        ("start_spin", "f8", 3),
+        ("acceleration", "f8", 3),  # m/s²
+        ("turning", "f8", 3),  # rad/s, mean
+        ("angular_momentum", "f8", 3),  # N m s, at the start
+        ("torque", "f8", 3),  # N m
+        ("pressed", "i8"),  # 1 while contacts act on it
+        # Sleep and islands.
+        ("quiet_steps", "i8"),
+        ("asleep", "i8"),
+        ("island", "i8"),
+        ("next_output", "i8"),
+        # The last step's contact forces (N, N, N and N m), in the world's axes.
+        ("kept", "i8"),
+        ("kept_keys", "i8", KEPT),
+        ("kept_forces", "f8", (KEPT, 3)),
+        ("kept_torques", "f8", (KEPT, 3)),
+    ],
+    align=True,
+)
+
+PLANE = np.dtype(
+    [
+        ("normal", "f8", 3),
+        ("offset", "f8"),
+        ("material", "i8"),
+        ("corners", "i8"),  # of its boundary, 0 where it has none
+        ("first_corner", "i8"),  # in `World.corners`
+    ],
+    align=True,
+)
+
+CONTACT = np.dtype(
+    [
+        ("first", "i8"),  # body that moves
+        ("second", "i8"),  # body, or -1 - p for plane p
+        ("key", "i8"),  # the same from step to step for the same features
+        ("gap", "f8"),  # m, below zero where the two overlap
+        # Rows: normal, towards the first; along the slip; across it.
+        ("axes", "f8", (3, 3)),
+        ("arm", "f8", 3),  # m, from the first's centre
+        ("other_arm", "f8", 3),  # m, from the second's centre
+        ("lever", "f8", (3, 3)),  # arm × axis
+        ("other_lever", "f8", (3, 3)),
+        ("turn", "f8", (3, 3)),  # rad/s of the first for 1 N s along each axis
+        ("other_turn", "f8", (3, 3)),
+        ("softness", "f8", 3),  # 1/kg: change of speed along each axis for 1 N s
+        ("impulse", "f8", 3),  # N s
+        ("torque", "f8", 3),  # N m s of rolling friction, in the world's axes
+        ("roll_softness", "f8"),  # 1/(kg m²)
+        ("roll_radius", "f8"),  # m: μ_r r
+        ("least_speed", "f8"),  # m/s along the normal afterwards
+        ("static", "f8"),
+        ("dynamic", "f8"),
+        ("restitution", "f8"),
+        ("friction", "f8"),  # the coefficient that holds now
+        ("sticks", "i8"),  # 1 where it slipped slower than STICK_SPEED when it was prepared
+        ("rolls", "i8"),  # 1 while rolling friction acts
+        ("active", "i8"),  # 1 while the solver looks at it
+    ],
+    align=True,
+)
+
+World = namedtuple(
+    "World",
+    [
+        "bodies",  # (n + b,) BODY: n that move, then the environment's boxes
+        "planes",  # (P,) PLANE
+        "corners",  # (C, 3) m, of all boundaries
+        "contacts",  # (K,) CONTACT, scratch
+        "clip",  # (2, CLIPPED, 3) m, scratch of `clipping`
+        "members",  # (n + b,) int, scratch: the bodies of one island, those that move first
+        "gravity",  # (3,) m/s²
+        "coefficients",  # (4, m, m)
+        "times",  # (T,) s
+        "positions",  # (n, T, 3) to be filled
+        "orientations",  # (n, T, 4) to be filled, (0, T, 4) if not wanted
+    ],
+)
+
+STATIC, DYNAMIC, ROLLING, RESTITUTION = range(4)
+
+
+@inlined
+def row(array, k):
+    """Row k of a matrix that is stored row by row, or column k of its transpose."""
+    return array[3 * k], array[3 * k + 1], array[3 * k + 2]
+
+
+@inlined
+def column(array, k):
+    """Column k of a matrix that is stored row by row: axis k of a rotated body."""
+    return array[k], array[3 + k], array[6 + k]
+
+
+@inlined
+def times(matrix, a):
+    """A matrix, stored row by row, times a vector."""
+    return (
+        matrix[0] * a[0] + matrix[1] * a[1] + matrix[2] * a[2],
+        matrix[3] * a[0] + matrix[4] * a[1] + matrix[5] * a[2],
+        matrix[6] * a[0] + matrix[7] * a[1] + matrix[8] * a[2],
+    )
+
+
+@inlined
+def transposed_times(matrix, a):
+    """The transpose of a matrix, stored row by row, times a vector."""
+    return (
+        matrix[0] * a[0] + matrix[3] * a[1] + matrix[6] * a[2],
+        matrix[1] * a[0] + matrix[4] * a[1] + matrix[7] * a[2],
+        matrix[2] * a[0] + matrix[5] * a[1] + matrix[8] * a[2],
+    )

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.peers.engine import Engine
 from benchmarks.peers.ours import NAMES, Ours
 from benchmarks.scenes import SCENES, SIMULATIONS, STEPS, thrown
-from benchmarks.timing import measure
+from benchmarks.timing import measure, typical_seconds
 
 BATCHES = (20, 200, 2000)
 THREADS = (1, 2)
@@ -60,11 +60,15 @@ def scale_batches(repetitions: int, rng: np.random.Generator) -> Iterator[Scaled
 
 
 def scale_objects(
-    peers: Sequence[Engine], repetitions: int, rng: np.random.Generator
+    peers: Sequence[Engine], instances: int, repetitions: int, rng: np.random.Generator
 ) -> Iterator[Scaled]:
     """Yield times of OBJECTS objects in the room, ours and peers' in turns."""
     engines = [*(Ours(name) for name in NAMES), *peers]
     for (scene, kinds), count in itertools.product(OBJECT_KINDS.items(), OBJECTS):
-        instance = thrown([kinds[i % len(kinds)] for i in range(count)], rng)
-        for name, seconds in measure(engines, instance, repetitions).seconds.items():
+        thrown_kinds = [kinds[i % len(kinds)] for i in range(count)]
+        measured = [
+            measure(engines, thrown(thrown_kinds, rng), repetitions) for _ in range(instances)
+        ]
+        for name in measured[0].seconds:
+            seconds = typical_seconds(measured, name)
             yield Scaled(scene, name, SIMULATIONS, count, 1, seconds)

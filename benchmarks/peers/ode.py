@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import subprocess
 from pathlib import Path
+from typing import IO, NoReturn, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,35 +78,35 @@ class _Prepared(Prepared):
         self._program = subprocess.Popen(
             [compile_program()], stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
+        self._input = cast(IO[bytes], self._program.stdin)
+        self._output = cast(IO[bytes], self._program.stdout)
 
     def predict(self) -> Prediction:
-        _write(self._program, self._request)
-        answer = _read(self._program)
+        length = np.array([self._request.size], dtype=np.float64)
+        try:
+            self._input.write(length.tobytes() + self._request.tobytes())
+            self._input.flush()
+        except BrokenPipeError:
+            self._fail()
+        answer = self._read(int(self._read(1)[0]))
         return Prediction(float(answer[0]), answer[1:].reshape(self._shape))
 
     def __exit__(self, *_: object) -> None:
-        assert self._program.stdin is not None
-        assert self._program.stdout is not None
-        self._program.stdin.close()
-        self._program.stdout.close()
+        with contextlib.suppress(BrokenPipeError):
+            self._input.close()
+        self._output.close()
         self._program.wait()
 
+    def _read(self, count: int) -> NDArray[np.float64]:
+        data = self._output.read(8 * count)
+        if len(data) < 8 * count:
+            self._fail()
+        return np.frombuffer(data)
 
-def _write(program: subprocess.Popen[bytes], values: NDArray[np.float64]) -> None:
-    assert program.stdin is not None
-    try:
-        program.stdin.write(np.array([values.size], dtype=np.float64).tobytes() + values.tobytes())
-        program.stdin.flush()
-    except BrokenPipeError:
-        raise RuntimeError(f"ODE's program ended with {program.wait()}; see above") from None
-
-
-def _read(program: subprocess.Popen[bytes]) -> NDArray[np.float64]:
-    assert program.stdout is not None
-    length = program.stdout.read(8)
-    if len(length) < 8:
-        raise RuntimeError(f"ODE's program ended with {program.wait()}; see above")
-    return np.frombuffer(program.stdout.read(8 * int(np.frombuffer(length)[0])))
+    def _fail(self) -> NoReturn:
+        raise RuntimeError(
+            f"ODE's program ended with {self._program.wait()}; it has said why on standard error"
+        )
 
 
 def _request(

@@ -116,6 +116,95 @@ def test_threads_take_turns(bullet, world):
     np.testing.assert_array_equal(batch, np.concatenate(alone))
 
 
+def test_a_batch_from_two_threads_at_once(bullet, world):
+    # PyBullet itself crashes there; the two calls take turns and answer what each does alone.
+    scenes = [world.scene((R, (0, 0, 0.2 + 0.1 * k)), (R, (1, 0, 0.3))) for k in range(3)]
+    theta = world.parameters(0.4, 0.4)
+    alone = bullet.rollout(scenes, theta, [0.2, 0.4])
+    with ThreadPoolExecutor(2) as pool:
+        calls = [pool.submit(bullet.rollout, scenes, theta, [0.2, 0.4]) for _ in range(6)]
+    for call in calls:
+        np.testing.assert_array_equal(call.result().positions, alone.positions)
+        np.testing.assert_array_equal(call.result().orientations, alone.orientations)
+
+
+@pytest.mark.parametrize("shape", [Box((0.1, 0.12, 0.1)), Capsule(0.05, 0.2), Sphere(0.05)])
+def test_nothing_sinks_into_the_ground(bullet, shape):
+    # Half a height above the ground while it slides and rolls and when it lies, for 3 s.
+    lying = (np.sqrt(0.5), 0, 0, np.sqrt(0.5)) if isinstance(shape, Capsule) else UPRIGHT
+    scene = Scene(
+        Environment([Plane("floor", "floor", (0, 0, 1), 0.0)]),
+        (SceneObject("body", "wood", shape),),
+        (ObjectState((0, 0, 0.05), lying, (1.5, 0, 0)),),
+    )
+    theta = StaticParameters.uniform(
+        ["wood", "floor"], static_friction=0.4, dynamic_friction=0.4, rolling_friction=0.0
+    )
+    rollout = bullet.rollout([scene], theta, np.arange(1, 11) * 0.3)
+    np.testing.assert_allclose(rollout.positions[0, 0, :, 2], 0.05, atol=1e-3)
+
+
+def test_rolling_friction_does_not_hold_a_box(bullet):
+    # Its edges do: a tall box on an edge falls as fast with μ_r as without.
+    lean = (0.0, np.sin(0.2), 0.0, np.cos(0.2))
+    height = 0.1 * np.cos(0.4) + 0.025 * np.sin(0.4)
+    scene = Scene(
+        Environment([Plane("floor", "floor", (0, 0, 1), 0.0)]),
+        (SceneObject("box", "wood", Box((0.05, 0.1, 0.2))),),
+        (ObjectState((0, 0, height), lean),),
+    )
+    paths = [
+        bullet.rollout(
+            [scene],
+            StaticParameters.uniform(
+                ["wood", "floor"], static_friction=1.0, dynamic_friction=1.0, rolling_friction=mu_r
+            ),
+            [0.05, 0.1, 0.2],
+        ).positions
+        for mu_r in (0.0, 0.5)
+    ]
+    np.testing.assert_array_equal(paths[0], paths[1])
+
+
+def test_pairs_of_which_one_does_not_roll(bullet):
+    # Ball and box on a floor, μ_r = 0.05 everywhere: the ball brakes at 5/7 μ_r g, the box slides.
+    mu, mu_r, v0 = 0.4, 0.05, 0.5
+    scene = Scene(
+        Environment([Plane("floor", "floor", (0, 0, 1), 0.0)]),
+        (
+            SceneObject("ball", "wood", Sphere(R)),
+            SceneObject("box", "wood", Box((0.1, 0.1, 0.1))),
+        ),
+        (
+            ObjectState((0, 0, R), UPRIGHT, (v0, 0, 0), (0, v0 / R, 0)),
+            ObjectState((0, 1, 0.05), UPRIGHT, (v0, 0, 0)),
+        ),
+    )
+    theta = StaticParameters.uniform(
+        ["wood", "floor"], static_friction=mu, dynamic_friction=mu, rolling_friction=mu_r
+    )
+    x = bullet.rollout([scene], theta, [1.0]).positions[0, :, 0, 0]
+    ball = v0 - 0.5 * 5 / 7 * mu_r * G
+    np.testing.assert_allclose(x, (ball, v0**2 / (2 * mu * G)), atol=10 * STEP)
+
+
+def test_rolling_friction_that_is_no_sum_is_refused(bullet, world):
+    # Two balls and a floor are three pairs for three numbers; of three balls of different sizes
+    # there are six pairs.
+    scene = world.scene((0.03, (0, 0, 1)), (0.05, (1, 0, 1)), (0.09, (2, 0, 1)))
+    with pytest.raises(UnsupportedSceneError, match=r"rolling friction .* use stepped"):
+        bullet.rollout([scene], world.parameters(0.5, 0.5, mu_r=0.1), [0.1])
+
+
+def test_the_air_is_refused(bullet, world):
+    scene = world.scene((R, (0, 0, 1)))
+    for air in ({"drag_coefficient": 0.5}, {"magnus_coefficient": 1.0}):
+        light = SceneObject("light", "ball", Sphere(R), **air)
+        flying = Scene(scene.environment, (light,), scene.states)
+        with pytest.raises(UnsupportedSceneError, match=r"drag or Magnus force.*stepped"):
+            bullet.rollout([flying], world.parameters(0.4, 0.4), [0.1])
+
+
 def test_what_bullet_cannot_express_is_refused(bullet, world):
     scene = world.scene((R, (0, 0, 1)))
     with pytest.raises(UnsupportedSceneError, match="one friction coefficient"):

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics.rotation import rotation_matrix
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject, StaticBox
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 from intuitive_physics.state import ObjectState
@@ -20,8 +19,6 @@ from .laws_scenes import (
     Engine,
     G,
     engines,
-    first_motion,
-    motion_between,
     random_quaternion,
 )
 
@@ -67,88 +64,120 @@ def random_scene(rng, kinds, most=4) -> Scene:
     return Scene(environment, tuple(objects), tuple(states))
 
 
-def random_parameters(rng, uniform=False) -> StaticParameters:
-    """θ_s of two kinds of objects and the ground, all pairs different, or all the same."""
-    m = 3
-    mu_s, part, mu_r, e = (
-        rng.uniform(size=(4, m, m)) if not uniform else rng.uniform(size=(4, 1, 1))
-    )
-    values = np.stack(
-        [np.broadcast_to(v, (m, m)) for v in (1.2 * mu_s, 1.2 * mu_s * part, 0.1 * mu_r, e)]
-    )
-    if uniform:
-        values = values[[0, 0, 2, 3]]
+def random_parameters(rng) -> StaticParameters:
+    """θ_s of two kinds of objects and the ground, all pairs different."""
+    mu_s, part, mu_r, e = rng.uniform(size=(4, 3, 3))
+    values = np.stack([1.2 * mu_s, 1.2 * mu_s * part, 0.1 * mu_r, e])
     symmetric = np.triu(values) + np.triu(values, 1).transpose(0, 2, 1)
-    return StaticParameters(["m0", "m1", "ground"], rng.uniform(50, 3000, m), symmetric)
-
-
-def energy_with(theta: StaticParameters, scene: Scene, motion) -> float:
-    """Kinetic and potential energy, objects of different densities."""
-    total = 0.0
-    for k, thing in enumerate(scene.objects):
-        density = theta.density[theta.index(thing.material)]
-        mass = thing.shape.mass(density)
-        turn = rotation_matrix(motion.orientation[k])
-        own = turn.T @ motion.spin[k]
-        total += 0.5 * mass * motion.velocity[k] @ motion.velocity[k]
-        total += 0.5 * own @ (thing.shape.inertia(density) * own)
-        total += mass * G * motion.position[k, 2]
-    return total
-
-
-def lowest_gap(scene: Scene, k: int, position, orientation) -> float:
-    """Distance between object k and the nearest plane; below zero where it has sunk in."""
-    shape = scene.objects[k].shape
-    turn = rotation_matrix(orientation)
-    gap = np.inf
-    for plane in scene.environment.planes:
-        n = turn.T @ plane.normal
-        if isinstance(shape, Sphere):
-            reach = shape.radius
-        elif isinstance(shape, Box):
-            reach = 0.5 * np.abs(n) @ shape.edge_lengths
-        else:
-            reach = shape.radius + 0.5 * shape.length * abs(n[2])
-        gap = min(gap, float(plane.signed_distances(position)) - reach)
-    return gap
+    return StaticParameters(["m0", "m1", "ground"], rng.uniform(50, 3000, 3), symmetric)
 
 
 GAP = 0.01
 SAMPLES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 3.0])
-TIMES = np.sort(np.concatenate([SAMPLES, SAMPLES + GAP]))
+TIMES = (SAMPLES[:, None] + GAP * np.arange(3)).ravel()
+
+
+class Batch:
+    """Masses (W, O), principal inertias (W, O, 3) and first states (W, O, 13) of many scenes.
+
+    Where a scene has fewer objects, the rest weighs nothing.
+    """
+
+    def __init__(self, scenes, thetas) -> None:
+        shape = (len(scenes), max(len(scene.objects) for scene in scenes))
+        self.mass, self.inertia = np.zeros(shape), np.zeros((*shape, 3))
+        self.states = np.zeros((*shape, 13))
+        self.states[..., 6] = 1.0
+        for w, (scene, theta) in enumerate(zip(scenes, thetas, strict=True)):
+            for k, (thing, state) in enumerate(zip(scene.objects, scene.states, strict=True)):
+                density = theta.density[theta.index(thing.material)]
+                self.mass[w, k] = thing.shape.mass(density)
+                self.inertia[w, k] = thing.shape.inertia(density)
+                self.states[w, k] = state.to_vector()
+
+    def first_energy(self):
+        """E = Σ m v² / 2 + ω·I ω / 2 + m g z at the start, shape (W,)."""
+        s = self.states
+        return self._energy(s[..., 2], s[..., 7:10], s[..., 3:7], s[..., 10:13])
+
+    def energies(self, rollout):
+        """The same in the middle of the two gaps after each sample, and how far it may be misread.
+
+        Both have the shape (W, n_samples, 2). Two orientations tell a spin whose axis turns
+        meanwhile to (|ω| gap)² / 12 of it.
+        """
+        x, q = np.nan_to_num(rollout.positions), rollout.orientations
+        q = np.where(np.isfinite(q), q, [0.0, 0.0, 0.0, 1.0])
+        x, q = (a.reshape(*a.shape[:2], len(SAMPLES), 3, -1) for a in (x, q))
+        before, after = q[..., :2, :], q[..., 1:, :]
+        after = after * np.where((before * after).sum(-1, keepdims=True) < 0, -1.0, 1.0)
+        middle = before + after
+        middle = middle / np.linalg.norm(middle, axis=-1, keepdims=True)
+        # after · before⁻¹ = (vector, scalar) turns by 2 atan2(|vector|, scalar).
+        u, s, v, w = before[..., :3], before[..., 3:], after[..., :3], after[..., 3:]
+        vector = s * v - w * u - np.cross(v, u)
+        sine = np.linalg.norm(vector, axis=-1, keepdims=True)
+        angle = 2 * np.arctan2(sine, (before * after).sum(-1, keepdims=True))
+        spin = vector * angle / np.maximum(sine, 1e-12) / GAP
+        height = 0.5 * (x[..., :2, 2] + x[..., 1:, 2])
+        velocity = np.diff(x, axis=3) / GAP
+        energy = self._energy(height, velocity, middle, spin)
+        turning = (self.inertia.max(-1)[..., None, None] * (spin**2).sum(-1)).sum(1)
+        return energy, turning * (np.linalg.norm(spin, axis=-1).max(1) * GAP) ** 2 / 6
+
+    def _energy(self, height, velocity, orientation, spin):
+        more = (slice(None), slice(None), *[None] * (height.ndim - 2))
+        own = rotated_back(orientation, spin)
+        kinetic = self.mass[more] * (velocity**2).sum(-1) + (self.inertia[more] * own**2).sum(-1)
+        return (0.5 * kinetic + self.mass[more] * G * height).sum(1)
+
+
+def rotated_back(quaternions, vectors):
+    """Vectors (..., 3) in the axes of the bodies of those orientations (..., 4)."""
+    u, w = -quaternions[..., :3], quaternions[..., 3:]
+    return vectors + 2 * np.cross(u, np.cross(u, vectors) + w * vectors)
+
+
+def deepest(scenes, rollout):
+    """The deepest (m) that any object is in a plane at any time."""
+    deepest = 0.0
+    for w, scene in enumerate(scenes):
+        for k, thing in enumerate(scene.objects):
+            x, q = rollout.positions[w, k], rollout.orientations[w, k]
+            for plane in scene.environment.planes:
+                n = rotated_back(q, np.broadcast_to(plane.normal, x.shape))
+                gaps = x @ plane.normal - plane.offset - reach(thing.shape, n)
+                deepest = max(deepest, -gaps.min())
+    return deepest
+
+
+def reach(shape: Shape, n):
+    """How far a shape reaches from its centre along directions n (..., 3) in its own axes."""
+    if isinstance(shape, Sphere):
+        return shape.radius
+    if isinstance(shape, Box):
+        return 0.5 * np.abs(n) @ shape.edge_lengths
+    return shape.radius + 0.5 * shape.length * np.abs(n[..., 2])
 
 
 def check_energy(engine: Engine, scenes, thetas):
-    """Energy at each sample is at most that of any before, and nothing is inside a plane."""
+    """Energy is at most what it was before, and nothing is inside a plane."""
     rollout = engine.simulator.rollout(scenes, thetas, TIMES)
     assert (rollout.status == 0).all()
-    worst_growth, worst_gap = 0.0, 0.0
-    for w, (scene, theta) in enumerate(zip(scenes, thetas, strict=True)):
-        n = len(scene.objects)
-        x, q = rollout.positions[w, :n], rollout.orientations[w, :n]
-        least = energy_with(theta, scene, first_motion(scene))
-        # Two orientations tell the spin up to (|ω| gap)² / 12 where the axis turns meanwhile.
-        reading = 0.0
-        scale = sum(
-            thing.shape.mass(theta.density[theta.index(thing.material)]) for thing in scene.objects
-        )
-        for i in range(len(SAMPLES)):
-            motion = motion_between(x[:, 2 * i : 2 * i + 2], q[:, 2 * i : 2 * i + 2], GAP)
-            energy = energy_with(theta, scene, motion)
-            fastest = np.linalg.norm(motion.spin, axis=1).max()
-            reading = (fastest * GAP) ** 2 / 6
-            # And the engine may lift what has sunk by 2 mm.
-            allowed = least + reading * abs(energy) + scale * G * 2e-3
-            worst_growth = max(worst_growth, (energy - allowed) / (scale * G))
-            least = min(least, energy)
-        for k in range(n):
-            worst_gap = min(
-                worst_gap,
-                *(lowest_gap(scene, k, x[k, i], q[k, i]) for i in range(0, len(TIMES), 2)),
-            )
-    assert worst_growth <= 0.0, f"grows by a lift of {worst_growth:.2g} m"
-    # Nothing sinks by more than what closing at up to 6 m/s leaves of a second contact in a step.
-    assert worst_gap > -5e-3
+    batch = Batch(scenes, thetas)
+    energies, misread = batch.energies(rollout)
+    # What has sunk into something by up to 2 mm may be lifted out of it.
+    lift = 2e-3 * G * batch.mass.sum(1)
+    least = batch.first_energy()
+    for k in range(len(SAMPLES)):
+        growth = energies[:, k].max(1) - least - misread[:, k].max(1) - lift
+        assert growth.max() <= 0.0, f"scene {growth.argmax()} gains {growth.max():.3g} J"
+        # A gap with an impact in it reads too little: only gaps that agree bound what follows.
+        first, second = energies[:, k, 0], energies[:, k, 1]
+        agree = np.abs(first - second) < 0.02 * np.abs(first)
+        least = np.where(agree, np.minimum(least, np.maximum(first, second)), least)
+    # No more than what a second contact that closes at 6 m/s may sink within the step.
+    assert deepest(scenes, rollout) < 5e-3
 
 
 @pytest.mark.parametrize("kinds", [SPHERES, ALL_SHAPES], ids=["spheres", "mixed"])
@@ -182,21 +211,26 @@ def test_energy_never_grows_in_any_scene(engine, seed, most, kinds):
 
 @engines(BULLET)
 def test_energy_never_grows_in_the_witness(engine):
-    # Balls only: Bullet's tumbling boxes gain energy by its method of first order.
+    # Balls without rolling friction only: Bullet's method of first order lets tumbling boxes gain
+    # energy, and it cannot express the rolling friction of pairs of balls of different sizes.
     rng = np.random.default_rng(3)
     scenes = [random_scene(rng, SPHERES, 2) for _ in range(6)]
-    thetas = [random_parameters(rng, uniform=True) for _ in scenes]
-    for scene, theta in zip(scenes, thetas, strict=True):
-        rollout = engine.simulator.rollout([scene], theta, TIMES)
-        n = len(scene.objects)
-        start = energy_with(theta, scene, first_motion(scene))
-        mass = sum(t.shape.mass(theta.density[theta.index(t.material)]) for t in scene.objects)
-        x, q = rollout.positions[0, :n], rollout.orientations[0, :n]
-        for i in range(len(SAMPLES)):
-            motion = motion_between(x[:, 2 * i : 2 * i + 2], q[:, 2 * i : 2 * i + 2], GAP)
-            # Each impact that comes late by a step h lets gravity do m g v h more.
-            late = mass * G * 6.0 * engine.step * 10
-            assert energy_with(theta, scene, motion) <= start + late
+    thetas = [
+        StaticParameters.uniform(
+            ["m0", "m1", "ground"],
+            static_friction=mu,
+            dynamic_friction=mu,
+            rolling_friction=0.0,
+            restitution=e,
+        )
+        for mu, e in rng.uniform(size=(6, 2))
+    ]
+    rollout = engine.simulator.rollout(scenes, thetas, TIMES)
+    batch = Batch(scenes, thetas)
+    energies, misread = batch.energies(rollout)
+    # Each of some ten impacts that come late by a step h lets gravity do m g v h more.
+    late = 10 * batch.mass.sum(1) * G * 6.0 * engine.step
+    assert (energies <= (batch.first_energy() + late)[:, None, None] + misread).all()
 
 
 @engines(STEPPED)

@@ -28,6 +28,9 @@ LIKELY_SPIN = 100.0
 CONVERGED = 1e-7
 """m; the fit ends when no point moves further than that."""
 
+DIVERGED = 1e3
+"""m; a fit whose points move as far as that finds no end."""
+
 MOST_ROUNDS = 60
 
 
@@ -90,7 +93,10 @@ def fit_first_state_in_air(
         start, spin = solution[:6].reshape(2, 3), solution[6:]
         before, (velocity_by_air, by_air) = by_air, flight.by_air(spin)
         variance = noise_variance(residuals, parameters=3)
-        if np.abs(by_air - before).max() < CONVERGED:
+        moved = float(np.abs(by_air - before).max())
+        if not moved < DIVERGED:
+            break
+        if moved < CONVERGED:
             return ObjectState(
                 start[0],
                 linear_velocity=start[1],

@@ -29,12 +29,15 @@ components = st.floats(-8.0, 8.0)
 vectors = st.tuples(components, components, components)
 
 
-def test_tosses_are_simulated_again_as_they_were(tmp_path: Path, toss_arrays: TossArrays) -> None:
+@pytest.mark.parametrize("engine", ["stepped", "bullet"])
+def test_tosses_are_simulated_again_as_they_were(
+    tmp_path: Path, toss_arrays: TossArrays, engine: str
+) -> None:
     path = tmp_path / "set.npz"
-    np.savez(path, **toss_arrays(4))
+    np.savez(path, **toss_arrays(4, engine))
     assert holds_cube_tosses(path)
     batch = TossBatch(load_cube_tosses(path))
-    errors = batch.simulated(make_simulator("bullet"), [toss_parameters(0.2, 0.3)])
+    errors = batch.simulated(make_simulator(engine), [toss_parameters(0.2, 0.3)])
     # The same engine from the same state: what rounding of the rotated spin leaves, grown by some
     # impacts, is far below a thousandth of the width and a thousandth of a radian.
     assert errors.position.shape == (1, 4)

@@ -49,6 +49,14 @@ def test_the_parameters_that_made_the_data_are_learned_and_predict_the_rest() ->
     assert pair["restitution"] == pytest.approx(0.85, abs=0.03)
 
 
+def test_it_starts_from_the_parameters_it_is_given() -> None:
+    options = LearningOptions(criteria=ConvergenceCriteria(max_iterations=1), seed=1)
+    found = evaluate(bounces(3), options, train_fraction=0.6, start=TRUE.with_density("rubber", 80))
+    # Nothing is better than what made the observations, and a lone ball's density tells nothing.
+    assert found.result.learned.parameters.density[0] == 80
+    assert found.errors["default parameters"][1].mean < 1e-9
+
+
 @given(count=st.integers(2, 50), share=st.floats(0.01, 0.99), seed=st.integers(0, 99))
 def test_a_split_uses_everything_once(count: int, share: float, seed: int) -> None:
     items = list(range(count))

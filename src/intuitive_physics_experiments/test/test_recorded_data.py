@@ -13,11 +13,16 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_experiments.npz_file import load_cloud
-from intuitive_physics_experiments.recorded_data import load_recorded_set
+from intuitive_physics_experiments.npz_file import load_arrays, load_cloud
+from intuitive_physics_experiments.recorded_data import load_recorded_set, load_table_tennis
 from intuitive_physics_experiments.table_tennis import (
+    BALL_MASS,
     GUN_BOUNCE_HEIGHT,
     LAUNCH_BOUNCE_HEIGHT,
+    AirCoefficients,
+    ball_parameters,
+    gun_observations,
+    launch_observations,
     recovered_times,
 )
 
@@ -37,6 +42,20 @@ def test_launches_become_observations(
     )
     assert ball.initial_state.linear_velocity == pytest.approx([-3.8, 0.1, 3.1], abs=1e-3)
     assert len(ball.trajectory) == 160
+
+
+def test_balls_in_air_say_so(
+    tmp_path: Path, launch_arrays: Callable[[int], dict[str, Any]]
+) -> None:
+    np.savez(tmp_path / "set.npz", **launch_arrays(1))
+    _, (seen,) = load_table_tennis(tmp_path / "set.npz", AirCoefficients(drag=0.4, magnus=1.0))
+    ball = seen.objects[0].object
+    assert (ball.drag_coefficient, ball.magnus_coefficient) == (0.4, 1.0)
+    assert ball.shape.mass(ball_parameters().density[0]) == pytest.approx(BALL_MASS)
+    with pytest.raises(InvalidInputError, match="drag coefficient"):
+        AirCoefficients(drag=-0.1)
+    with pytest.raises(InvalidInputError, match="Magnus coefficient"):
+        AirCoefficients(magnus=np.nan)
 
 
 def test_uneven_time_steps_are_recovered_from_the_motion(
@@ -141,6 +160,44 @@ def test_any_numbers_are_loaded_or_refused(
     except InvalidInputError:
         return
     assert len(observations) <= 1
+
+
+@pytest.mark.parametrize(
+    ("name", "load", "share"),
+    [
+        ("table_tennis_launches", launch_observations, 0.4),
+        ("table_tennis_gun", gun_observations, 0.5),
+    ],
+)
+def test_air_explains_the_recorded_flights(
+    recording: Callable[[str], Path], name: str, load: Callable, share: float
+) -> None:
+    # What a model of the flight lacks widens the covariance of the velocity it finds.
+    arrays = load_arrays(recording(f"{name}.npz"))
+    spreads = []
+    for air in (AirCoefficients(), AirCoefficients(drag=0.4, magnus=1.0)):
+        states = [seen.objects[0].initial_state for seen in load(arrays, air)]
+        along = slice(6, 9)
+        spreads.append(
+            np.median([np.sqrt(np.trace(state.covariance[along, along])) for state in states])
+        )
+    assert spreads[1] < share * spreads[0]
+
+
+def test_the_gun_gives_its_balls_topspin(recording: Callable[[str], Path]) -> None:
+    arrays = load_arrays(recording("table_tennis_gun.npz"))
+    observations = gun_observations(arrays, AirCoefficients(drag=0.4, magnus=1.0))
+    states = [seen.objects[0].initial_state for seen in observations]
+    # Topspin: ω along up × v, which pushes the ball down.
+    directions = np.cross([0.0, 0.0, 1.0], [state.linear_velocity for state in states])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    spins = np.array([state.angular_velocity for state in states])
+    top = (spins * directions).sum(axis=1)
+    assert (top > 0.0).mean() > 0.95
+    # One gun at one setting: what stands across the topspin is little.
+    assert np.median(np.linalg.norm(spins - top[:, None] * directions, axis=1)) < 0.3 * np.median(
+        top
+    )
 
 
 def test_recorded_launches_fly_as_balls_do(recording: Callable[[str], Path]) -> None:

@@ -24,11 +24,14 @@ TossArrays = Callable[..., dict[str, Any]]
 OPTIONS = LearningOptions(criteria=ConvergenceCriteria(max_iterations=80), seed=2)
 
 
-def test_the_coefficients_that_made_the_tosses_are_found(toss_arrays: TossArrays) -> None:
-    tosses = cube_tosses(toss_arrays(8, friction=0.2, restitution=0.3))
-    found = evaluate_tosses(tosses, ["bullet"], OPTIONS, train_fraction=0.5)
+@pytest.mark.parametrize("engine", ["stepped", "bullet"])
+def test_the_coefficients_that_made_the_tosses_are_found(
+    toss_arrays: TossArrays, engine: str
+) -> None:
+    tosses = cube_tosses(toss_arrays(8, engine, friction=0.2, restitution=0.3))
+    found = evaluate_tosses(tosses, [engine], OPTIONS, train_fraction=0.5)
     assert (len(found.training), len(found.test)) == (4, 4)
-    fit = found.fits["bullet"]
+    fit = found.fits[engine]
     pair = fit.search.parameters.pair("cube", "table")
     assert pair["static_friction"] == pair["dynamic_friction"]
     assert pair["static_friction"] == pytest.approx(0.2, abs=0.02)
@@ -37,7 +40,7 @@ def test_the_coefficients_that_made_the_tosses_are_found(toss_arrays: TossArrays
     for part in range(2):
         fitted, default = fit.fitted[part].position.mean(), fit.default[part].position.mean()
         assert fitted < 0.2 * default < default < found.free_flight[part].position.mean()
-    assert "bullet, fitted" in toss_table(found)
+    assert f"{engine}, fitted" in toss_table(found)
 
 
 def test_the_cost_is_distance_plus_turn_of_a_face() -> None:
@@ -60,4 +63,4 @@ def test_every_point_is_one_friction_and_one_restitution(point: tuple[float, flo
 
 def test_one_toss_is_too_few(toss_arrays: TossArrays) -> None:
     with pytest.raises(InvalidInputError, match="at least 2"):
-        evaluate_tosses(cube_tosses(toss_arrays(1)), ["bullet"], OPTIONS)
+        evaluate_tosses(cube_tosses(toss_arrays(1)), ["stepped"], OPTIONS)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.simulation.simulator import Rollout, Simulator
 from intuitive_physics.simulation.stepped.kernel import roll_worlds
-from intuitive_physics.simulation.stepped.world import BODY, CLIPPED, CONTACT, PLANE, World
+from intuitive_physics.simulation.stepped.world import BODY, CLIPPED, CONTACT, CORNER, PLANE, WORLD
 from intuitive_physics.simulation.world_batch import WorldBatch
 
 DEFAULT_TIME_STEP = 0.01
@@ -50,6 +50,7 @@ class SteppedSimulator(Simulator):
         status = np.zeros(worlds.size, dtype=np.int64)
 
         def roll(first: int, last: int) -> None:
+            scratch = _Scratch(worlds)
             roll_worlds(
                 first,
                 last,
@@ -76,7 +77,7 @@ class SteppedSimulator(Simulator):
                 worlds.density,
                 worlds.coefficients,
                 times,
-                _scratch(worlds),
+                scratch.world,
                 positions,
                 turned,
                 status,
@@ -92,21 +93,16 @@ class SteppedSimulator(Simulator):
         return Rollout(positions, turned if orientations else None, status)
 
 
-def _scratch(worlds: WorldBatch) -> World:
-    """Room for the largest world of a batch."""
-    moving = int(worlds.object_counts.max())
-    bodies = moving + worlds.boxes.shape[1]
-    planes = worlds.planes.shape[1]
-    return World(
-        bodies=np.zeros(bodies, BODY),
-        planes=np.zeros(planes, PLANE),
-        corners=np.zeros((planes * worlds.corners.shape[2], 3)),
-        contacts=np.zeros(CONTACTS_A_BODY * moving, CONTACT),
-        clip=np.zeros((2, CLIPPED, 3)),
-        members=np.zeros(bodies, dtype=np.int64),
-        gravity=np.zeros(3),
-        coefficients=np.zeros((4, 1, 1)),
-        times=np.zeros(1),
-        positions=np.zeros((0, 0, 3)),
-        orientations=np.zeros((0, 0, 4)),
-    )
+class _Scratch:
+    """Room for the largest world of a batch; the arrays live as long as this does."""
+
+    def __init__(self, worlds: WorldBatch) -> None:
+        moving = int(worlds.object_counts.max())
+        self.bodies = np.zeros(moving + worlds.boxes.shape[1], BODY)
+        self.planes = np.zeros(worlds.planes.shape[1], PLANE)
+        self.contacts = np.zeros(CONTACTS_A_BODY * moving, CONTACT)
+        self.clipped = np.zeros((2, CLIPPED), CORNER)
+        self.world = np.zeros(1, WORLD)
+        for name in ("bodies", "planes", "contacts", "clipped"):
+            self.world[name] = getattr(self, name).ctypes.data
+        self.world["contact_room"] = len(self.contacts)

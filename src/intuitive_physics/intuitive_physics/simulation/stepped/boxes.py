@@ -11,7 +11,7 @@ from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.stepped.clipping import clip
 from intuitive_physics.simulation.stepped.manifolds import write_contact, write_face
 from intuitive_physics.simulation.stepped.points import nearest_of_segments
-from intuitive_physics.simulation.stepped.world import column
+from intuitive_physics.simulation.stepped.world import body_at, clipped_corner, column
 from intuitive_physics.simulation.vectors import (
     add_scaled,
     cross,
@@ -40,7 +40,7 @@ def _span_along(box, axis):
 @kernel
 def meet_boxes(world, i, j, margin, count):
     """Contacts of two boxes; the gap is that along the axis that separates them most."""
-    one, other = world.bodies[i], world.bodies[j]
+    one, other = body_at(world, i), body_at(world, j)
     apart = sub(load(one.position), load(other.position))
     gap, best, normal = -inf, -1, (0.0, 0.0, 1.0)
     for candidate in range(6):
@@ -96,7 +96,7 @@ def _edge_towards(box, axis, direction):
 
 @kernel
 def _meet_edges(world, i, j, edges, normal, gap, count):
-    one, other = world.bodies[i], world.bodies[j]
+    one, other = body_at(world, i), body_at(world, j)
     start, span = _edge_towards(one, edges // 3, scaled(normal, -1.0))
     other_start, other_span = _edge_towards(other, edges % 3, normal)
     s, t = nearest_of_segments(start, span, other_start, other_span)
@@ -110,14 +110,14 @@ def _meet_faces(world, i, j, best, normal, margin, count):
     """Clip the face that meets the reference face by its sides."""
     owner, guest = (i, j) if best < 3 else (j, i)
     axis = best % 3
-    box, visitor = world.bodies[owner], world.bodies[guest]
+    box, visitor = body_at(world, owner), body_at(world, guest)
     outward = scaled(normal, -1.0) if owner == i else normal
     facing, steepest = 0, 0.0
     for k in range(3):
         slope = dot(outward, column(visitor.rotation, k))
         if abs(slope) > abs(steepest):
             facing, steepest = k, slope
-    write_face(visitor, facing, 1.0 if steepest < 0.0 else -1.0, world.clip[0])
+    write_face(world, visitor, facing, 1.0 if steepest < 0.0 else -1.0)
     side, corners = 0, 4
     for turn in range(1, 3):
         k = (axis + turn) % 3
@@ -127,11 +127,11 @@ def _meet_faces(world, i, j, best, normal, margin, count):
             if corners > 0:
                 out = along if sign else scaled(along, -1.0)
                 limit = (middle if sign else -middle) + box.half_extents[k]
-                corners = clip(world.clip, side, corners, out, limit)
+                corners = clip(world, side, corners, out, limit)
                 side = 1 - side
     top = dot(outward, load(box.position)) + box.half_extents[axis]
     for k in range(corners):
-        point = load(world.clip[side, k])
+        point = load(clipped_corner(world, side, k).point)
         gap = dot(outward, point) - top
         if gap < margin:
             middle_point = add_scaled(point, outward, -0.5 * gap)

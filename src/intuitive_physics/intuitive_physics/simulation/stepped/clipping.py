@@ -3,51 +3,51 @@
 from __future__ import annotations
 
 from intuitive_physics.simulation.kernels import kernel
-from intuitive_physics.simulation.stepped.world import CLIPPED
+from intuitive_physics.simulation.stepped.world import CLIPPED, boundary_corner, clipped_corner
 from intuitive_physics.simulation.vectors import add_scaled, cross, dot, load, store, sub
 
 
 @kernel
-def clip(clips, side, corners, normal, limit):
+def clip(world, side, corners, normal, limit):
     """Keep the part of a polygon where normal · point ≤ limit.
 
     Parameters
     ----------
-    clips : (2, CLIPPED, 3) m; `clips[side]` holds the polygon of so many corners, the other side
-        is written
+    side : that of the clipped corners which holds the polygon; the other one is written
+    corners : of the polygon
 
     Returns
     -------
     The number of corners that are left.
     """
     left = 0
-    previous = load(clips[side, corners - 1])
+    previous = load(clipped_corner(world, side, corners - 1).point)
     before = dot(normal, previous) - limit
     for k in range(corners):
-        point = load(clips[side, k])
+        point = load(clipped_corner(world, side, k).point)
         beyond = dot(normal, point) - limit
         if (before < 0.0) != (beyond < 0.0) and left < CLIPPED:
             crossing = add_scaled(previous, sub(point, previous), before / (before - beyond))
-            store(clips[1 - side, left], crossing)
+            store(clipped_corner(world, 1 - side, left).point, crossing)
             left += 1
         if beyond < 0.0 and left < CLIPPED:
-            store(clips[1 - side, left], point)
+            store(clipped_corner(world, 1 - side, left).point, point)
             left += 1
         previous, before = point, beyond
     return left
 
 
 @kernel
-def clip_by_edges(clips, corners, plane, boundary):
-    """Cut the polygon in `clips[0]` by the edges of a plane; return its corners and its side."""
+def clip_by_edges(world, corners, plane):
+    """Cut the polygon on side 0 by the edges of a plane; return its corners and its side."""
     n = load(plane.normal)
     side = 0
     for k in range(plane.corners):
         if corners == 0:
             break
-        corner = load(boundary[plane.first_corner + k])
-        following = load(boundary[plane.first_corner + (k + 1) % plane.corners])
+        corner = load(boundary_corner(plane, k).point)
+        following = load(boundary_corner(plane, (k + 1) % plane.corners).point)
         outward = cross(sub(following, corner), n)
-        corners = clip(clips, side, corners, outward, dot(outward, corner))
+        corners = clip(world, side, corners, outward, dot(outward, corner))
         side = 1 - side
     return corners, side

@@ -6,6 +6,7 @@ from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.stepped.boxes import meet_boxes
 from intuitive_physics.simulation.stepped.manifolds import meet_box, meet_plane, meet_rounded
 from intuitive_physics.simulation.stepped.poses import set_inverse_inertia
+from intuitive_physics.simulation.stepped.world import body_at, contact_at, member_at
 from intuitive_physics.simulation.vectors import add_scaled, dot, load, norm, store, sub
 from intuitive_physics.simulation.world_batch import BOX
 
@@ -21,7 +22,7 @@ PARTING_SWEEPS = 8
 @kernel
 def meet(world, i, j, margin, count):
     """Contacts of bodies i and j; see `manifolds`."""
-    first_box, second_box = world.bodies[i].kind == BOX, world.bodies[j].kind == BOX
+    first_box, second_box = body_at(world, i).kind == BOX, body_at(world, j).kind == BOX
     if first_box and second_box:
         return meet_boxes(world, i, j, margin, count)
     if first_box or second_box:
@@ -39,14 +40,14 @@ def find_contacts(world, moving, members):
     """
     count = 0
     for a in range(moving):
-        i = world.members[a]
-        body = world.bodies[i]
+        i = member_at(world, a)
+        body = body_at(world, i)
         before = count
-        for p in range(world.planes.size):
+        for p in range(world.plane_count):
             count, _ = meet_plane(world, i, p, MARGIN, count)
         for b in range(a + 1, members):
-            j = world.members[b]
-            other = world.bodies[j]
+            j = member_at(world, b)
+            other = body_at(world, j)
             reach = body.reach + other.reach + MARGIN
             apart = sub(load(body.position), load(other.position))
             if dot(apart, apart) < reach * reach:
@@ -65,7 +66,7 @@ def part_overlaps(world, count):
     for _ in range(PARTING_SWEEPS):
         moved = False
         for c in range(count):
-            contact = world.contacts[c]
+            contact = contact_at(world, c)
             if contact.gap < -OVERLAP:
                 moved = True
                 _part(world, contact, count)
@@ -76,23 +77,23 @@ def part_overlaps(world, count):
 @kernel
 def _part(world, contact, count):
     i, j = contact.first, contact.second
-    mobility = world.bodies[i].inverse_mass
+    mobility = body_at(world, i).inverse_mass
     if j >= 0:
-        mobility += world.bodies[j].inverse_mass
+        mobility += body_at(world, j).inverse_mass
     n = load(contact.axes[0])
     distance = -contact.gap
-    _shift(world, i, n, distance * world.bodies[i].inverse_mass / mobility, count)
-    if j >= 0 and world.bodies[j].inverse_mass > 0.0:
-        _shift(world, j, n, -distance * world.bodies[j].inverse_mass / mobility, count)
+    _shift(world, i, n, distance * body_at(world, i).inverse_mass / mobility, count)
+    if j >= 0 and body_at(world, j).inverse_mass > 0.0:
+        _shift(world, j, n, -distance * body_at(world, j).inverse_mass / mobility, count)
 
 
 @kernel
 def _shift(world, i, direction, distance, count):
     """Move body i and bring the gaps of its contacts up to it."""
-    body = world.bodies[i]
+    body = body_at(world, i)
     store(body.position, add_scaled(load(body.position), direction, distance))
     for c in range(count):
-        contact = world.contacts[c]
+        contact = contact_at(world, c)
         if contact.first == i:
             contact.gap += distance * dot(direction, load(contact.axes[0]))
         elif contact.second == i:

@@ -10,6 +10,10 @@ from intuitive_physics.simulation.stepped.world import (
     RESTITUTION,
     ROLLING,
     STATIC,
+    body_at,
+    coefficient,
+    contact_at,
+    plane_at,
     times,
 )
 from intuitive_physics.simulation.vectors import (
@@ -33,8 +37,8 @@ STICK_SPEED = 1e-3
 @kernel
 def prepare(world, c):
     """Fill in a contact of which the geometry is known."""
-    contact = world.contacts[c]
-    body = world.bodies[contact.first]
+    contact = contact_at(world, c)
+    body = body_at(world, contact.first)
     n = load(contact.axes[0])
     slip = tangential(speed_at(world, contact), n)
     slipping = norm(slip)
@@ -52,7 +56,7 @@ def prepare(world, c):
         store(contact.turn[axis], turn)
         softness = body.inverse_mass + dot(lever, turn)
         if contact.second >= 0:
-            other = world.bodies[contact.second]
+            other = body_at(world, contact.second)
             lever = cross(load(contact.other_arm), direction)
             turn = times(other.inverse_inertia, lever)
             store(contact.other_lever[axis], lever)
@@ -64,23 +68,23 @@ def prepare(world, c):
 
 @kernel
 def _look_up(world, contact):
-    body = world.bodies[contact.first]
+    body = body_at(world, contact.first)
     a = body.material
     softness = _roll_softness(body)
     radius = body.radius
     if contact.second >= 0:
-        other = world.bodies[contact.second]
+        other = body_at(world, contact.second)
         b = other.material
         if other.inverse_mass > 0.0:
             softness += _roll_softness(other)
         if other.kind != BOX and (body.kind == BOX or other.radius < radius):
             radius = other.radius
     else:
-        b = world.planes[-1 - contact.second].material
-    contact.static = world.coefficients[STATIC, a, b]
-    contact.dynamic = world.coefficients[DYNAMIC, a, b]
-    contact.restitution = world.coefficients[RESTITUTION, a, b]
-    contact.roll_radius = world.coefficients[ROLLING, a, b] * radius
+        b = plane_at(world, -1 - contact.second).material
+    contact.static = coefficient(world, STATIC, a, b)
+    contact.dynamic = coefficient(world, DYNAMIC, a, b)
+    contact.restitution = coefficient(world, RESTITUTION, a, b)
+    contact.roll_radius = coefficient(world, ROLLING, a, b) * radius
     contact.roll_softness = softness
 
 
@@ -101,10 +105,10 @@ def _any_perpendicular(n):
 @kernel
 def speed_at(world, contact):
     """Velocity (m/s) of the first's material at the contact, relative to the second's."""
-    body = world.bodies[contact.first]
+    body = body_at(world, contact.first)
     speed = add(load(body.velocity), cross(load(body.spin), load(contact.arm)))
     if contact.second >= 0:
-        other = world.bodies[contact.second]
+        other = body_at(world, contact.second)
         there = add(load(other.velocity), cross(load(other.spin), load(contact.other_arm)))
         speed = sub(speed, there)
     return speed
@@ -113,12 +117,12 @@ def speed_at(world, contact):
 @inlined
 def speed_along(world, contact, axis):
     """The part of `speed_at` along one axis of a prepared contact."""
-    body = world.bodies[contact.first]
+    body = body_at(world, contact.first)
     speed = dot(load(body.velocity), load(contact.axes[axis])) + dot(
         load(body.spin), load(contact.lever[axis])
     )
     if contact.second >= 0:
-        other = world.bodies[contact.second]
+        other = body_at(world, contact.second)
         speed -= dot(load(other.velocity), load(contact.axes[axis])) + dot(
             load(other.spin), load(contact.other_lever[axis])
         )
@@ -128,12 +132,12 @@ def speed_along(world, contact, axis):
 @inlined
 def push(world, contact, axis, impulse):
     """Apply an impulse (N s) along one axis of a prepared contact, to both."""
-    body = world.bodies[contact.first]
+    body = body_at(world, contact.first)
     n = load(contact.axes[axis])
     store(body.velocity, add_scaled(load(body.velocity), n, impulse * body.inverse_mass))
     store(body.spin, add_scaled(load(body.spin), load(contact.turn[axis]), impulse))
     if contact.second >= 0:
-        other = world.bodies[contact.second]
+        other = body_at(world, contact.second)
         store(other.velocity, add_scaled(load(other.velocity), n, -impulse * other.inverse_mass))
         store(other.spin, add_scaled(load(other.spin), load(contact.other_turn[axis]), -impulse))
 
@@ -141,17 +145,17 @@ def push(world, contact, axis, impulse):
 @kernel
 def twist(world, contact, torque):
     """Apply an angular impulse (N m s), in the world's axes, to both."""
-    body = world.bodies[contact.first]
+    body = body_at(world, contact.first)
     store(body.spin, add(load(body.spin), times(body.inverse_inertia, torque)))
     if contact.second >= 0:
-        other = world.bodies[contact.second]
+        other = body_at(world, contact.second)
         store(other.spin, sub(load(other.spin), times(other.inverse_inertia, torque)))
 
 
 @kernel
 def relative_spin(world, contact):
     """Spin (rad/s) of the first relative to the second."""
-    spin = load(world.bodies[contact.first].spin)
+    spin = load(body_at(world, contact.first).spin)
     if contact.second >= 0:
-        spin = sub(spin, load(world.bodies[contact.second].spin))
+        spin = sub(spin, load(body_at(world, contact.second).spin))
     return spin

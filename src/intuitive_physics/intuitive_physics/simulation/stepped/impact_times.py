@@ -9,7 +9,7 @@ from intuitive_physics.simulation.stepped.collision import meet
 from intuitive_physics.simulation.stepped.impacts import IMPACT_GAP
 from intuitive_physics.simulation.stepped.manifolds import meet_plane
 from intuitive_physics.simulation.stepped.motion import place
-from intuitive_physics.simulation.stepped.world import column
+from intuitive_physics.simulation.stepped.world import body_at, column, member_at, plane_at
 from intuitive_physics.simulation.vectors import dot, load, norm, sub
 from intuitive_physics.simulation.world_batch import SPHERE
 
@@ -33,23 +33,23 @@ def first_impact(world, moving, members, duration, threshold):
     """
     first = duration
     for a in range(moving):
-        i = world.members[a]
-        body = world.bodies[i]
+        i = member_at(world, a)
+        body = body_at(world, i)
         if body.kind != SPHERE:
             place(body, first)
-        for p in range(world.planes.size):
-            plane = world.planes[p]
+        for p in range(world.plane_count):
+            plane = plane_at(world, p)
             if plane.corners == 0:
                 if body.kind == SPHERE:
                     first = _sphere_on_plane(body, plane, first, threshold)
                 elif _lowest(body, load(plane.normal), plane.offset) < -CLOSED:
                     first = _corner_on_plane(body, plane, first, threshold)
                     place(body, first)
-        for p in range(world.planes.size):
-            if world.planes[p].corners > 0:
+        for p in range(world.plane_count):
+            if plane_at(world, p).corners > 0:
                 first = _sampled(world, i, -1 - p, first, threshold)
         for b in range(a + 1, members):
-            first = _sampled(world, i, world.members[b], first, threshold)
+            first = _sampled(world, i, member_at(world, b), first, threshold)
     return first
 
 
@@ -145,18 +145,18 @@ def _illinois(low, at_low, high, at_high, side, t, value):
 @kernel
 def _sampled(world, i, second, first, threshold):
     """First time that body i closes on a body, or a bounded plane -1 - p, by looking often."""
-    body = world.bodies[i]
+    body = body_at(world, i)
     thin = body.thinness
     way = norm(sub(_at(body, first), load(body.start_position)))
     if second >= 0:
-        other = world.bodies[second]
+        other = body_at(world, second)
         thin += other.thinness
         if other.inverse_mass > 0.0:
             way += norm(sub(_at(other, first), load(other.start_position)))
         apart = norm(sub(load(body.start_position), load(other.start_position)))
         if apart > body.reach + other.reach + 2.0 * way:
             return first
-    elif not _crosses(body, world.planes[-1 - second], first):
+    elif not _crosses(body, plane_at(world, -1 - second), first):
         return first
     before = _gap_at(world, i, second, 0.0)
     if before <= IMPACT_GAP:
@@ -211,10 +211,10 @@ def _crosses(body, plane, first):
 
 @kernel
 def _gap_at(world, i, second, t):
-    place(world.bodies[i], t)
-    nowhere = world.contacts.size
+    place(body_at(world, i), t)
+    nowhere = world.contact_room
     if second < 0:
         return meet_plane(world, i, -1 - second, FAR, nowhere)[1]
-    if world.bodies[second].inverse_mass > 0.0:
-        place(world.bodies[second], t)
+    if body_at(world, second).inverse_mass > 0.0:
+        place(body_at(world, second), t)
     return meet(world, i, second, FAR, nowhere)[1]

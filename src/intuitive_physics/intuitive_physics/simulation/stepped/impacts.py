@@ -10,6 +10,7 @@ from __future__ import annotations
 from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.stepped.contacts import push, relative_spin, speed_along, twist
 from intuitive_physics.simulation.stepped.solver import solve
+from intuitive_physics.simulation.stepped.world import body_at, contact_at
 from intuitive_physics.simulation.vectors import dot, load, scaled
 from intuitive_physics.simulation.world_batch import SPHERE
 
@@ -40,8 +41,8 @@ def rebound(world, count, threshold):
     for _ in range(ROUNDS_A_CONTACT * count):
         fastest, hit = -threshold, -1
         for c in range(count):
-            if world.contacts[c].gap <= IMPACT_GAP:
-                speed = speed_along(world, world.contacts[c], 0)
+            if contact_at(world, c).gap <= IMPACT_GAP:
+                speed = speed_along(world, contact_at(world, c), 0)
                 if speed < fastest:
                     fastest, hit = speed, c
         if hit < 0:
@@ -55,14 +56,14 @@ def rebound(world, count, threshold):
 @kernel
 def _pair_of(world, c, count):
     """The range of contacts between the same two bodies."""
-    one, other = world.contacts[c].first, world.contacts[c].second
+    one, other = contact_at(world, c).first, contact_at(world, c).second
     first, last = c, c + 1
     while first > 0 and (
-        world.contacts[first - 1].first == one and world.contacts[first - 1].second == other
+        contact_at(world, first - 1).first == one and contact_at(world, first - 1).second == other
     ):
         first -= 1
     while last < count and (
-        world.contacts[last].first == one and world.contacts[last].second == other
+        contact_at(world, last).first == one and contact_at(world, last).second == other
     ):
         last += 1
     return first, last
@@ -71,7 +72,7 @@ def _pair_of(world, c, count):
 @kernel
 def _hit(world, first, last, threshold):
     for c in range(first, last):
-        contact = world.contacts[c]
+        contact = contact_at(world, c)
         speed = speed_along(world, contact, 0)
         back = -contact.restitution * speed
         contact.least_speed = back if back > threshold else 0.0
@@ -84,7 +85,7 @@ def _hit(world, first, last, threshold):
     solve(world, first, last, SWEEPS, PRECISION)
     if _let_roll(world, first, last):
         solve(world, first, last, SWEEPS, PRECISION)
-    contact = world.contacts[first]
+    contact = contact_at(world, first)
     if last - first > 1 or _is_eccentric(world, contact):
         _limit_energy(world, first, last)
 
@@ -94,7 +95,7 @@ def _let_roll(world, first, last):
     """Let rolling friction act where a contact has come to stick, which shows only afterwards."""
     any_rolls = False
     for c in range(first, last):
-        contact = world.contacts[c]
+        contact = contact_at(world, c)
         grip = contact.friction * contact.impulse[0]
         used = contact.impulse[1] ** 2 + contact.impulse[2] ** 2
         contact.rolls = contact.roll_radius > 0.0 and used < grip * grip
@@ -105,9 +106,9 @@ def _let_roll(world, first, last):
 @kernel
 def _is_eccentric(world, contact):
     """Whether a normal impulse also turns a body."""
-    if world.bodies[contact.first].kind != SPHERE:
+    if body_at(world, contact.first).kind != SPHERE:
         return True
-    return contact.second >= 0 and world.bodies[contact.second].kind != SPHERE
+    return contact.second >= 0 and body_at(world, contact.second).kind != SPHERE
 
 
 @kernel
@@ -128,7 +129,7 @@ def _work(world, first, last):
     """J·u with the present speeds u, in J."""
     work = 0.0
     for c in range(first, last):
-        contact = world.contacts[c]
+        contact = contact_at(world, c)
         if contact.active == 1:
             for axis in range(3):
                 work += contact.impulse[axis] * speed_along(world, contact, axis)
@@ -140,7 +141,7 @@ def _work(world, first, last):
 def _apply(world, first, last, share):
     """Apply so much of the impulses once more."""
     for c in range(first, last):
-        contact = world.contacts[c]
+        contact = contact_at(world, c)
         if contact.active == 1:
             for axis in range(3):
                 push(world, contact, axis, share * contact.impulse[axis])

@@ -6,14 +6,14 @@ from math import inf, isfinite, sqrt
 
 from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.stepped.collision import are_near, find_contacts, part_overlaps
-from intuitive_physics.simulation.stepped.motion import TIME_ROUNDING, write_rest
+from intuitive_physics.simulation.stepped.motion import TIME_ROUNDING, output_time, write_rest
 from intuitive_physics.simulation.stepped.parts import rebound_threshold, step_island
 from intuitive_physics.simulation.stepped.set_up import (
     place_object,
     place_plane,
     place_static_box,
 )
-from intuitive_physics.simulation.stepped.world import World
+from intuitive_physics.simulation.stepped.world import body_at, member_at, plane_at
 from intuitive_physics.simulation.vectors import dot, load, norm, store
 
 OK, NOT_FINITE = range(2)
@@ -63,57 +63,51 @@ def roll_worlds(
     ----------
     step : s
     times : (W or 1, T) s, NaN only at a row's end
-    scratch : a `World` with room for the largest of the worlds
+    scratch : (1,) WORLD whose arrays have room for the largest of the worlds
     positions : (W, O, T, 3) to be filled, as are orientations (W, O, T, 4), whose axis O has
         length zero when they are not wanted, and status (W,)
     """
+    world = scratch[0]
     for w in range(first, last):
         e, c = environment_index[w], parameter_index[w]
         moving = object_counts[w]
+        world.moving = moving
+        world.body_count = moving + box_counts[e]
+        world.plane_count = plane_counts[e]
+        for k in range(3):
+            world.gravity[k] = gravity[e, k]
+        world.coefficients = coefficients[c].ctypes.data
+        world.material_count = density.shape[1]
         for i in range(moving):
-            mass = density[c, object_materials[w, i]]
+            rho = density[c, object_materials[w, i]]
             place_object(
-                scratch.bodies[i],
+                body_at(world, i),
                 shape_kinds[w, i],
                 dimensions[w, i],
                 object_materials[w, i],
                 states[w, i],
                 air_factors[w, i],
-                mass * volumes[w, i],
-                mass,
+                rho * volumes[w, i],
+                rho,
                 unit_inertias[w, i],
             )
         for b in range(box_counts[e]):
-            place_static_box(scratch.bodies[moving + b], boxes[e, b], box_materials[e, b])
-        used = 0
+            place_static_box(body_at(world, moving + b), boxes[e, b], box_materials[e, b])
         for p in range(plane_counts[e]):
             place_plane(
-                scratch.planes[p],
+                plane_at(world, p),
                 planes[e, p],
                 plane_materials[e, p],
                 corner_counts[e, p],
-                corners[e, p],
-                used,
-                scratch.corners,
+                corners[e, p].ctypes.data,
             )
-            used += corner_counts[e, p]
         row = times[w if times.shape[0] > 1 else 0]
-        wanted = row.size
-        while not isfinite(row[wanted - 1]):
-            wanted -= 1
-        world = World(
-            scratch.bodies[: moving + box_counts[e]],
-            scratch.planes[: plane_counts[e]],
-            scratch.corners,
-            scratch.contacts,
-            scratch.clip,
-            scratch.members,
-            gravity[e],
-            coefficients[c],
-            row[:wanted],
-            positions[w],
-            orientations[w],
-        )
+        world.output_room = world.output_count = row.size
+        while not isfinite(row[world.output_count - 1]):
+            world.output_count -= 1
+        world.times = row.ctypes.data
+        world.positions = positions[w].ctypes.data
+        world.orientations = orientations[w].ctypes.data if orientations.shape[1] > 0 else 0
         status[w] = _roll_world(world, moving, step)
 
 
@@ -128,17 +122,17 @@ def _roll_world(world, moving, step):
     """
     threshold = rebound_threshold(world, step)
     _part_start(world, moving)
-    end = world.times[world.times.size - 1]
+    end = output_time(world, world.output_count - 1)
     steps = 0
     while steps * step < end - TIME_ROUNDING:
         start = steps * step
         _mark_islands(world, moving, step)
         awake = False
         for root in range(moving):
-            if world.bodies[root].island == root:
+            if body_at(world, root).island == root:
                 awake = _step_one(world, moving, root, start, step, threshold) or awake
         for i in range(moving):
-            body = world.bodies[i]
+            body = body_at(world, i)
             if not isfinite(norm(load(body.position)) + norm(load(body.velocity))):
                 return NOT_FINITE
         steps += 1
@@ -152,9 +146,9 @@ def _roll_world(world, moving, step):
 @kernel
 def _part_start(world, moving):
     """Move what overlaps at the start apart: noisy states of touching things overlap a little."""
-    for i in range(world.bodies.size):
-        world.members[i] = i
-    part_overlaps(world, find_contacts(world, moving, world.bodies.size))
+    for i in range(world.body_count):
+        body_at(world, i).member = i
+    part_overlaps(world, find_contacts(world, moving, world.body_count))
     for i in range(moving):
         write_rest(world, i, 0.0)
 
@@ -165,17 +159,17 @@ def _mark_islands(world, moving, step):
     gravity = load(world.gravity)
     fall = step * step * sqrt(dot(gravity, gravity))
     for i in range(moving):
-        world.bodies[i].island = i
+        body_at(world, i).island = i
     for i in range(moving):
         for j in range(i):
-            one, other = world.bodies[i], world.bodies[j]
+            one, other = body_at(world, i), body_at(world, j)
             if (one.asleep == 1 and other.asleep == 1) or one.island == other.island:
                 continue
             if are_near(one, other, step, fall):
                 old, new = max(one.island, other.island), min(one.island, other.island)
                 for k in range(i + 1):
-                    if world.bodies[k].island == old:
-                        world.bodies[k].island = new
+                    if body_at(world, k).island == old:
+                        body_at(world, k).island = new
 
 
 @kernel
@@ -184,21 +178,21 @@ def _step_one(world, moving, root, start, step, threshold):
     count = 0
     awake = False
     for i in range(root, moving):
-        if world.bodies[i].island == root:
-            world.members[count] = i
+        if body_at(world, i).island == root:
+            body_at(world, count).member = i
             count += 1
-            awake = awake or world.bodies[i].asleep == 0
+            awake = awake or body_at(world, i).asleep == 0
     if not awake:
         for a in range(count):
-            write_rest(world, world.members[a], start + step)
+            write_rest(world, member_at(world, a), start + step)
         return False
     members = count
     gravity = load(world.gravity)
     fall = step * step * sqrt(dot(gravity, gravity))
-    for j in range(moving, world.bodies.size):
+    for j in range(moving, world.body_count):
         for a in range(count):
-            if are_near(world.bodies[world.members[a]], world.bodies[j], step, fall):
-                world.members[members] = j
+            if are_near(body_at(world, member_at(world, a)), body_at(world, j), step, fall):
+                body_at(world, members).member = j
                 members += 1
                 break
     step_island(world, count, members, start, step, threshold)
@@ -211,12 +205,12 @@ def _put_to_sleep(world, count):
     """Let an island sleep when all of it has been quiet for long enough."""
     quiet = True
     for a in range(count):
-        body = world.bodies[world.members[a]]
+        body = body_at(world, member_at(world, a))
         speed = norm(load(body.velocity)) + body.reach * norm(load(body.spin))
         body.quiet_steps = body.quiet_steps + 1 if body.pressed and speed < QUIET_SPEED else 0
         quiet = quiet and body.quiet_steps >= QUIET_STEPS
     for a in range(count):
-        body = world.bodies[world.members[a]]
+        body = body_at(world, member_at(world, a))
         body.asleep = quiet
         if quiet:
             store(body.velocity, (0.0, 0.0, 0.0))

@@ -20,7 +20,13 @@ from intuitive_physics.simulation.stepped.points import (
     segment_end,
     segment_nearest_to_box,
 )
-from intuitive_physics.simulation.stepped.world import column
+from intuitive_physics.simulation.stepped.world import (
+    body_at,
+    clipped_corner,
+    column,
+    contact_at,
+    plane_at,
+)
 from intuitive_physics.simulation.vectors import (
     add,
     add_scaled,
@@ -44,21 +50,21 @@ UP = (0.0, 0.0, 1.0)
 @kernel
 def write_contact(world, count, first, second, key, gap, normal, point):
     """Write one contact at a point (m); return the new count."""
-    if count >= world.contacts.size:
+    if count >= world.contact_room:
         return count
-    contact = world.contacts[count]
+    contact = contact_at(world, count)
     contact.first, contact.second, contact.key, contact.gap = first, second, key, gap
     store(contact.axes[0], normal)
-    store(contact.arm, sub(point, load(world.bodies[first].position)))
+    store(contact.arm, sub(point, load(body_at(world, first).position)))
     if second >= 0:
-        store(contact.other_arm, sub(point, load(world.bodies[second].position)))
+        store(contact.other_arm, sub(point, load(body_at(world, second).position)))
     return count + 1
 
 
 @kernel
 def meet_plane(world, i, p, margin, count):
     """Contacts of body i with plane p."""
-    body, plane = world.bodies[i], world.planes[p]
+    body, plane = body_at(world, i), plane_at(world, p)
     n = load(plane.normal)
     height = dot(n, load(body.position)) - plane.offset
     if height > body.reach + margin:
@@ -90,7 +96,7 @@ def meet_plane(world, i, p, margin, count):
 
 @kernel
 def _box_on_plane(world, i, p, height, margin, count):
-    body, plane = world.bodies[i], world.planes[p]
+    body, plane = body_at(world, i), plane_at(world, p)
     n = load(plane.normal)
     x, y, z = column(body.rotation, 0), column(body.rotation, 1), column(body.rotation, 2)
     hx, hy, hz = load(body.half_extents)
@@ -113,16 +119,16 @@ def _box_on_plane(world, i, p, height, margin, count):
 @kernel
 def _rounded_on_sheet(world, i, p, margin, count):
     """A sphere or capsule on a bounded plane: the ends of the part of its axis over the plane."""
-    body, plane = world.bodies[i], world.planes[p]
+    body, plane = body_at(world, i), plane_at(world, p)
     start = segment_end(body, -1.0)
     span = sub(segment_end(body, 1.0), start)
-    low, high = part_over_polygon(start, span, plane, world.corners)
+    low, high = part_over_polygon(start, span, plane)
     if low > high:
         low, high = 0.0, 1.0
     least = inf
     for end in range(1 if body.kind == SPHERE else 2):
         centre = add_scaled(start, span, high if end else low)
-        near = nearest_on_polygon(centre, plane, world.corners)
+        near = nearest_on_polygon(centre, plane)
         away = sub(centre, near)
         distance = norm(away)
         gap = distance - body.radius
@@ -140,18 +146,18 @@ def _box_on_sheet(world, i, p, margin, count):
     The edge of the plane pushes along the plane's normal. What is deeper than the box is thin has
     passed the plane by.
     """
-    body, plane = world.bodies[i], world.planes[p]
+    body, plane = body_at(world, i), plane_at(world, p)
     n = load(plane.normal)
     lowest, steepest = 0, 0.0
     for k in range(3):
         slope = dot(n, column(body.rotation, k))
         if abs(slope) > abs(steepest):
             lowest, steepest = k, slope
-    write_face(body, lowest, 1.0 if steepest < 0.0 else -1.0, world.clip[0])
-    corners, side = clip_by_edges(world.clip, 4, plane, world.corners)
+    write_face(world, body, lowest, 1.0 if steepest < 0.0 else -1.0)
+    corners, side = clip_by_edges(world, 4, plane)
     least = inf
     for k in range(corners):
-        point = load(world.clip[side, k])
+        point = load(clipped_corner(world, side, k).point)
         gap = dot(n, point) - plane.offset
         if gap > -body.thinness:
             least = min(least, gap)
@@ -161,23 +167,23 @@ def _box_on_sheet(world, i, p, margin, count):
 
 
 @kernel
-def write_face(body, axis, sign, corners):
-    """Write the four corners (m) of a box's face, in turn."""
+def write_face(world, body, axis, sign):
+    """Write the four corners (m) of a box's face, in turn, to side 0 of the clipped corners."""
     other, third = (axis + 1) % 3, (axis + 2) % 3
     out = scaled(column(body.rotation, axis), sign * body.half_extents[axis])
     centre = add(load(body.position), out)
     u = scaled(column(body.rotation, other), body.half_extents[other])
     v = scaled(column(body.rotation, third), body.half_extents[third])
-    store(corners[0], add(add(centre, u), v))
-    store(corners[1], add(sub(centre, u), v))
-    store(corners[2], sub(sub(centre, u), v))
-    store(corners[3], sub(add(centre, u), v))
+    store(clipped_corner(world, 0, 0).point, add(add(centre, u), v))
+    store(clipped_corner(world, 0, 1).point, add(sub(centre, u), v))
+    store(clipped_corner(world, 0, 2).point, sub(sub(centre, u), v))
+    store(clipped_corner(world, 0, 3).point, sub(add(centre, u), v))
 
 
 @kernel
 def meet_rounded(world, i, j, margin, count):
     """Contacts of body i with body j, both spheres or capsules."""
-    one, other = world.bodies[i], world.bodies[j]
+    one, other = body_at(world, i), body_at(world, j)
     start, other_start = segment_end(one, -1.0), segment_end(other, -1.0)
     span = sub(segment_end(one, 1.0), start)
     other_span = sub(segment_end(other, 1.0), other_start)
@@ -191,7 +197,7 @@ def meet_rounded(world, i, j, margin, count):
 
 @kernel
 def _meet_points(world, i, j, here, there, key, margin, count):
-    one, other = world.bodies[i], world.bodies[j]
+    one, other = body_at(world, i), body_at(world, j)
     apart = sub(here, there)
     distance = norm(apart)
     gap = distance - one.radius - other.radius
@@ -205,7 +211,7 @@ def _meet_points(world, i, j, here, there, key, margin, count):
 @kernel
 def _meet_along(world, i, j, margin, count):
     """Two capsules side by side touch where their common stretch begins and ends."""
-    one, other = world.bodies[i], world.bodies[j]
+    one, other = body_at(world, i), body_at(world, j)
     start, other_start = segment_end(one, -1.0), segment_end(other, -1.0)
     span = sub(segment_end(one, 1.0), start)
     other_span = sub(segment_end(other, 1.0), other_start)
@@ -224,8 +230,8 @@ def _meet_along(world, i, j, margin, count):
 @kernel
 def meet_box(world, i, j, box, margin, count):
     """Contacts of bodies i and j, of which `box` is a box and the other none."""
-    rounded = world.bodies[j if box == i else i]
-    solid = world.bodies[box]
+    rounded = body_at(world, j if box == i else i)
+    solid = body_at(world, box)
     start = segment_end(rounded, -1.0)
     if rounded.kind != CAPSULE:
         return _meet_point(world, i, j, box, start, 0, margin, count)
@@ -246,8 +252,8 @@ def meet_box(world, i, j, box, margin, count):
 
 @kernel
 def _meet_point(world, i, j, box, centre, key, margin, count):
-    rounded = world.bodies[j if box == i else i]
-    distance, n = point_from_box(centre, world.bodies[box])
+    rounded = body_at(world, j if box == i else i)
+    distance, n = point_from_box(centre, body_at(world, box))
     gap = distance - rounded.radius
     if gap < margin:
         point = add_scaled(centre, n, -rounded.radius - 0.5 * gap)

@@ -9,13 +9,14 @@ body in free flight keeps it to rounding, and its kinetic energy to fourth order
 from __future__ import annotations
 
 from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.pointers import float_at, put_float
 from intuitive_physics.simulation.stepped.poses import (
     angular_momentum,
     rotate,
     set_rotation,
     turned,
 )
-from intuitive_physics.simulation.stepped.world import transposed_times
+from intuitive_physics.simulation.stepped.world import body_at, transposed_times
 from intuitive_physics.simulation.vectors import (
     add,
     add_scaled,
@@ -136,39 +137,53 @@ def finish(body, after):
 @kernel
 def write_outputs(world, i, start, after):
     """Write body i's outputs from time `start` up to `after` (s) later."""
-    body = world.bodies[i]
+    body = body_at(world, i)
     k = body.next_output
-    times = world.times
     end = start + after + TIME_ROUNDING
-    turns = world.orientations.shape[0] > 0
-    if k < times.size and times[k] <= end:
+    if k < world.output_count and output_time(world, k) <= end:
         position, velocity = load(body.start_position), load(body.start_velocity)
         acceleration, turning = load(body.acceleration), load(body.turning)
-        while k < times.size and times[k] <= end:
-            tau = times[k] - start
+        while k < world.output_count and output_time(world, k) <= end:
+            tau = output_time(world, k) - start
             moved = add_scaled(position, velocity, tau)
-            store(world.positions[i, k], add_scaled(moved, acceleration, 0.5 * tau * tau))
-            if turns:
+            write_position(world, i, k, add_scaled(moved, acceleration, 0.5 * tau * tau))
+            if world.orientations != 0:
                 rotate(body, body.start_orientation, scaled(turning, tau))
-                for c in range(4):
-                    world.orientations[i, k, c] = body.orientation[c]
+                write_orientation(world, i, k)
             k += 1
         body.next_output = k
-    if turns:
+    if world.orientations != 0:
         rotate(body, body.start_orientation, scaled(load(body.turning), after))
 
 
 @kernel
 def write_rest(world, i, end):
     """Write the outputs of a body that does not move, up to and including time `end`."""
-    body = world.bodies[i]
-    times = world.times
+    body = body_at(world, i)
     k = body.next_output
-    while k < times.size and times[k] <= end + TIME_ROUNDING:
-        for c in range(3):
-            world.positions[i, k, c] = body.position[c]
-        if world.orientations.shape[0] > 0:
-            for c in range(4):
-                world.orientations[i, k, c] = body.orientation[c]
+    while k < world.output_count and output_time(world, k) <= end + TIME_ROUNDING:
+        write_position(world, i, k, load(body.position))
+        if world.orientations != 0:
+            write_orientation(world, i, k)
         k += 1
     body.next_output = k
+
+
+@inlined
+def output_time(world, k):
+    return float_at(world.times, k)
+
+
+@inlined
+def write_position(world, i, k, position):
+    at = 3 * (i * world.output_room + k)
+    for c in range(3):
+        put_float(world.positions, at + c, position[c])
+
+
+@inlined
+def write_orientation(world, i, k):
+    at = 4 * (i * world.output_room + k)
+    orientation = body_at(world, i).orientation
+    for c in range(4):
+        put_float(world.orientations, at + c, orientation[c])

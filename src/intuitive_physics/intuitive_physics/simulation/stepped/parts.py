@@ -20,6 +20,7 @@ from intuitive_physics.simulation.stepped.motion import (
     write_outputs,
 )
 from intuitive_physics.simulation.stepped.solver import keep, solve, start_from_kept
+from intuitive_physics.simulation.stepped.world import body_at, contact_at, member_at
 from intuitive_physics.simulation.vectors import add_scaled, dot, load, store
 
 PARTS = 16
@@ -57,10 +58,10 @@ def step_island(world, moving, members, start, duration, threshold):
         if part < PARTS - 1:
             after = first_impact(world, moving, members, left, threshold)
         for a in range(moving):
-            i = world.members[a]
+            i = member_at(world, a)
             write_outputs(world, i, start + done, after)
-            place(world.bodies[i], after)
-            finish(world.bodies[i], after)
+            place(body_at(world, i), after)
+            finish(body_at(world, i), after)
         done += after
         if done >= duration - TIME_ROUNDING:
             break
@@ -70,13 +71,13 @@ def step_island(world, moving, members, start, duration, threshold):
 def _plan(world, moving, count, duration, threshold):
     """Find how the bodies move over the next part: freely, or as their contacts press them."""
     for a in range(moving):
-        body = world.bodies[world.members[a]]
+        body = body_at(world, member_at(world, a))
         begin(body)
         body.pressed = 0
     if _activate(world, count, duration, threshold):
         _press(world, moving, count, duration)
     for a in range(moving):
-        body = world.bodies[world.members[a]]
+        body = body_at(world, member_at(world, a))
         if body.pressed == 1:
             plan_pressed(body, duration)
         else:
@@ -91,7 +92,7 @@ def _activate(world, count, duration, threshold):
     gravity = load(world.gravity)
     leaving = 4.0 * max(threshold, duration * sqrt(dot(gravity, gravity)))
     for c in range(count):
-        contact = world.contacts[c]
+        contact = contact_at(world, c)
         speed = speed_along(world, contact, 0)
         contact.active = speed < leaving and (speed > -threshold or contact.gap <= IMPACT_GAP)
         if contact.active == 1:
@@ -99,9 +100,9 @@ def _activate(world, count, duration, threshold):
             contact.least_speed = -max(contact.gap, 0.0) / duration
             contact.friction = contact.static if contact.sticks == 1 else contact.dynamic
             contact.rolls = contact.sticks == 1 and contact.roll_radius > 0.0
-            world.bodies[contact.first].pressed = 1
+            body_at(world, contact.first).pressed = 1
             if contact.second >= 0:
-                world.bodies[contact.second].pressed = 1
+                body_at(world, contact.second).pressed = 1
     return any_active
 
 
@@ -109,17 +110,17 @@ def _activate(world, count, duration, threshold):
 def _press(world, moving, count, duration):
     gravity = load(world.gravity)
     for a in range(moving):
-        body = world.bodies[world.members[a]]
+        body = body_at(world, member_at(world, a))
         if body.pressed == 1:
             falling = free_acceleration(world, body, duration)
             store(body.velocity, add_scaled(load(body.velocity), falling, duration))
     for c in range(count):
-        if world.contacts[c].active == 1:
+        if contact_at(world, c).active == 1:
             start_from_kept(world, c, duration)
     precision = 1e-4 * duration * sqrt(dot(gravity, gravity)) + 1e-9
     solve(world, 0, count, SWEEPS, precision)
     for a in range(moving):
-        world.bodies[world.members[a]].kept = 0
+        body_at(world, member_at(world, a)).kept = 0
     for c in range(count):
-        if world.contacts[c].active == 1:
+        if contact_at(world, c).active == 1:
             keep(world, c, duration)

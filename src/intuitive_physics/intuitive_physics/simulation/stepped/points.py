@@ -5,7 +5,12 @@ from __future__ import annotations
 from math import inf
 
 from intuitive_physics.simulation.kernels import inlined, kernel
-from intuitive_physics.simulation.stepped.world import column, times, transposed_times
+from intuitive_physics.simulation.stepped.world import (
+    boundary_corner,
+    column,
+    times,
+    transposed_times,
+)
 from intuitive_physics.simulation.vectors import add_scaled, cross, dot, load, norm, scaled, sub
 
 
@@ -95,14 +100,14 @@ def segment_nearest_to_box(start, span, box):
 
 
 @kernel
-def nearest_on_polygon(point, plane, corners):
+def nearest_on_polygon(point, plane):
     """The point of a plane's bounded part nearest to a point."""
     n = load(plane.normal)
     inside = True
     nearest, least = point, inf
     for k in range(plane.corners):
-        start = load(corners[plane.first_corner + k])
-        span = sub(load(corners[plane.first_corner + (k + 1) % plane.corners]), start)
+        start = load(boundary_corner(plane, k).point)
+        span = sub(load(boundary_corner(plane, (k + 1) % plane.corners).point), start)
         if dot(cross(n, span), sub(point, start)) < 0.0:
             inside = False
         on_edge = add_scaled(start, span, nearest_on_segment(point, start, span))
@@ -115,13 +120,13 @@ def nearest_on_polygon(point, plane, corners):
 
 
 @kernel
-def part_over_polygon(start, span, plane, corners):
+def part_over_polygon(start, span, plane):
     """Parameters of the part of a segment over a plane's bounded part; the first larger if none."""
     n = load(plane.normal)
     low, high = 0.0, 1.0
     for k in range(plane.corners):
-        corner = load(corners[plane.first_corner + k])
-        following = load(corners[plane.first_corner + (k + 1) % plane.corners])
+        corner = load(boundary_corner(plane, k).point)
+        following = load(boundary_corner(plane, (k + 1) % plane.corners).point)
         inward = cross(n, sub(following, corner))
         at = dot(inward, sub(start, corner))
         rate = dot(inward, span)

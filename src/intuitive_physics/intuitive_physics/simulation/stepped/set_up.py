@@ -65,13 +65,10 @@ def _set_size(body, kind, dimensions):
 
 
 @kernel
-def place_plane(plane, numbers, material, corners, boundary, first_corner, stored):
-    """Fill in a plane and store its corners from `first_corner` on."""
+def place_plane(plane, numbers, material, corners, boundary):
+    """Fill in a plane: normal and offset, and the address of so many corners."""
     for k in range(3):
         plane.normal[k] = numbers[k]
     plane.offset = numbers[3]
     plane.material = material
-    plane.corners, plane.first_corner = corners, first_corner
-    for c in range(corners):
-        for k in range(3):
-            stored[first_corner + c, k] = boundary[c, k]
+    plane.corners, plane.boundary = corners, boundary

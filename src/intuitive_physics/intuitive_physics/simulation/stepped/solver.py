@@ -16,6 +16,7 @@ from intuitive_physics.simulation.stepped.contacts import (
     speed_along,
     twist,
 )
+from intuitive_physics.simulation.stepped.world import body_at, contact_at
 from intuitive_physics.simulation.vectors import (
     add_scaled,
     clamped,
@@ -41,7 +42,7 @@ def solve(world, first, last, sweeps, precision):
     for _ in range(sweeps):
         largest = 0.0
         for c in range(first, last):
-            contact = world.contacts[c]
+            contact = contact_at(world, c)
             if contact.active == 1:
                 change = _solve_normal(world, contact)
                 change = max(change, _solve_friction(world, contact))
@@ -98,8 +99,8 @@ def _solve_rolling(world, contact):
 @kernel
 def start_from_kept(world, c, duration):
     """Begin with what acted on the same contact in the last step."""
-    contact = world.contacts[c]
-    body = world.bodies[contact.first]
+    contact = contact_at(world, c)
+    body = body_at(world, contact.first)
     code = 64 * contact.second + contact.key
     for k in range(body.kept):
         if body.kept_keys[k] == code:
@@ -119,8 +120,8 @@ def start_from_kept(world, c, duration):
 @kernel
 def keep(world, c, duration):
     """Keep a contact's forces for the next step."""
-    contact = world.contacts[c]
-    body = world.bodies[contact.first]
+    contact = contact_at(world, c)
+    body = body_at(world, contact.first)
     k = body.kept
     if k < body.kept_keys.size:
         body.kept = k + 1

@@ -1,16 +1,15 @@
 """The state of one world while it is stepped.
 
-Bodies, planes and contacts are records: a kernel gets a pointer to them. Every shape is a core (a
-point, a segment or a box, given by its half extents) that is rounded by a radius.
+Everything is a record, so that a kernel gets a pointer to it. Every shape is a core (a point, a
+segment or a box, given by its half extents) that is rounded by a radius.
 """
 
 from __future__ import annotations
 
-from collections import namedtuple
-
 import numpy as np
 
 from intuitive_physics.simulation.kernels import inlined
+from intuitive_physics.simulation.pointers import float_at, record_getter
 
 KEPT = 16
 """Contacts of one body whose impulses are kept to start the next step's search with."""
@@ -51,6 +50,7 @@ BODY = np.dtype(
         ("quiet_steps", "i8"),
         ("asleep", "i8"),
         ("island", "i8"),
+        ("member", "i8"),  # scratch of `kernel`: entry a is the a-th body of an island
         ("next_output", "i8"),
         # The last step's contact forces (N, N, N and N m), in the world's axes.
         ("kept", "i8"),
@@ -67,7 +67,7 @@ PLANE = np.dtype(
         ("offset", "f8"),
         ("material", "i8"),
         ("corners", "i8"),  # of its boundary, 0 where it has none
-        ("first_corner", "i8"),  # in `World.corners`
+        ("boundary", "i8"),  # address of its corners
     ],
     align=True,
 )
@@ -103,24 +103,74 @@ CONTACT = np.dtype(
     align=True,
 )
 
-World = namedtuple(
-    "World",
+CORNER = np.dtype([("point", "f8", 3)])
+
+WORLD = np.dtype(
     [
-        "bodies",  # (n + b,) BODY: n that move, then the environment's boxes
-        "planes",  # (P,) PLANE
-        "corners",  # (C, 3) m, of all boundaries
-        "contacts",  # (K,) CONTACT, scratch
-        "clip",  # (2, CLIPPED, 3) m, scratch of `clipping`
-        "members",  # (n + b,) int, scratch: the bodies of one island, those that move first
-        "gravity",  # (3,) m/s²
-        "coefficients",  # (4, m, m)
-        "times",  # (T,) s
-        "positions",  # (n, T, 3) to be filled
-        "orientations",  # (n, T, 4) to be filled, (0, T, 4) if not wanted
+        # Addresses of arrays, see `pointers`.
+        ("bodies", "i8"),  # (n + b,) BODY: n that move, then the environment's boxes
+        ("planes", "i8"),  # (P,) PLANE
+        ("contacts", "i8"),  # (contact_room,) CONTACT, scratch
+        ("clipped", "i8"),  # (2, CLIPPED) CORNER, scratch of `clipping`
+        ("coefficients", "i8"),  # (4, m, m) float64
+        ("times", "i8"),  # (T,) float64, s
+        ("positions", "i8"),  # (n, T, 3) float64 to be filled
+        ("orientations", "i8"),  # (n, T, 4) float64 to be filled, 0 if not wanted
+        ("moving", "i8"),  # n
+        ("body_count", "i8"),
+        ("plane_count", "i8"),
+        ("contact_room", "i8"),
+        ("material_count", "i8"),  # m
+        ("output_count", "i8"),  # outputs wanted in this world
+        ("output_room", "i8"),  # T
+        ("gravity", "f8", 3),  # m/s²
     ],
+    align=True,
 )
 
 STATIC, DYNAMIC, ROLLING, RESTITUTION = range(4)
+
+_body, _plane = record_getter(BODY), record_getter(PLANE)
+_contact, _corner = record_getter(CONTACT), record_getter(CORNER)
+
+
+@inlined
+def body_at(world, i):
+    return _body(world.bodies, i)
+
+
+@inlined
+def member_at(world, a):
+    """Index of the a-th body of the island that is being stepped."""
+    return _body(world.bodies, a).member
+
+
+@inlined
+def plane_at(world, p):
+    return _plane(world.planes, p)
+
+
+@inlined
+def contact_at(world, c):
+    return _contact(world.contacts, c)
+
+
+@inlined
+def clipped_corner(world, side, k):
+    return _corner(world.clipped, side * CLIPPED + k)
+
+
+@inlined
+def boundary_corner(plane, k):
+    return _corner(plane.boundary, k)
+
+
+@inlined
+def coefficient(world, kind, a, b):
+    """One of the four coefficients of a pair of materials."""
+    return float_at(
+        world.coefficients, (kind * world.material_count + a) * world.material_count + b
+    )
 
 
 @inlined

@@ -67,8 +67,9 @@ def spread(positions: NDArray[np.float64]) -> float:
 def convergence(instances: int, rng: np.random.Generator) -> dict[float, float]:
     """Return the mean distance in m of ODE from `event_driven`, by ODE's step in s.
 
-    One sphere thrown through the room, without rolling friction: ODE's acts in impacts too, ours
-    in rolling only. All else is the same law, so that the distance vanishes with the step.
+    One sphere thrown through the room, without rolling friction: ODE's acts in impacts and on
+    contacts that slip, ours on those that roll only. All else is the same law, so that the
+    distance vanishes with the step.
     """
     no_resistance = Surface(rolling_arm=0.0)
     distances: dict[float, list[float]] = {step: [] for step in WITNESS_STEPS}

@@ -29,18 +29,17 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join([lines[0], rule, *lines[1:]])
 
 
-def own_engine(measured: Measured) -> str | None:
+def own_engine(measured: Measured) -> str:
     """Return the engine of ours that `auto` picks for a scene: the first that simulates it."""
-    return next((name for name in NAMES if name in measured.seconds), None)
+    return next(name for name in NAMES if name in measured.seconds)
 
 
-def ratios(scenes: Mapping[str, Sequence[Measured]], reference: str) -> dict[str, float | None]:
+def ratios(scenes: Mapping[str, Sequence[Measured]], reference: str) -> dict[str, float]:
     """Return by scene how many times faster ours is than a reference engine."""
-    found: dict[str, float | None] = {}
-    for scene, measured in scenes.items():
-        own = own_engine(measured[0])
-        found[scene] = None if own is None else ratio(measured, reference, own)
-    return found
+    return {
+        scene: ratio(measured, reference, own_engine(measured[0]))
+        for scene, measured in scenes.items()
+    }
 
 
 def speed_text(scenes: Mapping[str, Sequence[Measured]], engines: Mapping[str, str]) -> str:
@@ -49,7 +48,7 @@ def speed_text(scenes: Mapping[str, Sequence[Measured]], engines: Mapping[str, s
         [name, *(_speed_cell(measured, name) for measured in scenes.values())] for name in engines
     ]
     ratio_rows = [
-        [f"ours against {name}", *(_times(r) for r in ratios(scenes, name).values())]
+        [f"ours against {name}", *(f"{r:.3g} ×" for r in ratios(scenes, name).values())]
         for name in engines
         if name.startswith(REFERENCE)
     ]
@@ -182,16 +181,13 @@ def start_up_text(found: StartUp) -> str:
 def json_line(
     scenes: Mapping[str, Sequence[Measured]], found: Mapping[str, Accuracy], kernels: StartUp
 ) -> str:
-    """Return the last line; null stands for what no engine of ours simulates."""
-    own = ("event_driven", "stepped")
-    errors = {name: float(f"{found[name].drop_p95:.3g}") if name in found else None for name in own}
+    """Return the last line."""
     return json.dumps(
         {
             "ratio_to_ode": {
-                scene: None if value is None else round(value, 1)
-                for scene, value in ratios(scenes, REFERENCE).items()
+                scene: round(value, 1) for scene, value in ratios(scenes, REFERENCE).items()
             },
-            "peak_error_p95": errors,
+            "peak_error_p95": {name: float(f"{found[name].drop_p95:.3g}") for name in NAMES},
             "compile_s": round(kernels.compile_s, 2),
             "load_s": round(kernels.load_s, 2),
         }
@@ -205,16 +201,9 @@ def _speed_cell(measured: Sequence[Measured], name: str) -> str:
     return f"{milliseconds:.3g} ({1.0 / ratio(measured, REFERENCE, name):.2g})"
 
 
-def _times(value: float | None) -> str:
-    return NOTHING if value is None else f"{value:.3g} ×"
-
-
 def _body_step(scene: str, measured: Sequence[Measured]) -> str:
-    own = own_engine(measured[0])
-    if own is None:
-        return NOTHING
     body_steps = SIMULATIONS * STEPS * len(SCENES[scene])
-    return f"{1e9 * typical_seconds(measured, own) / body_steps:.3g}"
+    return f"{1e9 * typical_seconds(measured, own_engine(measured[0])) / body_steps:.3g}"
 
 
 def _percent(value: float, sign: str = "") -> str:

@@ -22,7 +22,6 @@ from benchmarks.peers.mujoco_rollout import Mujoco
 from benchmarks.peers.ode import Ode
 from benchmarks.peers.ours import NAMES, Ours
 from benchmarks.report import (
-    REFERENCE,
     accuracy_text,
     agreement_text,
     batches_text,
@@ -177,19 +176,15 @@ def compare_accuracy(effort: Effort, rng: np.random.Generator) -> dict[str, Accu
 
 
 def agreements(scenes: Scenes) -> list[tuple[str, str, Agreement, float]]:
-    """Compare each engine's trajectories with ours, or with ODE's where there are none."""
+    """Compare each engine's trajectories with those of ours that `auto` picks."""
     rows = []
     for scene, pairs in scenes.items():
         for engine in pairs[0][1].positions:
             if engine.endswith("orientations"):
                 continue
             found = [
-                agreement(
-                    instance,
-                    measured.positions[engine],
-                    measured.positions[own_engine(measured) or REFERENCE],
-                )
-                for instance, measured in pairs
+                agreement(instance, m.positions[engine], m.positions[own_engine(m)])
+                for instance, m in pairs
             ]
             mean_spread = float(np.mean([spread(m.positions[engine]) for _, m in pairs]))
             rows.append((scene, engine, _merged(found), mean_spread))

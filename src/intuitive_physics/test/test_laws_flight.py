@@ -130,7 +130,6 @@ def tumbling_errors(engine, times):
     start = random_quaternion(np.random.default_rng(2))
     momentum = rotation_matrix(start) @ (inertia * body_spin)
     truth = tumbling(inertia, body_spin, times)
-    assert truth[:, 1].min() < -4.0
     _, turned = engine.poses(floating(shape, start, body_spin), coefficients(), times)
     return np.array([rotation_matrix(q).T @ momentum / inertia for q in turned[0]]) - truth
 
@@ -139,15 +138,17 @@ def tumbling_errors(engine, times):
 def test_tumbling_about_the_intermediate_axis(engine):
     # Thrown about its middle axis a box turns over and over. The instability lets an error of the
     # start grow by exp(λ t), λ = 5 rad/s sqrt((I3 - I2) (I2 - I1) / (I1 I3)) = 2.4 /s, until it has
-    # turned over after 1 s, and shrinks it after that: by 12 at the most.
-    errors = tumbling_errors(engine, np.linspace(0.1, 2.0, 20))
+    # turned over after 1.3 s, and shrinks it after that: by 23 at the most.
+    times = np.linspace(0.1, 2.0, 20)
+    assert tumbling(INTERMEDIATE[0].inertia(500.0), INTERMEDIATE[1], times)[:, 1].min() < -4.0
+    errors = tumbling_errors(engine, times)
     rate = np.linalg.norm(INTERMEDIATE[1])
-    np.testing.assert_allclose(errors, 0.0, atol=12 * rate * phase_error(engine, rate, 1.0))
+    np.testing.assert_allclose(errors, 0.0, atol=23 * rate * phase_error(engine, rate, 1.0))
 
 
 def test_tumbling_converges_with_the_step():
     # The error shrinks at least with the first power of the step.
-    times = np.linspace(0.1, 1.0, 10)
+    times = np.linspace(0.2, 2.0, 10)
     errors = [np.abs(tumbling_errors(stepped_at(h), times)).max() for h in (0.02, 0.01, 0.005)]
     if errors[0] > 1e-6:
         assert np.log2(errors[0] / errors[1]) > 0.9

@@ -223,7 +223,7 @@ def test_a_fast_ball_does_not_pass_a_thin_wall(engine):
     assert x[0] == pytest.approx(back, abs=2 * v0 * engine.delay + engine.gap)
 
 
-THIN = Plane("sheet", "ground", (0, 0, 1), 0.0, [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)])
+THIN = Plane("sheet", "ground", (0, 0, 1), 0.0, [(-9, -9, 0), (9, -9, 0), (9, 9, 0), (-9, 9, 0)])
 FAST = {
     "small sphere": Body(Sphere(0.005), (0, 0, 1.0), UPRIGHT, (3.0, 1.0, -50.0)),
     "small box": Body(Box((0.02, 0.03, 0.01)), (0, 0, 1.0), UPRIGHT, (3, 1, -30), (20, 10, 5)),
@@ -238,7 +238,7 @@ def test_nothing_small_and_fast_passes_a_thin_ground(engine, body, ground):
     # At 0.3 to 0.5 m a step onto a sheet without thickness, or a box of 1 cm: the centre stays an
     # inradius of 5 mm above it, but for the millimetre that a second corner, which lands within the
     # same step, may sink.
-    planes, boxes = ((THIN,), ()) if ground == "sheet" else ((), [((0, 0, -0.005), (2, 2, 0.01))])
+    planes, boxes = ((THIN,), ()) if ground == "sheet" else ((), [((0, 0, -0.005), (18, 18, 0.01))])
     scene = make_scene(body, planes=planes, boxes=boxes, gravity=(0, 0, -G))
     path = engine.path(scene, coefficients(e=0.3), np.arange(1, 31) * 0.01)[0]
     assert path[:, 2].min() > 0.005 - 1e-3

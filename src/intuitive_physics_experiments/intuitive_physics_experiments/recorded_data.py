@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
+from intuitive_physics_experiments.carom_billiards import carom_observations
 from intuitive_physics_experiments.cube_tosses import CubeToss, cube_toss_observations, cube_tosses
 from intuitive_physics_experiments.npz_file import Arrays, load_arrays
 from intuitive_physics_experiments.table_tennis import (
@@ -64,7 +65,13 @@ GUN_FLIGHTS = RecordedSet(
     gun_observations,
 )
 
-RECORDED_SETS = (LAUNCHES, GUN_FLIGHTS, CUBE_TOSSES)
+CAROM_SHOTS = RecordedSet(
+    "carom billiards",
+    frozenset({"shot_ball_t_x_y", "ball_radius", "table"}),
+    carom_observations,
+)
+
+RECORDED_SETS = (LAUNCHES, GUN_FLIGHTS, CUBE_TOSSES, CAROM_SHOTS)
 
 
 def load_recorded_set(path: Path) -> tuple[str, list[Observation]]:

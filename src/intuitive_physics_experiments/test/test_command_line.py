@@ -89,12 +89,16 @@ def test_perceive_a_lidar_scan(recording: Callable[[str], Path]) -> None:
     assert 0.5 < float(height) < 1.2
 
 
-@pytest.mark.parametrize("name", ["table_tennis_launches.npz", "table_tennis_gun.npz"])
-def test_evaluate_recorded_sets(recording: Callable[[str], Path], name: str) -> None:
-    result = run("evaluate", recording(name), "--iterations", 300)
+@pytest.mark.parametrize(
+    ("name", "share"),
+    # Several impacts, and spin that nobody saw, make billiards harder.
+    [("table_tennis_launches", 0.3), ("table_tennis_gun", 0.3), ("carom_billiards", 0.7)],
+)
+def test_evaluate_recorded_sets(recording: Callable[[str], Path], name: str, share: float) -> None:
+    result = run("evaluate", recording(f"{name}.npz"), "--iterations", 300)
     assert result.returncode == 0, result.stderr
     errors = errors_in_test(result.stdout)
-    assert errors["learned parameters"] < 0.3 * errors["default parameters"]
+    assert errors["learned parameters"] < share * errors["default parameters"]
     assert errors["default parameters"] < errors["free flight"]
 
 

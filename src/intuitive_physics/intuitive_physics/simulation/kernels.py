@@ -12,5 +12,9 @@ _options = {"_nrt": False, "error_model": "numpy", "nogil": True}
 kernel = njit(cache=True, **_options)
 """Decorate a function that other kernels call, or that Python calls without the GIL."""
 
-inlined = njit(forceinline=True, **_options)
-"""Decorate a short function that the compiler is to write into each of its callers."""
+inlined = njit(forceinline=True, fastmath={"contract", "reassoc", "nsz"}, **_options)
+"""Decorate a short function that the compiler is to write into each of its callers.
+
+Its sums may be taken in another order and fused with products: same to rounding, and shorter
+chains of operations that wait for one another. NaN and infinity keep their meaning.
+"""

@@ -63,6 +63,7 @@ def prepare(world, c):
             store(contact.other_turn[axis], turn)
             softness += other.inverse_mass + dot(lever, turn)
         contact.softness[axis] = softness
+        contact.stiffness[axis] = 1.0 / softness
     _look_up(world, contact)
 
 

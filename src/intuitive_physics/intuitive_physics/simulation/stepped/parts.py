@@ -117,7 +117,7 @@ def _press(world, moving, count, duration):
     for c in range(count):
         if contact_at(world, c).active == 1:
             start_from_kept(world, c, duration)
-    precision = 1e-4 * duration * sqrt(dot(gravity, gravity)) + 1e-9
+    precision = 1e-3 * duration * sqrt(dot(gravity, gravity)) + 1e-9
     solve(world, 0, count, SWEEPS, precision)
     for a in range(moving):
         body_at(world, member_at(world, a)).kept = 0

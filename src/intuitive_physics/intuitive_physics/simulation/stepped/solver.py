@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from math import sqrt
 
-from intuitive_physics.simulation.kernels import kernel
+from intuitive_physics.simulation.kernels import inlined, kernel
 from intuitive_physics.simulation.stepped.contacts import (
     push,
     relative_spin,
-    speed_along,
     twist,
 )
 from intuitive_physics.simulation.stepped.world import body_at, contact_at
@@ -44,8 +43,7 @@ def solve(world, first, last, sweeps, precision):
         for c in range(first, last):
             contact = contact_at(world, c)
             if contact.active == 1:
-                change = _solve_normal(world, contact)
-                change = max(change, _solve_friction(world, contact))
+                change = _solve_contact(world, contact)
                 if contact.rolls == 1:
                     change = max(change, _solve_rolling(world, contact))
                 largest = max(largest, change)
@@ -54,31 +52,61 @@ def solve(world, first, last, sweeps, precision):
 
 
 @kernel
-def _solve_normal(world, contact):
+def _solve_contact(world, contact):
+    """Improve a contact's impulses, first along the normal, then in the plane."""
+    body = body_at(world, contact.first)
+    v, w = load(body.velocity), load(body.spin)
+    paired = contact.second >= 0
+    other = body_at(world, contact.second if paired else contact.first)
+    ov, ow = load(other.velocity), load(other.spin)
+
+    n = load(contact.axes[0])
+    speed = dot(v, n) + dot(w, load(contact.lever[0]))
+    if paired:
+        speed -= dot(ov, n) + dot(ow, load(contact.other_lever[0]))
     before = contact.impulse[0]
-    needed = before + (contact.least_speed - speed_along(world, contact, 0)) / contact.softness[0]
-    contact.impulse[0] = max(needed, 0.0)
-    change = contact.impulse[0] - before
-    if change != 0.0:
-        push(world, contact, 0, change)
-    return abs(change) * contact.softness[0]
+    pressing = max(before + (contact.least_speed - speed) * contact.stiffness[0], 0.0)
+    contact.impulse[0] = pressing
+    change = pressing - before
+    largest = abs(change) * contact.softness[0]
+    v, w = _pushed(v, w, n, load(contact.turn[0]), change, body.inverse_mass)
+    if paired:
+        ov, ow = _pushed(ov, ow, n, load(contact.other_turn[0]), -change, other.inverse_mass)
 
-
-@kernel
-def _solve_friction(world, contact):
-    old, old_across = contact.impulse[1], contact.impulse[2]
-    new = old - speed_along(world, contact, 1) / contact.softness[1]
-    across = old_across - speed_along(world, contact, 2) / contact.softness[2]
-    limit = contact.friction * contact.impulse[0]
-    square = new * new + across * across
+    along, across = load(contact.axes[1]), load(contact.axes[2])
+    slip = dot(v, along) + dot(w, load(contact.lever[1]))
+    drift = dot(v, across) + dot(w, load(contact.lever[2]))
+    if paired:
+        slip -= dot(ov, along) + dot(ow, load(contact.other_lever[1]))
+        drift -= dot(ov, across) + dot(ow, load(contact.other_lever[2]))
+    first = contact.impulse[1] - slip * contact.stiffness[1]
+    second = contact.impulse[2] - drift * contact.stiffness[2]
+    limit = contact.friction * pressing
+    square = first * first + second * second
     if square > limit * limit:
         shrink = limit / sqrt(square)
-        new, across = new * shrink, across * shrink
-    contact.impulse[1], contact.impulse[2] = new, across
-    push(world, contact, 1, new - old)
-    push(world, contact, 2, across - old_across)
-    change = max(abs(new - old), abs(across - old_across))
-    return change * max(contact.softness[1], contact.softness[2])
+        first, second = first * shrink, second * shrink
+    change, change_across = first - contact.impulse[1], second - contact.impulse[2]
+    contact.impulse[1], contact.impulse[2] = first, second
+    largest = max(largest, abs(change) * contact.softness[1])
+    largest = max(largest, abs(change_across) * contact.softness[2])
+    v, w = _pushed(v, w, along, load(contact.turn[1]), change, body.inverse_mass)
+    v, w = _pushed(v, w, across, load(contact.turn[2]), change_across, body.inverse_mass)
+    store(body.velocity, v)
+    store(body.spin, w)
+    if paired:
+        mobility = other.inverse_mass
+        ov, ow = _pushed(ov, ow, along, load(contact.other_turn[1]), -change, mobility)
+        ov, ow = _pushed(ov, ow, across, load(contact.other_turn[2]), -change_across, mobility)
+        store(other.velocity, ov)
+        store(other.spin, ow)
+    return largest
+
+
+@inlined
+def _pushed(velocity, spin, axis, turn, impulse, inverse_mass):
+    """Velocity and spin after an impulse (N s) along an axis."""
+    return add_scaled(velocity, axis, impulse * inverse_mass), add_scaled(spin, turn, impulse)
 
 
 @kernel

@@ -87,6 +87,7 @@ CONTACT = np.dtype(
         ("turn", "f8", (3, 3)),  # rad/s of the first for 1 N s along each axis
         ("other_turn", "f8", (3, 3)),
         ("softness", "f8", 3),  # 1/kg: change of speed along each axis for 1 N s
+        ("stiffness", "f8", 3),  # kg: its inverse
         ("impulse", "f8", 3),  # N s
         ("torque", "f8", 3),  # N m s of rolling friction, in the world's axes
         ("roll_softness", "f8"),  # 1/(kg m²)

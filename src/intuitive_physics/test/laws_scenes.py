@@ -35,6 +35,7 @@ class Engine:
     delay : s, by which an impact may come late
     gap : m, to which a touching pair is told from a parted one
     rest_speed : m/s, of the rebound below which an object stays on the ground
+    sweep_rest : part of what gravity does in a step that sweeps over the contacts may leave
     """
 
     name: str
@@ -43,6 +44,7 @@ class Engine:
     delay: float
     gap: float
     rest_speed: float
+    sweep_rest: float
 
     def __str__(self) -> str:
         return self.name
@@ -86,14 +88,14 @@ def _simulator(name: str, step: float) -> Simulator:
 # A rebound of event_driven below 5 mm/s is none. That of stepped is lost where gravity would bring
 # it back within two steps or so. Bullet sees an impact at the end of its step only, and a box or
 # capsule by points that it finds one after the other: these move it by a millimetre.
-EVENT_DRIVEN = Engine("event_driven", 0.0, 0.0, 0.0, ROUNDING, 5e-3)
-STEPPED = Engine("stepped", 0.01, 0.0, 0.0, 1e-4, 2 * G * 0.01)
-BULLET = Engine("bullet", 1e-3, 1e-3, 1e-3, 1e-3, 0.0)
+EVENT_DRIVEN = Engine("event_driven", 0.0, 0.0, 0.0, ROUNDING, 5e-3, 0.0)
+STEPPED = Engine("stepped", 0.01, 0.0, 0.0, 1e-4, 2 * G * 0.01, 1e-4)
+BULLET = Engine("bullet", 1e-3, 1e-3, 1e-3, 1e-3, 0.0, 1e-4)
 
 
 def stepped_at(step: float) -> Engine:
     """The stepped engine at another step."""
-    return Engine("stepped", step, 0.0, 0.0, 1e-4, 2 * G * step)
+    return Engine("stepped", step, 0.0, 0.0, 1e-4, 2 * G * step, 1e-4)
 
 
 def engines(*chosen: Engine):

@@ -1,8 +1,8 @@
 """MuJoCo as a witness: a scene of ours as its model, as hard as its soft contacts become.
 
 MuJoCo's contact is a stiff, damped spring and its friction gives way by creeping. At a step of
-0.1 ms the spring's time constant can be 0.2 ms, and what is left of both is below a millimetre over
-a second. Restitution is a tuned spring there, so it is a witness for e = 0 only; it has one
+0.1 ms the spring's time constant can be 0.2 ms, and what is left of both is below 2 mm over a
+second. Restitution is a tuned spring there, so it is a witness for e = 0 only; it has one
 friction coefficient, so for μ_s = μ_d only; and sliding and rolling friction share one cone, so for
 rolling friction far below that of sliding only.
 """

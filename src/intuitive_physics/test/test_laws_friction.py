@@ -45,13 +45,16 @@ def cases(pairs):
     )
 
 
-def held_constant(engine, acceleration, times, phases=1):
-    """What a force held constant over a step h costs in position: a h t / 2, twice for safety.
+def allowed(engine, acceleration, times, phases=1):
+    """How far (m) an engine may be off after so many phases of motion at up to an acceleration.
 
-    Where a phase of motion ends within a step, its end is late by up to h: a h² more.
+    The end of a phase is late by up to a step h: a h². Bullet moves by the speed at a step's end
+    and not by the mean one: a h t. Sweeps that stop at a part σ of what gravity does in a step
+    leave σ g t² / 2.
     """
-    h = engine.step
-    return ROUNDING + np.abs(acceleration) * h * (np.asarray(times) + phases * h)
+    h, t = engine.step, np.asarray(times)
+    late = np.abs(acceleration) * (phases * h * h + engine.flight_step * (t + h))
+    return ROUNDING + late + 0.5 * engine.sweep_rest * G * t**2
 
 
 @cases(ROLLING_BODIES)
@@ -69,7 +72,7 @@ def test_sliding_turns_to_rolling(engine, shape, mu):
     sliding = v0 * times - 0.5 * mu * G * times**2
     rolling = x_roll + v0 / (1 + k) * (times - t_roll)
     truth = np.where(times <= t_roll, sliding, rolling)
-    assert (np.abs(path[:, 0] - truth) <= held_constant(engine, mu * G, times)).all()
+    np.testing.assert_array_less(np.abs(path[:, 0] - truth), allowed(engine, mu * G, times))
     np.testing.assert_allclose(path[:, 1], 0.0, atol=engine.gap)
     np.testing.assert_allclose(path[:, 2], shape.radius, atol=engine.gap)
     # The impulse at the contact keeps the angular momentum about it, whatever its time.
@@ -103,7 +106,7 @@ def test_rolling_friction_stops_it(engine, shape, mu_r):
     path = engine.path(scene, coefficients(0.5, mu_r=mu_r), times)[0]
     full = v0**2 / (2 * brake)
     truth = full * np.array([0.4375, 0.75, 1.0, 1.0])
-    assert (np.abs(path[:, 0] - truth) <= held_constant(engine, brake, times)).all()
+    np.testing.assert_array_less(np.abs(path[:, 0] - truth), allowed(engine, brake, times))
 
 
 @cases(SLIDING_BODIES)
@@ -114,17 +117,18 @@ def test_stopping_distance(engine, shape):
     v0, mu, mu_r = 2.0, 0.3, 0.2
     if isinstance(shape, Box):
         height, mu_r = 0.05, 0.0
-        full, time, steepest = v0**2 / (2 * mu * G), v0 / (mu * G), mu * G
+        full, time, late = v0**2 / (2 * mu * G), v0 / (mu * G), 0.0
     else:
         height, brake = shape.radius, 5 / 7 * mu_r * G
         # While it slides rolling friction does not act.
         full = 12 / 49 * v0**2 / (mu * G) + (5 / 7 * v0) ** 2 / (2 * brake)
         time = 2 / 7 * v0 / (mu * G) + 5 / 7 * v0 / brake
-        steepest = mu * G
+        # Rolling friction begins with the first step in which it does not slide: v h too late.
+        late = 5 / 7 * v0 * engine.step
     scene = make_scene(Body(shape, (0, 0, height), UPRIGHT, (v0, 0, 0)))
     times = [time + 0.1, time + 1.1]
     x, q = engine.poses(scene, coefficients(mu, mu_r=mu_r), times)
-    assert (np.abs(x[0, :, 0] - full) <= held_constant(engine, steepest, time, 2)).all()
+    np.testing.assert_array_less(np.abs(x[0, :, 0] - full), late + allowed(engine, mu * G, time))
     np.testing.assert_allclose(x[0, :, 1], 0.0, atol=engine.gap)
     if isinstance(shape, Box):
         assert abs(q[0, 1] @ UPRIGHT) == pytest.approx(1.0, abs=1e-6)
@@ -139,7 +143,7 @@ def test_a_box_stops_after_the_same_way_in_any_direction(engine, heading):
     scene = make_scene(Body(BOX, (0, 0, 0.05), UPRIGHT, v0 * along))
     time = v0 / (mu * G)
     end = engine.path(scene, coefficients(mu), [time + 0.2])[0, 0] - (0, 0, 0.05)
-    tolerance = held_constant(engine, mu * G, time)
+    tolerance = allowed(engine, mu * G, time)
     assert end @ along == pytest.approx(v0**2 / (2 * mu * G), abs=tolerance)
     assert np.linalg.norm(end - (end @ along) * along) <= tolerance + engine.gap
 
@@ -160,8 +164,8 @@ def test_a_box_holds_on_an_incline_below_atan_mu_s_and_slides_above(engine, degr
     mu = 0.98 * np.tan(alpha)
     slid = (engine.path(scene, coefficients(mu), times)[0] - start) @ downhill(alpha)
     a = G * (np.sin(alpha) - mu * np.cos(alpha))
-    tolerance = held_constant(engine, G * np.sin(alpha), times)
-    assert (np.abs(slid - 0.5 * a * np.square(times)) <= tolerance).all()
+    tolerance = allowed(engine, G * np.sin(alpha), times)
+    np.testing.assert_array_less(np.abs(slid - 0.5 * a * np.square(times)), tolerance)
     assert slid[1] > 0.25 * a
 
 
@@ -180,7 +184,7 @@ def test_once_it_slides_dynamic_friction_acts(engine):
     slid = (engine.path(pushed, theta, times)[0] - start) @ downhill(alpha)
     a = G * (np.sin(alpha) - mu * np.cos(alpha))
     truth = v0 * times + 0.5 * a * times**2
-    assert (np.abs(slid - truth) <= held_constant(engine, a, times)).all()
+    np.testing.assert_array_less(np.abs(slid - truth), allowed(engine, a, times))
 
 
 @pytest.mark.parametrize("degrees", [5.0, 20.0])
@@ -193,7 +197,7 @@ def test_rolling_down_an_incline(engine, shape, degrees):
     times = np.array([0.5, 1.0])
     went = (engine.path(scene, coefficients(0.8), times)[0] - start) @ downhill(alpha)
     a = G * np.sin(alpha) / (1 + roundness(shape))
-    assert (np.abs(went - 0.5 * a * times**2) <= held_constant(engine, a, times)).all()
+    np.testing.assert_array_less(np.abs(went - 0.5 * a * times**2), allowed(engine, a, times))
 
 
 @cases(ROLLING_BODIES)
@@ -206,7 +210,7 @@ def test_a_steep_incline_slides(engine, shape):
     times = np.array([0.3, 0.6])
     went = (engine.path(scene, coefficients(mu), times)[0] - start) @ downhill(alpha)
     a = G * (np.sin(alpha) - mu * np.cos(alpha))
-    assert (np.abs(went - 0.5 * a * times**2) <= held_constant(engine, a, times)).all()
+    np.testing.assert_array_less(np.abs(went - 0.5 * a * times**2), allowed(engine, a, times))
 
 
 @cases(ROLLING_BODIES[:3])
@@ -220,7 +224,7 @@ def test_rolling_friction_holds_on_a_slight_incline(engine, shape):
     leaves = engine.path(scene, coefficients(0.5, mu_r=0.03), [2.0])[0, 0]
     a = G * (np.sin(alpha) - 0.03 * np.cos(alpha)) / (1 + roundness(shape))
     went = (leaves - start) @ downhill(alpha)
-    assert abs(went - 2.0 * a) <= held_constant(engine, a, 2.0)
+    np.testing.assert_array_less(abs(went - 2.0 * a), allowed(engine, a, 2.0))
 
 
 @engines(EVENT_DRIVEN, STEPPED)
@@ -233,7 +237,7 @@ def test_pivoting_decays(engine):
     angle = spin**2 / (2 * alpha)
     for orientation in q:
         turned = 2 * np.arctan2(orientation[2], orientation[3])
-        assert turned == pytest.approx(angle, abs=held_constant(engine, alpha, spin / alpha))
+        assert turned == pytest.approx(angle, abs=allowed(engine, alpha, spin / alpha))
 
 
 def test_a_spinning_box_stops_by_the_friction_under_its_face():
@@ -249,7 +253,7 @@ def test_a_spinning_box_stops_by_the_friction_under_its_face():
     angles = 2 * np.arctan2(q[0, :, 2], q[0, :, 3])
     assert 0.7 * spin * times[0] < angles[0] < spin * times[0]
     least, most = 0.5 * spin * fastest, 0.5 * spin * slowest
-    slack = held_constant(STEPPED, spin / fastest, slowest)
+    slack = allowed(STEPPED, spin / fastest, slowest)
     assert least - slack < angles[1] < most + slack
     assert angles[2] == pytest.approx(angles[1], abs=1e-6)
     np.testing.assert_allclose(x[0, :, :2], 0.0, atol=1e-3)
@@ -263,7 +267,7 @@ def test_a_capsule_does_not_roll_along_its_axis(engine):
     time = v0 / (mu * G)
     path = engine.path(make_scene(capsule), coefficients(mu), [time + 0.1, time + 1.0])[0]
     full = v0**2 / (2 * mu * G)
-    assert (np.abs(path[:, 0] - full) <= held_constant(engine, mu * G, time)).all()
+    np.testing.assert_array_less(np.abs(path[:, 0] - full), allowed(engine, mu * G, time))
 
 
 def test_curved_rolling_converges_with_the_step():
@@ -299,6 +303,4 @@ def test_a_capsule_rolls_in_any_heading(engine, heading):
     )
     end = engine.path(scene, coefficients(0.8), [1.0])[0, 0] - start
     a = G * np.sin(alpha) / (1 + roundness(CAPSULE))
-    np.testing.assert_allclose(
-        end, 0.5 * a * spun @ downhill(alpha), atol=held_constant(engine, a, 1.0)
-    )
+    np.testing.assert_allclose(end, 0.5 * a * spun @ downhill(alpha), atol=allowed(engine, a, 1.0))

@@ -98,7 +98,7 @@ def _rolling(
     wanted: NDArray[np.float64], friction: NDArray[np.float64], pairs: list[tuple[int, int]]
 ) -> NDArray[np.float64]:
     """Write the wanted arm (m) of each pair (i, k) as ρ_i f_k + ρ_k f_i, no ρ below zero."""
-    rolling = np.zeros(len(friction))
+    rolling: NDArray[np.float64] = np.zeros(len(friction))
     firsts, seconds = np.transpose(pairs)
     if wanted.any():
         design = np.zeros((len(pairs), len(friction)))

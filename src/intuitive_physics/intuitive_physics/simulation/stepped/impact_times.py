@@ -42,7 +42,7 @@ def first_impact(world, moving, members, duration, threshold):
             if plane.corners == 0:
                 if body.kind == SPHERE:
                     first = _sphere_on_plane(body, plane, first, threshold)
-                elif _lowest(body, load(plane.normal), plane.offset) < -CLOSED:
+                elif _is_through(body, load(plane.normal), plane.offset):
                     first = _corner_on_plane(body, plane, first, threshold)
                     place(body, first)
         for p in range(world.plane_count):
@@ -75,12 +75,14 @@ def _sphere_on_plane(body, plane, first, threshold):
 
 
 @inlined
-def _lowest(body, n, offset):
-    """Distance of the nearest point of a body from a plane."""
-    height = dot(n, load(body.position)) - offset - body.radius
+def _is_through(body, n, offset):
+    """Whether the nearest point of a body lies behind a plane."""
+    height = dot(n, load(body.position)) - offset
+    if height > body.reach:
+        return False
     for k in range(3):
         height -= abs(body.half_extents[k] * dot(n, column(body.rotation, k)))
-    return height
+    return height < body.radius - CLOSED
 
 
 @inlined

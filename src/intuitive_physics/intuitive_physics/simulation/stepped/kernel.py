@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite, sqrt
+from math import inf, isfinite
 
-from intuitive_physics.simulation.kernels import kernel
+from intuitive_physics.simulation.kernels import entry, inlined, kernel
 from intuitive_physics.simulation.stepped.collision import are_near, find_contacts, part_overlaps
 from intuitive_physics.simulation.stepped.motion import TIME_ROUNDING, output_time, write_rest
 from intuitive_physics.simulation.stepped.parts import rebound_threshold, step_island
@@ -14,7 +14,7 @@ from intuitive_physics.simulation.stepped.set_up import (
     place_static_box,
 )
 from intuitive_physics.simulation.stepped.world import body_at, member_at, plane_at
-from intuitive_physics.simulation.vectors import dot, load, norm, store
+from intuitive_physics.simulation.vectors import dot, load, norm, scaled, store
 
 OK, NOT_FINITE = range(2)
 
@@ -25,7 +25,7 @@ QUIET_STEPS = 10
 """… for so many steps, while something holds them, fall asleep."""
 
 
-@kernel
+@entry
 def roll_worlds(
     first,
     last,
@@ -76,6 +76,7 @@ def roll_worlds(
         world.plane_count = plane_counts[e]
         for k in range(3):
             world.gravity[k] = gravity[e, k]
+        world.gravity_size = norm(load(world.gravity))
         world.coefficients = coefficients[c].ctypes.data
         world.material_count = density.shape[1]
         for i in range(moving):
@@ -133,7 +134,7 @@ def _roll_world(world, moving, step):
                 awake = _step_one(world, moving, root, start, step, threshold) or awake
         for i in range(moving):
             body = body_at(world, i)
-            if not isfinite(norm(load(body.position)) + norm(load(body.velocity))):
+            if not isfinite(_sum(load(body.position)) + _sum(load(body.velocity))):
                 return NOT_FINITE
         steps += 1
         if not awake:
@@ -141,6 +142,11 @@ def _roll_world(world, moving, step):
     for i in range(moving):
         write_rest(world, i, inf)
     return OK
+
+
+@inlined
+def _sum(a):
+    return a[0] + a[1] + a[2]
 
 
 @kernel
@@ -156,8 +162,7 @@ def _part_start(world, moving):
 @kernel
 def _mark_islands(world, moving, step):
     """Give all bodies that may meet within a step, directly or through others, one number."""
-    gravity = load(world.gravity)
-    fall = step * step * sqrt(dot(gravity, gravity))
+    fall = step * step * world.gravity_size
     for i in range(moving):
         body_at(world, i).island = i
     for i in range(moving):
@@ -187,8 +192,7 @@ def _step_one(world, moving, root, start, step, threshold):
             write_rest(world, member_at(world, a), start + step)
         return False
     members = count
-    gravity = load(world.gravity)
-    fall = step * step * sqrt(dot(gravity, gravity))
+    fall = step * step * world.gravity_size
     for j in range(moving, world.body_count):
         for a in range(count):
             if are_near(body_at(world, member_at(world, a)), body_at(world, j), step, fall):
@@ -206,8 +210,10 @@ def _put_to_sleep(world, count):
     quiet = True
     for a in range(count):
         body = body_at(world, member_at(world, a))
-        speed = norm(load(body.velocity)) + body.reach * norm(load(body.spin))
-        body.quiet_steps = body.quiet_steps + 1 if body.pressed and speed < QUIET_SPEED else 0
+        velocity, rim = load(body.velocity), scaled(load(body.spin), body.reach)
+        speeds = dot(velocity, velocity) + dot(rim, rim)
+        still = body.pressed == 1 and speeds < QUIET_SPEED * QUIET_SPEED
+        body.quiet_steps = body.quiet_steps + 1 if still else 0
         quiet = quiet and body.quiet_steps >= QUIET_STEPS
     for a in range(count):
         body = body_at(world, member_at(world, a))

@@ -61,6 +61,7 @@ def begin(body):
     for k in range(4):
         body.start_orientation[k] = body.orientation[k]
     store(body.angular_momentum, angular_momentum(body))
+    body.placed_after = 0.0
 
 
 @kernel
@@ -113,6 +114,9 @@ def plan_pressed(body, duration):
 @kernel
 def place(body, after):
     """Put a body where it is `after` (s) the start of its part of a step."""
+    if body.placed_after == after:
+        return
+    body.placed_after = after
     moved = add_scaled(load(body.start_position), load(body.start_velocity), after)
     store(body.position, add_scaled(moved, load(body.acceleration), 0.5 * after * after))
     if body.kind != SPHERE:
@@ -152,8 +156,8 @@ def write_outputs(world, i, start, after):
                 write_orientation(world, i, k)
             k += 1
         body.next_output = k
-    if world.orientations != 0:
-        rotate(body, body.start_orientation, scaled(load(body.turning), after))
+        # The orientation is now that of an output.
+        body.placed_after = -1.0
 
 
 @kernel

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from math import sqrt
-
 from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.stepped.collision import find_contacts, part_overlaps
 from intuitive_physics.simulation.stepped.contacts import prepare, speed_along
@@ -21,12 +19,15 @@ from intuitive_physics.simulation.stepped.motion import (
 )
 from intuitive_physics.simulation.stepped.solver import keep, solve, start_from_kept
 from intuitive_physics.simulation.stepped.world import body_at, contact_at, member_at
-from intuitive_physics.simulation.vectors import add_scaled, dot, load, store
+from intuitive_physics.simulation.vectors import add_scaled, load, store
 
 PARTS = 16
 """At most so many parts a step; in the last one, what hits does not rebound before the next."""
 
 SWEEPS = 30
+
+PRECISION = 1e-3
+"""Of the speed that falling bodies gain in a step; less is too little to sweep once more."""
 
 SLOWEST_REBOUND = 1e-5
 """m/s. In a world without gravity, rebounds slower than this are none."""
@@ -35,8 +36,7 @@ SLOWEST_REBOUND = 1e-5
 @kernel
 def rebound_threshold(world, step):
     """Speed (m/s) below which a rebound is none: its flight would last less than a step."""
-    gravity = load(world.gravity)
-    return max(SLOWEST_REBOUND, 0.5 * step * sqrt(dot(gravity, gravity)))
+    return max(SLOWEST_REBOUND, 0.5 * step * world.gravity_size)
 
 
 @kernel
@@ -89,8 +89,7 @@ def _plan(world, moving, count, duration, threshold):
 def _activate(world, count, duration, threshold):
     """Choose the contacts that may press during the part; whether there are any."""
     any_active = False
-    gravity = load(world.gravity)
-    leaving = 4.0 * max(threshold, duration * sqrt(dot(gravity, gravity)))
+    leaving = 4.0 * max(threshold, duration * world.gravity_size)
     for c in range(count):
         contact = contact_at(world, c)
         speed = speed_along(world, contact, 0)
@@ -108,7 +107,6 @@ def _activate(world, count, duration, threshold):
 
 @kernel
 def _press(world, moving, count, duration):
-    gravity = load(world.gravity)
     for a in range(moving):
         body = body_at(world, member_at(world, a))
         if body.pressed == 1:
@@ -117,8 +115,7 @@ def _press(world, moving, count, duration):
     for c in range(count):
         if contact_at(world, c).active == 1:
             start_from_kept(world, c, duration)
-    precision = 1e-3 * duration * sqrt(dot(gravity, gravity)) + 1e-9
-    solve(world, 0, count, SWEEPS, precision)
+    solve(world, 0, count, SWEEPS, PRECISION * duration * world.gravity_size + 1e-9)
     for a in range(moving):
         body_at(world, member_at(world, a)).kept = 0
     for c in range(count):

@@ -45,6 +45,7 @@ BODY = np.dtype(
         ("turning", "f8", 3),  # rad/s, mean
         ("angular_momentum", "f8", 3),  # N m s, at the start
         ("torque", "f8", 3),  # N m
+        ("placed_after", "f8"),  # s after the part's start, where `motion.place` has put it
         ("pressed", "i8"),  # 1 while contacts act on it
         # Sleep and islands.
         ("quiet_steps", "i8"),
@@ -125,6 +126,7 @@ WORLD = np.dtype(
         ("output_count", "i8"),  # outputs wanted in this world
         ("output_room", "i8"),  # T
         ("gravity", "f8", 3),  # m/s²
+        ("gravity_size", "f8"),  # m/s²
     ],
     align=True,
 )

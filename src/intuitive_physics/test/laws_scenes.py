@@ -89,13 +89,13 @@ def _simulator(name: str, step: float) -> Simulator:
 # it back within two steps or so. Bullet sees an impact at the end of its step only, and a box or
 # capsule by points that it finds one after the other: these move it by a millimetre.
 EVENT_DRIVEN = Engine("event_driven", 0.0, 0.0, 0.0, ROUNDING, 5e-3, 0.0)
-STEPPED = Engine("stepped", 0.01, 0.0, 0.0, 1e-4, 2 * G * 0.01, 1e-4)
+STEPPED = Engine("stepped", 0.01, 0.0, 0.0, 1e-5, 2 * G * 0.01, 1e-4)
 BULLET = Engine("bullet", 1e-3, 1e-3, 1e-3, 1e-3, 0.0, 1e-4)
 
 
 def stepped_at(step: float) -> Engine:
     """The stepped engine at another step."""
-    return Engine("stepped", step, 0.0, 0.0, 1e-4, 2 * G * step, 1e-4)
+    return Engine("stepped", step, 0.0, 0.0, 1e-5, 2 * G * step, 1e-4)
 
 
 def engines(*chosen: Engine):

@@ -98,14 +98,14 @@ def _rolling(
     wanted: NDArray[np.float64], friction: NDArray[np.float64], pairs: list[tuple[int, int]]
 ) -> NDArray[np.float64]:
     """Write the wanted arm (m) of each pair (i, k) as ρ_i f_k + ρ_k f_i, no ρ below zero."""
-    rolling: NDArray[np.float64] = np.zeros(len(friction))
+    rolling = np.zeros(len(friction))
     firsts, seconds = np.transpose(pairs)
     if wanted.any():
         design = np.zeros((len(pairs), len(friction)))
         rows = np.arange(len(pairs))
         design[rows, firsts] = friction[seconds]
         design[rows, seconds] = friction[firsts]
-        rolling = np.linalg.lstsq(design, wanted, rcond=None)[0]
+        rolling = np.asarray(np.linalg.lstsq(design, wanted, rcond=None)[0], dtype=np.float64)
     made = rolling[firsts] * friction[seconds] + rolling[seconds] * friction[firsts]
     rounding = 1e-9 * np.abs(rolling).max()
     if not np.allclose(made, wanted, rtol=1e-6, atol=1e-12) or rolling.min() < -rounding:

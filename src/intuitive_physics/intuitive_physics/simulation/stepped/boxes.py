@@ -102,7 +102,7 @@ def _meet_edges(world, i, j, edges, normal, gap, count):
     s, t = nearest_of_segments(start, span, other_start, other_span)
     here, there = add_scaled(start, span, s), add_scaled(other_start, other_span, t)
     middle = add_scaled(here, sub(there, here), 0.5)
-    return write_contact(world, count, i, j, 16 + edges, gap, normal, middle)
+    return write_contact(world, count, i, j, gap, normal, middle)
 
 
 @kernel
@@ -135,5 +135,5 @@ def _meet_faces(world, i, j, best, normal, margin, count):
         gap = dot(outward, point) - top
         if gap < margin:
             middle_point = add_scaled(point, outward, -0.5 * gap)
-            count = write_contact(world, count, i, j, k, gap, normal, middle_point)
+            count = write_contact(world, count, i, j, gap, normal, middle_point)
     return count

@@ -6,15 +6,15 @@ from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.stepped.boxes import meet_boxes
 from intuitive_physics.simulation.stepped.manifolds import meet_box, meet_plane, meet_rounded
 from intuitive_physics.simulation.stepped.poses import set_inverse_inertia
-from intuitive_physics.simulation.stepped.world import body_at, contact_at, member_at
+from intuitive_physics.simulation.stepped.world import body_at, contact_at, member_at, plane_at
 from intuitive_physics.simulation.vectors import add_scaled, dot, load, norm, store, sub
 from intuitive_physics.simulation.world_batch import BOX
 
 MARGIN = 2e-4
 """m. Features nearer than this are looked at: they may close during the step."""
 
-OVERLAP = 1e-6
-"""m. Overlaps smaller than this stay."""
+OVERLAP = 2e-5
+"""m. Overlaps smaller than this stay: so contacts that press stay contacts."""
 
 PARTING_SWEEPS = 8
 
@@ -44,6 +44,8 @@ def find_contacts(world, moving, members):
         body = body_at(world, i)
         before = count
         for p in range(world.plane_count):
+            if plane_at(world, p).corners > 0:
+                _note_side(world, i, p)
             count, _ = meet_plane(world, i, p, MARGIN, count)
         for b in range(a + 1, members):
             j = member_at(world, b)
@@ -58,6 +60,20 @@ def find_contacts(world, moving, members):
         if count > before:
             set_inverse_inertia(body)
     return count
+
+
+@kernel
+def _note_side(world, i, p):
+    """Let a body that is behind a bounded plane pass it until it is free of it again."""
+    body, plane = body_at(world, i), plane_at(world, p)
+    bit = 1 << p
+    if dot(load(plane.normal), load(body.position)) <= plane.offset:
+        body.behind |= bit
+    elif body.behind & bit:
+        body.behind &= ~bit
+        _, gap = meet_plane(world, i, p, MARGIN, world.contact_room)
+        if gap < 0.0:
+            body.behind |= bit
 
 
 @kernel
@@ -81,7 +97,7 @@ def _part(world, contact, count):
     if j >= 0:
         mobility += body_at(world, j).inverse_mass
     n = load(contact.axes[0])
-    distance = -contact.gap
+    distance = -contact.gap - 0.5 * OVERLAP
     _shift(world, i, n, distance * body_at(world, i).inverse_mass / mobility, count)
     if j >= 0 and body_at(world, j).inverse_mass > 0.0:
         _shift(world, j, n, -distance * body_at(world, j).inverse_mass / mobility, count)

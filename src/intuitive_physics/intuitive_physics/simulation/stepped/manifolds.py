@@ -48,12 +48,12 @@ UP = (0.0, 0.0, 1.0)
 
 
 @kernel
-def write_contact(world, count, first, second, key, gap, normal, point):
+def write_contact(world, count, first, second, gap, normal, point):
     """Write one contact at a point (m); return the new count."""
     if count >= world.contact_room:
         return count
     contact = contact_at(world, count)
-    contact.first, contact.second, contact.key, contact.gap = first, second, key, gap
+    contact.first, contact.second, contact.gap = first, second, gap
     store(contact.axes[0], normal)
     store(contact.arm, sub(point, load(body_at(world, first).position)))
     if second >= 0:
@@ -70,7 +70,7 @@ def meet_plane(world, i, p, margin, count):
     if height > body.reach + margin:
         return count, height - body.reach
     if plane.corners > 0:
-        if height <= 0.0:
+        if height <= 0.0 or body.behind & (1 << p):
             return count, inf
         if body.kind == BOX:
             return _box_on_sheet(world, i, p, margin, count)
@@ -81,7 +81,7 @@ def meet_plane(world, i, p, margin, count):
         gap = height - body.radius
         if gap < margin:
             point = add_scaled(load(body.position), n, -body.radius)
-            count = write_contact(world, count, i, -1 - p, 0, gap, n, point)
+            count = write_contact(world, count, i, -1 - p, gap, n, point)
         return count, gap
     least = inf
     for end in range(2):
@@ -90,7 +90,7 @@ def meet_plane(world, i, p, margin, count):
         least = min(least, gap)
         if gap < margin:
             point = add_scaled(centre, n, -body.radius)
-            count = write_contact(world, count, i, -1 - p, end, gap, n, point)
+            count = write_contact(world, count, i, -1 - p, gap, n, point)
     return count, least
 
 
@@ -112,7 +112,7 @@ def _box_on_plane(world, i, p, height, margin, count):
         if gap < margin:
             arm = add_scaled(add_scaled(scaled(x, u * hx), y, v * hy), z, w * hz)
             point = add(load(body.position), arm)
-            count = write_contact(world, count, i, -1 - p, corner, gap, n, point)
+            count = write_contact(world, count, i, -1 - p, gap, n, point)
     return count, least
 
 
@@ -135,7 +135,7 @@ def _rounded_on_sheet(world, i, p, margin, count):
         least = min(least, gap)
         if gap < margin and dot(away, load(plane.normal)) > 0.0:
             normal = scaled(away, 1.0 / distance)
-            count = write_contact(world, count, i, -1 - p, end, gap, normal, near)
+            count = write_contact(world, count, i, -1 - p, gap, normal, near)
     return count, least
 
 
@@ -162,7 +162,7 @@ def _box_on_sheet(world, i, p, margin, count):
         if gap > -body.thinness:
             least = min(least, gap)
             if gap < margin:
-                count = write_contact(world, count, i, -1 - p, k, gap, n, point)
+                count = write_contact(world, count, i, -1 - p, gap, n, point)
     return count, least
 
 
@@ -192,11 +192,11 @@ def meet_rounded(world, i, j, margin, count):
     if norm(cross(span, other_span)) < PARALLEL * length * other_length:
         return _meet_along(world, i, j, margin, count)
     here, there = add_scaled(start, span, s), add_scaled(other_start, other_span, t)
-    return _meet_points(world, i, j, here, there, 0, margin, count)
+    return _meet_points(world, i, j, here, there, margin, count)
 
 
 @kernel
-def _meet_points(world, i, j, here, there, key, margin, count):
+def _meet_points(world, i, j, here, there, margin, count):
     one, other = body_at(world, i), body_at(world, j)
     apart = sub(here, there)
     distance = norm(apart)
@@ -204,7 +204,7 @@ def _meet_points(world, i, j, here, there, key, margin, count):
     if gap < margin:
         n = scaled(apart, 1.0 / distance) if distance > 0.0 else UP
         point = add_scaled(here, n, -one.radius - 0.5 * gap)
-        count = write_contact(world, count, i, j, key, gap, n, point)
+        count = write_contact(world, count, i, j, gap, n, point)
     return count, gap
 
 
@@ -222,7 +222,7 @@ def _meet_along(world, i, j, margin, count):
         here = add_scaled(start, span, b if end else a)
         t = nearest_on_segment(here, other_start, other_span)
         there = add_scaled(other_start, other_span, t)
-        count, gap = _meet_points(world, i, j, here, there, end, margin, count)
+        count, gap = _meet_points(world, i, j, here, there, margin, count)
         least = min(least, gap)
     return count, least
 
@@ -234,7 +234,7 @@ def meet_box(world, i, j, box, margin, count):
     solid = body_at(world, box)
     start = segment_end(rounded, -1.0)
     if rounded.kind != CAPSULE:
-        return _meet_point(world, i, j, box, start, 0, margin, count)
+        return _meet_point(world, i, j, box, start, margin, count)
     span = sub(segment_end(rounded, 1.0), start)
     nearest = segment_nearest_to_box(start, span, solid)
     least = inf
@@ -245,18 +245,18 @@ def meet_box(world, i, j, box, margin, count):
                 continue
             t = nearest
         centre = add_scaled(start, span, t)
-        count, gap = _meet_point(world, i, j, box, centre, end, margin, count)
+        count, gap = _meet_point(world, i, j, box, centre, margin, count)
         least = min(least, gap)
     return count, least
 
 
 @kernel
-def _meet_point(world, i, j, box, centre, key, margin, count):
+def _meet_point(world, i, j, box, centre, margin, count):
     rounded = body_at(world, j if box == i else i)
     distance, n = point_from_box(centre, body_at(world, box))
     gap = distance - rounded.radius
     if gap < margin:
         point = add_scaled(centre, n, -rounded.radius - 0.5 * gap)
         towards = n if box == j else scaled(n, -1.0)
-        count = write_contact(world, count, i, j, key, gap, towards, point)
+        count = write_contact(world, count, i, j, gap, towards, point)
     return count, gap

@@ -97,7 +97,13 @@ def _euler(a, b, c, w):
 
 @kernel
 def plan_pressed(body, duration):
-    """Let a body move so that it reaches, over a part of a step, the velocities it now holds."""
+    """Let a body move so that it reaches, over a part of a step, the velocities it now holds.
+
+    Contacts that still part or close act at once, which damps their play; steady ones evenly over
+    the part, so that sliding and rolling are exact.
+    """
+    if body.steady == 0:
+        begin(body)
     velocity, spin = load(body.velocity), load(body.spin)
     start = load(body.start_spin)
     store(body.acceleration, scaled(sub(velocity, load(body.start_velocity)), 1.0 / duration))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from intuitive_physics.simulation.kernels import kernel
+from intuitive_physics.simulation.kernels import inlined, kernel
 from intuitive_physics.simulation.stepped.collision import find_contacts, part_overlaps
 from intuitive_physics.simulation.stepped.contacts import prepare, speed_along
 from intuitive_physics.simulation.stepped.impact_times import first_impact
@@ -17,14 +17,20 @@ from intuitive_physics.simulation.stepped.motion import (
     plan_pressed,
     write_outputs,
 )
+from intuitive_physics.simulation.stepped.poses import rotate
 from intuitive_physics.simulation.stepped.solver import keep, solve, start_from_kept
 from intuitive_physics.simulation.stepped.world import body_at, contact_at, member_at
-from intuitive_physics.simulation.vectors import add_scaled, load, store
+from intuitive_physics.simulation.vectors import add_scaled, load, scaled, store
+from intuitive_physics.simulation.world_batch import SPHERE
 
 PARTS = 16
 """At most so many parts a step; in the last one, what hits does not rebound before the next."""
 
 SWEEPS = 30
+"""At most so many for each body of an island."""
+
+STEADY = 5e-3
+"""Of the speed that falling bodies gain in a step; contacts that part or close faster play."""
 
 PRECISION = 1e-3
 """Of the speed that falling bodies gain in a step; less is too little to sweep once more."""
@@ -60,8 +66,11 @@ def step_island(world, moving, members, start, duration, threshold):
         for a in range(moving):
             i = member_at(world, a)
             write_outputs(world, i, start + done, after)
-            place(body_at(world, i), after)
-            finish(body_at(world, i), after)
+            body = body_at(world, i)
+            place(body, after)
+            finish(body, after)
+            if body.kind == SPHERE and world.orientations != 0:
+                rotate(body, body.start_orientation, scaled(load(body.turning), after))
         done += after
         if done >= duration - TIME_ROUNDING:
             break
@@ -74,6 +83,7 @@ def _plan(world, moving, count, duration, threshold):
         body = body_at(world, member_at(world, a))
         begin(body)
         body.pressed = 0
+        body.steady = 1
     if _activate(world, count, duration, threshold):
         _press(world, moving, count, duration)
     for a in range(moving):
@@ -89,6 +99,7 @@ def _plan(world, moving, count, duration, threshold):
 def _activate(world, count, duration, threshold):
     """Choose the contacts that may press during the part; whether there are any."""
     any_active = False
+    steady = STEADY * duration * world.gravity_size
     leaving = 4.0 * max(threshold, duration * world.gravity_size)
     for c in range(count):
         contact = contact_at(world, c)
@@ -99,10 +110,17 @@ def _activate(world, count, duration, threshold):
             contact.least_speed = -max(contact.gap, 0.0) / duration
             contact.friction = contact.static if contact.sticks == 1 else contact.dynamic
             contact.rolls = contact.sticks == 1 and contact.roll_radius > 0.0
-            body_at(world, contact.first).pressed = 1
+            _mark(body_at(world, contact.first), speed, steady)
             if contact.second >= 0:
-                body_at(world, contact.second).pressed = 1
+                _mark(body_at(world, contact.second), speed, steady)
     return any_active
+
+
+@inlined
+def _mark(body, speed, steady):
+    body.pressed = 1
+    if abs(speed) > steady:
+        body.steady = 0
 
 
 @kernel
@@ -115,7 +133,7 @@ def _press(world, moving, count, duration):
     for c in range(count):
         if contact_at(world, c).active == 1:
             start_from_kept(world, c, duration)
-    solve(world, 0, count, SWEEPS, PRECISION * duration * world.gravity_size + 1e-9)
+    solve(world, 0, count, SWEEPS * moving, PRECISION * duration * world.gravity_size + 1e-9)
     for a in range(moving):
         body_at(world, member_at(world, a)).kept = 0
     for c in range(count):

@@ -31,7 +31,7 @@ def place_static_box(body, box, material):
     """Fill in a box that never moves: centre, orientation, edge lengths."""
     _reset(body, BOX, material)
     for k in range(3):
-        body.position[k] = box[k]
+        body.position[k] = body.start_position[k] = box[k]
         body.inertia[k] = 1.0
     for k in range(4):
         body.orientation[k] = box[3 + k]
@@ -45,6 +45,7 @@ def _reset(body, kind, material):
     body.kind, body.material = kind, material
     body.drag = body.magnus = 0.0
     body.pressed = body.quiet_steps = body.asleep = body.next_output = body.kept = 0
+    body.behind = 0
     for k in range(3):
         body.velocity[k] = body.spin[k] = body.half_extents[k] = 0.0
     for k in range(9):

@@ -15,7 +15,7 @@ from intuitive_physics.simulation.stepped.contacts import (
     relative_spin,
     twist,
 )
-from intuitive_physics.simulation.stepped.world import body_at, contact_at
+from intuitive_physics.simulation.stepped.world import KEPT, body_at, contact_at
 from intuitive_physics.simulation.vectors import (
     add_scaled,
     clamped,
@@ -28,6 +28,9 @@ from intuitive_physics.simulation.vectors import (
     tangential,
 )
 
+KEPT_FOR = 0.3
+"""Of a body's reach. A contact that moved less in a step is taken for the same."""
+
 
 @kernel
 def solve(world, first, last, sweeps, precision):
@@ -38,9 +41,11 @@ def solve(world, first, last, sweeps, precision):
     sweeps : at most so many; fewer where a sweep changes no speed by more than
     precision : m/s
     """
-    for _ in range(sweeps):
+    for sweep in range(sweeps):
         largest = 0.0
-        for c in range(first, last):
+        for k in range(first, last):
+            # To and fro: what one sweep carries up a stack the next one carries down.
+            c = k if sweep & 1 == 0 else first + last - 1 - k
             contact = contact_at(world, c)
             if contact.active == 1:
                 change = _solve_contact(world, contact)
@@ -126,23 +131,27 @@ def _solve_rolling(world, contact):
 
 @kernel
 def start_from_kept(world, c, duration):
-    """Begin with what acted on the same contact in the last step."""
+    """Begin with what acted nearest to the same place in the last step."""
     contact = contact_at(world, c)
     body = body_at(world, contact.first)
-    code = 64 * contact.second + contact.key
+    nearest, least = -1, KEPT_FOR * KEPT_FOR * body.reach * body.reach
     for k in range(body.kept):
-        if body.kept_keys[k] == code:
-            force = scaled(load(body.kept_forces[k]), duration)
-            contact.impulse[0] = max(dot(force, load(contact.axes[0])), 0.0)
-            contact.impulse[1] = dot(force, load(contact.axes[1]))
-            contact.impulse[2] = dot(force, load(contact.axes[2]))
-            for axis in range(3):
-                push(world, contact, axis, contact.impulse[axis])
-            if contact.rolls == 1:
-                torque = scaled(load(body.kept_torques[k]), duration)
-                store(contact.torque, torque)
-                twist(world, contact, torque)
-            return
+        if body.kept_seconds[k] == contact.second:
+            apart = sub(load(body.kept_arms[k]), load(contact.arm))
+            if dot(apart, apart) < least:
+                nearest, least = k, dot(apart, apart)
+    if nearest < 0:
+        return
+    force = scaled(load(body.kept_forces[nearest]), duration)
+    contact.impulse[0] = max(dot(force, load(contact.axes[0])), 0.0)
+    contact.impulse[1] = dot(force, load(contact.axes[1]))
+    contact.impulse[2] = dot(force, load(contact.axes[2]))
+    for axis in range(3):
+        push(world, contact, axis, contact.impulse[axis])
+    if contact.rolls == 1:
+        torque = scaled(load(body.kept_torques[nearest]), duration)
+        store(contact.torque, torque)
+        twist(world, contact, torque)
 
 
 @kernel
@@ -151,9 +160,10 @@ def keep(world, c, duration):
     contact = contact_at(world, c)
     body = body_at(world, contact.first)
     k = body.kept
-    if k < body.kept_keys.size:
+    if k < KEPT:
         body.kept = k + 1
-        body.kept_keys[k] = 64 * contact.second + contact.key
+        body.kept_seconds[k] = contact.second
+        store(body.kept_arms[k], load(contact.arm))
         force = scaled(load(contact.axes[0]), contact.impulse[0] / duration)
         force = add_scaled(force, load(contact.axes[1]), contact.impulse[1] / duration)
         force = add_scaled(force, load(contact.axes[2]), contact.impulse[2] / duration)

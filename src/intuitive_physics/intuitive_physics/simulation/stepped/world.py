@@ -47,6 +47,8 @@ BODY = np.dtype(
         ("torque", "f8", 3),  # N m
         ("placed_after", "f8"),  # s after the part's start, where `motion.place` has put it
         ("pressed", "i8"),  # 1 while contacts act on it
+        ("steady", "i8"),  # 1 while they neither part nor close
+        ("behind", "i8"),  # bit p is set once it has come behind the bounded plane p
         # Sleep and islands.
         ("quiet_steps", "i8"),
         ("asleep", "i8"),
@@ -55,7 +57,8 @@ BODY = np.dtype(
         ("next_output", "i8"),
         # The last step's contact forces (N, N, N and N m), in the world's axes.
         ("kept", "i8"),
-        ("kept_keys", "i8", KEPT),
+        ("kept_seconds", "i8", KEPT),  # what it touched
+        ("kept_arms", "f8", (KEPT, 3)),  # m, and where
         ("kept_forces", "f8", (KEPT, 3)),
         ("kept_torques", "f8", (KEPT, 3)),
     ],
@@ -77,7 +80,6 @@ CONTACT = np.dtype(
     [
         ("first", "i8"),  # body that moves
         ("second", "i8"),  # body, or -1 - p for plane p
-        ("key", "i8"),  # the same from step to step for the same features
         ("gap", "f8"),  # m, below zero where the two overlap
         # Rows: normal, towards the first; along the slip; across it.
         ("axes", "f8", (3, 3)),

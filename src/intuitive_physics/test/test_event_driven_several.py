@@ -303,11 +303,11 @@ def test_what_it_cannot_express_is_refused(world):
     )
     with pytest.raises(UnsupportedSceneError, match="not a sphere"):
         world.simulator.rollout([box], world.parameters(), [1.0])
-    edged = Plane("table", "floor", (0, 0, 1), 0, [(0, 0, 0), (1, 0, 0), (0, 1, 0)])
     scene = world.scene((R, (0, 0, 1)))
-    with pytest.raises(UnsupportedSceneError, match="boundary"):
+    feather = SceneObject("f", "ball", Sphere(R), drag_coefficient=0.5)
+    with pytest.raises(UnsupportedSceneError, match="stepped"):
         world.simulator.rollout(
-            [Scene(Environment([edged]), scene.objects, scene.states)], world.parameters(), [1.0]
+            [Scene(scene.environment, (feather,), scene.states)], world.parameters(), [1.0]
         )
     with pytest.raises(InvalidInputError, match="no scenes"):
         world.simulator.rollout([], world.parameters(), [1.0])

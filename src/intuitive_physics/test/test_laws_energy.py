@@ -160,24 +160,29 @@ def reach(shape: Shape, n):
     return shape.radius + 0.5 * shape.length * np.abs(n[..., 2])
 
 
-def check_energy(engine: Engine, scenes, thetas):
-    """Energy is at most what it was before, and nothing is inside a plane."""
+def check_energy(engine: Engine, scenes, thetas) -> float:
+    """Energy is at most what it was before, and nothing is inside a plane.
+
+    Returns the part of the samples that could be read.
+    """
     rollout = engine.simulator.rollout(scenes, thetas, TIMES)
     assert (rollout.status == 0).all()
     batch = Batch(scenes, thetas)
     energies, misread = batch.energies(rollout)
-    # What has sunk into something by up to 2 mm may be lifted out of it.
-    lift = 2e-3 * G * batch.mass.sum(1)
-    least = batch.first_energy()
+    weight = G * batch.mass.sum(1)
+    least, told = batch.first_energy(), 0.0
     for k in range(len(SAMPLES)):
-        growth = energies[:, k].max(1) - least - misread[:, k].max(1) - lift
+        # An impact within a gap, or friction, makes the two readings differ: neither is then true.
+        first, second, doubt = *energies[:, k].T, misread[:, k].max(1)
+        agree = np.abs(first - second) < doubt + 5e-4 * weight
+        told += agree.mean() / len(SAMPLES)
+        # What has sunk into something by up to 2 mm may be lifted out of it.
+        growth = np.where(agree, np.maximum(first, second) - least - doubt - 2e-3 * weight, 0.0)
         assert growth.max() <= 0.0, f"scene {growth.argmax()} gains {growth.max():.3g} J"
-        # A gap with an impact in it reads too little: only gaps that agree bound what follows.
-        first, second = energies[:, k, 0], energies[:, k, 1]
-        agree = np.abs(first - second) < 0.02 * np.abs(first)
         least = np.where(agree, np.minimum(least, np.maximum(first, second)), least)
     # No more than what a second contact that closes at 6 m/s may sink within the step.
     assert deepest(scenes, rollout) < 5e-3
+    return told
 
 
 @pytest.mark.parametrize("kinds", [SPHERES, ALL_SHAPES], ids=["spheres", "mixed"])
@@ -187,14 +192,14 @@ def test_energy_never_grows_in_many_scenes(engine, kinds, seed):
     # E = Σ m v² / 2 + ω·I ω / 2 + m g z never grows, here in 4 × 250 scenes of each kind.
     rng = np.random.default_rng([seed, 1])
     scenes = [random_scene(rng, kinds) for _ in range(250)]
-    check_energy(engine, scenes, [random_parameters(rng) for _ in scenes])
+    assert check_energy(engine, scenes, [random_parameters(rng) for _ in scenes]) > 0.7
 
 
 @engines(EVENT_DRIVEN)
 def test_energy_never_grows_in_many_scenes_of_balls(engine):
     rng = np.random.default_rng(2)
     scenes = [random_scene(rng, SPHERES) for _ in range(200)]
-    check_energy(engine, scenes, [random_parameters(rng) for _ in scenes])
+    assert check_energy(engine, scenes, [random_parameters(rng) for _ in scenes]) > 0.7
 
 
 @engines(STEPPED)

@@ -1,18 +1,27 @@
-"""Spheres among static planes, from event to event: exact, at a cost that grows with bounces."""
+"""Spheres among static planes and boxes, from event to event: exact, at a cost of the bounces."""
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from threading import Thread
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError, UnsupportedSceneError
+from intuitive_physics.simulation.event_driven.clusters import most_contacts
 from intuitive_physics.simulation.event_driven.kernel import roll_worlds
+from intuitive_physics.simulation.event_driven.solids import most_features
+from intuitive_physics.simulation.event_driven.world import (
+    CONTACT,
+    FEATURE,
+    OBJECT,
+    PAIR,
+    SOLID,
+)
 from intuitive_physics.simulation.simulator import Rollout, Simulator
 from intuitive_physics.simulation.world_batch import SPHERE, WorldBatch
 
-SMALLEST_SHARE = 16
+SMALLEST_SHARE = 64
 """Worlds for which another thread is worth its start."""
 
 
@@ -42,10 +51,11 @@ class EventDrivenSimulator(Simulator):
         self, worlds: WorldBatch, times: NDArray[np.float64], orientations: bool
     ) -> Rollout:
         _check_supported(worlds)
-        shape = (*worlds.states.shape[:2], times.shape[1])
-        positions = np.full((*shape, 3), np.nan)
-        turned = np.full((*shape, 4) if orientations else (shape[0], 0, shape[2], 4), np.nan)
-        status = np.zeros(worlds.size, dtype=np.int64)
+        count, objects = worlds.dimensions.shape[:2]
+        positions = np.empty((count, objects, times.shape[1], 3))
+        turned = np.empty((count, objects if orientations else 0, times.shape[1], 4))
+        status = np.empty(count, dtype=np.int64)
+        solids = worlds.planes.shape[1] + worlds.boxes.shape[1]
 
         def roll(first: int, last: int) -> None:
             roll_worlds(
@@ -60,42 +70,46 @@ class EventDrivenSimulator(Simulator):
                 worlds.plane_counts,
                 worlds.planes,
                 worlds.plane_materials,
+                worlds.corner_counts,
+                worlds.corners,
+                worlds.box_counts,
+                worlds.boxes,
+                worlds.box_materials,
                 worlds.parameter_index,
                 worlds.density,
                 worlds.coefficients,
                 times,
                 self.max_events,
+                np.empty(objects, OBJECT),
+                np.empty(solids, SOLID),
+                np.empty(most_features(worlds), FEATURE),
+                np.empty(most_contacts(objects, solids), CONTACT),
+                np.empty(objects * objects, PAIR),
                 positions,
                 turned,
                 status,
             )
 
-        shares = max(1, min(self.threads, worlds.size // SMALLEST_SHARE))
-        if shares == 1:
-            roll(0, worlds.size)
-        else:
-            edges = np.linspace(0, worlds.size, shares + 1).astype(int).tolist()
-            with ThreadPoolExecutor(shares) as pool:
-                list(pool.map(roll, edges[:-1], edges[1:]))
+        shares = max(1, min(self.threads, count // SMALLEST_SHARE))
+        edges = [count * share // shares for share in range(shares + 1)]
+        others = [Thread(target=roll, args=edges[k : k + 2]) for k in range(1, shares)]
+        for thread in others:
+            thread.start()
+        roll(*edges[:2])
+        for thread in others:
+            thread.join()
         return Rollout(positions, turned if orientations else None, status)
 
 
 def _check_supported(worlds: WorldBatch) -> None:
-    present = np.arange(worlds.shape_kinds.shape[1]) < worlds.object_counts[:, None]
-    if (worlds.shape_kinds[present] != SPHERE).any():
+    # Padding is a sphere without air, so that whole arrays can be looked at.
+    if (worlds.shape_kinds != SPHERE).any():
         raise UnsupportedSceneError(
             "scene has an object that is not a sphere; event_driven simulates spheres only, "
-            "use the bullet simulator"
+            "use the stepped simulator"
         )
-    for environment in worlds.environments:
-        if environment.boxes:
-            raise UnsupportedSceneError(
-                f"environment has the static box {environment.boxes[0].id}; event_driven "
-                "simulates planes only, use the bullet simulator"
-            )
-        for plane in environment.planes:
-            if plane.boundary is not None:
-                raise UnsupportedSceneError(
-                    f"plane {plane.id} has a boundary; event_driven simulates planes without "
-                    "edges only, leave the boundary out"
-                )
+    if worlds.air_factors.any():
+        raise UnsupportedSceneError(
+            "scene has an object with a drag or Magnus coefficient; event_driven simulates motion "
+            "without air only, use the stepped simulator"
+        )

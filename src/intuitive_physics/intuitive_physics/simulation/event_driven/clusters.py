@@ -1,6 +1,6 @@
 """Objects that several contacts press at once: short steps with all contact impulses together.
 
-A sphere wedged between planes or lying on other spheres has no closed form. For such a cluster the
+A sphere wedged between solids or lying on other spheres has no closed form. For such a cluster the
 contact impulses over a short step are found by projected Gauss-Seidel sweeps at the level of
 velocities, and the accelerations they stand for hold during the step, so that everything else goes
 on event by event.
@@ -10,17 +10,20 @@ from __future__ import annotations
 
 from math import inf
 
-from numba import njit
+from numba import int64
 
+from intuitive_physics.simulation.event_driven.contact_geometry import nearest
 from intuitive_physics.simulation.event_driven.world import (
     DYNAMIC,
+    MOST_TOUCHED,
     ROLLING,
     STATIC,
     inertia,
     object_coefficient,
-    plane_coefficient,
-    plane_gap,
+    pair_index,
+    solid_coefficient,
 )
+from intuitive_physics.simulation.kernels import inlined, kernel
 from intuitive_physics.simulation.vectors import (
     add_scaled,
     clamped,
@@ -50,7 +53,12 @@ STICKS = 1e-3
 """m/s. A contact that slips slower than this is held by static friction."""
 
 
-@njit(cache=True)
+def most_contacts(objects: int, solids: int) -> int:
+    """Contacts that a cluster can have among so many objects and solids."""
+    return objects * min(MOST_TOUCHED, solids) + objects * (objects - 1) // 2
+
+
+@kernel
 def gather(world, i):
     """Write i and all objects it touches, directly or through others; return how many."""
     world.objects[0].member = i
@@ -60,7 +68,7 @@ def gather(world, i):
         member = world.objects[at].member
         at += 1
         for other in range(world.objects.size):
-            if world.touches_object[member, other]:
+            if other != member and world.pairs[pair_index(member, other)].touches:
                 known = False
                 for k in range(count):
                     known = known or world.objects[k].member == other
@@ -70,7 +78,7 @@ def gather(world, i):
     return count
 
 
-@njit(cache=True)
+@kernel
 def plan_cluster(world, count):
     """Set the accelerations of the first `count` members for the next step."""
     end = world.objects[world.objects[0].member].time + STEP
@@ -87,12 +95,13 @@ def plan_cluster(world, count):
         store(body.spin_acceleration, scaled(turn, 1.0 / STEP))
         body.phase_end = end
         body.clustered = 1
+        body.turning = 0
     if not moves:
         for k in range(count):
             _rest(world.objects[world.objects[k].member])
 
 
-@njit(cache=True)
+@kernel
 def stop_jam(world, count):
     """Let the first `count` members hit everything they touch at once, without restitution.
 
@@ -106,7 +115,7 @@ def stop_jam(world, count):
         body.clustered = 1
 
 
-@njit(cache=True)
+@kernel
 def _solve(world, count, falling):
     """Find the members' velocities after all contact impulses and `falling` (s) of gravity.
 
@@ -130,7 +139,7 @@ def _solve(world, count, falling):
             break
 
 
-@njit(cache=True)
+@inlined
 def _rest(body):
     nothing = (0.0, 0.0, 0.0)
     store(body.velocity, nothing)
@@ -140,19 +149,20 @@ def _rest(body):
     body.phase_end = inf
 
 
-@njit(cache=True)
+@kernel
 def _list_contacts(world, count):
-    contacts = 0
+    contacts = int64(0)
     for k in range(count):
         i = world.objects[k].member
         body = world.objects[i]
-        for p in range(world.planes.size):
-            if world.touches_plane[i, p]:
-                n = load(world.planes[p].normal)
-                _write_contact(world, contacts, n, i, -1 - p, plane_gap(body, world.planes[p]))
-                contacts += 1
+        for t in range(body.touched_count):
+            s = body.touched[t]
+            solid = world.solids[s]
+            gap, n, _, _ = nearest(solid, world.features, load(body.position), body.radius)
+            _write_contact(world, contacts, n, i, -1 - s, gap)
+            contacts += 1
         for j in range(i):
-            if world.touches_object[i, j]:
+            if world.pairs[pair_index(i, j)].touches:
                 other = world.objects[j]
                 apart = sub(load(body.position), load(other.position))
                 distance = norm(apart)
@@ -162,7 +172,7 @@ def _list_contacts(world, count):
     return contacts
 
 
-@njit(cache=True)
+@inlined
 def _write_contact(world, c, n, i, other, gap):
     contact = world.contacts[c]
     contact.first, contact.second = i, other
@@ -174,7 +184,7 @@ def _write_contact(world, c, n, i, other, gap):
     store(contact.torque, (0.0, 0.0, 0.0))
 
 
-@njit(cache=True)
+@kernel
 def _speed_at_contact(world, contact):
     """Velocity of the first's material at the contact relative to the other's, at the step's end.
 
@@ -191,7 +201,7 @@ def _speed_at_contact(world, contact):
     return speed
 
 
-@njit(cache=True)
+@kernel
 def _push(world, contact, impulse):
     """Apply an impulse to the first at the contact, and its reaction to the other."""
     arm = cross(load(contact.normal), impulse)
@@ -200,14 +210,14 @@ def _push(world, contact, impulse):
         _push_one(world.objects[contact.second], scaled(impulse, -1.0), arm)
 
 
-@njit(inline="always")
+@inlined
 def _push_one(body, impulse, arm):
     store(body.acceleration, add_scaled(load(body.acceleration), impulse, 1.0 / body.mass))
     turned = add_scaled(load(body.spin_acceleration), arm, -body.radius / inertia(body))
     store(body.spin_acceleration, turned)
 
 
-@njit(cache=True)
+@kernel
 def _solve_contact(world, c):
     """Improve the impulses of one contact; return by how much (m/s) that changed a velocity."""
     contact = world.contacts[c]
@@ -220,9 +230,9 @@ def _solve_contact(world, c):
         dynamic = object_coefficient(world, DYNAMIC, i, other)
         rolling = object_coefficient(world, ROLLING, i, other)
     else:
-        static = plane_coefficient(world, STATIC, i, -1 - other)
-        dynamic = plane_coefficient(world, DYNAMIC, i, -1 - other)
-        rolling = plane_coefficient(world, ROLLING, i, -1 - other)
+        static = solid_coefficient(world, STATIC, i, -1 - other)
+        dynamic = solid_coefficient(world, DYNAMIC, i, -1 - other)
+        rolling = solid_coefficient(world, ROLLING, i, -1 - other)
 
     speed = _speed_at_contact(world, contact)
     before = contact.normal_impulse
@@ -242,7 +252,7 @@ def _solve_contact(world, c):
     return change
 
 
-@njit(cache=True)
+@inlined
 def _solve_rolling(world, contact, limit_per_radius):
     """Oppose the relative spin by a torque of at most μ_r r N, r the smaller radius.
 

@@ -1,6 +1,6 @@
-"""Transition: the closed-form phases of a sphere on one supporting plane.
+"""Transition: the closed-form phases of a sphere on one supporting solid.
 
-With g_n the part of gravity that presses and g_t the part along the plane (both m/s²):
+With g_n the part of gravity that presses and g_t the part along the surface (both m/s²):
 
 - sliding, slip s = v_t - r ω × n: acceleration g_t - μ_d g_n ŝ, so that
   ds/dt = g_t - 7/2 μ_d g_n ŝ;
@@ -12,21 +12,40 @@ The spin about the normal decays under the same torque, whatever the phase. Roll
 not act on a contact that slips. On a level plane all directions are constant and the phases exact;
 on an incline with a direction that turns, they are cut into short pieces (second order in their
 length).
+
+On an edge or a corner the normal turns with the part v_p of the velocity that is not along the
+edge. Then g_n is less by v_p²/r, which keeps the centre on its arc, and the contact ends where
+nothing of it is left. What drives the slip is g_t less ω_n n × v_p, because ω × n turns too. Such
+phases are cut into short pieces as well.
 """
 
 from __future__ import annotations
 
 from math import inf, sqrt
 
-from numba import njit
+from numba import int64
 
-from intuitive_physics.simulation.event_driven.impacts import plane_slip
+from intuitive_physics.simulation.event_driven.contact_geometry import (
+    ON_EDGE,
+    ON_FACE,
+    arc_pull,
+    arc_velocity,
+    nearest,
+)
+from intuitive_physics.simulation.event_driven.impacts import contact_slip
+from intuitive_physics.simulation.event_driven.roots import first_fall_quadratic
 from intuitive_physics.simulation.event_driven.world import (
     DYNAMIC,
+    FACE,
+    PLANE,
     ROLLING,
+    SIDE,
     STATIC,
-    plane_coefficient,
+    forget_touched,
+    lift,
+    solid_coefficient,
 )
+from intuitive_physics.simulation.kernels import inlined, kernel
 from intuitive_physics.simulation.vectors import (
     add,
     add_scaled,
@@ -36,6 +55,7 @@ from intuitive_physics.simulation.vectors import (
     norm,
     scaled,
     store,
+    sub,
     tangential,
 )
 
@@ -49,58 +69,209 @@ SHORTEST_PIECE = 1e-6
 """s. A slip or speed that turns while it is braked is none when it would last no longer."""
 
 PRESSES = 1e-9
-"""m/s². An acceleration into a plane below this presses nothing: rounding leaves about 1e-15."""
+"""m/s². An acceleration into a solid below this presses nothing: rounding leaves about 1e-15."""
+
+BRIM = 1e-9
+"""m. A contact nearer than this to the end of its face is on the edge."""
+
+TURNING_PIECE = 1e-3
+"""s. Pieces of a motion round an edge or corner are no longer …"""
+
+TURNING_ANGLE = 4e-3
+"""rad. … and go no further than this."""
+
+SHORTEST_TURNING_PIECE = 2e-5
+"""s. Nor are they shorter where slip is about to end, which a turning normal brings back."""
+
+TURNING_STILL = 1e-3
+"""m/s. Slip or r ω below this on an edge or corner is none, as in `clusters`."""
+
+PARTED = 1e-12
+"""m. Gap to what has just been left, so that rounding does not find it again at once."""
+
+SAME_NORMAL = 1.0 - 1e-12
+"""Solids side by side whose normals have at least this cosine support like one."""
 
 
-@njit(cache=True)
+@inlined
+def contact_with(world, body, s):
+    """Contact of a body with solid s as `nearest` has it; one at the end of a face is on an edge.
+
+    What moves over the end of a face is so passed on to the edge.
+    """
+    solid = world.solids[s]
+    gap, n, axis, part = nearest(solid, world.features, load(body.position), body.radius)
+    if part == ON_FACE and solid.kind != PLANE:
+        axis, part = _edge_at_brim(world, body, solid, n)
+    return gap, n, axis, part
+
+
+@kernel
+def _edge_at_brim(world, body, solid, n):
+    """The axis and part of a contact on a face of normal n, which may end there."""
+    x, v = load(body.position), load(body.velocity)
+    for f in range(solid.first_feature, solid.last_feature):
+        side = world.features[f]
+        outward = load(side.direction)
+        if (side.kind == SIDE or side.kind == FACE) and abs(dot(outward, n)) < 0.5:
+            beyond = dot(x, outward) - side.offset
+            if beyond > -BRIM and dot(v, outward) >= 0.0:
+                return cross(n, outward), ON_EDGE
+    return (0.0, 0.0, 0.0), ON_FACE
+
+
+@kernel
 def plan_alone(world, i):
-    """Set the accelerations of object i and until when they hold, if one plane at most holds it.
+    """Set the accelerations of object i and until when they hold, if one solid at most holds it.
 
-    Returns False, and leaves them undefined, where several planes press.
+    Returns False, and leaves them undefined, where several solids press.
     """
     body = world.objects[i]
-    gravity = load(world.gravity)
-    support = -1
-    for p in range(world.planes.size):
-        if world.touches_plane[i, p] and dot(gravity, load(world.planes[p].normal)) < -PRESSES:
-            if support >= 0:
-                return False
-            support = p
-    if support < 0:
+    gravity = world.gravity
+    body.phase_end = inf
+    body.turning = 0
+    if body.touched_count == 0:
         store(body.acceleration, gravity)
         store(body.spin_acceleration, (0.0, 0.0, 0.0))
-        body.phase_end = inf
         return True
-    _plan_on_plane(world, i, support, gravity)
+    support, upward, on_face = int64(-1), (0.0, 0.0, 0.0), False
+    for k in range(body.touched_count):
+        _, n, axis, part = contact_with(world, body, body.touched[k])
+        if dot(gravity, n) + arc_pull(load(body.velocity), axis, part, body.radius) < -PRESSES:
+            if support >= 0 and dot(upward, n) < SAME_NORMAL:
+                return False
+            if support < 0 or not on_face:
+                support, upward, on_face = body.touched[k], n, part == ON_FACE
+    store(body.acceleration, gravity)
+    store(body.spin_acceleration, (0.0, 0.0, 0.0))
+    if support >= 0:
+        _plan_on_solid(world, i, support)
+    return not _presses_on_others(world, body, support, upward)
+
+
+@kernel
+def _presses_on_others(world, body, support, upward):
+    """Whether a planned motion presses against more than its support; edges it leaves are left."""
     acceleration = load(body.acceleration)
-    for p in range(world.planes.size):
-        if world.touches_plane[i, p] and dot(acceleration, load(world.planes[p].normal)) < -PRESSES:
-            return False
-    return True
+    for k in range(body.touched_count - 1, -1, -1):
+        s = body.touched[k]
+        if s == support:
+            continue
+        gap, n, axis, part = contact_with(world, body, s)
+        apart = dot(acceleration, n) + arc_pull(load(body.velocity), axis, part, body.radius)
+        if apart < -PRESSES and not (support >= 0 and dot(upward, n) >= SAME_NORMAL):
+            return True
+        if part != ON_FACE and apart > PRESSES:
+            lift(body, n, gap - PARTED)
+            store(body.velocity, tangential(load(body.velocity), n))
+            forget_touched(body, k)
+    return False
 
 
-@njit(cache=True)
-def _plan_on_plane(world, i, p, gravity):
+@inlined
+def _plan_on_solid(world, i, s):
     body = world.objects[i]
-    n = load(world.planes[p].normal)
-    pressing = -dot(gravity, n)
-    along = tangential(gravity, n)
-    grip = plane_coefficient(world, STATIC, i, p) * pressing
-    braking = plane_coefficient(world, DYNAMIC, i, p) * pressing
-    resistance = plane_coefficient(world, ROLLING, i, p) * pressing
+    _, n, axis, part = contact_with(world, body, s)
+    pressing = _plan_on_contact(world, i, s, n, axis, part)
+    if part != ON_FACE:
+        _plan_turning(world, i, s, pressing)
+    elif world.solids[s].kind != PLANE:
+        body.phase_end = min(body.phase_end, body.time + _time_on_face(world, body, s, n))
+
+
+@kernel
+def _time_on_face(world, body, s, n):
+    """How long (s) the contact of a planned motion stays on the face of normal n."""
+    x, v, a = load(body.position), load(body.velocity), load(body.acceleration)
+    solid = world.solids[s]
+    least = inf
+    for f in range(solid.first_feature, solid.last_feature):
+        side = world.features[f]
+        outward = load(side.direction)
+        if (side.kind == SIDE or side.kind == FACE) and abs(dot(outward, n)) < 0.5:
+            inside = max(0.0, side.offset - dot(x, outward))
+            tau = first_fall_quadratic(inside, -dot(v, outward), -dot(a, outward))
+            least = min(least, tau)
+    return least
+
+
+@kernel
+def _plan_turning(world, i, s, pressing):
+    """Replace planned accelerations on an edge or corner by those in the middle of a short piece.
+
+    The midpoint rule: second order in the length of the piece. Afterwards the object is put back
+    on its arc. A piece ends where what presses (m/s²), linear in time, will be gone.
+    """
+    body = world.objects[i]
+    v, a = load(body.velocity), load(body.acceleration)
+    if norm(v) == 0.0 and norm(a) == 0.0:
+        return
+    body.turning = 1
+    h = min(TURNING_PIECE, body.phase_end - body.time)
+    h = max(h, SHORTEST_TURNING_PIECE)
+    h = min(h, TURNING_ANGLE * body.radius / max(norm(v), STILL))
+    alpha = load(body.spin_acceleration)
+    in_middle = _plan_middle(world, i, s, h, a, alpha)
+    lost = 2.0 * (pressing - in_middle)
+    if lost > pressing and h > SHORTEST_PIECE:
+        h = max(SHORTEST_PIECE, h * pressing / lost)
+        _plan_middle(world, i, s, h, a, alpha)
+    a = load(body.acceleration)
+    end = add_scaled(add_scaled(load(body.position), v, h), a, 0.5 * h * h)
+    _, n, _, _ = nearest(world.solids[s], world.features, end, body.radius)
+    store(body.end_velocity, tangential(add_scaled(v, a, h), n))
+    body.phase_end = body.time + h
+
+
+@kernel
+def _plan_middle(world, i, s, h, a, alpha):
+    """Plan as in the middle of h seconds under the accelerations a and α; return what presses."""
+    body = world.objects[i]
+    x, v, spin = load(body.position), load(body.velocity), load(body.spin)
+    half = 0.5 * h
+    middle = add_scaled(add_scaled(x, v, half), a, 0.5 * half * half)
+    gap, n, axis, part = nearest(world.solids[s], world.features, middle, body.radius)
+    store(body.position, add_scaled(middle, n, -gap))
+    store(body.velocity, tangential(add_scaled(v, a, half), n))
+    store(body.spin, add_scaled(spin, alpha, half))
+    pressing = _plan_on_contact(world, i, s, n, axis, part)
+    store(body.position, x)
+    store(body.velocity, v)
+    store(body.spin, spin)
+    return pressing
+
+
+@kernel
+def _plan_on_contact(world, i, s, n, axis, part):
+    """Set the accelerations of object i on a contact with solid s; return what presses, m/s²."""
+    body = world.objects[i]
+    gravity = world.gravity
+    across = arc_velocity(load(body.velocity), axis, part)
+    falling = dot(gravity, n)
+    pressing = max(0.0, -falling - dot(across, across) / body.radius)
+    twist = scaled(cross(n, across), dot(load(body.spin), n))
+    along = sub(add_scaled(gravity, n, -falling), twist)
+    grip = solid_coefficient(world, STATIC, i, s) * pressing
+    braking = solid_coefficient(world, DYNAMIC, i, s) * pressing
+    resistance = solid_coefficient(world, ROLLING, i, s) * pressing
     body.phase_end = inf
-    pivoting = _plan_pivot(body, n, 2.5 * resistance)
-    slip = plane_slip(body, n)
-    if norm(slip) > _still(along, 3.5 * braking):
+    still = STILL if part == ON_FACE else TURNING_STILL
+    pivoting = _plan_pivot(body, n, 2.5 * resistance, still)
+    slip = contact_slip(body, n)
+    if norm(slip) > max(_still(along, 3.5 * braking), still):
         _plan_sliding(body, n, along, braking, slip, pivoting)
     elif 2.0 / 7.0 * norm(along) > grip:
         about_to_slip = scaled(along, STILL / norm(along))
         _plan_sliding(body, n, along, braking, about_to_slip, pivoting)
     else:
         _plan_rolling(body, n, along, grip, resistance, pivoting)
+    if part != ON_FACE and (norm(load(body.velocity)) > 0.0 or norm(load(body.acceleration)) > 0.0):
+        turning = add_scaled(twist, n, falling + pressing)
+        store(body.acceleration, add(load(body.acceleration), turning))
+    return pressing
 
 
-@njit(cache=True)
+@inlined
 def _plan_rolling(body, n, along, grip, resistance, pivoting):
     rolling = tangential(load(body.velocity), n)
     heading = rolling
@@ -122,7 +293,7 @@ def _plan_rolling(body, n, along, grip, resistance, pivoting):
     store(body.spin_acceleration, turning)
 
 
-@njit(cache=True)
+@inlined
 def _bearable_resistance(along, heading, grip):
     """The resistance k at which the friction that rolling needs reaches what the contact grips.
 
@@ -137,13 +308,16 @@ def _bearable_resistance(along, heading, grip):
     return 1.4 * (sqrt(max(b * b + grip * grip - dot(drive, drive), 0.0)) - b)
 
 
-@njit(cache=True)
-def _plan_pivot(body, n, resistance):
-    """Return the deceleration of the spin about n, ending the phase when that spin is gone."""
+@inlined
+def _plan_pivot(body, n, resistance, still):
+    """Return the deceleration of the spin about n, ending the phase when that spin is gone.
+
+    It is none where the rim goes slower than `still` (m/s).
+    """
     spin = load(body.spin)
     pivot = dot(spin, n)
     rim_speed = abs(pivot) * body.radius
-    if rim_speed <= STILL:
+    if rim_speed <= still:
         store(body.spin, add_scaled(spin, n, -pivot))
         return 0.0, 0.0, 0.0
     if resistance <= 0.0:
@@ -153,7 +327,7 @@ def _plan_pivot(body, n, resistance):
     return scaled(n, sense * resistance / body.radius)
 
 
-@njit(cache=True)
+@inlined
 def _plan_sliding(body, n, along, braking, slip, pivoting):
     direction, duration = _braking(slip, slip, along, 3.5 * braking)
     friction = scaled(direction, -braking)
@@ -163,14 +337,14 @@ def _plan_sliding(body, n, along, braking, slip, pivoting):
     store(body.spin_acceleration, turning)
 
 
-@njit(cache=True)
+@kernel
 def _still(drive, brake):
     """Speed below which du/dt = drive - brake û has come to its end."""
     pull = norm(drive)
     return STILL if pull == 0.0 else max(STILL, SHORTEST_PIECE * (pull + brake))
 
 
-@njit(cache=True)
+@kernel
 def _braking(u, heading, drive, brake):
     """Direction and duration of du/dt = drive - brake û, for as long as û may be held constant.
 

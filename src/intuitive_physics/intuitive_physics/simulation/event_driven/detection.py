@@ -4,48 +4,194 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-import numpy as np
-from numba import njit
+from intuitive_physics.simulation.event_driven.contact_geometry import arc_pull, nearest
+from intuitive_physics.simulation.event_driven.roots import (
+    evaluate,
+    first_fall_quadratic,
+    next_fall,
+)
+from intuitive_physics.simulation.event_driven.world import (
+    EDGE,
+    FACE,
+    SHEET,
+    SIDE,
+    pair_index,
+    touches,
+)
+from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.vectors import (
+    add_scaled,
+    dot,
+    load,
+    norm,
+    sub,
+    tangential,
+)
 
-from intuitive_physics.simulation.event_driven.roots import first_fall, first_fall_quadratic
-from intuitive_physics.simulation.event_driven.world import plane_gap
-from intuitive_physics.simulation.vectors import add_scaled, dot, load, norm, sub
+REACHED = 1e-7
+"""m. A gap below this is none where a feature of a solid is hit."""
+
+GRAZES = 1e-6
+"""m/s. At a lower normal speed the acceleration decides whether what touches a solid hits it."""
+
+MOST_FALLS = 4
+"""Of a polynomial of degree four there are two; one more where each begins at an inflection."""
+
+PASSED = 1e-4
+"""m. What is deeper in a sheet has come through from behind, and does not hit it."""
 
 
-@njit(cache=True)
-def predict_plane_impacts(world, i):
-    """Find the first plane that object i hits in its present phase."""
+@kernel
+def predict_solid_impacts(world, i):
+    """Find the first solid that object i hits in its present phase."""
     body = world.objects[i]
-    body.plane_impact_time = inf
-    velocity, acceleration = load(body.velocity), load(body.acceleration)
-    for p in range(world.planes.size):
-        if not world.touches_plane[i, p]:
-            plane = world.planes[p]
-            n = load(plane.normal)
-            gap = plane_gap(body, plane)
-            t = body.time + first_fall_quadratic(gap, dot(velocity, n), dot(acceleration, n))
-            if t < body.plane_impact_time and t <= body.phase_end:
-                body.plane_impact_time = t
-                body.plane_impact = p
+    position, velocity = load(body.position), load(body.velocity)
+    acceleration = load(body.acceleration)
+    first, solid = inf, -1
+    for s in range(world.planes):
+        plane = world.solids[s]
+        n = load(plane.normal)
+        speed, push = dot(velocity, n), dot(acceleration, n)
+        if (speed < 0.0 or push < 0.0) and not touches(body, s):
+            gap = dot(position, n) - plane.offset - body.radius
+            t = first_fall_quadratic(gap, speed, push)
+            if t < first:
+                first, solid = t, s
+    body.impact_time = inf
+    if body.time + first <= body.phase_end:
+        body.impact_time = body.time + first
+        body.impact_solid = solid
+    if world.solids.size > world.planes:
+        _predict_bounded_impacts(world, body)
 
 
-@njit(cache=True)
-def predict_object_impacts(world, i, end):
+@inlined
+def _predict_bounded_impacts(world, body):
+    """Find out whether a body hits a sheet or box before it hits a plane."""
+    span = min(min(body.phase_end, body.impact_time), world.end) - body.time
+    if not span >= 0.0:
+        return
+    low, high = _bounds_of_path(body, span)
+    for s in range(world.planes, world.solids.size):
+        solid = world.solids[s]
+        if not _overlaps(solid, low, high) or touches(body, s):
+            continue
+        for f in range(solid.first_feature, solid.last_feature):
+            feature = world.features[f]
+            if feature.kind != SIDE and _overlaps(feature, low, high):
+                tau = _feature_impact(world, body, solid, feature, span)
+                if tau < span or (tau == span and body.impact_time > body.time + span):
+                    span = tau
+                    body.impact_time = body.time + tau
+                    body.impact_solid = s
+
+
+@inlined
+def _bounds_of_path(body, span):
+    """Lowest and highest coordinates that a body's surface reaches within `span` (s)."""
+    x, v, a = load(body.position), load(body.velocity), load(body.acceleration)
+    low0, high0 = _extremes(x[0], v[0], a[0], span)
+    low1, high1 = _extremes(x[1], v[1], a[1], span)
+    low2, high2 = _extremes(x[2], v[2], a[2], span)
+    r = body.radius + REACHED
+    return (low0 - r, low1 - r, low2 - r), (high0 + r, high1 + r, high2 + r)
+
+
+@inlined
+def _extremes(x, v, a, span):
+    end = x + span * (v + 0.5 * span * a)
+    low, high = min(x, end), max(x, end)
+    if v * (v + span * a) < 0.0:
+        apex = x - 0.5 * v * v / a
+        low, high = min(low, apex), max(high, apex)
+    return low, high
+
+
+@inlined
+def _overlaps(bounded, low, high):
+    return (
+        bounded.low[0] <= high[0]
+        and low[0] <= bounded.high[0]
+        and bounded.low[1] <= high[1]
+        and low[1] <= bounded.high[1]
+        and bounded.low[2] <= high[2]
+        and low[2] <= bounded.high[2]
+    )
+
+
+@kernel
+def _feature_impact(world, body, solid, feature, span):
+    """Time τ in [0, span] at which a body hits a face, edge or corner of a solid, else infinity."""
+    x, v, a = load(body.position), load(body.velocity), load(body.acceleration)
+    if feature.kind == FACE:
+        n = load(feature.direction)
+        gap = dot(x, n) - feature.offset - body.radius
+        tau = first_fall_quadratic(gap, dot(v, n), dot(a, n))
+        if tau > span:
+            return inf
+        gap += tau * (dot(v, n) + 0.5 * tau * dot(a, n))
+        return tau if _hits(world, body, solid, tau, gap) else inf
+    w = sub(x, load(feature.point))
+    if feature.kind == EDGE:
+        direction = load(feature.direction)
+        w, v, a = (
+            tangential(w, direction),
+            tangential(v, direction),
+            tangential(a, direction),
+        )
+    square = dot(w, w) - body.radius * body.radius
+    gap_squared = (
+        square,
+        2.0 * dot(w, v),
+        dot(v, v) + dot(w, a),
+        dot(v, a),
+        0.25 * dot(a, a),
+    )
+    low = 0.0
+    for _ in range(MOST_FALLS):
+        tau, low = next_fall(gap_squared, low, span)
+        if tau == inf:
+            return inf
+        distance = sqrt(max(0.0, evaluate(gap_squared, tau) + body.radius * body.radius))
+        if _hits(world, body, solid, tau, distance - body.radius):
+            return tau
+    return inf
+
+
+@kernel
+def _hits(world, body, solid, tau, gap_to_feature):
+    """Whether a body at time τ (s) touches a solid, approaches it, and the feature is nearest."""
+    x = position_at(body, body.time + tau)
+    gap, n, axis, part = nearest(solid, world.features, x, body.radius)
+    if gap > REACHED or abs(gap - gap_to_feature) > REACHED:
+        return False
+    if solid.kind == SHEET and gap < -PASSED:
+        return False
+    velocity = add_scaled(load(body.velocity), load(body.acceleration), tau)
+    speed = dot(velocity, n)
+    if abs(speed) >= GRAZES:
+        return speed < 0.0
+    apart = dot(load(body.acceleration), n) + arc_pull(velocity, axis, part, body.radius)
+    return apart < 0.0 or (apart == 0.0 and speed < 0.0)
+
+
+@kernel
+def predict_object_impacts(world, i):
     """Find when object i hits each other object while both are in their present phases."""
     for j in range(world.objects.size):
         if j != i:
-            t = inf
-            if not world.touches_object[i, j]:
-                t = _object_impact(world.objects[i], world.objects[j], end)
-            world.object_impact_time[min(i, j), max(i, j)] = t
+            pair = world.pairs[pair_index(i, j)]
+            pair.impact_time = inf
+            if not pair.touches:
+                pair.impact_time = _object_impact(world.objects[i], world.objects[j], world.end)
 
 
-@njit(cache=True)
+@inlined
 def _object_impact(one, other, end):
     """Time of impact of two objects: a root of a quartic, of a quadratic where both fly freely."""
     start = max(one.time, other.time)
     end = min(end, min(one.phase_end, other.phase_end))
-    end = min(end, min(one.plane_impact_time, other.plane_impact_time))
+    end = min(end, min(one.impact_time, other.impact_time))
     if end < start:
         return inf
     apart = sub(position_at(one, start), position_at(other, start))
@@ -66,16 +212,13 @@ def _object_impact(one, other, end):
             return inf
         t = start + max(0.0, gap / (sqrt(under_root) - approach))
         return t if t <= end else inf
-    polynomial = np.empty(5)
-    polynomial[0] = gap
-    polynomial[1] = 2.0 * approach
-    polynomial[2] = dot(closing, closing) + dot(apart, bending)
-    polynomial[3] = dot(closing, bending)
-    polynomial[4] = 0.25 * dot(bending, bending)
-    return start + first_fall(polynomial, 4, span)
+    c2 = dot(closing, closing) + dot(apart, bending)
+    c3, c4 = dot(closing, bending), 0.25 * dot(bending, bending)
+    tau, _ = next_fall((gap, 2.0 * approach, c2, c3, c4), 0.0, span)
+    return start + tau
 
 
-@njit(cache=True)
+@inlined
 def position_at(body, t):
     """Position (m) of a body at time t (s) of its present phase."""
     tau = t - body.time
@@ -83,6 +226,6 @@ def position_at(body, t):
     return add_scaled(moved, load(body.acceleration), 0.5 * tau * tau)
 
 
-@njit(cache=True)
+@inlined
 def _velocity_at(body, t):
     return add_scaled(load(body.velocity), load(body.acceleration), t - body.time)

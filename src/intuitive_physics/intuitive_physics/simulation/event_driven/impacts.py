@@ -3,22 +3,24 @@
 Normal: Newton's restitution. Tangential: Coulomb's friction over the impact's impulse. A contact
 that slips is braked by dynamic friction until its slip is gone (stick) or the normal impulse is
 spent (slip): |J_t| = min(μ_d J_n, m_t |s|), where m_t is the mass felt at the contact point, 2/7 m
-for one solid sphere. A sphere that sticks to a plane also feels rolling friction, an angular
+for one solid sphere. A sphere that sticks to a solid also feels rolling friction, an angular
 impulse of at most μ_r r J_n.
 """
 
 from __future__ import annotations
 
-from numba import njit
-
+from intuitive_physics.simulation.event_driven.contact_geometry import nearest
 from intuitive_physics.simulation.event_driven.world import (
     DYNAMIC,
     RESTITUTION,
     ROLLING,
     inertia,
     object_coefficient,
-    plane_coefficient,
+    pair_index,
+    solid_coefficient,
+    touch,
 )
+from intuitive_physics.simulation.kernels import inlined, kernel
 from intuitive_physics.simulation.vectors import (
     add,
     add_scaled,
@@ -35,40 +37,45 @@ from intuitive_physics.simulation.vectors import (
 REBOUND_SPEED = 5e-3
 """m/s. A rebound slower than this ends the bouncing (Zeno): it would rise by about 1 µm."""
 
+SOFT_SPEED = 1e-4
+"""m/s. What comes to rest from less keeps the contacts it has, as in a cluster."""
 
-@njit(cache=True)
-def plane_slip(body, n):
-    """Velocity of a body's material at its contact with a plane of normal n, in the plane."""
+
+@inlined
+def contact_slip(body, n):
+    """Velocity of a body's material at its contact of normal n, along the solid's surface."""
     velocity = tangential(load(body.velocity), n)
     return add_scaled(velocity, cross(load(body.spin), n), -body.radius)
 
 
-@njit(cache=True)
-def hit_plane(world, i, p):
-    """Let object i, touching plane p and approaching it, rebound."""
+@kernel
+def hit_solid(world, i, s):
+    """Let object i, touching solid s and approaching it, rebound."""
     body = world.objects[i]
-    n = load(world.planes[p].normal)
+    _, n, _, _ = nearest(world.solids[s], world.features, load(body.position), body.radius)
     approach = -dot(load(body.velocity), n)
-    rebound = approach * plane_coefficient(world, RESTITUTION, i, p)
+    rebound = approach * solid_coefficient(world, RESTITUTION, i, s)
     if rebound < REBOUND_SPEED:
         rebound = 0.0
-        world.touches_plane[i, p] = True
-    impulse = body.mass * (approach + rebound)
+        touch(body, s)
+        if approach < SOFT_SPEED:
+            body.clustered = 1
+    impulse = body.mass * max(0.0, approach + rebound)
 
-    slip = plane_slip(body, n)
+    slip = contact_slip(body, n)
     store(body.velocity, add_scaled(load(body.velocity), n, approach + rebound))
     to_stick = 2.0 / 7.0 * body.mass * norm(slip)
-    limit = plane_coefficient(world, DYNAMIC, i, p) * impulse
+    limit = solid_coefficient(world, DYNAMIC, i, s) * impulse
     if to_stick > 0.0:
         _push(body, n, scaled(slip, -2.0 / 7.0 * body.mass * min(1.0, limit / to_stick)))
     if to_stick <= limit:
         # The angular impulse μ_r r J_n of a rolling sphere takes 5/7 μ_r J_n of its momentum. It
         # needs as much friction, of which there is only what sticking has left.
-        loss = 5.0 / 7.0 * plane_coefficient(world, ROLLING, i, p) * impulse
+        loss = 5.0 / 7.0 * solid_coefficient(world, ROLLING, i, s) * impulse
         _slow_rolling(body, n, min(loss, limit - to_stick))
 
 
-@njit(cache=True)
+@inlined
 def _slow_rolling(body, n, loss):
     """Take so much momentum (N s) from a body that rolls without slip, or all it has."""
     rolling = tangential(load(body.velocity), n)
@@ -79,7 +86,7 @@ def _slow_rolling(body, n, loss):
         store(body.spin, add_scaled(load(body.spin), cross(n, slowed), 1.0 / body.radius))
 
 
-@njit(cache=True)
+@kernel
 def _push(body, n, impulse):
     """Apply an impulse at the contact point -r n."""
     store(body.velocity, add_scaled(load(body.velocity), impulse, 1.0 / body.mass))
@@ -87,7 +94,7 @@ def _push(body, n, impulse):
     store(body.spin, add_scaled(load(body.spin), turning, -body.radius / inertia(body)))
 
 
-@njit(cache=True)
+@kernel
 def hit_object(world, i, j):
     """Let objects i and j, touching and approaching each other, rebound."""
     one, other = world.objects[i], world.objects[j]
@@ -98,8 +105,7 @@ def hit_object(world, i, j):
     rebound = approach * object_coefficient(world, RESTITUTION, i, j)
     if rebound < REBOUND_SPEED:
         rebound = 0.0
-        world.touches_object[i, j] = True
-        world.touches_object[j, i] = True
+        world.pairs[pair_index(i, j)].touches = 1
     inverse_mass = 1.0 / one.mass + 1.0 / other.mass
     impulse = (approach + rebound) / inverse_mass
 

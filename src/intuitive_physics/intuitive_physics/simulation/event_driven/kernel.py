@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite, pi
+from math import inf, isfinite, nan, pi, sqrt
 
-from numba import njit
+from numba import int64
 
-from intuitive_physics.simulation.event_driven.impacts import hit_object, hit_plane
-from intuitive_physics.simulation.event_driven.motion import advance
+from intuitive_physics.simulation.event_driven.clusters import gather
+from intuitive_physics.simulation.event_driven.impacts import hit_object, hit_solid
+from intuitive_physics.simulation.event_driven.motion import carry, write_outputs
+from intuitive_physics.simulation.event_driven.solids import place_bounded, place_planes
 from intuitive_physics.simulation.event_driven.transitions import (
     end_jam,
     find_touching,
-    lift_onto,
-    part_overlap,
+    part_start,
     replan,
 )
-from intuitive_physics.simulation.event_driven.world import make_world, plane_gap
-from intuitive_physics.simulation.vectors import load
+from intuitive_physics.simulation.event_driven.world import World, pair_index
+from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.vectors import load, store
 
 OK, NOT_FINITE, TOO_MANY_EVENTS = range(3)
 
@@ -30,7 +32,7 @@ TOUCHES = 1e-9
 """m. Objects nearer than this at the start are in contact."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def roll_worlds(
     first,
     last,
@@ -43,11 +45,21 @@ def roll_worlds(
     plane_counts,
     planes,
     plane_materials,
+    corner_counts,
+    corners,
+    box_counts,
+    boxes,
+    box_materials,
     parameter_index,
     density,
     coefficients,
     times,
     max_events,
+    objects,
+    solids,
+    features,
+    contacts,
+    pairs,
     positions,
     orientations,
     status,
@@ -57,52 +69,94 @@ def roll_worlds(
     Parameters
     ----------
     times : (W or 1, T) s, NaN only at a row's end
+    objects, solids, features, contacts, pairs : scratch, as in `World`
     positions : (W, O, T, 3) to be filled, as are orientations (W, O, T, 4), whose axis O has
         length zero when they are not wanted, and status (W,)
     """
+    turns = orientations.shape[1] > 0
+    placed, endless = -1, 0
     for w in range(first, last):
         e, c = environment_index[w], parameter_index[w]
-        world = make_world(object_counts[w], plane_counts[e], gravity[e], coefficients[c])
-        for p in range(plane_counts[e]):
-            for k in range(3):
-                world.planes[p].normal[k] = planes[e, p, k]
-            world.planes[p].offset = planes[e, p, 3]
-            world.planes[p].material = plane_materials[e, p]
+        count = plane_counts[e]
+        bounded = solids[: count + box_counts[e]]
+        if e != placed:
+            endless = place_planes(bounded, count, planes[e], plane_materials[e], corner_counts[e])
+            if bounded.size > endless:
+                place_bounded(
+                    bounded,
+                    endless,
+                    features,
+                    count,
+                    planes[e],
+                    plane_materials[e],
+                    corner_counts[e],
+                    corners[e],
+                    boxes[e],
+                    box_materials[e],
+                )
+            placed = e
         for i in range(object_counts[w]):
-            rho = density[c, object_materials[w, i]]
-            _place(world.objects[i], states[w, i], dimensions[w, i, 0], object_materials[w, i], rho)
+            material = object_materials[w, i]
+            _place(
+                objects[i],
+                states[w, i],
+                dimensions[w, i, 0],
+                material,
+                density[c, material],
+            )
         row = times[w if times.shape[0] > 1 else 0]
         wanted = row.size
         while not isfinite(row[wanted - 1]):
             wanted -= 1
+        world = World(
+            objects[: object_counts[w]],
+            bounded,
+            endless,
+            features,
+            contacts,
+            pairs,
+            load(gravity[e]),
+            coefficients[c],
+            row[wanted - 1],
+            turns,
+        )
         status[w] = _roll_world(world, row[:wanted], max_events, positions[w], orientations[w])
 
 
-@njit(cache=True)
+@inlined
 def _place(body, state, radius, material, rho):
     for k in range(3):
         body.position[k] = state[k]
         body.velocity[k] = state[7 + k]
         body.spin[k] = state[10 + k]
-    for k in range(4):
-        body.orientation[k] = state[3 + k]
+    x, y, z, w = state[3], state[4], state[5], state[6]
+    scale = 1.0 / sqrt(x * x + y * y + z * z + w * w)
+    body.orientation[0], body.orientation[1] = x * scale, y * scale
+    body.orientation[2], body.orientation[3] = z * scale, w * scale
+    body.time = 0.0
+    body.phase_end = inf
     body.radius = radius
     body.mass = rho * 4.0 / 3.0 * pi * radius**3
+    body.impact_time = inf
+    body.impact_solid = -1
     body.material = material
+    body.clustered = 0
+    body.turning = 0
+    body.next_output = 0
+    body.touched_count = 0
 
 
-@njit(cache=True)
+@kernel
 def _roll_world(world, times, max_events, positions, orientations):
+    """Roll out one world; return its status."""
     objects = world.objects.size
-    _part_start(world)
-    for i in range(objects):
-        replan(world, i, times, positions, orientations)
-    status = OK
+    _start(world)
+    status = OK if _all_finite(world) else NOT_FINITE
     events = 0
     instant, at_once = -1.0, 0
-    while True:
+    while status == OK:
         t, i, j = _next_event(world)
-        if t > times[-1]:
+        if t > world.end:
             break
         events += 1
         at_once = at_once + 1 if t - instant < INSTANT else 0
@@ -110,58 +164,114 @@ def _roll_world(world, times, max_events, positions, orientations):
         if events > max_events:
             status = TOO_MANY_EVENTS
             break
-        advance(world, i, t, times, positions, orientations)
+        _advance(world, i, t, times, positions, orientations)
+        if j >= 0:
+            _advance(world, j, t, times, positions, orientations)
         if at_once > JAM:
-            end_jam(world, i, times, positions, orientations)
-            for k in range(objects):
-                advance(world, k, t, times, positions, orientations)
-                replan(world, k, times, positions, orientations)
             at_once = 0
+            for k in range(objects):
+                _advance(world, k, t, times, positions, orientations)
+            end_jam(world, i)
+            for k in range(objects):
+                replan(world, k, gather(world, k))
         elif j >= 0:
-            advance(world, j, t, times, positions, orientations)
-            world.object_impact_time[i, j] = inf
+            world.pairs[pair_index(i, j)].impact_time = inf
             hit_object(world, i, j)
-            replan(world, j, times, positions, orientations)
-        elif world.objects[i].plane_impact_time <= t:
-            hit_plane(world, i, world.objects[i].plane_impact)
-        velocity = load(world.objects[i].velocity)
-        if not isfinite(velocity[0] + velocity[1] + velocity[2]):
+            _replan(world, j, times, positions, orientations)
+        elif world.objects[i].impact_time <= t:
+            hit_solid(world, i, world.objects[i].impact_solid)
+        if not _finite(world.objects[i]):
             status = NOT_FINITE
             break
-        replan(world, i, times, positions, orientations)
+        _replan(world, i, times, positions, orientations)
     if status == OK:
         for i in range(objects):
-            advance(world, i, times[-1], times, positions, orientations)
+            _advance(world, i, world.end, times, positions, orientations)
+        status = OK if _all_finite(world) else NOT_FINITE
+    _blank_rest(world, status, positions, orientations)
     return status
 
 
-@njit(cache=True)
+@inlined
+def _start(world):
+    for k in range(world.objects.size * (world.objects.size - 1) // 2):
+        world.pairs[k].touches = 0
+        world.pairs[k].impact_time = inf
+    part_start(world)
+    for i in range(world.objects.size):
+        find_touching(world, i, TOUCHES)
+    for i in range(world.objects.size):
+        replan(world, i, gather(world, i))
+
+
+@inlined
+def _replan(world, i, times, positions, orientations):
+    """Plan object i and all that touch it anew, after these have been brought to its time."""
+    count = gather(world, i)
+    for k in range(1, count):
+        now = world.objects[i].time
+        _advance(world, world.objects[k].member, now, times, positions, orientations)
+    replan(world, i, count)
+
+
+@inlined
+def _advance(world, i, t, times, positions, orientations):
+    """Bring object i to time t, writing all its outputs up to and including t."""
+    write_outputs(world, i, t, times, positions, orientations)
+    carry(world.objects[i], t, world.turns)
+
+
+@inlined
+def _finite(body):
+    v = body.velocity[0] + body.velocity[1] + body.velocity[2]
+    return isfinite(v + body.position[0] + body.position[1] + body.position[2])
+
+
+@inlined
+def _all_finite(world):
+    finite = True
+    for i in range(world.objects.size):
+        finite = finite and _finite(world.objects[i])
+    return finite
+
+
+@inlined
+def _blank_rest(world, status, positions, orientations):
+    """Write NaN where there is no output: after a stop, for unwanted times and absent objects."""
+    for i in range(positions.shape[0]):
+        first = 0
+        if i < world.objects.size:
+            first = world.objects[i].next_output
+            if status == NOT_FINITE:
+                first = _first_not_finite(positions[i, :first])
+        for k in range(first, positions.shape[1]):
+            store(positions[i, k], (nan, nan, nan))
+            if world.turns:
+                store(orientations[i, k], (nan, nan, nan))
+                orientations[i, k, 3] = nan
+
+
+@inlined
+def _first_not_finite(positions):
+    for k in range(positions.shape[0]):
+        if not isfinite(positions[k, 0] + positions[k, 1] + positions[k, 2]):
+            return k
+    return positions.shape[0]
+
+
+@inlined
 def _next_event(world):
     """Time of the next event, its object, and the other object or -1."""
-    first, i, j = inf, 0, -1
-    for a in range(world.objects.size):
-        body = world.objects[a]
-        t = min(body.phase_end, body.plane_impact_time)
+    first, i, j = inf, int64(0), int64(-1)
+    pair = 0
+    for b in range(world.objects.size):
+        body = world.objects[b]
+        t = min(body.phase_end, body.impact_time)
         if t < first:
-            first, i, j = t, a, -1
-        for b in range(a + 1, world.objects.size):
-            t = world.object_impact_time[a, b]
+            first, i, j = t, b, -1
+        for a in range(b):
+            t = world.pairs[pair].impact_time
             if t < first:
                 first, i, j = t, a, b
+            pair += 1
     return first, i, j
-
-
-@njit(cache=True)
-def _part_start(world):
-    """Move what overlaps at the start apart: noisy states of touching things overlap a little."""
-    objects, planes = world.objects.size, world.planes.size
-    for _ in range(20):
-        for i in range(objects):
-            for j in range(i):
-                part_overlap(world.objects[i], world.objects[j])
-        for i in range(objects):
-            for p in range(planes):
-                if plane_gap(world.objects[i], world.planes[p]) < 0.0:
-                    lift_onto(world.objects[i], world.planes[p])
-    for i in range(objects):
-        find_touching(world, i, TOUCHES)

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-from numba import njit
-
-from intuitive_physics.simulation.event_driven.clusters import gather, plan_cluster, stop_jam
-from intuitive_physics.simulation.event_driven.contact_phases import PRESSES, STILL, plan_alone
+from intuitive_physics.simulation.event_driven.clusters import (
+    gather,
+    plan_cluster,
+    stop_jam,
+)
+from intuitive_physics.simulation.event_driven.contact_geometry import nearest
+from intuitive_physics.simulation.event_driven.contact_phases import (
+    PRESSES,
+    STILL,
+    plan_alone,
+)
 from intuitive_physics.simulation.event_driven.detection import (
     position_at,
     predict_object_impacts,
-    predict_plane_impacts,
+    predict_solid_impacts,
 )
-from intuitive_physics.simulation.event_driven.motion import advance
-from intuitive_physics.simulation.event_driven.world import plane_gap
-from intuitive_physics.simulation.vectors import add_scaled, dot, load, norm, scaled, store, sub
+from intuitive_physics.simulation.event_driven.world import (
+    forget_touched,
+    lift,
+    pair_index,
+    part_overlap,
+    touch,
+)
+from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.vectors import add_scaled, dot, load, norm, store, sub
 
 JAM_GAP = 1e-7
 """m. Objects nearer than this take part in a jam."""
@@ -21,68 +34,87 @@ JAM_GAP = 1e-7
 CLUSTER_SPEED = 1e-3
 """m/s. Normal velocity that a cluster's solver may leave on a contact that lasts."""
 
+LOST = 1e-4
+"""m. A gap that no contact has that lasts."""
 
-@njit(cache=True)
-def replan(world, i, times, positions, orientations):
-    """Plan anew the motion of object i, and of all that touch it, from its present time on."""
-    count = gather(world, i)
-    now = world.objects[i].time
-    in_cluster = False
+
+@kernel
+def replan(world, i, count):
+    """Plan anew the motion of object i, and of all that touch it, from their present time on.
+
+    They are the first `count` members that `gather` found.
+    """
+    roughly = False
     for k in range(count):
-        advance(world, world.objects[k].member, now, times, positions, orientations)
-        in_cluster = in_cluster or world.objects[world.objects[k].member].clustered == 1
-    _settle_contacts(world, count, CLUSTER_SPEED if in_cluster else STILL)
-    count = gather(world, i)
+        body = world.objects[world.objects[k].member]
+        roughly = roughly or body.clustered == 1 or body.turning == 1
+    _settle_contacts(world, count, CLUSTER_SPEED if roughly else STILL)
+    if count > 1:
+        count = gather(world, i)
     if not _plan_apart(world, count):
         plan_cluster(world, count)
-    elif in_cluster:
+    elif roughly:
+        _leave_cluster(world, count)
+    for k in range(count):
+        predict_solid_impacts(world, world.objects[k].member)
+    if world.objects.size > 1:
+        for k in range(count):
+            predict_object_impacts(world, world.objects[k].member)
+
+
+@inlined
+def _leave_cluster(world, count):
+    """Let members that can be planned by themselves go on with what lasts exactly."""
+    clustered = False
+    for k in range(count):
+        body = world.objects[world.objects[k].member]
+        clustered = clustered or body.clustered == 1
+        body.clustered = 0
+    if clustered:
         _settle_contacts(world, count, STILL)
         for k in range(count):
-            world.objects[world.objects[k].member].clustered = 0
             plan_alone(world, world.objects[k].member)
-    for k in range(count):
-        predict_plane_impacts(world, world.objects[k].member)
-    for k in range(count):
-        predict_object_impacts(world, world.objects[k].member, times[-1])
 
 
-@njit(cache=True)
-def end_jam(world, i, times, positions, orientations):
-    """Resolve at once all contacts around object i, whose impacts find no end."""
+@inlined
+def end_jam(world, i):
+    """Resolve at once all contacts around object i, whose impacts find no end.
+
+    All objects must have been brought to its time.
+    """
     find_touching(world, i, JAM_GAP)
-    count = gather(world, i)
-    for k in range(count):
-        member = world.objects[k].member
-        advance(world, member, world.objects[i].time, times, positions, orientations)
-    stop_jam(world, count)
+    stop_jam(world, gather(world, i))
 
 
-@njit(cache=True)
+@kernel
 def find_touching(world, i, tolerance):
     """Take note of all that object i touches besides what is known, within `tolerance` (m)."""
     body = world.objects[i]
-    for p in range(world.planes.size):
-        if abs(plane_gap(body, world.planes[p])) < tolerance:
-            world.touches_plane[i, p] = True
+    for s in range(world.solids.size):
+        gap, _, _, _ = nearest(world.solids[s], world.features, load(body.position), body.radius)
+        if abs(gap) < tolerance:
+            touch(body, s)
     for j in range(world.objects.size):
         if j != i:
-            apart = sub(position_at(body, body.time), position_at(world.objects[j], body.time))
-            gap = norm(apart) - body.radius - world.objects[j].radius
-            if abs(gap) < tolerance:
-                world.touches_object[i, j] = world.touches_object[j, i] = True
+            other = world.objects[j]
+            apart = sub(load(body.position), position_at(other, body.time))
+            if abs(norm(apart) - body.radius - other.radius) < tolerance:
+                world.pairs[pair_index(i, j)].touches = 1
 
 
-@njit(cache=True)
+@inlined
 def _plan_apart(world, count):
-    """Plan each member by itself; False where a contact between them or with a plane presses."""
+    """Plan each member by itself; False where a contact between them or with a solid presses."""
     for k in range(count):
         if not plan_alone(world, world.objects[k].member):
             return False
+    if count == 1:
+        return True
     for k in range(count):
         i = world.objects[k].member
         body = world.objects[i]
-        for j in range(world.objects.size):
-            if world.touches_object[i, j]:
+        for j in range(i):
+            if world.pairs[pair_index(i, j)].touches:
                 other = world.objects[j]
                 apart = sub(load(body.position), load(other.position))
                 relative = sub(load(body.acceleration), load(other.acceleration))
@@ -91,49 +123,50 @@ def _plan_apart(world, count):
     return True
 
 
-@njit(cache=True)
+@kernel
 def _settle_contacts(world, count, tolerance):
     """Keep contacts that neither part nor close; the others are for the detection again."""
     for k in range(count):
         i = world.objects[k].member
         body = world.objects[i]
-        for p in range(world.planes.size):
-            if world.touches_plane[i, p]:
-                n = load(world.planes[p].normal)
-                speed = dot(load(body.velocity), n)
-                if abs(speed) > tolerance:
-                    world.touches_plane[i, p] = False
-                else:
-                    lift_onto(body, world.planes[p])
-                    store(body.velocity, add_scaled(load(body.velocity), n, -speed))
-        for j in range(world.objects.size):
-            if world.touches_object[i, j]:
+        for t in range(body.touched_count - 1, -1, -1):
+            solid = world.solids[body.touched[t]]
+            gap, n, _, _ = nearest(solid, world.features, load(body.position), body.radius)
+            speed = dot(load(body.velocity), n)
+            if abs(speed) > tolerance or gap > LOST:
+                forget_touched(body, t)
+            else:
+                lift(body, n, gap)
+                store(body.velocity, add_scaled(load(body.velocity), n, -speed))
+        if count == 1:
+            return
+        for j in range(i):
+            pair = world.pairs[pair_index(i, j)]
+            if pair.touches:
                 other = world.objects[j]
                 apart = sub(load(body.position), load(other.position))
                 relative = sub(load(body.velocity), load(other.velocity))
                 if abs(dot(relative, apart)) > tolerance * norm(apart):
-                    world.touches_object[i, j] = False
-                    world.touches_object[j, i] = False
+                    pair.touches = 0
                 else:
                     part_overlap(body, other)
 
 
-@njit(cache=True)
-def lift_onto(body, plane):
-    """Move a body along a plane's normal until it touches the plane."""
-    moved = add_scaled(load(body.position), load(plane.normal), -plane_gap(body, plane))
-    store(body.position, moved)
-
-
-@njit(cache=True)
-def part_overlap(one, other):
-    """Move two overlapping bodies apart, the lighter one further."""
-    apart = sub(load(one.position), load(other.position))
-    distance = norm(apart)
-    overlap = one.radius + other.radius - distance
-    if overlap <= 0.0:
-        return
-    n = scaled(apart, 1.0 / distance) if distance > 0.0 else (0.0, 0.0, 1.0)
-    share = overlap / (one.mass + other.mass)
-    store(one.position, add_scaled(load(one.position), n, share * other.mass))
-    store(other.position, add_scaled(load(other.position), n, -share * one.mass))
+@inlined
+def part_start(world):
+    """Move what overlaps at the start apart: noisy states of touching things overlap a little."""
+    for _ in range(20):
+        moved = False
+        for i in range(world.objects.size):
+            for j in range(i):
+                moved = part_overlap(world.objects[i], world.objects[j]) or moved
+        for i in range(world.objects.size):
+            body = world.objects[i]
+            for s in range(world.solids.size):
+                solid = world.solids[s]
+                gap, n, _, _ = nearest(solid, world.features, load(body.position), body.radius)
+                if gap < 0.0:
+                    lift(body, n, gap)
+                    moved = True
+        if not moved:
+            return

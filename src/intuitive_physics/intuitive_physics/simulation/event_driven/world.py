@@ -1,18 +1,26 @@
 """The state of one world while it is rolled out.
 
-Objects, planes and contacts are records: a kernel gets a pointer to them, where every array among
-its arguments would cost it two atomic operations a call to count references.
+Objects, solids and contacts are records: a kernel gets a pointer to them.
 """
 
 from __future__ import annotations
 
 from collections import namedtuple
-from math import inf
 
 import numpy as np
-from numba import njit
 
-from intuitive_physics.simulation.vectors import dot, load
+from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.vectors import (
+    add_scaled,
+    load,
+    norm,
+    scaled,
+    store,
+    sub,
+)
+
+MOST_TOUCHED = 12
+"""Solids that one object can touch at once."""
 
 OBJECT = np.dtype(
     [
@@ -23,26 +31,72 @@ OBJECT = np.dtype(
         ("orientation", "f8", 4),  # (x, y, z, w)
         ("acceleration", "f8", 3),  # m/s²
         ("spin_acceleration", "f8", 3),  # rad/s²
+        ("end_velocity", "f8", 3),  # m/s, at `phase_end` where `turning`
         ("time", "f8"),  # s
         ("phase_end", "f8"),  # s, until when the accelerations hold
         ("radius", "f8"),  # m
         ("mass", "f8"),  # kg
+        ("impact_time", "f8"),  # s, of the next impact on a solid, infinite if none
+        ("impact_solid", "i8"),  # index of that solid
         ("material", "i8"),
         ("clustered", "i8"),  # 1 while the accelerations come from `clusters`
-        ("plane_impact_time", "f8"),  # s, of the next impact on a plane, infinite if none
-        ("plane_impact", "i8"),  # index of that plane
+        (
+            "turning",
+            "i8",
+        ),  # 1 while it goes round an edge or corner, see `turning_contact`
         ("next_output", "i8"),  # index of the first output time not yet written
         ("member", "i8"),  # scratch of `clusters.gather`: entry k is its k-th object
+        # Solids it touches, in contacts that last: gap and normal velocity are zero.
+        ("touched_count", "i8"),
+        ("touched", "i8", MOST_TOUCHED),
     ],
     align=True,
 )
 
-PLANE = np.dtype([("normal", "f8", 3), ("offset", "f8"), ("material", "i8")], align=True)
+PLANE, SHEET, BOX = range(3)
+"""Kinds of solids: without an edge, one-sided polygon, box."""
+
+SOLID = np.dtype(
+    [
+        ("kind", "i8"),
+        ("material", "i8"),
+        ("normal", "f8", 3),  # of a plane or sheet
+        ("offset", "f8"),  # m
+        ("center", "f8", 3),  # m, of a box, as are the next two
+        ("axes", "f8", (3, 3)),  # row k is the direction of edge length k
+        ("half_lengths", "f8", 3),  # m
+        ("low", "f8", 3),  # m, bounds of a sheet or box along the world's axes
+        ("high", "f8", 3),
+        ("first_feature", "i8"),  # of a sheet or box in `World.features`
+        ("last_feature", "i8"),  # exclusive
+    ],
+    align=True,
+)
+
+FACE, SIDE, EDGE, CORNER = range(4)
+"""Kinds of features. A side bounds a sheet: the plane through an edge that is normal to it."""
+
+FEATURE = np.dtype(
+    [
+        ("kind", "i8"),
+        (
+            "direction",
+            "f8",
+            3,
+        ),  # outward normal of a face or side, direction of an edge
+        ("offset", "f8"),  # m, of a face or side
+        ("point", "f8", 3),  # m, where an edge starts, or the corner
+        ("length", "f8"),  # m, of an edge
+        ("low", "f8", 3),  # m, bounds along the world's axes, not of a side
+        ("high", "f8", 3),
+    ],
+    align=True,
+)
 
 CONTACT = np.dtype(
     [
         ("first", "i8"),  # object
-        ("second", "i8"),  # object, or -1 - p for plane p
+        ("second", "i8"),  # object, or -1 - s for solid s
         ("normal", "f8", 3),  # towards the first
         ("least_speed", "f8"),  # m/s, along the normal at the step's end
         ("slip", "f8"),  # m/s, at the step's start
@@ -53,62 +107,97 @@ CONTACT = np.dtype(
     align=True,
 )
 
+PAIR = np.dtype(
+    [
+        ("touches", "i8"),  # 1 in a contact that lasts
+        ("impact_time", "f8"),  # s, infinite if none
+    ],
+    align=True,
+)
+
 World = namedtuple(
     "World",
     [
         "objects",  # (O,) OBJECT
-        "planes",  # (P,) PLANE
-        "contacts",  # (O (P + O),) CONTACT, scratch of `clusters`
-        # Contacts that last: gap and normal velocity are zero.
-        "touches_plane",  # (O, P) bool
-        "touches_object",  # (O, O) bool
-        "object_impact_time",  # (O, O) s, for i < j, infinite if none
-        "gravity",  # (3,) m/s²
+        "solids",  # (S,) SOLID, planes first
+        "planes",  # number of planes without an edge
+        "features",  # (F,) FEATURE
+        "contacts",  # CONTACT, scratch of `clusters`
+        "pairs",  # PAIR: that of objects i and j > i is j (j - 1) / 2 + i
+        "gravity",  # m/s²
         "coefficients",  # (4, m, m)
+        "end",  # s, last output time
+        "turns",  # whether orientations are wanted
     ],
 )
 
 STATIC, DYNAMIC, ROLLING, RESTITUTION = range(4)
 
 
-@njit(cache=True)
-def make_world(objects, planes, gravity, coefficients):
-    """Allocate a world of so many objects and planes."""
-    world = World(
-        np.zeros(objects, OBJECT),
-        np.zeros(planes, PLANE),
-        np.zeros(objects * (planes + objects), CONTACT),
-        np.zeros((objects, planes), np.bool_),
-        np.zeros((objects, objects), np.bool_),
-        np.full((objects, objects), inf),
-        gravity,
-        coefficients,
-    )
-    for i in range(objects):
-        world.objects[i].phase_end = inf
-        world.objects[i].plane_impact_time = inf
-    return world
+@inlined
+def solid_coefficient(world, kind, i, s):
+    """One of the four coefficients between object i and solid s."""
+    return world.coefficients[kind, world.objects[i].material, world.solids[s].material]
 
 
-@njit(inline="always")
-def plane_coefficient(world, kind, i, p):
-    """One of the four coefficients between object i and plane p."""
-    return world.coefficients[kind, world.objects[i].material, world.planes[p].material]
-
-
-@njit(inline="always")
+@inlined
 def object_coefficient(world, kind, i, j):
     """One of the four coefficients between objects i and j."""
     return world.coefficients[kind, world.objects[i].material, world.objects[j].material]
 
 
-@njit(inline="always")
+@inlined
+def pair_index(i, j):
+    """Index of objects i and j, either of which may be the larger, in `World.pairs`."""
+    return (j * (j - 1)) // 2 + i if i < j else (i * (i - 1)) // 2 + j
+
+
+@inlined
 def inertia(body):
     """Moment of inertia of a solid sphere, 2/5 m r², in kg m²."""
     return 0.4 * body.mass * body.radius * body.radius
 
 
-@njit(inline="always")
-def plane_gap(body, plane):
-    """Distance in m between a body's surface and a plane."""
-    return dot(load(body.position), load(plane.normal)) - plane.offset - body.radius
+@inlined
+def touches(body, s):
+    """Whether a body is in lasting contact with solid s."""
+    found = False
+    for k in range(body.touched_count):
+        found = found or body.touched[k] == s
+    return found
+
+
+@kernel
+def touch(body, s):
+    """Take note that a body touches solid s."""
+    if not touches(body, s) and body.touched_count < MOST_TOUCHED:
+        body.touched[body.touched_count] = s
+        body.touched_count += 1
+
+
+@inlined
+def forget_touched(body, k):
+    """Strike out the k-th solid a body touches; the last one takes its place."""
+    body.touched_count -= 1
+    body.touched[k] = body.touched[body.touched_count]
+
+
+@inlined
+def lift(body, n, gap):
+    """Move a body along the normal n so that a gap (m) closes."""
+    store(body.position, add_scaled(load(body.position), n, -gap))
+
+
+@kernel
+def part_overlap(one, other):
+    """Move two overlapping bodies apart, the lighter one further; return whether they did."""
+    apart = sub(load(one.position), load(other.position))
+    distance = norm(apart)
+    overlap = one.radius + other.radius - distance
+    if not overlap > 0.0:
+        return False
+    n = scaled(apart, 1.0 / distance) if distance > 0.0 else (0.0, 0.0, 1.0)
+    share = overlap / (one.mass + other.mass)
+    store(one.position, add_scaled(load(one.position), n, share * other.mass))
+    store(other.position, add_scaled(load(other.position), n, -share * one.mass))
+    return True

@@ -24,6 +24,9 @@ SAMPLES = 512
 TOUCHING_SAMPLES = 8
 """At least so many looks at a pair that touches already and turns."""
 
+BARELY_APART = 1e-9
+"""m. Gap of a pair that touches, so that the root sought is where it closes again."""
+
 FAR = 1e9
 """m. Margin that keeps a manifold from leaving out anything when only its gap is wanted."""
 
@@ -152,12 +155,12 @@ def _sampled(world, i, second, first, threshold):
     """First time that body i closes on a body, or a bounded plane -1 - p, by looking often."""
     body = body_at(world, i)
     thin = body.thinness
-    way = norm(sub(_at(body, first), load(body.start_position)))
+    way = _way(body, first)
     if second >= 0:
         other = body_at(world, second)
         thin += other.thinness
         if other.inverse_mass > 0.0:
-            way += norm(sub(_at(other, first), load(other.start_position)))
+            way += _way(other, first)
         apart = norm(sub(load(body.start_position), load(other.start_position)))
         if apart > body.reach + other.reach + 2.0 * way:
             return first
@@ -169,16 +172,24 @@ def _sampled(world, i, second, first, threshold):
         if _greatest_speed(world, i, second) < 2.0 * threshold:
             return first
         samples = max(samples, TOUCHING_SAMPLES)
+        before = BARELY_APART
     since = 0.0
     for k in range(1, samples + 1):
         t = first * k / samples
         gap = _gap_at(world, i, second, t)
-        if gap < -CLOSED and before > IMPACT_GAP:
+        if gap < -CLOSED:
             if before - gap < threshold * (t - since):
                 return first
             return _root(world, i, second, since, before, t, gap)
         since, before = t, gap
     return first
+
+
+@inlined
+def _way(body, t):
+    """A bound (m) on how far any point of a body moves."""
+    moved = norm(sub(_at(body, t), load(body.start_position)))
+    return moved + t * body.reach * norm(load(body.turning))
 
 
 @kernel

@@ -24,15 +24,14 @@ from intuitive_physics.simulation.vectors import add_scaled, load, scaled, store
 from intuitive_physics.simulation.world_batch import SPHERE
 
 PARTS = 16
-"""At most so many parts a step; in the last one, what hits does not rebound before the next."""
+"""At most so many a step for each body; what hits in the last one rebounds in the next step."""
 
-SWEEPS = 30
-"""At most so many for each body of an island."""
+SWEEPS = 150
 
 STEADY = 5e-3
 """Of the speed that falling bodies gain in a step; contacts that part or close faster play."""
 
-PRECISION = 1e-3
+PRECISION = 2e-4
 """Of the speed that falling bodies gain in a step; less is too little to sweep once more."""
 
 SLOWEST_REBOUND = 1e-5
@@ -49,7 +48,7 @@ def rebound_threshold(world, step):
 def step_island(world, moving, members, start, duration, threshold):
     """Carry the bodies in `World.members` from time `start` (s) on by `duration` (s)."""
     done = 0.0
-    for part in range(PARTS):
+    for part in range(PARTS * moving):
         left = duration - done
         count = find_contacts(world, moving, members)
         if count > 0:
@@ -61,7 +60,7 @@ def step_island(world, moving, members, start, duration, threshold):
                     prepare(world, c)
         _plan(world, moving, count, left, threshold)
         after = left
-        if part < PARTS - 1:
+        if part < PARTS * moving - 1:
             after = first_impact(world, moving, members, left, threshold)
         for a in range(moving):
             i = member_at(world, a)
@@ -133,7 +132,7 @@ def _press(world, moving, count, duration):
     for c in range(count):
         if contact_at(world, c).active == 1:
             start_from_kept(world, c, duration)
-    solve(world, 0, count, SWEEPS * moving, PRECISION * duration * world.gravity_size + 1e-9)
+    solve(world, 0, count, SWEEPS, PRECISION * duration * world.gravity_size + 1e-9)
     for a in range(moving):
         body_at(world, member_at(world, a)).kept = 0
     for c in range(count):

@@ -1,0 +1,222 @@
+"""Planes, sheets and boxes with their faces, edges and corners, as the kernels want them."""
+
+from __future__ import annotations
+
+from math import inf
+
+from numba import int64
+
+from intuitive_physics.simulation.event_driven.world import (
+    BOX,
+    CORNER,
+    EDGE,
+    FACE,
+    PLANE,
+    SHEET,
+    SIDE,
+)
+from intuitive_physics.simulation.kernels import kernel
+from intuitive_physics.simulation.vectors import (
+    add_scaled,
+    cross,
+    dot,
+    load,
+    norm,
+    scaled,
+    store,
+    sub,
+)
+from intuitive_physics.simulation.world_batch import WorldBatch
+
+SHORTEST_EDGE = 1e-9
+"""m. Corners of a boundary nearer than this are one."""
+
+
+def most_features(worlds: WorldBatch) -> int:
+    """Features that the sheets and boxes of one environment of a batch have at most."""
+    # A sheet has its face, and for each corner a side, an edge and the corner itself.
+    per_sheet = 1 + 3 * worlds.corners.shape[2] if worlds.corners.shape[2] else 0
+    per_box = 6 + 12 + 8
+    return worlds.planes.shape[1] * per_sheet + worlds.boxes.shape[1] * per_box
+
+
+@kernel
+def place_planes(solids, count, planes, materials, corner_counts):
+    """Fill in the planes without an edge; return how many there are."""
+    placed = 0
+    for p in range(count):
+        if corner_counts[p] == 0:
+            _place_plane(solids[placed], planes[p], materials[p])
+            solids[placed].kind = PLANE
+            placed += 1
+    return placed
+
+
+@kernel
+def place_bounded(
+    solids,
+    first,
+    features,
+    count,
+    planes,
+    materials,
+    corner_counts,
+    corners,
+    boxes,
+    box_materials,
+):
+    """Fill in sheets and boxes from solid `first` on."""
+    s, f = first, int64(0)
+    for p in range(count):
+        if corner_counts[p] > 0:
+            _place_plane(solids[s], planes[p], materials[p])
+            solids[s].kind = SHEET
+            f = _place_sheet(solids[s], features, f, corners[p], corner_counts[p])
+            s += 1
+    for b in range(solids.size - s):
+        f = _place_box(solids[s + b], features, f, boxes[b], box_materials[b])
+
+
+@kernel
+def _place_plane(solid, plane, material):
+    solid.material = material
+    store(solid.normal, load(plane))
+    solid.offset = plane[3]
+
+
+@kernel
+def _place_sheet(solid, features, f, corners, count):
+    """Write the face, then side, edge and corner for each corner of the boundary."""
+    n = load(solid.normal)
+    _start_bounds(solid)
+    solid.first_feature = f
+    face = features[f]
+    face.kind = FACE
+    store(face.direction, n)
+    face.offset = solid.offset
+    f += 1
+    for k in range(count):
+        start = _on_plane(load(corners[k]), n, solid.offset)
+        end = _on_plane(load(corners[k + 1 if k + 1 < count else 0]), n, solid.offset)
+        _widen(solid, start)
+        length = norm(sub(end, start))
+        if length > SHORTEST_EDGE:
+            direction = scaled(sub(end, start), 1.0 / length)
+            side = features[f]
+            side.kind = SIDE
+            store(side.direction, cross(direction, n))
+            side.offset = dot(start, load(side.direction))
+            _write_edge(features[f + 1], start, direction, length)
+            _write_corner(features[f + 2], start)
+            f += 3
+    store(face.low, load(solid.low))
+    store(face.high, load(solid.high))
+    solid.last_feature = f
+    return f
+
+
+@kernel
+def _place_box(solid, features, f, box, material):
+    solid.kind = BOX
+    solid.material = material
+    store(solid.center, load(box))
+    _write_axes(solid, box[3], box[4], box[5], box[6])
+    for k in range(3):
+        solid.half_lengths[k] = 0.5 * box[7 + k]
+    _start_bounds(solid)
+    solid.first_feature = f
+    for k in range(8):
+        corner = _corner_of_box(solid, k)
+        _write_corner(features[f], corner)
+        _widen(solid, corner)
+        f += 1
+    for axis in range(3):
+        direction = load(solid.axes[axis])
+        bit = 1 << axis
+        for k in range(8):
+            if k & bit == 0:
+                length = 2.0 * solid.half_lengths[axis]
+                _write_edge(features[f], _corner_of_box(solid, k), direction, length)
+                f += 1
+        _write_box_face(solid, features[f], axis, -1.0)
+        _write_box_face(solid, features[f + 1], axis, 1.0)
+        f += 2
+    solid.last_feature = f
+    return f
+
+
+@kernel
+def _write_axes(solid, x, y, z, w):
+    """Write the columns of the rotation matrix of a quaternion."""
+    store(
+        solid.axes[0],
+        (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
+    )
+    store(
+        solid.axes[1],
+        (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),
+    )
+    store(
+        solid.axes[2],
+        (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)),
+    )
+
+
+@kernel
+def _corner_of_box(solid, k):
+    """Corner k of a box; bit j tells on which end of axis j it lies."""
+    corner = load(solid.center)
+    for j in range(3):
+        reach = solid.half_lengths[j] if k & (1 << j) else -solid.half_lengths[j]
+        corner = add_scaled(corner, load(solid.axes[j]), reach)
+    return corner
+
+
+@kernel
+def _write_box_face(solid, face, axis, sense):
+    face.kind = FACE
+    normal = scaled(load(solid.axes[axis]), sense)
+    store(face.direction, normal)
+    face.offset = dot(load(solid.center), normal) + solid.half_lengths[axis]
+    _start_bounds(face)
+    for k in range(8):
+        if (k & (1 << axis) != 0) == (sense > 0.0):
+            _widen(face, _corner_of_box(solid, k))
+
+
+@kernel
+def _write_edge(edge, start, direction, length):
+    edge.kind = EDGE
+    store(edge.point, start)
+    store(edge.direction, direction)
+    edge.length = length
+    _start_bounds(edge)
+    _widen(edge, start)
+    _widen(edge, add_scaled(start, direction, length))
+
+
+@kernel
+def _write_corner(corner, point):
+    corner.kind = CORNER
+    store(corner.point, point)
+    _start_bounds(corner)
+    _widen(corner, point)
+
+
+@kernel
+def _start_bounds(bounded):
+    store(bounded.low, (inf, inf, inf))
+    store(bounded.high, (-inf, -inf, -inf))
+
+
+@kernel
+def _widen(bounded, point):
+    """Let the bounds take in a point."""
+    for k in range(3):
+        bounded.low[k] = min(bounded.low[k], point[k])
+        bounded.high[k] = max(bounded.high[k], point[k])
+
+
+@kernel
+def _on_plane(point, n, offset):
+    return add_scaled(point, n, offset - dot(point, n))

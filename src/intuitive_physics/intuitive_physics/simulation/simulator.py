@@ -69,18 +69,23 @@ class Simulator(ABC):
         Raises
         ------
         InvalidInputError
-            When there is no scene, a material is unknown or the times are not as above.
+            When there is no scene, a material is unknown, the times are not as above or a scene
+            begins with an object that overlaps another one, a plane or a static box by more than
+            a quarter of the smaller object's inradius. Less is parted.
         UnsupportedSceneError
             When this engine cannot express a scene.
         """
-        return self.rollout_batch(
-            pack_worlds(scenes, static_parameters), times, orientations=orientations
-        )
+        # Imported late: it is built on an engine, which is built on this module.
+        from intuitive_physics.simulation.first_states import check_overlaps
+
+        worlds = pack_worlds(scenes, static_parameters)
+        check_overlaps(scenes, worlds)
+        return self.rollout_batch(worlds, times, orientations=orientations)
 
     def rollout_batch(
         self, worlds: WorldBatch, times: ArrayLike, *, orientations: bool = True
     ) -> Rollout:
-        """Like `rollout`, for worlds that are packed already.
+        """Like `rollout`, for worlds that are packed already and may overlap at the start.
 
         Parameters
         ----------
@@ -98,7 +103,12 @@ class Simulator(ABC):
 
 
 def _checked_times(times: ArrayLike, worlds: int) -> NDArray[np.float64]:
-    array = np.array(times, dtype=np.float64, order="C", ndmin=1)
+    try:
+        array = np.array(times, dtype=np.float64, order="C", ndmin=1)
+    except (TypeError, ValueError):
+        raise InvalidInputError(
+            f"output times are {times!r:.80}; expected an array of numbers (s)"
+        ) from None
     if array.ndim == 1:
         rows = increasing_times(array, "output times")[None, :]
     else:

@@ -17,7 +17,7 @@ from intuitive_physics.simulation.event_driven.transitions import (
     replan,
 )
 from intuitive_physics.simulation.event_driven.world import World, pair_index
-from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.kernels import entry, inlined, kernel
 from intuitive_physics.simulation.vectors import load, store
 
 OK, NOT_FINITE, TOO_MANY_EVENTS = range(3)
@@ -32,7 +32,7 @@ TOUCHES = 1e-9
 """m. Objects nearer than this at the start are in contact."""
 
 
-@kernel
+@entry
 def roll_worlds(
     first,
     last,

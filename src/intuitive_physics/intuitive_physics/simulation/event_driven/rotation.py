@@ -143,9 +143,12 @@ def _write_turns(body, axis, rate, change, times, orientations):
         orientations[k, 3] = c * bw + s * pw
 
 
-@inlined
+@kernel
 def _sine_cosine(angle):
-    """Sine and cosine to about 1e-15, for angles up to some 1e6 rad."""
+    """Sine and cosine to about 1e-15, for angles up to some 1e6 rad.
+
+    A kernel and not `inlined`, where rounding by adding would be simplified away.
+    """
     quarters = (angle * PER_QUARTER + ROUNDER) - ROUNDER
     x = (angle - quarters * QUARTER_HIGH) - quarters * QUARTER_LOW
     y = x * x

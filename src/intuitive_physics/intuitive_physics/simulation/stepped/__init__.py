@@ -10,16 +10,13 @@ from numpy.typing import NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.simulation.simulator import Rollout, Simulator
 from intuitive_physics.simulation.stepped.kernel import roll_worlds
-from intuitive_physics.simulation.stepped.world import BODY, CLIPPED, CONTACT, CORNER, PLANE, WORLD
+from intuitive_physics.simulation.stepped.scratch import Scratch
 from intuitive_physics.simulation.world_batch import WorldBatch
 
 DEFAULT_TIME_STEP = 0.01
 
 SMALLEST_SHARE = 4
 """Worlds for which another thread is worth its start."""
-
-CONTACTS_A_BODY = 48
-"""Room for contacts; more than so many for each body at once are left out."""
 
 
 class SteppedSimulator(Simulator):
@@ -50,7 +47,7 @@ class SteppedSimulator(Simulator):
         status = np.zeros(worlds.size, dtype=np.int64)
 
         def roll(first: int, last: int) -> None:
-            scratch = _Scratch(worlds)
+            scratch = Scratch(worlds)
             roll_worlds(
                 first,
                 last,
@@ -91,18 +88,3 @@ class SteppedSimulator(Simulator):
             with ThreadPoolExecutor(shares) as pool:
                 list(pool.map(roll, edges[:-1], edges[1:]))
         return Rollout(positions, turned if orientations else None, status)
-
-
-class _Scratch:
-    """Room for the largest world of a batch; the arrays live as long as this does."""
-
-    def __init__(self, worlds: WorldBatch) -> None:
-        moving = int(worlds.object_counts.max())
-        self.bodies = np.zeros(moving + worlds.boxes.shape[1], BODY)
-        self.planes = np.zeros(worlds.planes.shape[1], PLANE)
-        self.contacts = np.zeros(CONTACTS_A_BODY * moving, CONTACT)
-        self.clipped = np.zeros((2, CLIPPED), CORNER)
-        self.world = np.zeros(1, WORLD)
-        for name in ("bodies", "planes", "contacts", "clipped"):
-            self.world[name] = getattr(self, name).ctypes.data
-        self.world["contact_room"] = len(self.contacts)

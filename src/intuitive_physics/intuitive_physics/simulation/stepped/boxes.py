@@ -39,7 +39,7 @@ def _span_along(box, axis):
 
 @kernel
 def meet_boxes(world, i, j, margin, count):
-    """Contacts of two boxes; the gap is that along the axis that separates them most."""
+    """Contacts of two boxes; the gap is that of the nearest one, or of the separating axis."""
     one, other = body_at(world, i), body_at(world, j)
     apart = sub(load(one.position), load(other.position))
     gap, best, normal = -inf, -1, (0.0, 0.0, 1.0)
@@ -58,9 +58,9 @@ def meet_boxes(world, i, j, margin, count):
         if edge_gap < margin:
             count = _meet_edges(world, i, j, edges, edge_normal, edge_gap, count)
         return count, edge_gap
-    if gap < margin:
-        count = _meet_faces(world, i, j, best, normal, margin, count)
-    return count, gap
+    count, nearest = _meet_faces(world, i, j, best, normal, margin, count)
+    # Faces that pass each other by have no corner in common, but do not overlap either.
+    return count, nearest if nearest < inf else max(gap, edge_gap)
 
 
 @kernel
@@ -107,7 +107,7 @@ def _meet_edges(world, i, j, edges, normal, gap, count):
 
 @kernel
 def _meet_faces(world, i, j, best, normal, margin, count):
-    """Clip the face that meets the reference face by its sides."""
+    """Clip the face that meets the reference face by its sides; also return the smallest gap."""
     owner, guest = (i, j) if best < 3 else (j, i)
     axis = best % 3
     box, visitor = body_at(world, owner), body_at(world, guest)
@@ -130,10 +130,12 @@ def _meet_faces(world, i, j, best, normal, margin, count):
                 corners = clip(world, side, corners, out, limit)
                 side = 1 - side
     top = dot(outward, load(box.position)) + box.half_extents[axis]
+    nearest = inf
     for k in range(corners):
         point = load(clipped_corner(world, side, k).point)
         gap = dot(outward, point) - top
+        nearest = min(nearest, gap)
         if gap < margin:
             middle_point = add_scaled(point, outward, -0.5 * gap)
             count = write_contact(world, count, i, j, gap, normal, middle_point)
-    return count
+    return count, nearest

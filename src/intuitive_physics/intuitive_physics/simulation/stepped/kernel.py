@@ -8,12 +8,8 @@ from intuitive_physics.simulation.kernels import entry, inlined, kernel
 from intuitive_physics.simulation.stepped.collision import are_near, find_contacts, part_overlaps
 from intuitive_physics.simulation.stepped.motion import TIME_ROUNDING, output_time, write_rest
 from intuitive_physics.simulation.stepped.parts import rebound_threshold, step_island
-from intuitive_physics.simulation.stepped.set_up import (
-    place_object,
-    place_plane,
-    place_static_box,
-)
-from intuitive_physics.simulation.stepped.world import body_at, member_at, plane_at
+from intuitive_physics.simulation.stepped.set_up import place_environment, place_object
+from intuitive_physics.simulation.stepped.world import body_at, member_at
 from intuitive_physics.simulation.vectors import dot, load, norm, scaled, store
 
 OK, NOT_FINITE = range(2)
@@ -72,8 +68,6 @@ def roll_worlds(
         e, c = environment_index[w], parameter_index[w]
         moving = object_counts[w]
         world.moving = moving
-        world.body_count = moving + box_counts[e]
-        world.plane_count = plane_counts[e]
         for k in range(3):
             world.gravity[k] = gravity[e, k]
         world.gravity_size = norm(load(world.gravity))
@@ -92,16 +86,17 @@ def roll_worlds(
                 rho,
                 unit_inertias[w, i],
             )
-        for b in range(box_counts[e]):
-            place_static_box(body_at(world, moving + b), boxes[e, b], box_materials[e, b])
-        for p in range(plane_counts[e]):
-            place_plane(
-                plane_at(world, p),
-                planes[e, p],
-                plane_materials[e, p],
-                corner_counts[e, p],
-                corners[e, p].ctypes.data,
-            )
+        place_environment(
+            world,
+            plane_counts[e],
+            planes[e],
+            plane_materials[e],
+            corner_counts[e],
+            corners[e],
+            box_counts[e],
+            boxes[e],
+            box_materials[e],
+        )
         row = times[w if times.shape[0] > 1 else 0]
         world.output_room = world.output_count = row.size
         while not isfinite(row[world.output_count - 1]):

@@ -96,30 +96,53 @@ def _plan(world, moving, count, duration, threshold):
 
 @kernel
 def _activate(world, count, duration, threshold):
-    """Choose the contacts that may press during the part; whether there are any."""
-    any_active = False
-    steady = STEADY * duration * world.gravity_size
+    """Choose the contacts that may press during the part; whether there are any.
+
+    A contact that parts fast presses only if something else pushes one of its bodies back.
+    """
     leaving = 4.0 * max(threshold, duration * world.gravity_size)
+    any_active = False
     for c in range(count):
         contact = contact_at(world, c)
+        contact.active = 0
         speed = speed_along(world, contact, 0)
-        contact.active = speed < leaving and (speed > -threshold or contact.gap <= IMPACT_GAP)
-        if contact.active == 1:
+        if speed < leaving and (speed > -threshold or contact.gap <= IMPACT_GAP):
+            _let_press(world, contact, speed, duration)
             any_active = True
-            contact.least_speed = -max(contact.gap, 0.0) / duration
-            contact.friction = contact.static if contact.sticks == 1 else contact.dynamic
-            contact.rolls = contact.sticks == 1 and contact.roll_radius > 0.0
-            _mark(body_at(world, contact.first), speed, steady)
-            if contact.second >= 0:
-                _mark(body_at(world, contact.second), speed, steady)
+    if any_active:
+        for c in range(count):
+            contact = contact_at(world, c)
+            if contact.active == 0 and _is_pressed(world, contact):
+                speed = speed_along(world, contact, 0)
+                if speed >= leaving:
+                    _let_press(world, contact, speed, duration)
     return any_active
 
 
+@kernel
+def _let_press(world, contact, speed, duration):
+    contact.active = 1
+    contact.least_speed = -max(contact.gap, 0.0) / duration
+    contact.friction = contact.static if contact.sticks == 1 else contact.dynamic
+    contact.rolls = contact.sticks == 1 and contact.roll_radius > 0.0
+    plays = abs(speed) > STEADY * duration * world.gravity_size
+    _mark(body_at(world, contact.first), plays)
+    if contact.second >= 0:
+        _mark(body_at(world, contact.second), plays)
+
+
 @inlined
-def _mark(body, speed, steady):
+def _mark(body, plays):
     body.pressed = 1
-    if abs(speed) > steady:
+    if plays:
         body.steady = 0
+
+
+@inlined
+def _is_pressed(world, contact):
+    if body_at(world, contact.first).pressed == 1:
+        return True
+    return contact.second >= 0 and body_at(world, contact.second).pressed == 1
 
 
 @kernel

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.stepped.poses import set_inverse_inertia, set_rotation
+from intuitive_physics.simulation.stepped.world import body_at, plane_at
 from intuitive_physics.simulation.vectors import load, norm
 from intuitive_physics.simulation.world_batch import BOX, CAPSULE
 
@@ -11,32 +12,35 @@ from intuitive_physics.simulation.world_batch import BOX, CAPSULE
 @kernel
 def place_object(body, kind, dimensions, material, state, air_factors, mass, density, unit_inertia):
     """Fill in a body that moves; see `WorldBatch` for the arrays."""
-    _reset(body, kind, material)
+    place_shape(body, kind, dimensions, material, state)
     for k in range(3):
-        body.position[k] = state[k]
         body.velocity[k] = state[7 + k]
         body.spin[k] = state[10 + k]
         body.inertia[k] = density * unit_inertia[k]
-    for k in range(4):
-        body.orientation[k] = state[3 + k]
-    _set_size(body, kind, dimensions)
     body.inverse_mass = 1.0 / mass
     body.drag, body.magnus = air_factors[0], air_factors[1]
-    set_rotation(body)
     set_inverse_inertia(body)
 
 
 @kernel
 def place_static_box(body, box, material):
     """Fill in a box that never moves: centre, orientation, edge lengths."""
-    _reset(body, BOX, material)
+    place_shape(body, BOX, box[7:10], material, box)
     for k in range(3):
-        body.position[k] = body.start_position[k] = box[k]
+        body.start_position[k] = box[k]
         body.inertia[k] = 1.0
-    for k in range(4):
-        body.orientation[k] = box[3 + k]
-    _set_size(body, BOX, box[7:10])
     body.inverse_mass = 0.0
+
+
+@kernel
+def place_shape(body, kind, dimensions, material, pose):
+    """Fill in what a body is and where: `pose` begins with its centre and orientation."""
+    _reset(body, kind, material)
+    for k in range(3):
+        body.position[k] = pose[k]
+    for k in range(4):
+        body.orientation[k] = pose[3 + k]
+    _set_size(body, kind, dimensions)
     set_rotation(body)
 
 
@@ -73,3 +77,30 @@ def place_plane(plane, numbers, material, corners, boundary):
     plane.offset = numbers[3]
     plane.material = material
     plane.corners, plane.boundary = corners, boundary
+
+
+@kernel
+def place_environment(
+    world,
+    plane_count,
+    planes,
+    plane_materials,
+    corner_counts,
+    corners,
+    box_count,
+    boxes,
+    box_materials,
+):
+    """Fill in what never moves, the boxes behind the `World.moving` bodies that do."""
+    world.body_count = world.moving + box_count
+    world.plane_count = plane_count
+    for b in range(box_count):
+        place_static_box(body_at(world, world.moving + b), boxes[b], box_materials[b])
+    for p in range(plane_count):
+        place_plane(
+            plane_at(world, p),
+            planes[p],
+            plane_materials[p],
+            corner_counts[p],
+            corners[p].ctypes.data,
+        )

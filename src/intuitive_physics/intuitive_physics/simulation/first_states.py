@@ -1,0 +1,74 @@
+"""Refuse scenes of objects that are in one another, which no engine can make sense of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.scene import Scene
+from intuitive_physics.simulation.stepped.overlaps import OVERLAP, find_overlaps
+from intuitive_physics.simulation.stepped.scratch import Scratch
+from intuitive_physics.simulation.world_batch import WorldBatch
+
+LARGEST_OVERLAP = 0.25
+"""Of the smaller object's inradius. What is perceived to touch overlaps by less; engines part it."""
+
+
+def check_overlaps(scenes: Sequence[Scene], worlds: WorldBatch) -> None:
+    """Check that nothing overlaps by more than a quarter of the smaller object's inradius.
+
+    A bounded plane is a one-sided sheet: what has its centre behind it does not overlap it.
+
+    Parameters
+    ----------
+    worlds : the scenes, packed
+
+    Raises
+    ------
+    InvalidInputError
+        When two objects do, or an object and a plane or a static box.
+    """
+    scratch = Scratch(worlds, contacts_a_body=0)
+    overlaps = np.empty(worlds.size, OVERLAP)
+    find_overlaps(
+        LARGEST_OVERLAP,
+        worlds.object_counts,
+        worlds.shape_kinds,
+        worlds.dimensions,
+        worlds.states,
+        worlds.environment_index,
+        worlds.plane_counts,
+        worlds.planes,
+        worlds.plane_materials,
+        worlds.corner_counts,
+        worlds.corners,
+        worlds.box_counts,
+        worlds.boxes,
+        worlds.box_materials,
+        scratch.world,
+        overlaps,
+    )
+    if overlaps["found"].any():
+        world = int(overlaps["found"].argmax())
+        where = f"scene {world}: " if len(scenes) > 1 else ""
+        raise InvalidInputError(where + _told(scenes[world], overlaps[world]))
+
+
+def _told(scene: Scene, overlap: np.void) -> str:
+    thing = scene.objects[overlap["first"]]
+    second = int(overlap["second"])
+    moving = len(scene.objects)
+    if second < 0:
+        other = f"plane {scene.environment.planes[-1 - second].id!r}"
+    elif second < moving:
+        other = f"object {scene.objects[second].id!r}"
+    else:
+        other = f"static box {scene.environment.boxes[second - moving].id!r}"
+    inradius = "smaller one's" if 0 <= second < moving else "object's"
+    return (
+        f"object {thing.id!r} overlaps {other} by {1e3 * overlap['depth']:.3g} mm at the start; "
+        f"expected at most {1e3 * overlap['limit']:.3g} mm, a quarter of the {inradius} inradius: "
+        "move them apart"
+    )

@@ -1,0 +1,108 @@
+"""How deep the bodies of a world are in one another at the start."""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+
+from intuitive_physics.simulation.kernels import entry, kernel
+from intuitive_physics.simulation.stepped.collision import meet
+from intuitive_physics.simulation.stepped.manifolds import meet_plane
+from intuitive_physics.simulation.stepped.set_up import place_environment, place_shape
+from intuitive_physics.simulation.stepped.world import body_at
+from intuitive_physics.simulation.vectors import dot, load, sub
+
+OVERLAP = np.dtype(
+    [
+        ("found", "i8"),  # 1 if there is one
+        ("first", "i8"),  # body that moves
+        ("second", "i8"),  # body, or -1 - p for plane p; static boxes follow what moves
+        ("depth", "f8"),  # m
+        ("limit", "f8"),  # m
+    ],
+    align=True,
+)
+
+
+@entry
+def find_overlaps(
+    share,
+    object_counts,
+    shape_kinds,
+    dimensions,
+    states,
+    environment_index,
+    plane_counts,
+    planes,
+    plane_materials,
+    corner_counts,
+    corners,
+    box_counts,
+    boxes,
+    box_materials,
+    scratch,
+    overlaps,
+):
+    """Write the first pair of each world of a `WorldBatch`'s arrays that overlaps too much.
+
+    Parameters
+    ----------
+    share : of the smaller one's thinness, which two may overlap by; that of a plane or a box that
+        never moves does not count
+    scratch : (1,) WORLD with room for the largest of the worlds; its contacts are not used
+    overlaps : (W,) OVERLAP to be filled
+    """
+    world = scratch[0]
+    for w in range(object_counts.size):
+        e = environment_index[w]
+        world.moving = object_counts[w]
+        for i in range(world.moving):
+            place_shape(body_at(world, i), shape_kinds[w, i], dimensions[w, i], 0, states[w, i])
+        place_environment(
+            world,
+            plane_counts[e],
+            planes[e],
+            plane_materials[e],
+            corner_counts[e],
+            corners[e],
+            box_counts[e],
+            boxes[e],
+            box_materials[e],
+        )
+        overlaps[w].found = 0
+        for i in range(world.moving):
+            if _look_around(world, i, share, overlaps[w]):
+                break
+
+
+@kernel
+def _look_around(world, i, share, overlap):
+    """Whether body i overlaps anything that comes after it, which is then written down."""
+    body = body_at(world, i)
+    for p in range(world.plane_count):
+        limit = share * body.thinness
+        # Behind as many contacts as there is room for, none is written.
+        _, gap = meet_plane(world, i, p, -limit, world.contact_room)
+        if gap < -limit:
+            _write(overlap, i, -1 - p, gap, limit)
+            return True
+    for j in range(i + 1, world.body_count):
+        other = body_at(world, j)
+        thinness = min(body.thinness, other.thinness if j < world.moving else inf)
+        limit = share * thinness
+        reach = body.reach + other.reach
+        apart = sub(load(body.position), load(other.position))
+        if dot(apart, apart) < reach * reach:
+            _, gap = meet(world, i, j, -limit, world.contact_room)
+            if gap < -limit:
+                _write(overlap, i, j, gap, limit)
+                return True
+    return False
+
+
+@kernel
+def _write(overlap, first, second, gap, limit):
+    overlap.found = 1
+    overlap.first, overlap.second = first, second
+    overlap.depth, overlap.limit = -gap, limit

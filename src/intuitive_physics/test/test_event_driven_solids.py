@@ -200,8 +200,8 @@ def test_ball_on_a_tilted_box_rolls_down_its_face(world):
     np.testing.assert_allclose((path - start) @ upward, 0.0, atol=EXACT)
 
 
-def test_start_inside_a_box_is_moved_out(world):
-    # By the shortest way, here up by r + 1 cm.
-    scene = one_ball([box()], (0, 0, 0.79))
+def test_start_a_little_inside_a_box_is_moved_out(world):
+    # By the shortest way, here up by 1 cm.
+    scene = one_ball([box()], (0, 0, 0.79 + R))
     path = world.path(scene, world.parameters(), [0.0, 1.0])[0]
     np.testing.assert_allclose(path, [(0, 0, 0.8 + R)] * 2, atol=EXACT)

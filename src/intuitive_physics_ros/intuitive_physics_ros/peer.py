@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from types import TracebackType
@@ -13,6 +14,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 
 from intuitive_physics.errors import IntuitivePhysicsError
+
+REPEAT_AFTER = 2.0
+"""s after which a request is sent again: a server drops its answer when it has not discovered the
+client yet, which can be later than the client sees the service."""
 
 
 class PeerTimeoutError(IntuitivePhysicsError):
@@ -35,6 +40,7 @@ class Peer:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._timeout = timeout
+        self._clients: dict[str, Any] = {}
 
     def spin_until(self, holds: Callable[[], Any], what: str, timeout: float | None = None) -> Any:
         """Spin until `holds()` is true, and return what it answered.
@@ -59,13 +65,29 @@ class Peer:
             self._executor.spin_once(timeout_sec=max(0.0, min(0.02, end - time.monotonic())))
 
     def call(self, kind: type, name: str, request: Any, timeout: float | None = None) -> Any:
-        """Call a service and return its response."""
-        client = self.node.create_client(kind, name)
+        """Call a service and return its response.
+
+        The request is sent again while there is no answer, so it must be one that may come twice.
+        """
+        client = self._client(kind, name)
         self.spin_until(client.service_is_ready, f"the service {name}", timeout)
-        answer = client.call_async(request)
-        self.spin_until(answer.done, f"an answer of {name}", timeout)
-        self.node.destroy_client(client)
-        return answer.result()
+        sent: list[Any] = []
+        next_at = -math.inf
+
+        def answer() -> Any:
+            nonlocal next_at
+            if time.monotonic() > next_at:
+                sent.append(client.call_async(request))
+                next_at = time.monotonic() + REPEAT_AFTER
+            return next((future for future in sent if future.done()), None)
+
+        return self.spin_until(answer, f"an answer of {name}", timeout).result()
+
+    def _client(self, kind: type, name: str) -> Any:
+        """Keep one client for each service: once an answer came, the server knows it."""
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(kind, name)
+        return self._clients[name]
 
     def listen(self, kind: type, topic: str, qos: QoSProfile | int = 10) -> list[Any]:
         """Return a list to which every message on a topic is appended as it arrives."""

@@ -23,7 +23,7 @@ from intuitive_physics_bringup.demo.evaluation import (
     throw_errors,
 )
 from intuitive_physics_bringup.demo.example import example_frame
-from intuitive_physics_bringup.demo.learning import Learned, learn
+from intuitive_physics_bringup.demo.learning import Learned, learn, learner_client
 from intuitive_physics_bringup.demo.progress import Progress
 from intuitive_physics_bringup.demo.suite import Suite
 from intuitive_physics_bringup.demo.watching import Heard, listen, replay
@@ -102,6 +102,7 @@ def run(options: Options, progress: Progress) -> dict[str, float]:
     with Peer("demo") as peer, Suite(database, settings.throw_duration, options.output) as suite:
         heard = listen(peer)
         suite.wait_until_up(peer)
+        learner = learner_client(peer)
         progress.stage("perceiving: the bag is replayed to the nodes")
         replay(bags / "throws", options.rate, suite, peer, progress)
         seen = _understood(heard, truth)
@@ -111,7 +112,7 @@ def run(options: Options, progress: Progress) -> dict[str, float]:
             f"only {len(seen.observations)} of {options.throws} throws were observed",
         )
         progress.stage(f"learning by {options.method}")
-        learned = learn(peer, options.method, options.iterations, options.seed, progress)
+        learned = learn(peer, learner, options.method, options.iterations, options.seed, progress)
         _require(
             learned.parameters.observation_count == len(seen.observations),
             f"the learner learned from {learned.parameters.observation_count} observations, "

@@ -36,17 +36,39 @@ class Learned:
     seconds: float
 
 
+def learner_client(peer: Peer) -> ActionClient:
+    """Return a client of the learn action, to be made well before it is used.
+
+    A server drops its answer when it has not discovered the client yet, and a goal cannot be sent
+    twice: the learner would learn twice.
+    """
+    return ActionClient(peer.node, LearnParameters, ACTION)
+
+
 def learn(
-    peer: Peer, method: str, iterations: int, seed: int, progress: Progress, timeout: float = 120.0
+    peer: Peer,
+    client: ActionClient,
+    method: str,
+    iterations: int,
+    seed: int,
+    progress: Progress,
+    timeout: float = 120.0,
 ) -> Learned:
     """Learn from all observations the learner has stored.
+
+    Parameters
+    ----------
+    client : from `learner_client`
+    method : update rule
+    iterations : evaluations of J at most
+    seed : of the search
+    timeout : s to wait for the result
 
     Raises
     ------
     IntuitivePhysicsError
         When the learner refuses, fails or does not answer.
     """
-    client = ActionClient(peer.node, LearnParameters, ACTION)
     peer.spin_until(client.server_is_ready, f"the action {ACTION}")
     goal = LearnParameters.Goal()
     goal.options.method = method
@@ -64,7 +86,6 @@ def learn(
         raise IntuitivePhysicsError("the learner refused to learn; its log says why")
     answer = sent.result().get_result_async()
     peer.spin_until(answer.done, "the learner to finish", timeout)
-    client.destroy()
     progress.end_bar()
     result = answer.result().result
     if result.result.value != ResultCode.OK:

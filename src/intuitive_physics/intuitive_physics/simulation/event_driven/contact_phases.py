@@ -25,6 +25,7 @@ from math import inf, sqrt
 
 from numba import int64
 
+from intuitive_physics.simulation.event_driven.compiling import inlined, kernel
 from intuitive_physics.simulation.event_driven.contact_geometry import (
     ON_EDGE,
     ON_FACE,
@@ -45,7 +46,6 @@ from intuitive_physics.simulation.event_driven.world import (
     lift,
     solid_coefficient,
 )
-from intuitive_physics.simulation.kernels import inlined, kernel
 from intuitive_physics.simulation.vectors import (
     add,
     add_scaled,

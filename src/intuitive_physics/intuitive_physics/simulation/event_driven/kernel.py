@@ -7,6 +7,7 @@ from math import inf, isfinite, nan, pi, sqrt
 from numba import int64
 
 from intuitive_physics.simulation.event_driven.clusters import gather
+from intuitive_physics.simulation.event_driven.compiling import inlined, kernel
 from intuitive_physics.simulation.event_driven.impacts import hit_object, hit_solid
 from intuitive_physics.simulation.event_driven.motion import carry, write_outputs
 from intuitive_physics.simulation.event_driven.solids import place_bounded, place_planes
@@ -17,7 +18,6 @@ from intuitive_physics.simulation.event_driven.transitions import (
     replan,
 )
 from intuitive_physics.simulation.event_driven.world import World, pair_index
-from intuitive_physics.simulation.kernels import entry, inlined, kernel
 from intuitive_physics.simulation.vectors import load, store
 
 OK, NOT_FINITE, TOO_MANY_EVENTS = range(3)
@@ -32,7 +32,7 @@ TOUCHES = 1e-9
 """m. Objects nearer than this at the start are in contact."""
 
 
-@entry
+@kernel
 def roll_worlds(
     first,
     last,
@@ -123,16 +123,15 @@ def roll_worlds(
         status[w] = _roll_world(world, row[:wanted], max_events, positions[w], orientations[w])
 
 
-@inlined
+@kernel
 def _place(body, state, radius, material, rho):
     for k in range(3):
         body.position[k] = state[k]
         body.velocity[k] = state[7 + k]
         body.spin[k] = state[10 + k]
-    x, y, z, w = state[3], state[4], state[5], state[6]
-    scale = 1.0 / sqrt(x * x + y * y + z * z + w * w)
-    body.orientation[0], body.orientation[1] = x * scale, y * scale
-    body.orientation[2], body.orientation[3] = z * scale, w * scale
+    size = sqrt(state[3] ** 2 + state[4] ** 2 + state[5] ** 2 + state[6] ** 2)
+    for k in range(4):
+        body.orientation[k] = state[3 + k] / size
     body.time = 0.0
     body.phase_end = inf
     body.radius = radius

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from math import cos, sin, sqrt
 
-from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.event_driven.compiling import inlined, kernel
 from intuitive_physics.simulation.vectors import (
     add,
     add_scaled,
@@ -81,7 +81,7 @@ def _turned_by(q, turn):
     return x * scale, y * scale, z * scale, w * scale
 
 
-@inlined
+@kernel
 def _axis_times(axis, q):
     """The product of the quaternions (axis, 0) and q."""
     return (
@@ -92,13 +92,13 @@ def _axis_times(axis, q):
     )
 
 
-@inlined
+@kernel
 def load_quaternion(array):
     """The quaternion in an array of four."""
     return array[0], array[1], array[2], array[3]
 
 
-@inlined
+@kernel
 def store_quaternion(array, q):
     """Write a quaternion into an array of four."""
     array[0], array[1], array[2], array[3] = q

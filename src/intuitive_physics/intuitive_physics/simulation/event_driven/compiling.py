@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from numba import njit
 
-kernel = njit(cache=True, nogil=True, _nrt=False)
+# Without Numba's run-time no array is counted as a reference, and none can be allocated.
+_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "_nrt": False}
+
+kernel: Any = njit(**_OPTIONS)
 """Decorate a function that Python or other kernels call, without the GIL."""
 
-inlined = njit(inline="always")
+inlined: Any = njit(inline="always")
 """Decorate a function that is written into its callers, before types are inferred."""

@@ -60,7 +60,7 @@ def evaluate(
     observations: Sequence[Observation],
     options: LearningOptions,
     train_fraction: float = 0.8,
-    engine: str = "event_driven",
+    engine: str = "auto",
     on_progress: Callable[[SearchProgress], None] | None = None,
     start: StaticParameters | None = None,
 ) -> Evaluation:

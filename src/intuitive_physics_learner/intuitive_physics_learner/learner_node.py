@@ -30,7 +30,7 @@ from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.parameter_space import Bounds, ParameterSpace
-from intuitive_physics.simulation import SIMULATORS, make_simulator
+from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS, make_simulator
 from intuitive_physics_learner.database_path import default_database_path
 from intuitive_physics_learner.errors import (
     LearningCancelledError,
@@ -89,8 +89,8 @@ def node_parameters() -> tuple[Parameter, ...]:
         ),
         Parameter(
             "simulator",
-            "event_driven",
-            "engine that simulates candidates",
+            "auto",
+            f"engine that simulates candidates. {ENGINE_GUIDE}",
             choices=tuple(SIMULATORS),
         ),
         Parameter("method", "cma_es", "update rule", choices=tuple(UPDATE_RULES), read_only=False),

@@ -40,7 +40,7 @@ def predict(
     rng : source of the noise; the same state of it gives the same answer
     sample_count : simulations, all in one call of the simulator
     noise : on the states; default: that of the perceived covariances
-    simulator : engine; default: event_driven
+    simulator : engine; default: auto
 
     Returns
     -------
@@ -56,7 +56,7 @@ def predict(
     """
     if sample_count < 1:
         raise InvalidInputError(f"sample count is {sample_count}; expected at least 1")
-    engine = simulator or make_simulator("event_driven")
+    engine = simulator or make_simulator("auto")
     states = sample_states(scene.states, noise or StateNoise(), sample_count, rng)
     worlds = pack_worlds([scene], static_parameters).repeated(states)
     rollout = engine.rollout_batch(worlds, times, orientations=False)

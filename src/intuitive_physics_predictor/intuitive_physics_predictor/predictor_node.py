@@ -19,7 +19,7 @@ from visualization_msgs.msg import MarkerArray
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.scene import Environment, Scene, SceneObject
-from intuitive_physics.simulation import SIMULATORS, make_simulator
+from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS, make_simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
 from intuitive_physics_predictor.noise import StateNoise
@@ -55,7 +55,7 @@ PARAMETERS = [
     Parameter("horizon", 5.0, "s predicted ahead", (0.01, 60.0), read_only=False),
     Parameter("time_step", 0.01, "s between predicted points", (0.001, 1.0), read_only=False),
     Parameter("sample_count", 20, "simulations a prediction", (1, 10_000), read_only=False),
-    Parameter("simulator", "event_driven", "engine", choices=tuple(SIMULATORS)),
+    Parameter("simulator", "auto", f"engine. {ENGINE_GUIDE}", choices=tuple(SIMULATORS)),
     Parameter("seed", 0, "seed of the noise of the first prediction", (0, 2**31 - 1)),
     Parameter(
         "use_perceived_covariance",

@@ -219,9 +219,7 @@ def test_bad_states_are_one_diagnostic_and_the_node_goes_on(peer, inputs):
     diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
     spoilt = states_message()
     nan_position(spoilt.objects[0])
-    feed_until(
-        peer, lambda: told(diagnostics, "object_states", "position"), "a diagnostic", spoilt
-    )
+    feed_until(peer, lambda: told(diagnostics, "object_states", "position"), "a diagnostic", spoilt)
     heard = peer.listen(TrajectoryDistribution, f"{NODE}/trajectory_distribution", SENSOR_DATA)
     feed_until(peer, lambda: heard, "a prediction")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
@@ -27,7 +28,8 @@ def serve(peer: Peer, name: str, unanswered: int) -> list[int]:
             await Future()
         return response
 
-    peer.node.create_service(Trigger, name, answer)
+    # Without this a request that is left waiting would hold up those behind it.
+    peer.node.create_service(Trigger, name, answer, callback_group=ReentrantCallbackGroup())
     return requests
 
 

@@ -1,10 +1,11 @@
 """Simulators: one interface, several engines, always over a batch of worlds."""
 
-from intuitive_physics.simulation.choose import SIMULATORS, make_simulator
+from intuitive_physics.simulation.choose import ENGINE_GUIDE, SIMULATORS, make_simulator
 from intuitive_physics.simulation.simulator import Rollout, Simulator, WorldStatus
 from intuitive_physics.simulation.world_batch import WorldBatch, pack_worlds
 
 __all__ = [
+    "ENGINE_GUIDE",
     "SIMULATORS",
     "Rollout",
     "Simulator",

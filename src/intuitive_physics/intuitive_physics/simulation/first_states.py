@@ -13,7 +13,7 @@ from intuitive_physics.simulation.stepped.scratch import Scratch
 from intuitive_physics.simulation.world_batch import WorldBatch
 
 LARGEST_OVERLAP = 0.25
-"""Of the smaller object's inradius. What is perceived to touch overlaps by less; engines part it."""
+"""Of the smaller object's inradius. What is seen to touch overlaps by less; engines part it."""
 
 
 def check_overlaps(scenes: Sequence[Scene], worlds: WorldBatch) -> None:

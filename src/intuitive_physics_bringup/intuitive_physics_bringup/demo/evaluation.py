@@ -68,7 +68,7 @@ def explain_costs(
     observations: Sequence[Observation], learned: StaticParameters, true: StaticParameters
 ) -> NDArray[np.float64]:
     """Return D̄ of each observation (n,) under learned, true and default parameters: (3, n) m."""
-    cost = TrajectoryCost(observations, make_simulator("event_driven"))
+    cost = TrajectoryCost(observations, make_simulator("auto"))
     default = StaticParameters.uniform(cost.materials)
     known = [parameters.extended(cost.materials) for parameters in (learned, true)]
     return cost.observation_costs([*known, default])

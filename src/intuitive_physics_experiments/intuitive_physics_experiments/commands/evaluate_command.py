@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.simulation import ENGINE_GUIDE
 from intuitive_physics_experiments.commands.observation_source import (
     ENGINE,
     ITERATIONS,
@@ -42,7 +43,7 @@ def add_to(commands: Any) -> None:
         "--engine",
         action="append",
         help="simulator to learn and predict with, may be given more than once "
-        f"(default: {ENGINE}; stepped for cube tosses)",
+        f"(default: {ENGINE}; stepped for cube tosses). {ENGINE_GUIDE}",
     )
     parser.add_argument(
         "--length-correction",

@@ -11,7 +11,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
 
 PATH_HELP = "a folder of saved observations, or a recorded set as an .npz file"
-ENGINE = "event_driven"
+ENGINE = "auto"
 
 
 ITERATIONS = 2000

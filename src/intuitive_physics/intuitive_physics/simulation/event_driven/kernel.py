@@ -7,7 +7,7 @@ from math import inf, isfinite, nan, pi, sqrt
 from numba import int64
 
 from intuitive_physics.simulation.event_driven.clusters import gather
-from intuitive_physics.simulation.event_driven.compiling import inlined, kernel
+from intuitive_physics.simulation.event_driven.compiling import entry, inlined, kernel
 from intuitive_physics.simulation.event_driven.impacts import hit_object, hit_solid
 from intuitive_physics.simulation.event_driven.motion import carry, write_outputs
 from intuitive_physics.simulation.event_driven.solids import place_bounded, place_planes
@@ -32,7 +32,7 @@ TOUCHES = 1e-9
 """m. Objects nearer than this at the start are in contact."""
 
 
-@kernel
+@entry
 def roll_worlds(
     first,
     last,

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from intuitive_physics.simulation.event_driven.compiling import inlined, kernel
+from intuitive_physics.simulation.event_driven.compiling import entry, inlined, kernel
 
 MOST_ITERATIONS = 100
 """Of a bracketed root; bisection alone needs about 60."""
 
 
-@kernel
+@entry
 def first_fall_quadratic(gap, speed, acceleration):
     """First τ ≥ 0 at which gap + speed τ + acceleration τ²/2 falls through zero, else infinity.
 

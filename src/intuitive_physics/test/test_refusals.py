@@ -115,6 +115,8 @@ def test_bad_batches_are_refused(engine):
 
 FLAT = Box((0.4, 0.4, 0.1))
 ROD = Capsule(0.03, 0.3)
+POST = Box((0.06, 0.06, 0.36))
+SHEET = Plane("sheet", "ground", (0, 0, 1), 0, [(-1, -1, 0), (1, -1, 0), (0, 1, 0)])
 # What overlaps by more than a quarter of the smaller inradius, and the two names.
 OVERLAPPING = {
     "sphere in floor": (make_scene(Body(Sphere(0.05), (0, 0, 0.03))), "body_0", "plane_0"),
@@ -126,6 +128,21 @@ OVERLAPPING = {
     ),
     "capsule's end in floor": (make_scene(Body(ROD, (0, 0, 0.15))), "body_0", "plane_0"),
     "under the floor": (make_scene(Body(Sphere(0.05), (0, 0, -1.0))), "body_0", "plane_0"),
+    "sphere in sheet": (
+        make_scene(Body(Sphere(0.05), (0, 0, 0.02)), planes=[SHEET]),
+        "body_0",
+        "sheet",
+    ),
+    "box through sheet": (
+        make_scene(Body(POST, (0, 0, 0.05)), planes=[SHEET]),
+        "body_0",
+        "sheet",
+    ),
+    "capsule through sheet": (
+        make_scene(Body(ROD, (0, 0, 0.05)), planes=[SHEET]),
+        "body_0",
+        "sheet",
+    ),
     "sphere in sphere": (
         make_scene(BALL, Body(Sphere(0.1), (0.12, 0, 1.0))),
         "body_0",
@@ -176,8 +193,22 @@ OVERLAPPING = {
 def test_an_overlapping_start_is_refused_with_both_names(scene, first, second):
     with pytest.raises(InvalidInputError) as refusal:
         STEPPED.simulator.rollout([scene], coefficients(), [0.1])
-    assert first in str(refusal.value)
-    assert second in str(refusal.value)
+    assert repr(first) in str(refusal.value)
+    assert repr(second) in str(refusal.value)
+    assert "move them apart" in str(refusal.value)
+
+
+def test_an_overlap_is_told_in_numbers_and_with_its_scene():
+    # Centres 3 cm above the floor, radius 5 cm: 2 cm deep, of which a quarter of 5 cm is allowed.
+    deep = OVERLAPPING["sphere in floor"][0]
+    with pytest.raises(InvalidInputError, match=r"scene 1: .* by 20 mm .* at most 12\.5 mm"):
+        STEPPED.simulator.rollout([make_scene(BALL), deep, deep], coefficients(), [0.1])
+
+
+def test_packed_worlds_are_parted_and_not_refused():
+    worlds = pack_worlds([OVERLAPPING["sphere in floor"][0]], coefficients())
+    rollout = STEPPED.simulator.rollout_batch(worlds, [0.0])
+    np.testing.assert_allclose(rollout.positions[0, 0, 0], (0, 0, 0.05), atol=1e-4)
 
 
 def test_the_other_engines_refuse_an_overlapping_start_too():
@@ -200,14 +231,11 @@ TOUCHING = {
         Body(Box((1.0, 0.1, 0.1)), (0, 0, 1.0), quaternion((np.pi / 4, 0, 0))),
         Body(Box((0.1, 1.0, 0.1)), (0, 0, 1.15), quaternion((0, np.pi / 4, 0))),
     ),
-    "behind a sheet": make_scene(
-        Body(Sphere(0.05), (0, 0, -0.02)),
-        planes=[Plane("sheet", "ground", (0, 0, 1), 0, [(-1, -1, 0), (1, -1, 0), (0, 1, 0)])],
-    ),
-    "beside a sheet": make_scene(
-        Body(Sphere(0.05), (2, 0, 0.01)),
-        planes=[Plane("sheet", "ground", (0, 0, 1), 0, [(-1, -1, 0), (1, -1, 0), (0, 1, 0)])],
-    ),
+    "behind a sheet": make_scene(Body(Sphere(0.05), (0, 0, -0.02)), planes=[SHEET]),
+    "beside a sheet": make_scene(Body(Sphere(0.05), (2, 0, 0.01)), planes=[SHEET]),
+    "box past the edge of a sheet": make_scene(Body(POST, (0, -1.05, 0.05)), planes=[SHEET]),
+    "capsule past the edge of a sheet": make_scene(Body(ROD, (0, -1.05, 0.05)), planes=[SHEET]),
+    "capsule on a sheet": make_scene(Body(ROD, (0, 0, 0.175)), planes=[SHEET]),
 }
 
 
@@ -220,6 +248,22 @@ def test_a_touch_or_a_little_overlap_is_no_mistake(scene):
         assert rollout.positions[0, k, 0, 2] < state.position[2] + 0.03
 
 
+@given(st.floats(0.0, 0.04), st.floats(1e-3, 1.0), st.sampled_from(["floor", "box", "sheet"]))
+def test_what_never_moves_does_not_set_the_limit(overlap, thickness, kind):
+    ball = Body(Sphere(0.05), (0, 0, 0.05 - overlap))
+    slab = ((0, 0, -0.5 * thickness), (1, 1, thickness))
+    scene = {
+        "floor": lambda: make_scene(ball),
+        "box": lambda: make_scene(ball, planes=(), boxes=[slab]),
+        "sheet": lambda: make_scene(ball, planes=[SHEET]),
+    }[kind]()
+    if overlap > 0.0126:
+        with pytest.raises(InvalidInputError, match=r"at most 12\.5 mm"):
+            STEPPED.simulator.rollout([scene], coefficients(), [0.01])
+    elif overlap < 0.0124:
+        STEPPED.simulator.rollout([scene], coefficients(), [0.01])
+
+
 @given(st.floats(0.0, 0.12), st.sampled_from([0.05, 0.1]))
 def test_the_limit_of_overlap_is_a_quarter_of_the_smaller_radius(overlap, other):
     scene = make_scene(BALL, Body(Sphere(other), (0.05 + other - overlap, 0, 1.0)), planes=())
@@ -230,7 +274,6 @@ def test_the_limit_of_overlap_is_a_quarter_of_the_smaller_radius(overlap, other)
         STEPPED.simulator.rollout([scene], coefficients(), [0.01])
 
 
-SHEET = Plane("sheet", "ground", (0, 0, 1), 0, [(-1, -1, 0), (1, -1, 0), (0, 1, 0)])
 INEXPRESSIBLE = {
     "event_driven box": (EVENT_DRIVEN, make_scene(Body(FLAT, (0, 0, 1))), "stepped"),
     "event_driven capsule": (EVENT_DRIVEN, make_scene(Body(ROD, (0, 0, 1))), "stepped"),

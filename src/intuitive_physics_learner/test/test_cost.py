@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from intuitive_physics.errors import UnknownNameError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.simulation import pack_worlds
 from intuitive_physics.trajectory import Trajectory, mean_distance
 from intuitive_physics_learner import NoObservationsError, TrajectoryCost
 from intuitive_physics_learner import cost as cost_module
@@ -24,7 +25,7 @@ def observed_mean_distance(observation, simulator, theta):
     for j, thing in enumerate(observation.objects):
         times = thing.trajectory.times - observation.start_time
         times = np.unique(np.concatenate([[0.0], times[times > 0.0]]))
-        rollout = simulator.rollout([observation.scene()], theta, times)
+        rollout = simulator.rollout_batch(pack_worlds([observation.scene()], theta), times)
         simulated = Trajectory(times, rollout.positions[0, j])
         shifted = Trajectory(
             thing.trajectory.times - observation.start_time, thing.trajectory.positions

@@ -269,7 +269,7 @@ def test_learns_what_made_the_observations(start, caller, throws, true_parameter
 
 
 def test_wrong_requests_get_their_codes(start, caller, glides):
-    start("max_iterations:=10")
+    start("max_iterations:=10", "simulator:=event_driven")
     observation = glides(np.random.default_rng(0), 0.5)
     assert caller.add(observation).result.value == ResultCode.OK
 

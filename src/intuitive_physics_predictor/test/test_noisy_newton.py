@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.errors import InvalidInputError, UnknownNameError, UnsupportedSceneError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Sphere
+from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics_predictor.noise import StateNoise, sample_states
 from intuitive_physics_predictor.noisy_newton import PredictionFailedError, predict
@@ -140,7 +141,20 @@ def test_what_cannot_be_predicted_is_refused():
         StateNoise(position=-1.0)
     with pytest.raises(InvalidInputError, match="noise"):
         StateNoise(linear_velocity=float("nan"))
+    with pytest.raises(UnsupportedSceneError, match="not a sphere"):
+        predict(box_scene(), THETA, [1.0], rng=rng, simulator=make_simulator("event_driven"))
+
+
+def box_scene():
     scene = flying_scene()
-    box = Scene(scene.environment, (SceneObject("b", "ball", Box((1, 1, 1))),), scene.states)
-    with pytest.raises(Exception, match="not a sphere"):
-        predict(box, THETA, [1.0], rng=rng)
+    box = SceneObject("b", "ball", Box((0.1, 0.1, 0.1)))
+    return Scene(scene.environment, (box,), scene.states)
+
+
+def test_any_shape_is_predicted_without_a_word_about_engines():
+    # In free flight a box moves as a ball does.
+    box, ball = (
+        predict(scene, THETA, [0.1], rng=np.random.default_rng(0)).positions
+        for scene in (box_scene(), flying_scene())
+    )
+    np.testing.assert_allclose(box, ball, atol=1e-9)

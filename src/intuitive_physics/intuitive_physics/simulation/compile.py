@@ -9,11 +9,12 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation.choose import make_simulator
+from intuitive_physics.simulation.event_driven.roots import first_fall_quadratic
 from intuitive_physics.state import ObjectState
 
 
 def warm_up() -> None:
-    """Roll out one small scene with each engine, which compiles all kernels that it needs.
+    """Roll out one small scene with each engine, which compiles all the kernels it needs.
 
     Shapes, primitives and what is asked for are numbers to the kernels and not types: one call
     compiles them for all.
@@ -26,6 +27,8 @@ def warm_up() -> None:
     parameters = StaticParameters.uniform(["ball", "floor"])
     for name in ("event_driven", "stepped"):
         make_simulator(name).rollout([scene], parameters, [0.0, 0.5])
+    # Predicting free flight takes this one without an engine.
+    first_fall_quadratic(1.0, 0.0, -9.81)
 
 
 def main() -> None:

@@ -60,6 +60,9 @@ def next_fall(c, low, end):
     """
     first, second = _inflections(c, low, end)
     at_low, slope_low = evaluate(c, low), slope(c, low)
+    if low > 0.0 and at_low <= 0.0:
+        # The last fall ended here, at a turning point: a slope below zero is rounding.
+        slope_low = max(slope_low, 0.0)
     for piece in range(3):
         high = first if piece == 0 else second if piece == 1 else end
         if high <= low:

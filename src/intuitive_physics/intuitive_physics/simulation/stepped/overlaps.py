@@ -9,9 +9,11 @@ import numpy as np
 from intuitive_physics.simulation.kernels import entry, kernel
 from intuitive_physics.simulation.stepped.collision import meet
 from intuitive_physics.simulation.stepped.manifolds import meet_plane
+from intuitive_physics.simulation.stepped.points import part_over_polygon, segment_end
 from intuitive_physics.simulation.stepped.set_up import place_environment, place_shape
-from intuitive_physics.simulation.stepped.world import body_at
+from intuitive_physics.simulation.stepped.world import body_at, plane_at
 from intuitive_physics.simulation.vectors import dot, load, sub
+from intuitive_physics.simulation.world_batch import CAPSULE
 
 OVERLAP = np.dtype(
     [
@@ -82,8 +84,7 @@ def _look_around(world, i, share, overlap):
     body = body_at(world, i)
     for p in range(world.plane_count):
         limit = share * body.thinness
-        # Behind as many contacts as there is room for, none is written.
-        _, gap = meet_plane(world, i, p, -limit, world.contact_room)
+        gap = _gap_to_plane(world, i, p, -limit)
         if gap < -limit:
             _write(overlap, i, -1 - p, gap, limit)
             return True
@@ -94,11 +95,49 @@ def _look_around(world, i, share, overlap):
         reach = body.reach + other.reach
         apart = sub(load(body.position), load(other.position))
         if dot(apart, apart) < reach * reach:
+            # Behind as many contacts as there is room for, none is written.
             _, gap = meet(world, i, j, -limit, world.contact_room)
             if gap < -limit:
                 _write(overlap, i, j, gap, limit)
                 return True
     return False
+
+
+@kernel
+def _gap_to_plane(world, i, p, margin):
+    """Gap (m) as `meet_plane` has it, but of what pierces a bounded plane its whole depth.
+
+    No contact is made with that: it has passed the plane by. At the start it is a mistake where
+    the centre is over the plane, for then the body does not only reach below it beside its edge.
+    """
+    body, plane = body_at(world, i), plane_at(world, p)
+    thinness = body.thinness
+    if plane.corners > 0 and _is_over(body, plane):
+        if body.kind == CAPSULE:
+            lowest = _lowest_over(body, plane)
+            if lowest < 0.0:
+                return lowest - body.radius
+        body.thinness = body.reach
+    _, gap = meet_plane(world, i, p, margin, world.contact_room)
+    body.thinness = thinness
+    return gap
+
+
+@kernel
+def _is_over(body, plane):
+    centre = load(body.position)
+    low, high = part_over_polygon(centre, (0.0, 0.0, 0.0), plane)
+    return low < high and dot(load(plane.normal), centre) > plane.offset
+
+
+@kernel
+def _lowest_over(body, plane):
+    """Height (m) over a bounded plane of the lower end of the part of a capsule's axis over it."""
+    n = load(plane.normal)
+    start = segment_end(body, -1.0)
+    span = sub(segment_end(body, 1.0), start)
+    low, high = part_over_polygon(start, span, plane)
+    return dot(n, start) - plane.offset + min(low * dot(n, span), high * dot(n, span))
 
 
 @kernel

@@ -12,7 +12,6 @@ from math import inf
 
 from numba import int64
 
-from intuitive_physics.simulation.event_driven.compiling import inlined, kernel
 from intuitive_physics.simulation.event_driven.contact_geometry import nearest
 from intuitive_physics.simulation.event_driven.world import (
     DYNAMIC,
@@ -24,6 +23,7 @@ from intuitive_physics.simulation.event_driven.world import (
     pair_index,
     solid_coefficient,
 )
+from intuitive_physics.simulation.kernels import inlined, kernel
 from intuitive_physics.simulation.vectors import (
     add_scaled,
     clamped,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import inf
 
-from intuitive_physics.simulation.event_driven.compiling import inlined, kernel
 from intuitive_physics.simulation.event_driven.world import BOX, EDGE, PLANE, SIDE
+from intuitive_physics.simulation.kernels import inlined, kernel
 from intuitive_physics.simulation.vectors import (
     add,
     add_scaled,

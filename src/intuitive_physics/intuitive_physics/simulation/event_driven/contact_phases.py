@@ -25,7 +25,6 @@ from math import inf, sqrt
 
 from numba import int64
 
-from intuitive_physics.simulation.event_driven.compiling import inlined, kernel
 from intuitive_physics.simulation.event_driven.contact_geometry import (
     ON_EDGE,
     ON_FACE,
@@ -46,6 +45,7 @@ from intuitive_physics.simulation.event_driven.world import (
     lift,
     solid_coefficient,
 )
+from intuitive_physics.simulation.kernels import inlined, kernel
 from intuitive_physics.simulation.vectors import (
     add,
     add_scaled,

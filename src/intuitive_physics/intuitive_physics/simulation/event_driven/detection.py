@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from intuitive_physics.simulation.event_driven.compiling import inlined, kernel
 from intuitive_physics.simulation.event_driven.contact_geometry import arc_pull, nearest
 from intuitive_physics.simulation.event_driven.roots import (
     evaluate,
@@ -19,6 +18,7 @@ from intuitive_physics.simulation.event_driven.world import (
     pair_index,
     touches,
 )
+from intuitive_physics.simulation.kernels import inlined, kernel
 from intuitive_physics.simulation.vectors import (
     add_scaled,
     dot,

@@ -9,7 +9,6 @@ impulse of at most μ_r r J_n.
 
 from __future__ import annotations
 
-from intuitive_physics.simulation.event_driven.compiling import inlined, kernel
 from intuitive_physics.simulation.event_driven.contact_geometry import nearest
 from intuitive_physics.simulation.event_driven.world import (
     DYNAMIC,
@@ -21,6 +20,7 @@ from intuitive_physics.simulation.event_driven.world import (
     solid_coefficient,
     touch,
 )
+from intuitive_physics.simulation.kernels import inlined, kernel
 from intuitive_physics.simulation.vectors import (
     add,
     add_scaled,

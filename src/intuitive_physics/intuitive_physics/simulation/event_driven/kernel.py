@@ -7,7 +7,6 @@ from math import inf, isfinite, nan, pi, sqrt
 from numba import int64
 
 from intuitive_physics.simulation.event_driven.clusters import gather
-from intuitive_physics.simulation.event_driven.compiling import entry, inlined, kernel
 from intuitive_physics.simulation.event_driven.impacts import hit_object, hit_solid
 from intuitive_physics.simulation.event_driven.motion import carry, write_outputs
 from intuitive_physics.simulation.event_driven.solids import place_bounded, place_planes
@@ -18,6 +17,7 @@ from intuitive_physics.simulation.event_driven.transitions import (
     replan,
 )
 from intuitive_physics.simulation.event_driven.world import World, pair_index
+from intuitive_physics.simulation.kernels import entry, inlined, kernel
 from intuitive_physics.simulation.vectors import load, store
 
 OK, NOT_FINITE, TOO_MANY_EVENTS = range(3)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from intuitive_physics.simulation.event_driven.compiling import inlined, kernel
 from intuitive_physics.simulation.event_driven.rotation import (
     load_quaternion,
     store_quaternion,
     turned,
     write_orientations,
 )
+from intuitive_physics.simulation.kernels import inlined, kernel
 from intuitive_physics.simulation.vectors import add_scaled, load, store
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from math import cos, sin, sqrt
 
-from intuitive_physics.simulation.event_driven.compiling import inlined, kernel
+from intuitive_physics.simulation.kernels import inlined, kernel
 from intuitive_physics.simulation.vectors import (
     add,
     add_scaled,

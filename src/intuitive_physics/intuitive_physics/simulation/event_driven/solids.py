@@ -6,7 +6,6 @@ from math import inf
 
 from numba import int64
 
-from intuitive_physics.simulation.event_driven.compiling import kernel
 from intuitive_physics.simulation.event_driven.world import (
     BOX,
     CORNER,
@@ -16,6 +15,7 @@ from intuitive_physics.simulation.event_driven.world import (
     SHEET,
     SIDE,
 )
+from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.vectors import (
     add_scaled,
     cross,

@@ -7,7 +7,6 @@ from intuitive_physics.simulation.event_driven.clusters import (
     plan_cluster,
     stop_jam,
 )
-from intuitive_physics.simulation.event_driven.compiling import inlined, kernel
 from intuitive_physics.simulation.event_driven.contact_geometry import nearest
 from intuitive_physics.simulation.event_driven.contact_phases import (
     PRESSES,
@@ -26,6 +25,7 @@ from intuitive_physics.simulation.event_driven.world import (
     part_overlap,
     touch,
 )
+from intuitive_physics.simulation.kernels import inlined, kernel
 from intuitive_physics.simulation.vectors import add_scaled, dot, load, norm, store, sub
 
 JAM_GAP = 1e-7

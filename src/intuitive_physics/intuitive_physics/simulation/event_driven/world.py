@@ -9,7 +9,7 @@ from collections import namedtuple
 
 import numpy as np
 
-from intuitive_physics.simulation.event_driven.compiling import inlined, kernel
+from intuitive_physics.simulation.kernels import inlined, kernel
 from intuitive_physics.simulation.vectors import (
     add_scaled,
     load,

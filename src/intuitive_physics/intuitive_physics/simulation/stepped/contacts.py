@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.stepped.world import (
     DYNAMIC,
     RESTITUTION,
@@ -89,12 +89,12 @@ def _look_up(world, contact):
     contact.roll_softness = softness
 
 
-@inlined
+@fast_inlined
 def _roll_softness(body):
     return 1.0 / min(min(body.inertia[0], body.inertia[1]), body.inertia[2])
 
 
-@inlined
+@fast_inlined
 def _any_perpendicular(n):
     if abs(n[2]) > 0.7:
         scale = 1.0 / sqrt(n[1] * n[1] + n[2] * n[2])
@@ -115,7 +115,7 @@ def speed_at(world, contact):
     return speed
 
 
-@inlined
+@fast_inlined
 def speed_along(world, contact, axis):
     """The part of `speed_at` along one axis of a prepared contact."""
     body = body_at(world, contact.first)
@@ -130,7 +130,7 @@ def speed_along(world, contact, axis):
     return speed
 
 
-@inlined
+@fast_inlined
 def push(world, contact, axis, impulse):
     """Apply an impulse (N s) along one axis of a prepared contact, to both."""
     body = body_at(world, contact.first)

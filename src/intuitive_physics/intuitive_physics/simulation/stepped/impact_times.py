@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.stepped.collision import meet
 from intuitive_physics.simulation.stepped.impacts import IMPACT_GAP
 from intuitive_physics.simulation.stepped.manifolds import meet_plane
@@ -80,7 +80,7 @@ def _sphere_on_plane(body, plane, first, threshold):
     return min(first, 2.0 * max(gap, 0.0) / (root - speed))
 
 
-@inlined
+@fast_inlined
 def _is_through(body, n, offset):
     """Whether the nearest point of a body lies behind a plane."""
     height = dot(n, load(body.position)) - offset
@@ -91,7 +91,7 @@ def _is_through(body, n, offset):
     return height < body.radius - CLOSED
 
 
-@inlined
+@fast_inlined
 def _corner_gap(body, n, offset, corner):
     """Distance of a corner of the rounded core from a plane; a capsule has each end four times."""
     height = dot(n, load(body.position)) - offset - body.radius
@@ -142,7 +142,7 @@ def _least_gap(body, n, offset, corners):
     return least
 
 
-@inlined
+@fast_inlined
 def _illinois(low, at_low, high, at_high, side, t, value):
     """Narrow a bracket by the point (t, value); an end that stays twice counts half."""
     if value < 0.0:
@@ -185,7 +185,7 @@ def _sampled(world, i, second, first, threshold):
     return first
 
 
-@inlined
+@fast_inlined
 def _way(body, t):
     """A bound (m) on how far any point of a body moves."""
     moved = norm(sub(_at(body, t), load(body.start_position)))
@@ -222,7 +222,7 @@ def _root(world, i, second, low, at_low, high, at_high):
     return t
 
 
-@inlined
+@fast_inlined
 def _at(body, t):
     x, v, a = load(body.start_position), load(body.start_velocity), load(body.acceleration)
     h = 0.5 * t * t

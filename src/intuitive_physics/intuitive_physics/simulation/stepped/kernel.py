@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import inf, isfinite
 
-from intuitive_physics.simulation.kernels import entry, inlined, kernel
+from intuitive_physics.simulation.kernels import entry, fast_inlined, kernel
 from intuitive_physics.simulation.stepped.collision import are_near, find_contacts, part_overlaps
 from intuitive_physics.simulation.stepped.motion import TIME_ROUNDING, output_time, write_rest
 from intuitive_physics.simulation.stepped.parts import rebound_threshold, step_island
@@ -139,7 +139,7 @@ def _roll_world(world, moving, step):
     return OK
 
 
-@inlined
+@fast_inlined
 def _sum(a):
     return a[0] + a[1] + a[2]
 

@@ -8,7 +8,7 @@ body in free flight keeps it to rounding, and its kinetic energy to fourth order
 
 from __future__ import annotations
 
-from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.pointers import float_at, put_float
 from intuitive_physics.simulation.stepped.poses import (
     angular_momentum,
@@ -44,7 +44,7 @@ def free_acceleration(world, body, duration):
     return add(gravity, _air(body, add_scaled(velocity, start, 0.5 * duration)))
 
 
-@inlined
+@fast_inlined
 def _air(body, velocity):
     braking = scaled(velocity, -body.drag * norm(velocity))
     force = add_scaled(braking, cross(load(body.spin), velocity), body.magnus)
@@ -89,7 +89,7 @@ def plan_flight(world, body, duration):
     store(body.turning, turned(body, add_scaled(mean, cross(w0, w1), r / 12.0)))
 
 
-@inlined
+@fast_inlined
 def _euler(a, b, c, w):
     """Euler's equations without torque: dω/dt in the body's axes."""
     return (b - c) / a * w[1] * w[2], (c - a) / b * w[2] * w[0], (a - b) / c * w[0] * w[1]
@@ -179,19 +179,19 @@ def write_rest(world, i, end):
     body.next_output = k
 
 
-@inlined
+@fast_inlined
 def output_time(world, k):
     return float_at(world.times, k)
 
 
-@inlined
+@fast_inlined
 def write_position(world, i, k, position):
     at = 3 * (i * world.output_room + k)
     for c in range(3):
         put_float(world.positions, at + c, position[c])
 
 
-@inlined
+@fast_inlined
 def write_orientation(world, i, k):
     at = 4 * (i * world.output_room + k)
     orientation = body_at(world, i).orientation

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.stepped.collision import find_contacts, part_overlaps
 from intuitive_physics.simulation.stepped.contacts import prepare, speed_along
 from intuitive_physics.simulation.stepped.impact_times import first_impact
@@ -131,14 +131,14 @@ def _let_press(world, contact, speed, duration):
         _mark(body_at(world, contact.second), plays)
 
 
-@inlined
+@fast_inlined
 def _mark(body, plays):
     body.pressed = 1
     if plays:
         body.steady = 0
 
 
-@inlined
+@fast_inlined
 def _is_pressed(world, contact):
     if body_at(world, contact.first).pressed == 1:
         return True

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import inf
 
-from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.stepped.world import (
     boundary_corner,
     column,
@@ -14,13 +14,13 @@ from intuitive_physics.simulation.stepped.world import (
 from intuitive_physics.simulation.vectors import add_scaled, cross, dot, load, norm, scaled, sub
 
 
-@inlined
+@fast_inlined
 def segment_end(body, sign):
     """End of a capsule's axis, or a sphere's centre."""
     return add_scaled(load(body.position), column(body.rotation, 2), sign * body.half_extents[2])
 
 
-@inlined
+@fast_inlined
 def bounded(value, low, high):
     return min(max(value, low), high)
 

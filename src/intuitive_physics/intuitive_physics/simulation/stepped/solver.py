@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.stepped.contacts import (
     push,
     relative_spin,
@@ -108,7 +108,7 @@ def _solve_contact(world, contact):
     return largest
 
 
-@inlined
+@fast_inlined
 def _pushed(velocity, spin, axis, turn, impulse, inverse_mass):
     """Velocity and spin after an impulse (N s) along an axis."""
     return add_scaled(velocity, axis, impulse * inverse_mass), add_scaled(spin, turn, impulse)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from intuitive_physics.simulation.kernels import inlined
+from intuitive_physics.simulation.kernels import fast_inlined
 from intuitive_physics.simulation.pointers import float_at, record_getter
 
 KEPT = 16
@@ -139,38 +139,38 @@ _body, _plane = record_getter(BODY), record_getter(PLANE)
 _contact, _corner = record_getter(CONTACT), record_getter(CORNER)
 
 
-@inlined
+@fast_inlined
 def body_at(world, i):
     return _body(world.bodies, i)
 
 
-@inlined
+@fast_inlined
 def member_at(world, a):
     """Index of the a-th body of the island that is being stepped."""
     return _body(world.bodies, a).member
 
 
-@inlined
+@fast_inlined
 def plane_at(world, p):
     return _plane(world.planes, p)
 
 
-@inlined
+@fast_inlined
 def contact_at(world, c):
     return _contact(world.contacts, c)
 
 
-@inlined
+@fast_inlined
 def clipped_corner(world, side, k):
     return _corner(world.clipped, side * CLIPPED + k)
 
 
-@inlined
+@fast_inlined
 def boundary_corner(plane, k):
     return _corner(plane.boundary, k)
 
 
-@inlined
+@fast_inlined
 def coefficient(world, kind, a, b):
     """One of the four coefficients of a pair of materials."""
     return float_at(
@@ -178,19 +178,19 @@ def coefficient(world, kind, a, b):
     )
 
 
-@inlined
+@fast_inlined
 def row(array, k):
     """Row k of a matrix that is stored row by row, or column k of its transpose."""
     return array[3 * k], array[3 * k + 1], array[3 * k + 2]
 
 
-@inlined
+@fast_inlined
 def column(array, k):
     """Column k of a matrix that is stored row by row: axis k of a rotated body."""
     return array[k], array[3 + k], array[6 + k]
 
 
-@inlined
+@fast_inlined
 def times(matrix, a):
     """A matrix, stored row by row, times a vector."""
     return (
@@ -200,7 +200,7 @@ def times(matrix, a):
     )
 
 
-@inlined
+@fast_inlined
 def transposed_times(matrix, a):
     """The transpose of a matrix, stored row by row, times a vector."""
     return (

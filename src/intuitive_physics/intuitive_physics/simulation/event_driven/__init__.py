@@ -17,6 +17,7 @@ from intuitive_physics.simulation.event_driven.world import (
     OBJECT,
     PAIR,
     SOLID,
+    WORLD,
 )
 from intuitive_physics.simulation.simulator import Rollout, Simulator
 from intuitive_physics.simulation.world_batch import SPHERE, WorldBatch
@@ -55,9 +56,9 @@ class EventDrivenSimulator(Simulator):
         positions = np.empty((count, objects, times.shape[1], 3))
         turned = np.empty((count, objects if orientations else 0, times.shape[1], 4))
         status = np.empty(count, dtype=np.int64)
-        solids = worlds.planes.shape[1] + worlds.boxes.shape[1]
 
         def roll(first: int, last: int) -> None:
+            scratch = _Scratch(worlds)
             roll_worlds(
                 first,
                 last,
@@ -80,11 +81,9 @@ class EventDrivenSimulator(Simulator):
                 worlds.coefficients,
                 times,
                 self.max_events,
-                np.empty(objects, OBJECT),
-                np.empty(solids, SOLID),
-                np.empty(most_features(worlds), FEATURE),
-                np.empty(most_contacts(objects, solids), CONTACT),
-                np.empty(objects * objects, PAIR),
+                scratch.world,
+                scratch.solids,
+                scratch.features,
                 positions,
                 turned,
                 status,
@@ -99,6 +98,22 @@ class EventDrivenSimulator(Simulator):
         for thread in others:
             thread.join()
         return Rollout(positions, turned if orientations else None, status)
+
+
+class _Scratch:
+    """Room for the largest world of a batch; the arrays live as long as this does."""
+
+    def __init__(self, worlds: WorldBatch) -> None:
+        objects = worlds.dimensions.shape[1]
+        solids = worlds.planes.shape[1] + worlds.boxes.shape[1]
+        self.objects = np.empty(objects, OBJECT)
+        self.solids = np.empty(solids, SOLID)
+        self.features = np.empty(most_features(worlds), FEATURE)
+        self.contacts = np.empty(most_contacts(objects, solids), CONTACT)
+        self.pairs = np.empty(objects * objects, PAIR)
+        self.world = np.empty(1, WORLD)
+        for name in ("objects", "solids", "features", "contacts", "pairs"):
+            self.world[name] = getattr(self, name).ctypes.data
 
 
 def _check_supported(worlds: WorldBatch) -> None:

@@ -18,12 +18,16 @@ from intuitive_physics.simulation.event_driven.world import (
     MOST_TOUCHED,
     ROLLING,
     STATIC,
+    contact_at,
     inertia,
+    object_at,
     object_coefficient,
+    pair_at,
     pair_index,
+    solid_at,
     solid_coefficient,
 )
-from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.vectors import (
     add_scaled,
     clamped,
@@ -61,19 +65,19 @@ def most_contacts(objects: int, solids: int) -> int:
 @kernel
 def gather(world, i):
     """Write i and all objects it touches, directly or through others; return how many."""
-    world.objects[0].member = i
+    object_at(world, 0).member = i
     count = 1
     at = 0
     while at < count:
-        member = world.objects[at].member
+        member = object_at(world, at).member
         at += 1
-        for other in range(world.objects.size):
-            if other != member and world.pairs[pair_index(member, other)].touches:
+        for other in range(world.object_count):
+            if other != member and pair_at(world, pair_index(member, other)).touches:
                 known = False
                 for k in range(count):
-                    known = known or world.objects[k].member == other
+                    known = known or object_at(world, k).member == other
                 if not known:
-                    world.objects[count].member = other
+                    object_at(world, count).member = other
                     count += 1
     return count
 
@@ -81,11 +85,11 @@ def gather(world, i):
 @kernel
 def plan_cluster(world, count):
     """Set the accelerations of the first `count` members for the next step."""
-    end = world.objects[world.objects[0].member].time + STEP
+    end = object_at(world, object_at(world, 0).member).time + STEP
     _solve(world, count, STEP)
     moves = False
     for k in range(count):
-        body = world.objects[world.objects[k].member]
+        body = object_at(world, object_at(world, k).member)
         velocity, spin = load(body.velocity), load(body.spin)
         change = sub(load(body.acceleration), velocity)
         turn = sub(load(body.spin_acceleration), spin)
@@ -98,7 +102,7 @@ def plan_cluster(world, count):
         body.turning = 0
     if not moves:
         for k in range(count):
-            _rest(world.objects[world.objects[k].member])
+            _rest(object_at(world, object_at(world, k).member))
 
 
 @kernel
@@ -109,7 +113,7 @@ def stop_jam(world, count):
     """
     _solve(world, count, 0.0)
     for k in range(count):
-        body = world.objects[world.objects[k].member]
+        body = object_at(world, object_at(world, k).member)
         store(body.velocity, load(body.acceleration))
         store(body.spin, load(body.spin_acceleration))
         body.clustered = 1
@@ -123,12 +127,12 @@ def _solve(world, count, falling):
     first the present ones, by which the contacts stick or slip.
     """
     for k in range(count):
-        body = world.objects[world.objects[k].member]
+        body = object_at(world, object_at(world, k).member)
         store(body.acceleration, load(body.velocity))
         store(body.spin_acceleration, load(body.spin))
     contacts = _list_contacts(world, count)
     for k in range(count):
-        body = world.objects[world.objects[k].member]
+        body = object_at(world, object_at(world, k).member)
         fallen = add_scaled(load(body.acceleration), load(world.gravity), falling)
         store(body.acceleration, fallen)
     for _ in range(SWEEPS):
@@ -139,7 +143,7 @@ def _solve(world, count, falling):
             break
 
 
-@inlined
+@kernel
 def _rest(body):
     nothing = (0.0, 0.0, 0.0)
     store(body.velocity, nothing)
@@ -153,17 +157,17 @@ def _rest(body):
 def _list_contacts(world, count):
     contacts = int64(0)
     for k in range(count):
-        i = world.objects[k].member
-        body = world.objects[i]
+        i = object_at(world, k).member
+        body = object_at(world, i)
         for t in range(body.touched_count):
             s = body.touched[t]
-            solid = world.solids[s]
-            gap, n, _, _ = nearest(solid, world.features, load(body.position), body.radius)
+            solid = solid_at(world, s)
+            gap, n, _, _ = nearest(world, solid, load(body.position), body.radius)
             _write_contact(world, contacts, n, i, -1 - s, gap)
             contacts += 1
         for j in range(i):
-            if world.pairs[pair_index(i, j)].touches:
-                other = world.objects[j]
+            if pair_at(world, pair_index(i, j)).touches:
+                other = object_at(world, j)
                 apart = sub(load(body.position), load(other.position))
                 distance = norm(apart)
                 gap = distance - body.radius - other.radius
@@ -172,9 +176,9 @@ def _list_contacts(world, count):
     return contacts
 
 
-@inlined
+@kernel
 def _write_contact(world, c, n, i, other, gap):
-    contact = world.contacts[c]
+    contact = contact_at(world, c)
     contact.first, contact.second = i, other
     store(contact.normal, n)
     contact.least_speed = -max(gap, 0.0) / STEP
@@ -191,11 +195,11 @@ def _speed_at_contact(world, contact):
     While the impulses are sought, the accelerations hold the velocities at the step's end.
     """
     n = load(contact.normal)
-    body = world.objects[contact.first]
+    body = object_at(world, contact.first)
     arm = cross(load(body.spin_acceleration), n)
     speed = add_scaled(load(body.acceleration), arm, -body.radius)
     if contact.second >= 0:
-        body = world.objects[contact.second]
+        body = object_at(world, contact.second)
         arm = cross(load(body.spin_acceleration), n)
         speed = sub(speed, add_scaled(load(body.acceleration), arm, body.radius))
     return speed
@@ -205,12 +209,12 @@ def _speed_at_contact(world, contact):
 def _push(world, contact, impulse):
     """Apply an impulse to the first at the contact, and its reaction to the other."""
     arm = cross(load(contact.normal), impulse)
-    _push_one(world.objects[contact.first], impulse, arm)
+    _push_one(object_at(world, contact.first), impulse, arm)
     if contact.second >= 0:
-        _push_one(world.objects[contact.second], scaled(impulse, -1.0), arm)
+        _push_one(object_at(world, contact.second), scaled(impulse, -1.0), arm)
 
 
-@inlined
+@kernel
 def _push_one(body, impulse, arm):
     store(body.acceleration, add_scaled(load(body.acceleration), impulse, 1.0 / body.mass))
     turned = add_scaled(load(body.spin_acceleration), arm, -body.radius / inertia(body))
@@ -220,12 +224,12 @@ def _push_one(body, impulse, arm):
 @kernel
 def _solve_contact(world, c):
     """Improve the impulses of one contact; return by how much (m/s) that changed a velocity."""
-    contact = world.contacts[c]
+    contact = contact_at(world, c)
     i, other = contact.first, contact.second
     n = load(contact.normal)
-    inverse_mass = 1.0 / world.objects[i].mass
+    inverse_mass = 1.0 / object_at(world, i).mass
     if other >= 0:
-        inverse_mass += 1.0 / world.objects[other].mass
+        inverse_mass += 1.0 / object_at(world, other).mass
         static = object_coefficient(world, STATIC, i, other)
         dynamic = object_coefficient(world, DYNAMIC, i, other)
         rolling = object_coefficient(world, ROLLING, i, other)
@@ -252,18 +256,18 @@ def _solve_contact(world, c):
     return change
 
 
-@inlined
+@kernel
 def _solve_rolling(world, contact, limit_per_radius):
     """Oppose the relative spin by a torque of at most μ_r r N, r the smaller radius.
 
     Returns the change in m/s at the surface.
     """
-    body = world.objects[contact.first]
+    body = object_at(world, contact.first)
     relative = load(body.spin_acceleration)
     softness = 1.0 / inertia(body)
     radius = body.radius
     if contact.second >= 0:
-        other = world.objects[contact.second]
+        other = object_at(world, contact.second)
         relative = sub(relative, load(other.spin_acceleration))
         softness += 1.0 / inertia(other)
         radius = min(radius, other.radius)
@@ -274,7 +278,7 @@ def _solve_rolling(world, contact, limit_per_radius):
     spin = add_scaled(load(body.spin_acceleration), change, 1.0 / inertia(body))
     store(body.spin_acceleration, spin)
     if contact.second >= 0:
-        other = world.objects[contact.second]
+        other = object_at(world, contact.second)
         spin = add_scaled(load(other.spin_acceleration), change, -1.0 / inertia(other))
         store(other.spin_acceleration, spin)
     return norm(change) * softness * radius

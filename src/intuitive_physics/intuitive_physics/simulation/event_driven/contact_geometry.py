@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import inf
 
-from intuitive_physics.simulation.event_driven.world import BOX, EDGE, PLANE, SIDE
-from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.event_driven.world import BOX, EDGE, PLANE, SIDE, feature_at
+from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.vectors import (
     add,
     add_scaled,
@@ -23,12 +23,12 @@ NO_AXIS = (0.0, 0.0, 0.0)
 
 
 @kernel
-def nearest(solid, features, center, radius):
+def nearest(world, solid, center, radius):
     """Contact of a sphere with a solid.
 
     Parameters
     ----------
-    solid, features : as in `World`
+    solid : one of the world's
     center, radius : of the sphere
 
     Returns
@@ -46,18 +46,18 @@ def nearest(solid, features, center, radius):
         return height - radius, n, NO_AXIS, ON_FACE
     if not height >= 0.0:
         return inf, n, NO_AXIS, ON_FACE
-    return _nearest_on_sheet(solid, features, center, radius, height)
+    return _nearest_on_sheet(world, solid, center, radius, height)
 
 
-@inlined
-def _nearest_on_sheet(solid, features, center, radius, height):
+@kernel
+def _nearest_on_sheet(world, solid, center, radius, height):
     n = load(solid.normal)
     foot = add_scaled(center, n, -height)
     least = inf
     point, axis, part = foot, NO_AXIS, ON_FACE
     outside = False
     for f in range(solid.first_feature, solid.last_feature):
-        feature = features[f]
+        feature = feature_at(world, f)
         if feature.kind == SIDE:
             outside = dot(foot, load(feature.direction)) > feature.offset
         elif feature.kind == EDGE and outside:
@@ -76,7 +76,7 @@ def _nearest_on_sheet(solid, features, center, radius, height):
     return distance - radius, scaled(apart, 1.0 / distance), axis, part
 
 
-@inlined
+@kernel
 def _nearest_on_box(solid, center, radius):
     apart = sub(center, load(solid.center))
     outward, inside = NO_AXIS, NO_AXIS
@@ -106,14 +106,14 @@ def _nearest_on_box(solid, center, radius):
     return distance - radius, normal, NO_AXIS, ON_CORNER
 
 
-@inlined
+@kernel
 def arc_pull(v, axis, part, radius):
     """Acceleration (m/s²) that keeps a centre of velocity v on its arc round an edge or corner."""
     across = arc_velocity(v, axis, part)
     return dot(across, across) / radius
 
 
-@inlined
+@kernel
 def arc_velocity(v, axis, part):
     """The part of a velocity that turns the normal of a contact."""
     return scaled(add_scaled(v, axis, -dot(v, axis)), 0.0 if part == ON_FACE else 1.0)

@@ -41,11 +41,14 @@ from intuitive_physics.simulation.event_driven.world import (
     ROLLING,
     SIDE,
     STATIC,
+    feature_at,
     forget_touched,
     lift,
+    object_at,
+    solid_at,
     solid_coefficient,
 )
-from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.vectors import (
     add,
     add_scaled,
@@ -93,14 +96,14 @@ SAME_NORMAL = 1.0 - 1e-12
 """Solids side by side whose normals have at least this cosine support like one."""
 
 
-@inlined
+@kernel
 def contact_with(world, body, s):
     """Contact of a body with solid s as `nearest` has it; one at the end of a face is on an edge.
 
     What moves over the end of a face is so passed on to the edge.
     """
-    solid = world.solids[s]
-    gap, n, axis, part = nearest(solid, world.features, load(body.position), body.radius)
+    solid = solid_at(world, s)
+    gap, n, axis, part = nearest(world, solid, load(body.position), body.radius)
     if part == ON_FACE and solid.kind != PLANE:
         axis, part = _edge_at_brim(world, body, solid, n)
     return gap, n, axis, part
@@ -111,7 +114,7 @@ def _edge_at_brim(world, body, solid, n):
     """The axis and part of a contact on a face of normal n, which may end there."""
     x, v = load(body.position), load(body.velocity)
     for f in range(solid.first_feature, solid.last_feature):
-        side = world.features[f]
+        side = feature_at(world, f)
         outward = load(side.direction)
         if (side.kind == SIDE or side.kind == FACE) and abs(dot(outward, n)) < 0.5:
             beyond = dot(x, outward) - side.offset
@@ -126,8 +129,8 @@ def plan_alone(world, i):
 
     Returns False, and leaves them undefined, where several solids press.
     """
-    body = world.objects[i]
-    gravity = world.gravity
+    body = object_at(world, i)
+    gravity = load(world.gravity)
     body.phase_end = inf
     body.turning = 0
     if body.touched_count == 0:
@@ -168,14 +171,14 @@ def _presses_on_others(world, body, support, upward):
     return False
 
 
-@inlined
+@kernel
 def _plan_on_solid(world, i, s):
-    body = world.objects[i]
+    body = object_at(world, i)
     _, n, axis, part = contact_with(world, body, s)
     pressing = _plan_on_contact(world, i, s, n, axis, part)
     if part != ON_FACE:
         _plan_turning(world, i, s, pressing)
-    elif world.solids[s].kind != PLANE:
+    elif solid_at(world, s).kind != PLANE:
         body.phase_end = min(body.phase_end, body.time + _time_on_face(world, body, s, n))
 
 
@@ -183,10 +186,10 @@ def _plan_on_solid(world, i, s):
 def _time_on_face(world, body, s, n):
     """How long (s) the contact of a planned motion stays on the face of normal n."""
     x, v, a = load(body.position), load(body.velocity), load(body.acceleration)
-    solid = world.solids[s]
+    solid = solid_at(world, s)
     least = inf
     for f in range(solid.first_feature, solid.last_feature):
-        side = world.features[f]
+        side = feature_at(world, f)
         outward = load(side.direction)
         if (side.kind == SIDE or side.kind == FACE) and abs(dot(outward, n)) < 0.5:
             inside = max(0.0, side.offset - dot(x, outward))
@@ -202,7 +205,7 @@ def _plan_turning(world, i, s, pressing):
     The midpoint rule: second order in the length of the piece. Afterwards the object is put back
     on its arc. A piece ends where what presses (m/s²), linear in time, will be gone.
     """
-    body = world.objects[i]
+    body = object_at(world, i)
     v, a = load(body.velocity), load(body.acceleration)
     if norm(v) == 0.0 and norm(a) == 0.0:
         return
@@ -218,7 +221,7 @@ def _plan_turning(world, i, s, pressing):
         _plan_middle(world, i, s, h, a, alpha)
     a = load(body.acceleration)
     end = add_scaled(add_scaled(load(body.position), v, h), a, 0.5 * h * h)
-    _, n, _, _ = nearest(world.solids[s], world.features, end, body.radius)
+    _, n, _, _ = nearest(world, solid_at(world, s), end, body.radius)
     store(body.end_velocity, tangential(add_scaled(v, a, h), n))
     body.phase_end = body.time + h
 
@@ -226,11 +229,11 @@ def _plan_turning(world, i, s, pressing):
 @kernel
 def _plan_middle(world, i, s, h, a, alpha):
     """Plan as in the middle of h seconds under the accelerations a and α; return what presses."""
-    body = world.objects[i]
+    body = object_at(world, i)
     x, v, spin = load(body.position), load(body.velocity), load(body.spin)
     half = 0.5 * h
     middle = add_scaled(add_scaled(x, v, half), a, 0.5 * half * half)
-    gap, n, axis, part = nearest(world.solids[s], world.features, middle, body.radius)
+    gap, n, axis, part = nearest(world, solid_at(world, s), middle, body.radius)
     store(body.position, add_scaled(middle, n, -gap))
     store(body.velocity, tangential(add_scaled(v, a, half), n))
     store(body.spin, add_scaled(spin, alpha, half))
@@ -244,8 +247,8 @@ def _plan_middle(world, i, s, h, a, alpha):
 @kernel
 def _plan_on_contact(world, i, s, n, axis, part):
     """Set the accelerations of object i on a contact with solid s; return what presses, m/s²."""
-    body = world.objects[i]
-    gravity = world.gravity
+    body = object_at(world, i)
+    gravity = load(world.gravity)
     across = arc_velocity(load(body.velocity), axis, part)
     falling = dot(gravity, n)
     pressing = max(0.0, -falling - dot(across, across) / body.radius)
@@ -271,7 +274,7 @@ def _plan_on_contact(world, i, s, n, axis, part):
     return pressing
 
 
-@inlined
+@kernel
 def _plan_rolling(body, n, along, grip, resistance, pivoting):
     rolling = tangential(load(body.velocity), n)
     heading = rolling
@@ -293,7 +296,7 @@ def _plan_rolling(body, n, along, grip, resistance, pivoting):
     store(body.spin_acceleration, turning)
 
 
-@inlined
+@kernel
 def _bearable_resistance(along, heading, grip):
     """The resistance k at which the friction that rolling needs reaches what the contact grips.
 
@@ -308,7 +311,7 @@ def _bearable_resistance(along, heading, grip):
     return 1.4 * (sqrt(max(b * b + grip * grip - dot(drive, drive), 0.0)) - b)
 
 
-@inlined
+@kernel
 def _plan_pivot(body, n, resistance, still):
     """Return the deceleration of the spin about n, ending the phase when that spin is gone.
 
@@ -327,7 +330,7 @@ def _plan_pivot(body, n, resistance, still):
     return scaled(n, sense * resistance / body.radius)
 
 
-@inlined
+@kernel
 def _plan_sliding(body, n, along, braking, slip, pivoting):
     direction, duration = _braking(slip, slip, along, 3.5 * braking)
     friction = scaled(direction, -braking)

@@ -15,10 +15,14 @@ from intuitive_physics.simulation.event_driven.world import (
     FACE,
     SHEET,
     SIDE,
+    feature_at,
+    object_at,
+    pair_at,
     pair_index,
+    solid_at,
     touches,
 )
-from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.vectors import (
     add_scaled,
     dot,
@@ -44,12 +48,12 @@ PASSED = 1e-4
 @kernel
 def predict_solid_impacts(world, i):
     """Find the first solid that object i hits in its present phase."""
-    body = world.objects[i]
+    body = object_at(world, i)
     position, velocity = load(body.position), load(body.velocity)
     acceleration = load(body.acceleration)
     first, solid = inf, -1
     for s in range(world.planes):
-        plane = world.solids[s]
+        plane = solid_at(world, s)
         n = load(plane.normal)
         speed, push = dot(velocity, n), dot(acceleration, n)
         if (speed < 0.0 or push < 0.0) and not touches(body, s):
@@ -61,23 +65,23 @@ def predict_solid_impacts(world, i):
     if body.time + first <= body.phase_end:
         body.impact_time = body.time + first
         body.impact_solid = solid
-    if world.solids.size > world.planes:
+    if world.solid_count > world.planes:
         _predict_bounded_impacts(world, body)
 
 
-@inlined
+@kernel
 def _predict_bounded_impacts(world, body):
     """Find out whether a body hits a sheet or box before it hits a plane."""
     span = min(min(body.phase_end, body.impact_time), world.end) - body.time
     if not span >= 0.0:
         return
     low, high = _bounds_of_path(body, span)
-    for s in range(world.planes, world.solids.size):
-        solid = world.solids[s]
+    for s in range(world.planes, world.solid_count):
+        solid = solid_at(world, s)
         if not _overlaps(solid, low, high) or touches(body, s):
             continue
         for f in range(solid.first_feature, solid.last_feature):
-            feature = world.features[f]
+            feature = feature_at(world, f)
             if feature.kind != SIDE and _overlaps(feature, low, high):
                 tau = _feature_impact(world, body, solid, feature, span)
                 if tau < span or (tau == span and body.impact_time > body.time + span):
@@ -86,7 +90,7 @@ def _predict_bounded_impacts(world, body):
                     body.impact_solid = s
 
 
-@inlined
+@kernel
 def _bounds_of_path(body, span):
     """Lowest and highest coordinates that a body's surface reaches within `span` (s)."""
     x, v, a = load(body.position), load(body.velocity), load(body.acceleration)
@@ -97,7 +101,7 @@ def _bounds_of_path(body, span):
     return (low0 - r, low1 - r, low2 - r), (high0 + r, high1 + r, high2 + r)
 
 
-@inlined
+@kernel
 def _extremes(x, v, a, span):
     end = x + span * (v + 0.5 * span * a)
     low, high = min(x, end), max(x, end)
@@ -107,7 +111,7 @@ def _extremes(x, v, a, span):
     return low, high
 
 
-@inlined
+@kernel
 def _overlaps(bounded, low, high):
     return (
         bounded.low[0] <= high[0]
@@ -162,7 +166,7 @@ def _feature_impact(world, body, solid, feature, span):
 def _hits(world, body, solid, tau, gap_to_feature):
     """Whether a body at time τ (s) touches a solid, approaches it, and the feature is nearest."""
     x = position_at(body, body.time + tau)
-    gap, n, axis, part = nearest(solid, world.features, x, body.radius)
+    gap, n, axis, part = nearest(world, solid, x, body.radius)
     if gap > REACHED or abs(gap - gap_to_feature) > REACHED:
         return False
     if solid.kind == SHEET and gap < -PASSED:
@@ -178,15 +182,17 @@ def _hits(world, body, solid, tau, gap_to_feature):
 @kernel
 def predict_object_impacts(world, i):
     """Find when object i hits each other object while both are in their present phases."""
-    for j in range(world.objects.size):
+    for j in range(world.object_count):
         if j != i:
-            pair = world.pairs[pair_index(i, j)]
+            pair = pair_at(world, pair_index(i, j))
             pair.impact_time = inf
             if not pair.touches:
-                pair.impact_time = _object_impact(world.objects[i], world.objects[j], world.end)
+                pair.impact_time = _object_impact(
+                    object_at(world, i), object_at(world, j), world.end
+                )
 
 
-@inlined
+@kernel
 def _object_impact(one, other, end):
     """Time of impact of two objects: a root of a quartic, of a quadratic where both fly freely."""
     start = max(one.time, other.time)
@@ -218,7 +224,7 @@ def _object_impact(one, other, end):
     return start + tau
 
 
-@inlined
+@kernel
 def position_at(body, t):
     """Position (m) of a body at time t (s) of its present phase."""
     tau = t - body.time
@@ -226,6 +232,6 @@ def position_at(body, t):
     return add_scaled(moved, load(body.acceleration), 0.5 * tau * tau)
 
 
-@inlined
+@kernel
 def _velocity_at(body, t):
     return add_scaled(load(body.velocity), load(body.acceleration), t - body.time)

@@ -15,12 +15,15 @@ from intuitive_physics.simulation.event_driven.world import (
     RESTITUTION,
     ROLLING,
     inertia,
+    object_at,
     object_coefficient,
+    pair_at,
     pair_index,
+    solid_at,
     solid_coefficient,
     touch,
 )
-from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.vectors import (
     add,
     add_scaled,
@@ -41,7 +44,7 @@ SOFT_SPEED = 1e-4
 """m/s. What comes to rest from less keeps the contacts it has, as in a cluster."""
 
 
-@inlined
+@kernel
 def contact_slip(body, n):
     """Velocity of a body's material at its contact of normal n, along the solid's surface."""
     velocity = tangential(load(body.velocity), n)
@@ -51,8 +54,8 @@ def contact_slip(body, n):
 @kernel
 def hit_solid(world, i, s):
     """Let object i, touching solid s and approaching it, rebound."""
-    body = world.objects[i]
-    _, n, _, _ = nearest(world.solids[s], world.features, load(body.position), body.radius)
+    body = object_at(world, i)
+    _, n, _, _ = nearest(world, solid_at(world, s), load(body.position), body.radius)
     approach = -dot(load(body.velocity), n)
     rebound = approach * solid_coefficient(world, RESTITUTION, i, s)
     if rebound < REBOUND_SPEED:
@@ -75,7 +78,7 @@ def hit_solid(world, i, s):
         _slow_rolling(body, n, min(loss, limit - to_stick))
 
 
-@inlined
+@kernel
 def _slow_rolling(body, n, loss):
     """Take so much momentum (N s) from a body that rolls without slip, or all it has."""
     rolling = tangential(load(body.velocity), n)
@@ -97,7 +100,7 @@ def _push(body, n, impulse):
 @kernel
 def hit_object(world, i, j):
     """Let objects i and j, touching and approaching each other, rebound."""
-    one, other = world.objects[i], world.objects[j]
+    one, other = object_at(world, i), object_at(world, j)
     apart = sub(load(one.position), load(other.position))
     n = scaled(apart, 1.0 / norm(apart))
     relative = sub(load(one.velocity), load(other.velocity))
@@ -105,7 +108,7 @@ def hit_object(world, i, j):
     rebound = approach * object_coefficient(world, RESTITUTION, i, j)
     if rebound < REBOUND_SPEED:
         rebound = 0.0
-        world.pairs[pair_index(i, j)].touches = 1
+        pair_at(world, pair_index(i, j)).touches = 1
     inverse_mass = 1.0 / one.mass + 1.0 / other.mass
     impulse = (approach + rebound) / inverse_mass
 

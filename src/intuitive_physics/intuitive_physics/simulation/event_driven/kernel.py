@@ -16,8 +16,8 @@ from intuitive_physics.simulation.event_driven.transitions import (
     part_start,
     replan,
 )
-from intuitive_physics.simulation.event_driven.world import World, pair_index
-from intuitive_physics.simulation.kernels import entry, inlined, kernel
+from intuitive_physics.simulation.event_driven.world import object_at, pair_at, pair_index
+from intuitive_physics.simulation.kernels import entry, kernel
 from intuitive_physics.simulation.vectors import load, store
 
 OK, NOT_FINITE, TOO_MANY_EVENTS = range(3)
@@ -55,11 +55,9 @@ def roll_worlds(
     coefficients,
     times,
     max_events,
-    objects,
+    scratch,
     solids,
     features,
-    contacts,
-    pairs,
     positions,
     orientations,
     status,
@@ -69,11 +67,14 @@ def roll_worlds(
     Parameters
     ----------
     times : (W or 1, T) s, NaN only at a row's end
-    objects, solids, features, contacts, pairs : scratch, as in `World`
+    scratch : (1,) WORLD whose arrays have room for the largest of the worlds
+    solids, features : two of these arrays
     positions : (W, O, T, 3) to be filled, as are orientations (W, O, T, 4), whose axis O has
         length zero when they are not wanted, and status (W,)
     """
-    turns = orientations.shape[1] > 0
+    world = scratch[0]
+    world.turns = orientations.shape[1] > 0
+    world.material_count = density.shape[1]
     placed, endless = -1, 0
     for w in range(first, last):
         e, c = environment_index[w], parameter_index[w]
@@ -98,7 +99,7 @@ def roll_worlds(
         for i in range(object_counts[w]):
             material = object_materials[w, i]
             _place(
-                objects[i],
+                object_at(world, i),
                 states[w, i],
                 dimensions[w, i, 0],
                 material,
@@ -108,18 +109,12 @@ def roll_worlds(
         wanted = row.size
         while not isfinite(row[wanted - 1]):
             wanted -= 1
-        world = World(
-            objects[: object_counts[w]],
-            bounded,
-            endless,
-            features,
-            contacts,
-            pairs,
-            load(gravity[e]),
-            coefficients[c],
-            row[wanted - 1],
-            turns,
-        )
+        world.object_count = object_counts[w]
+        world.solid_count = bounded.size
+        world.planes = endless
+        store(world.gravity, load(gravity[e]))
+        world.coefficients = coefficients[c].ctypes.data
+        world.end = row[wanted - 1]
         status[w] = _roll_world(world, row[:wanted], max_events, positions[w], orientations[w])
 
 
@@ -148,7 +143,7 @@ def _place(body, state, radius, material, rho):
 @kernel
 def _roll_world(world, times, max_events, positions, orientations):
     """Roll out one world; return its status."""
-    objects = world.objects.size
+    objects = world.object_count
     _start(world)
     status = OK if _all_finite(world) else NOT_FINITE
     events = 0
@@ -174,12 +169,12 @@ def _roll_world(world, times, max_events, positions, orientations):
             for k in range(objects):
                 replan(world, k, gather(world, k))
         elif j >= 0:
-            world.pairs[pair_index(i, j)].impact_time = inf
+            pair_at(world, pair_index(i, j)).impact_time = inf
             hit_object(world, i, j)
             _replan(world, j, times, positions, orientations)
-        elif world.objects[i].impact_time <= t:
-            hit_solid(world, i, world.objects[i].impact_solid)
-        if not _finite(world.objects[i]):
+        elif object_at(world, i).impact_time <= t:
+            hit_solid(world, i, object_at(world, i).impact_solid)
+        if not _finite(object_at(world, i)):
             status = NOT_FINITE
             break
         _replan(world, i, times, positions, orientations)
@@ -191,56 +186,56 @@ def _roll_world(world, times, max_events, positions, orientations):
     return status
 
 
-@inlined
+@kernel
 def _start(world):
-    for k in range(world.objects.size * (world.objects.size - 1) // 2):
-        world.pairs[k].touches = 0
-        world.pairs[k].impact_time = inf
+    for k in range(world.object_count * (world.object_count - 1) // 2):
+        pair_at(world, k).touches = 0
+        pair_at(world, k).impact_time = inf
     part_start(world)
-    for i in range(world.objects.size):
+    for i in range(world.object_count):
         find_touching(world, i, TOUCHES)
-    for i in range(world.objects.size):
+    for i in range(world.object_count):
         replan(world, i, gather(world, i))
 
 
-@inlined
+@kernel
 def _replan(world, i, times, positions, orientations):
     """Plan object i and all that touch it anew, after these have been brought to its time."""
     count = gather(world, i)
     for k in range(1, count):
-        now = world.objects[i].time
-        _advance(world, world.objects[k].member, now, times, positions, orientations)
+        now = object_at(world, i).time
+        _advance(world, object_at(world, k).member, now, times, positions, orientations)
     replan(world, i, count)
 
 
-@inlined
+@kernel
 def _advance(world, i, t, times, positions, orientations):
     """Bring object i to time t, writing all its outputs up to and including t."""
     write_outputs(world, i, t, times, positions, orientations)
-    carry(world.objects[i], t, world.turns)
+    carry(object_at(world, i), t, world.turns)
 
 
-@inlined
+@kernel
 def _finite(body):
     v = body.velocity[0] + body.velocity[1] + body.velocity[2]
     return isfinite(v + body.position[0] + body.position[1] + body.position[2])
 
 
-@inlined
+@kernel
 def _all_finite(world):
     finite = True
-    for i in range(world.objects.size):
-        finite = finite and _finite(world.objects[i])
+    for i in range(world.object_count):
+        finite = finite and _finite(object_at(world, i))
     return finite
 
 
-@inlined
+@kernel
 def _blank_rest(world, status, positions, orientations):
     """Write NaN where there is no output: after a stop, for unwanted times and absent objects."""
     for i in range(positions.shape[0]):
         first = 0
-        if i < world.objects.size:
-            first = world.objects[i].next_output
+        if i < world.object_count:
+            first = object_at(world, i).next_output
             if status == NOT_FINITE:
                 first = _first_not_finite(positions[i, :first])
         for k in range(first, positions.shape[1]):
@@ -250,7 +245,7 @@ def _blank_rest(world, status, positions, orientations):
                 orientations[i, k, 3] = nan
 
 
-@inlined
+@kernel
 def _first_not_finite(positions):
     for k in range(positions.shape[0]):
         if not isfinite(positions[k, 0] + positions[k, 1] + positions[k, 2]):
@@ -258,18 +253,18 @@ def _first_not_finite(positions):
     return positions.shape[0]
 
 
-@inlined
+@kernel
 def _next_event(world):
     """Time of the next event, its object, and the other object or -1."""
     first, i, j = inf, int64(0), int64(-1)
     pair = 0
-    for b in range(world.objects.size):
-        body = world.objects[b]
+    for b in range(world.object_count):
+        body = object_at(world, b)
         t = min(body.phase_end, body.impact_time)
         if t < first:
             first, i, j = t, b, -1
         for a in range(b):
-            t = world.pairs[pair].impact_time
+            t = pair_at(world, pair).impact_time
             if t < first:
                 first, i, j = t, a, b
             pair += 1

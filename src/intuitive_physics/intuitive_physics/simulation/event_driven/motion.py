@@ -8,7 +8,8 @@ from intuitive_physics.simulation.event_driven.rotation import (
     turned,
     write_orientations,
 )
-from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.event_driven.world import object_at
+from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.vectors import add_scaled, load, store
 
 
@@ -41,7 +42,7 @@ def write_outputs(world, i, t, times, positions, orientations):
     times : (T,) s, output times
     positions, orientations : (O, T, 3) and (O, T, 4), the latter only if they are wanted
     """
-    body = world.objects[i]
+    body = object_at(world, i)
     first = body.next_output
     last = first
     while last < times.size and times[last] <= t:
@@ -54,7 +55,7 @@ def write_outputs(world, i, t, times, positions, orientations):
         write_orientations(body, times[first:last], orientations[i, first:last])
 
 
-@inlined
+@kernel
 def _write_positions(body, times, positions):
     # Copies keep the loop free of loads that a store might have changed.
     since = body.time

@@ -21,11 +21,14 @@ from intuitive_physics.simulation.event_driven.detection import (
 from intuitive_physics.simulation.event_driven.world import (
     forget_touched,
     lift,
+    object_at,
+    pair_at,
     pair_index,
     part_overlap,
+    solid_at,
     touch,
 )
-from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.vectors import add_scaled, dot, load, norm, store, sub
 
 JAM_GAP = 1e-7
@@ -46,7 +49,7 @@ def replan(world, i, count):
     """
     roughly = False
     for k in range(count):
-        body = world.objects[world.objects[k].member]
+        body = object_at(world, object_at(world, k).member)
         roughly = roughly or body.clustered == 1 or body.turning == 1
     _settle_contacts(world, count, CLUSTER_SPEED if roughly else STILL)
     if count > 1:
@@ -56,27 +59,27 @@ def replan(world, i, count):
     elif roughly:
         _leave_cluster(world, count)
     for k in range(count):
-        predict_solid_impacts(world, world.objects[k].member)
-    if world.objects.size > 1:
+        predict_solid_impacts(world, object_at(world, k).member)
+    if world.object_count > 1:
         for k in range(count):
-            predict_object_impacts(world, world.objects[k].member)
+            predict_object_impacts(world, object_at(world, k).member)
 
 
-@inlined
+@kernel
 def _leave_cluster(world, count):
     """Let members that can be planned by themselves go on with what lasts exactly."""
     clustered = False
     for k in range(count):
-        body = world.objects[world.objects[k].member]
+        body = object_at(world, object_at(world, k).member)
         clustered = clustered or body.clustered == 1
         body.clustered = 0
     if clustered:
         _settle_contacts(world, count, STILL)
         for k in range(count):
-            plan_alone(world, world.objects[k].member)
+            plan_alone(world, object_at(world, k).member)
 
 
-@inlined
+@kernel
 def end_jam(world, i):
     """Resolve at once all contacts around object i, whose impacts find no end.
 
@@ -89,33 +92,33 @@ def end_jam(world, i):
 @kernel
 def find_touching(world, i, tolerance):
     """Take note of all that object i touches besides what is known, within `tolerance` (m)."""
-    body = world.objects[i]
-    for s in range(world.solids.size):
-        gap, _, _, _ = nearest(world.solids[s], world.features, load(body.position), body.radius)
+    body = object_at(world, i)
+    for s in range(world.solid_count):
+        gap, _, _, _ = nearest(world, solid_at(world, s), load(body.position), body.radius)
         if abs(gap) < tolerance:
             touch(body, s)
-    for j in range(world.objects.size):
+    for j in range(world.object_count):
         if j != i:
-            other = world.objects[j]
+            other = object_at(world, j)
             apart = sub(load(body.position), position_at(other, body.time))
             if abs(norm(apart) - body.radius - other.radius) < tolerance:
-                world.pairs[pair_index(i, j)].touches = 1
+                pair_at(world, pair_index(i, j)).touches = 1
 
 
-@inlined
+@kernel
 def _plan_apart(world, count):
     """Plan each member by itself; False where a contact between them or with a solid presses."""
     for k in range(count):
-        if not plan_alone(world, world.objects[k].member):
+        if not plan_alone(world, object_at(world, k).member):
             return False
     if count == 1:
         return True
     for k in range(count):
-        i = world.objects[k].member
-        body = world.objects[i]
+        i = object_at(world, k).member
+        body = object_at(world, i)
         for j in range(i):
-            if world.pairs[pair_index(i, j)].touches:
-                other = world.objects[j]
+            if pair_at(world, pair_index(i, j)).touches:
+                other = object_at(world, j)
                 apart = sub(load(body.position), load(other.position))
                 relative = sub(load(body.acceleration), load(other.acceleration))
                 if dot(relative, apart) < -PRESSES * norm(apart):
@@ -127,11 +130,11 @@ def _plan_apart(world, count):
 def _settle_contacts(world, count, tolerance):
     """Keep contacts that neither part nor close; the others are for the detection again."""
     for k in range(count):
-        i = world.objects[k].member
-        body = world.objects[i]
+        i = object_at(world, k).member
+        body = object_at(world, i)
         for t in range(body.touched_count - 1, -1, -1):
-            solid = world.solids[body.touched[t]]
-            gap, n, _, _ = nearest(solid, world.features, load(body.position), body.radius)
+            solid = solid_at(world, body.touched[t])
+            gap, n, _, _ = nearest(world, solid, load(body.position), body.radius)
             speed = dot(load(body.velocity), n)
             if abs(speed) > tolerance or gap > LOST:
                 forget_touched(body, t)
@@ -141,9 +144,9 @@ def _settle_contacts(world, count, tolerance):
         if count == 1:
             return
         for j in range(i):
-            pair = world.pairs[pair_index(i, j)]
+            pair = pair_at(world, pair_index(i, j))
             if pair.touches:
-                other = world.objects[j]
+                other = object_at(world, j)
                 apart = sub(load(body.position), load(other.position))
                 relative = sub(load(body.velocity), load(other.velocity))
                 if abs(dot(relative, apart)) > tolerance * norm(apart):
@@ -152,19 +155,19 @@ def _settle_contacts(world, count, tolerance):
                     part_overlap(body, other)
 
 
-@inlined
+@kernel
 def part_start(world):
     """Move what overlaps at the start apart: noisy states of touching things overlap a little."""
     for _ in range(20):
         moved = False
-        for i in range(world.objects.size):
+        for i in range(world.object_count):
             for j in range(i):
-                moved = part_overlap(world.objects[i], world.objects[j]) or moved
-        for i in range(world.objects.size):
-            body = world.objects[i]
-            for s in range(world.solids.size):
-                solid = world.solids[s]
-                gap, n, _, _ = nearest(solid, world.features, load(body.position), body.radius)
+                moved = part_overlap(object_at(world, i), object_at(world, j)) or moved
+        for i in range(world.object_count):
+            body = object_at(world, i)
+            for s in range(world.solid_count):
+                solid = solid_at(world, s)
+                gap, n, _, _ = nearest(world, solid, load(body.position), body.radius)
                 if gap < 0.0:
                     lift(body, n, gap)
                     moved = True

@@ -1,15 +1,14 @@
 """The state of one world while it is rolled out.
 
-Objects, solids and contacts are records: a kernel gets a pointer to them.
+Everything is a record, so that a kernel gets a pointer to it.
 """
 
 from __future__ import annotations
 
-from collections import namedtuple
-
 import numpy as np
 
 from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.pointers import float_at, record_getter
 from intuitive_physics.simulation.vectors import (
     add_scaled,
     load,
@@ -67,7 +66,7 @@ SOLID = np.dtype(
         ("half_lengths", "f8", 3),  # m
         ("low", "f8", 3),  # m, bounds of a sheet or box along the world's axes
         ("high", "f8", 3),
-        ("first_feature", "i8"),  # of a sheet or box in `World.features`
+        ("first_feature", "i8"),  # of a sheet or box in the world's features
         ("last_feature", "i8"),  # exclusive
     ],
     align=True,
@@ -115,40 +114,79 @@ PAIR = np.dtype(
     align=True,
 )
 
-World = namedtuple(
-    "World",
+WORLD = np.dtype(
     [
-        "objects",  # (O,) OBJECT
-        "solids",  # (S,) SOLID, planes first
-        "planes",  # number of planes without an edge
-        "features",  # (F,) FEATURE
-        "contacts",  # CONTACT, scratch of `clusters`
-        "pairs",  # PAIR: that of objects i and j > i is j (j - 1) / 2 + i
-        "gravity",  # m/s²
-        "coefficients",  # (4, m, m)
-        "end",  # s, last output time
-        "turns",  # whether orientations are wanted
+        # Addresses of arrays, see `pointers`.
+        ("objects", "i8"),  # (O,) OBJECT
+        ("solids", "i8"),  # (S,) SOLID, planes first
+        ("features", "i8"),  # (F,) FEATURE
+        ("contacts", "i8"),  # CONTACT, scratch of `clusters`
+        ("pairs", "i8"),  # PAIR: that of objects i and j > i is j (j - 1) / 2 + i
+        ("coefficients", "i8"),  # (4, m, m) float64
+        ("object_count", "i8"),
+        ("solid_count", "i8"),
+        ("planes", "i8"),  # number of planes without an edge
+        ("material_count", "i8"),  # m
+        ("turns", "i8"),  # 1 if orientations are wanted
+        ("end", "f8"),  # s, last output time
+        ("gravity", "f8", 3),  # m/s²
     ],
+    align=True,
 )
 
 STATIC, DYNAMIC, ROLLING, RESTITUTION = range(4)
 
 
+_object, _solid, _feature = record_getter(OBJECT), record_getter(SOLID), record_getter(FEATURE)
+_contact, _pair = record_getter(CONTACT), record_getter(PAIR)
+
+
+@inlined
+def object_at(world, i):
+    return _object(world.objects, i)
+
+
+@inlined
+def solid_at(world, s):
+    return _solid(world.solids, s)
+
+
+@inlined
+def feature_at(world, f):
+    return _feature(world.features, f)
+
+
+@inlined
+def contact_at(world, c):
+    return _contact(world.contacts, c)
+
+
+@inlined
+def pair_at(world, k):
+    return _pair(world.pairs, k)
+
+
 @inlined
 def solid_coefficient(world, kind, i, s):
     """One of the four coefficients between object i and solid s."""
-    return world.coefficients[kind, world.objects[i].material, world.solids[s].material]
+    return _coefficient(world, kind, object_at(world, i).material, solid_at(world, s).material)
 
 
 @inlined
 def object_coefficient(world, kind, i, j):
     """One of the four coefficients between objects i and j."""
-    return world.coefficients[kind, world.objects[i].material, world.objects[j].material]
+    return _coefficient(world, kind, object_at(world, i).material, object_at(world, j).material)
+
+
+@inlined
+def _coefficient(world, kind, a, b):
+    row = kind * world.material_count + a
+    return float_at(world.coefficients, row * world.material_count + b)
 
 
 @inlined
 def pair_index(i, j):
-    """Index of objects i and j, either of which may be the larger, in `World.pairs`."""
+    """Index of objects i and j, either of which may be the larger, in the world's pairs."""
     return (j * (j - 1)) // 2 + i if i < j else (i * (i - 1)) // 2 + j
 
 

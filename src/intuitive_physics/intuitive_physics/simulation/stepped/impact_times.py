@@ -25,7 +25,7 @@ TOUCHING_SAMPLES = 8
 """At least so many looks at a pair that touches already and turns."""
 
 BARELY_APART = 1e-9
-"""m. Gap of a pair that touches, so that the root sought is where it closes again."""
+"""m. How far a pair that touches is taken to be above what counts as closing again."""
 
 FAR = 1e9
 """m. Margin that keeps a manifold from leaving out anything when only its gap is wanted."""
@@ -167,20 +167,23 @@ def _sampled(world, i, second, first, threshold):
     elif not _crosses(body, plane_at(world, -1 - second), first):
         return first
     before = _gap_at(world, i, second, 0.0)
+    level = 0.0
     samples = min(SAMPLES, 1 + int(way / (0.5 * thin)))
     if before <= IMPACT_GAP:
         if _greatest_speed(world, i, second) < 2.0 * threshold:
             return first
         samples = max(samples, TOUCHING_SAMPLES)
+        # What presses keeps its gap; something else closes when the least gap falls below it.
+        level = min(before, 0.0) - BARELY_APART
         before = BARELY_APART
     since = 0.0
     for k in range(1, samples + 1):
         t = first * k / samples
-        gap = _gap_at(world, i, second, t)
+        gap = _gap_at(world, i, second, t) - level
         if gap < -CLOSED:
             if before - gap < threshold * (t - since):
                 return first
-            return _root(world, i, second, since, before, t, gap)
+            return _root(world, i, second, level, since, before, t, gap)
         since, before = t, gap
     return first
 
@@ -207,7 +210,8 @@ def _greatest_speed(world, i, second):
 
 
 @kernel
-def _root(world, i, second, low, at_low, high, at_high):
+def _root(world, i, second, level, low, at_low, high, at_high):
+    """When the gap is at `level` (m) between two times at which it is above and below."""
     side = 0
     t = high
     for _ in range(ITERATIONS):
@@ -215,7 +219,7 @@ def _root(world, i, second, low, at_low, high, at_high):
         t = 0.5 * (low + high)
         if at_low < FAR:
             t = (low * at_high - high * at_low) / (at_high - at_low)
-        gap = _gap_at(world, i, second, t)
+        gap = _gap_at(world, i, second, t) - level
         if abs(gap) < CLOSED:
             break
         low, at_low, high, at_high, side = _illinois(low, at_low, high, at_high, side, t, gap)

@@ -38,7 +38,7 @@ def solve(world, first, last, sweeps, precision):
 
     Parameters
     ----------
-    sweeps : at most so many; fewer where a sweep changes no speed by more than
+    sweeps : at most so many, fewer where one changes no speed by more than
     precision : m/s
     """
     for sweep in range(sweeps):

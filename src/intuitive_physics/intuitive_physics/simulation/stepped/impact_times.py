@@ -64,7 +64,8 @@ def _sphere_on_plane(body, plane, first, threshold):
     """Root of gap + v t + a t²/2, the later one for a sphere that has just rebounded."""
     n = load(plane.normal)
     gap = dot(n, load(body.start_position)) - plane.offset - body.radius
-    speed, acceleration = dot(n, load(body.start_velocity)), dot(n, load(body.acceleration))
+    speed = dot(n, load(body.path_velocity))
+    acceleration = dot(n, load(body.path_acceleration))
     if gap + first * min(0.0, speed + 0.5 * first * min(0.0, acceleration)) > 0.0:
         return first
     if gap <= IMPACT_GAP and speed <= threshold:
@@ -200,12 +201,12 @@ def _greatest_speed(world, i, second):
     """A bound (m/s) on how fast points of two bodies, or of one and a plane, may part or close."""
     body = body_at(world, i)
     speed = body.reach * norm(load(body.turning))
-    velocity = load(body.start_velocity)
+    velocity = load(body.path_velocity)
     if second >= 0:
         other = body_at(world, second)
         if other.inverse_mass > 0.0:
             speed += other.reach * norm(load(other.turning))
-            velocity = sub(velocity, load(other.start_velocity))
+            velocity = sub(velocity, load(other.path_velocity))
     return speed + norm(velocity)
 
 
@@ -228,7 +229,8 @@ def _root(world, i, second, level, low, at_low, high, at_high):
 
 @fast_inlined
 def _at(body, t):
-    x, v, a = load(body.start_position), load(body.start_velocity), load(body.acceleration)
+    x, v = load(body.start_position), load(body.path_velocity)
+    a = load(body.path_acceleration)
     h = 0.5 * t * t
     return (
         x[0] + t * v[0] + h * a[0],

@@ -67,7 +67,10 @@ def begin(body):
 @kernel
 def plan_flight(world, body, duration):
     """Let a body that begins a part of a step fly freely over it."""
-    store(body.acceleration, free_acceleration(world, body, duration))
+    acceleration = free_acceleration(world, body, duration)
+    store(body.acceleration, acceleration)
+    store(body.path_acceleration, acceleration)
+    store(body.path_velocity, load(body.start_velocity))
     store(body.torque, (0.0, 0.0, 0.0))
     body.pressed = 0
     spin = load(body.start_spin)
@@ -99,17 +102,22 @@ def _euler(a, b, c, w):
 def plan_pressed(body, duration):
     """Let a body move so that it reaches, over a part of a step, the velocities it now holds.
 
-    Contacts that still part or close act at once, which damps their play; steady ones evenly over
-    the part, so that sliding and rolling are exact.
+    While its contacts are steady, so that sliding and rolling are exact, it moves by the mean of
+    its first and last velocities. Where a contact still parts or closes it moves by the last ones
+    alone, which damps that play.
     """
-    if body.steady == 0:
-        begin(body)
     velocity, spin = load(body.velocity), load(body.spin)
-    start = load(body.start_spin)
-    store(body.acceleration, scaled(sub(velocity, load(body.start_velocity)), 1.0 / duration))
+    start, start_spin = load(body.start_velocity), load(body.start_spin)
+    store(body.acceleration, scaled(sub(velocity, start), 1.0 / duration))
     momentum = angular_momentum(body)
     store(body.torque, scaled(sub(momentum, load(body.angular_momentum)), 1.0 / duration))
-    mean = scaled(add(start, spin), 0.5)
+    mean = spin
+    store(body.path_velocity, velocity)
+    store(body.path_acceleration, (0.0, 0.0, 0.0))
+    if body.steady == 1:
+        mean = scaled(add(start_spin, spin), 0.5)
+        store(body.path_velocity, start)
+        store(body.path_acceleration, load(body.acceleration))
     a, b, c = load(body.inertia)
     if not a == b == c:
         w = transposed_times(body.rotation, mean)
@@ -123,8 +131,8 @@ def place(body, after):
     if body.placed_after == after:
         return
     body.placed_after = after
-    moved = add_scaled(load(body.start_position), load(body.start_velocity), after)
-    store(body.position, add_scaled(moved, load(body.acceleration), 0.5 * after * after))
+    moved = add_scaled(load(body.start_position), load(body.path_velocity), after)
+    store(body.position, add_scaled(moved, load(body.path_acceleration), 0.5 * after * after))
     if body.kind != SPHERE:
         rotate(body, body.start_orientation, scaled(load(body.turning), after))
         set_rotation(body)
@@ -151,8 +159,8 @@ def write_outputs(world, i, start, after):
     k = body.next_output
     end = start + after + TIME_ROUNDING
     if k < world.output_count and output_time(world, k) <= end:
-        position, velocity = load(body.start_position), load(body.start_velocity)
-        acceleration, turning = load(body.acceleration), load(body.turning)
+        position, velocity = load(body.start_position), load(body.path_velocity)
+        acceleration, turning = load(body.path_acceleration), load(body.turning)
         while k < world.output_count and output_time(world, k) <= end:
             tau = output_time(world, k) - start
             moved = add_scaled(position, velocity, tau)

@@ -42,6 +42,9 @@ BODY = np.dtype(
         ("start_velocity", "f8", 3),
         ("start_spin", "f8", 3),
         ("acceleration", "f8", 3),  # m/s²
+        # The path is x + v τ + a τ²/2 with its own v and a: see `motion.plan_pressed`.
+        ("path_velocity", "f8", 3),  # m/s
+        ("path_acceleration", "f8", 3),  # m/s²
         ("turning", "f8", 3),  # rad/s, mean
         ("angular_momentum", "f8", 3),  # N m s, at the start
         ("torque", "f8", 3),  # N m

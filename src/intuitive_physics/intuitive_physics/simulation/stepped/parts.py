@@ -59,6 +59,8 @@ def step_island(world, moving, members, start, duration, threshold):
                 for c in range(count):
                     prepare(world, c)
         _plan(world, moving, count, left, threshold)
+        if left > 0.5 * duration:
+            _keep_forces(world, moving, count, left, threshold)
         after = left
         if part < PARTS * moving - 1:
             after = first_impact(world, moving, members, left, threshold)
@@ -90,7 +92,6 @@ def _plan(world, moving, count, duration, threshold):
         if body.pressed == 1:
             plan_pressed(body, duration)
         else:
-            body.kept = 0
             plan_flight(world, body, duration)
 
 
@@ -122,6 +123,7 @@ def _activate(world, count, duration, threshold):
 @kernel
 def _let_press(world, contact, speed, duration):
     contact.active = 1
+    contact.first_speed = speed
     contact.least_speed = -max(contact.gap, 0.0) / duration
     contact.friction = contact.static if contact.sticks == 1 else contact.dynamic
     contact.rolls = contact.sticks == 1 and contact.roll_radius > 0.0
@@ -156,8 +158,14 @@ def _press(world, moving, count, duration):
         if contact_at(world, c).active == 1:
             start_from_kept(world, c, duration)
     solve(world, 0, count, SWEEPS, PRECISION * duration * world.gravity_size + 1e-9)
+
+
+@kernel
+def _keep_forces(world, moving, count, duration, threshold):
+    """Keep the forces of contacts that press, not the blows of those that closed."""
     for a in range(moving):
         body_at(world, member_at(world, a)).kept = 0
     for c in range(count):
-        if contact_at(world, c).active == 1:
+        contact = contact_at(world, c)
+        if contact.active == 1 and abs(contact.first_speed) < threshold:
             keep(world, c, duration)

@@ -98,6 +98,7 @@ CONTACT = np.dtype(
         ("torque", "f8", 3),  # N m s of rolling friction, in the world's axes
         ("roll_softness", "f8"),  # 1/(kg m²)
         ("roll_radius", "f8"),  # m: μ_r r
+        ("first_speed", "f8"),  # m/s along the normal before
         ("least_speed", "f8"),  # m/s along the normal afterwards
         ("static", "f8"),
         ("dynamic", "f8"),

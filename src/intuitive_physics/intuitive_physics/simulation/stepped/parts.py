@@ -26,6 +26,9 @@ from intuitive_physics.simulation.world_batch import SPHERE
 PARTS = 16
 """At most so many a step for each body; what hits in the last one rebounds in the next step."""
 
+SHORTEST, STALLS, LEAP = 1e-3, 4, 0.1
+"""So many parts in a row that are shorter than this share of a step are followed by such a leap."""
+
 SWEEPS = 150
 
 STEADY = 5e-3
@@ -47,7 +50,7 @@ def rebound_threshold(world, step):
 @kernel
 def step_island(world, moving, members, start, duration, threshold):
     """Carry the bodies in `World.members` from time `start` (s) on by `duration` (s)."""
-    done = 0.0
+    done, stalled = 0.0, 0
     for part in range(PARTS * moving):
         left = duration - done
         count = find_contacts(world, moving, members)
@@ -64,6 +67,9 @@ def step_island(world, moving, members, start, duration, threshold):
         after = left
         if part < PARTS * moving - 1:
             after = first_impact(world, moving, members, left, threshold)
+            stalled = stalled + 1 if after < SHORTEST * duration else 0
+            if stalled == STALLS:
+                after, stalled = min(left, LEAP * duration), 0
         for a in range(moving):
             i = member_at(world, a)
             write_outputs(world, i, start + done, after)

@@ -164,6 +164,25 @@ def _press(world, moving, count, duration):
         if contact_at(world, c).active == 1:
             start_from_kept(world, c, duration)
     solve(world, 0, count, SWEEPS, PRECISION * duration * world.gravity_size + 1e-9)
+    _release(world, moving, count)
+
+
+@kernel
+def _release(world, moving, count):
+    """Let bodies fly that no contact has pushed after all."""
+    for a in range(moving):
+        body_at(world, member_at(world, a)).pressed = 0
+    for c in range(count):
+        contact = contact_at(world, c)
+        if contact.active == 1 and contact.impulse[0] > 0.0:
+            body_at(world, contact.first).pressed = 1
+            if contact.second >= 0:
+                body_at(world, contact.second).pressed = 1
+    for a in range(moving):
+        body = body_at(world, member_at(world, a))
+        if body.pressed == 0:
+            store(body.velocity, load(body.start_velocity))
+            store(body.spin, load(body.start_spin))
 
 
 @kernel

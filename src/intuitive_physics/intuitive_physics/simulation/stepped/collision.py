@@ -36,7 +36,7 @@ def find_contacts(world, moving, members):
 
     Parameters
     ----------
-    moving, members : the first `moving` of the first `members` bodies in `World.members` move
+    moving, members : as in `parts.step_island`
     """
     count = 0
     for a in range(moving):

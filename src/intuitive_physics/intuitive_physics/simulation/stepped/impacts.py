@@ -7,6 +7,8 @@ kinetic energy, all their impulses are scaled down to keep it.
 
 from __future__ import annotations
 
+from math import sqrt
+
 from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.stepped.contacts import push, relative_spin, speed_along, twist
 from intuitive_physics.simulation.stepped.solver import solve
@@ -92,13 +94,21 @@ def _hit(world, first, last, threshold):
 
 @kernel
 def _let_roll(world, first, last):
-    """Let rolling friction act where a contact has come to stick, which shows only afterwards."""
+    """Let rolling friction act where a contact has come to stick, which shows only afterwards.
+
+    A torque T on a rolling sphere needs the friction 5/7 T / r. A contact that has not as much grip
+    left passes on only the part it can.
+    """
     any_rolls = False
     for c in range(first, last):
         contact = contact_at(world, c)
         grip = contact.friction * contact.impulse[0]
-        used = contact.impulse[1] ** 2 + contact.impulse[2] ** 2
-        contact.rolls = contact.roll_radius > 0.0 and used < grip * grip
+        used = sqrt(contact.impulse[1] ** 2 + contact.impulse[2] ** 2)
+        contact.rolls = contact.roll_radius > 0.0 and used < grip
+        if contact.rolls == 1:
+            radius = abs(dot(load(contact.arm), load(contact.axes[0])))
+            bearable = 1.4 * radius * (grip - used) / contact.impulse[0]
+            contact.roll_limit = min(contact.roll_radius, bearable)
         any_rolls = any_rolls or contact.rolls == 1
     return any_rolls
 

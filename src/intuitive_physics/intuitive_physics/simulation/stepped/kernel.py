@@ -113,7 +113,7 @@ def _roll_world(world, moving, step):
 
     Parameters
     ----------
-    moving : so many of `World.bodies` move, the others are static boxes
+    moving : so many of its bodies move, the others are static boxes
     step : s
     """
     threshold = rebound_threshold(world, step)

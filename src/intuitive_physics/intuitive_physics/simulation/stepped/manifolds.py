@@ -1,7 +1,7 @@
 """Where a body touches, or nearly touches, a plane or another body.
 
 Each function writes the contacts whose gap is below `margin` behind the first `count` of
-`World.contacts`. It returns the new count and the smallest gap there is (m), which is infinite
+the world's contacts. It returns the new count and the smallest gap there is (m), which is infinite
 where the two cannot meet. Normals point towards the first body.
 """
 

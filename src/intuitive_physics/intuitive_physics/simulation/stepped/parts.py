@@ -49,18 +49,16 @@ def rebound_threshold(world, step):
 
 @kernel
 def step_island(world, moving, members, start, duration, threshold):
-    """Carry the bodies in `World.members` from time `start` (s) on by `duration` (s)."""
+    """Carry the island's members from time `start` (s) on by `duration` (s).
+
+    Parameters
+    ----------
+    moving, members : the first `moving` of the first `members` bodies that `member_at` tells move
+    """
     done, stalled = 0.0, 0
     for part in range(PARTS * moving):
         left = duration - done
-        count = find_contacts(world, moving, members)
-        if count > 0:
-            part_overlaps(world, count)
-            for c in range(count):
-                prepare(world, c)
-            if rebound(world, count, threshold) > 0:
-                for c in range(count):
-                    prepare(world, c)
+        count = _meet(world, moving, members, threshold)
         _plan(world, moving, count, left, threshold)
         if left > 0.5 * duration:
             _keep_forces(world, moving, count, left, threshold)
@@ -71,16 +69,36 @@ def step_island(world, moving, members, start, duration, threshold):
             if stalled == STALLS:
                 after, stalled = min(left, LEAP * duration), 0
         for a in range(moving):
-            i = member_at(world, a)
-            write_outputs(world, i, start + done, after)
-            body = body_at(world, i)
-            place(body, after)
-            finish(body, after)
-            if body.kind == SPHERE and world.orientations != 0:
-                rotate(body, body.start_orientation, scaled(load(body.turning), after))
+            _move(world, member_at(world, a), start + done, after)
         done += after
         if done >= duration - TIME_ROUNDING:
             break
+
+
+@kernel
+def _meet(world, moving, members, threshold):
+    """Find the contacts and let those that have closed rebound; return how many there are."""
+    count = find_contacts(world, moving, members)
+    if count > 0:
+        part_overlaps(world, count)
+        for c in range(count):
+            prepare(world, c)
+        if rebound(world, count, threshold) > 0:
+            for c in range(count):
+                prepare(world, c)
+    return count
+
+
+@kernel
+def _move(world, i, start, after):
+    """Carry body i over a part that begins at time `start` and lasts `after` (s)."""
+    body = body_at(world, i)
+    write_outputs(world, i, start, after)
+    place(body, after)
+    finish(body, after)
+    if body.kind == SPHERE and world.orientations != 0:
+        # Nothing but the outputs asks for a sphere's orientation.
+        rotate(body, body.start_orientation, scaled(load(body.turning), after))
 
 
 @kernel
@@ -132,6 +150,7 @@ def _let_press(world, contact, speed, duration):
     contact.first_speed = speed
     contact.least_speed = -max(contact.gap, 0.0) / duration
     contact.friction = contact.static if contact.sticks == 1 else contact.dynamic
+    contact.roll_limit = contact.roll_radius
     contact.rolls = contact.sticks == 1 and contact.roll_radius > 0.0
     plays = abs(speed) > STEADY * duration * world.gravity_size
     _mark(body_at(world, contact.first), plays)

@@ -91,7 +91,7 @@ def place_environment(
     boxes,
     box_materials,
 ):
-    """Fill in what never moves, the boxes behind the `World.moving` bodies that do."""
+    """Fill in what never moves, the boxes behind the bodies that do."""
     world.body_count = world.moving + box_count
     world.plane_count = plane_count
     for b in range(box_count):

@@ -120,7 +120,7 @@ def _solve_rolling(world, contact):
     n = load(contact.axes[0])
     old = load(contact.torque)
     new = add_scaled(old, relative_spin(world, contact), -1.0 / contact.roll_softness)
-    limit = contact.roll_radius * contact.impulse[0]
+    limit = contact.roll_limit * contact.impulse[0]
     pivot = min(max(dot(new, n), -limit), limit)
     new = add_scaled(clamped(tangential(new, n), limit), n, pivot)
     store(contact.torque, new)

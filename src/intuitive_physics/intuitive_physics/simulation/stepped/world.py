@@ -98,6 +98,7 @@ CONTACT = np.dtype(
         ("torque", "f8", 3),  # N m s of rolling friction, in the world's axes
         ("roll_softness", "f8"),  # 1/(kg m²)
         ("roll_radius", "f8"),  # m: μ_r r
+        ("roll_limit", "f8"),  # m: what of it holds now
         ("first_speed", "f8"),  # m/s along the normal before
         ("least_speed", "f8"),  # m/s along the normal afterwards
         ("static", "f8"),
@@ -180,12 +181,6 @@ def coefficient(world, kind, a, b):
     return float_at(
         world.coefficients, (kind * world.material_count + a) * world.material_count + b
     )
-
-
-@fast_inlined
-def row(array, k):
-    """Row k of a matrix that is stored row by row, or column k of its transpose."""
-    return array[3 * k], array[3 * k + 1], array[3 * k + 2]
 
 
 @fast_inlined

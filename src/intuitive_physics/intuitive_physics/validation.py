@@ -118,9 +118,9 @@ def increasing_times(value: ArrayLike, name: str) -> NDArray[np.float64]:
     times = finite_array(value, name, (None,))
     if times.size == 0:
         raise InvalidInputError(f"{name} is empty; expected at least one time")
-    backward = np.flatnonzero(np.diff(times) <= 0.0)
-    if backward.size:
-        at = int(backward[0])
+    backward = times[1:] <= times[:-1]
+    if backward.any():
+        at = int(backward.argmax())
         raise InvalidInputError(
             f"{name} goes from {times[at]:.9g} to {times[at + 1]:.9g} at index {at + 1}; "
             "expected times that strictly increase"

@@ -126,6 +126,7 @@ def _checked_times(times: ArrayLike, worlds: int) -> NDArray[np.float64]:
                 "output times do not strictly increase in every row; "
                 "expected increasing finite times, NaN only at the end of a row"
             )
-    if np.nanmin(rows) < 0.0:
-        raise InvalidInputError(f"output times start at {np.nanmin(rows):g} s; expected ≥ 0")
-    return np.ascontiguousarray(rows)
+    first = rows[:, 0].min()
+    if first < 0.0:
+        raise InvalidInputError(f"output times start at {first:g} s; expected ≥ 0")
+    return rows

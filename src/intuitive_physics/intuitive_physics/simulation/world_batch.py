@@ -104,7 +104,7 @@ class WorldBatch:
             raise InvalidInputError(f"batch has {self.size} worlds; expected one to repeat")
         starts = finite_array(states, "states", (None, self.states.shape[1], 13))
         n = len(starts)
-        copies = replace(self.taken(np.zeros(n, dtype=np.int64)), states=starts)
+        copies = self.taken(np.zeros(n, dtype=np.int64), states=starts)
         if parameter_sets is None:
             return copies
         if len(parameter_sets) != n:
@@ -117,8 +117,13 @@ class WorldBatch:
             coefficients=coefficients,
         )
 
-    def taken(self, worlds: NDArray[np.int64]) -> WorldBatch:
-        """Return the worlds of these indices, as often and in the order they are named."""
+    def taken(self, worlds: NDArray[np.int64], **changes: NDArray) -> WorldBatch:
+        """Return the worlds of these indices, as often and in the order they are named.
+
+        Parameters
+        ----------
+        changes : arrays of the worlds returned that take the place of these worlds' own
+        """
         per_world = (
             "object_counts",
             "shape_kinds",
@@ -131,7 +136,8 @@ class WorldBatch:
             "environment_index",
             "parameter_index",
         )
-        return replace(self, **{name: getattr(self, name)[worlds] for name in per_world})
+        own = {name: getattr(self, name)[worlds] for name in per_world if name not in changes}
+        return replace(self, **own, **changes)
 
 
 def pack_worlds(

@@ -86,7 +86,8 @@ def _look_up(world, contact):
     contact.dynamic = coefficient(world, DYNAMIC, a, b)
     contact.restitution = coefficient(world, RESTITUTION, a, b)
     contact.roll_radius = coefficient(world, ROLLING, a, b) * radius
-    contact.roll_softness = softness
+    contact.roll_softness = softness * radius
+    contact.roll_stiffness = 1.0 / softness
 
 
 @fast_inlined

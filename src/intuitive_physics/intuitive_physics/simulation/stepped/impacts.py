@@ -20,7 +20,7 @@ IMPACT_GAP = 1e-5
 """m. Bodies farther apart have not hit each other yet."""
 
 SWEEPS = 40
-PRECISION = 1e-6
+PRECISION = 1e-5
 """m/s."""
 
 ROUNDS_A_CONTACT = 4

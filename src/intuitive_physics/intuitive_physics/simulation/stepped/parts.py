@@ -34,7 +34,7 @@ SWEEPS = 150
 STEADY = 5e-3
 """Of the speed that falling bodies gain in a step; contacts that part or close faster play."""
 
-PRECISION = 2e-4
+PRECISION = 5e-4
 """Of the speed that falling bodies gain in a step; less is too little to sweep once more."""
 
 SLOWEST_REBOUND = 1e-5

@@ -18,14 +18,11 @@ from intuitive_physics.simulation.stepped.contacts import (
 from intuitive_physics.simulation.stepped.world import KEPT, body_at, contact_at
 from intuitive_physics.simulation.vectors import (
     add_scaled,
-    clamped,
     dot,
     load,
-    norm,
     scaled,
     store,
     sub,
-    tangential,
 )
 
 KEPT_FOR = 0.3
@@ -119,14 +116,18 @@ def _solve_rolling(world, contact):
     """Rolling and pivoting have a limit each."""
     n = load(contact.axes[0])
     old = load(contact.torque)
-    new = add_scaled(old, relative_spin(world, contact), -1.0 / contact.roll_softness)
+    wanted = add_scaled(old, relative_spin(world, contact), -contact.roll_stiffness)
     limit = contact.roll_limit * contact.impulse[0]
-    pivot = min(max(dot(new, n), -limit), limit)
-    new = add_scaled(clamped(tangential(new, n), limit), n, pivot)
+    pivot = dot(wanted, n)
+    rolling = add_scaled(wanted, n, -pivot)
+    square = dot(rolling, rolling)
+    if square > limit * limit:
+        rolling = scaled(rolling, limit / sqrt(square))
+    new = add_scaled(rolling, n, min(max(pivot, -limit), limit))
     store(contact.torque, new)
     change = sub(new, old)
     twist(world, contact, change)
-    return norm(change) * contact.roll_softness * norm(load(contact.arm))
+    return (abs(change[0]) + abs(change[1]) + abs(change[2])) * contact.roll_softness
 
 
 @kernel

@@ -96,7 +96,8 @@ CONTACT = np.dtype(
         ("stiffness", "f8", 3),  # kg: its inverse
         ("impulse", "f8", 3),  # N s
         ("torque", "f8", 3),  # N m s of rolling friction, in the world's axes
-        ("roll_softness", "f8"),  # 1/(kg m²)
+        ("roll_softness", "f8"),  # 1/(kg m): change of speed at the surface for 1 N m s
+        ("roll_stiffness", "f8"),  # kg m²
         ("roll_radius", "f8"),  # m: μ_r r
         ("roll_limit", "f8"),  # m: what of it holds now
         ("first_speed", "f8"),  # m/s along the normal before

@@ -92,7 +92,8 @@ def _look_up(world, contact):
 
 @fast_inlined
 def _roll_softness(body):
-    return 1.0 / min(min(body.inertia[0], body.inertia[1]), body.inertia[2])
+    inverse = body.own_inverse_inertia
+    return max(max(inverse[0], inverse[1]), inverse[2])
 
 
 @fast_inlined

@@ -74,28 +74,28 @@ def plan_flight(world, body, duration):
     store(body.torque, (0.0, 0.0, 0.0))
     body.pressed = 0
     spin = load(body.start_spin)
-    a, b, c = load(body.inertia)
-    if a == b == c:
+    if body.round == 1:
         store(body.turning, spin)
         return
+    euler = load(body.euler)
     r = duration
     w0 = transposed_times(body.rotation, spin)
-    k1 = _euler(a, b, c, w0)
-    k2 = _euler(a, b, c, add_scaled(w0, k1, 0.5 * r))
-    k3 = _euler(a, b, c, add_scaled(w0, k2, 0.5 * r))
-    k4 = _euler(a, b, c, add_scaled(w0, k3, r))
+    k1 = _euler(euler, w0)
+    k2 = _euler(euler, add_scaled(w0, k1, 0.5 * r))
+    k3 = _euler(euler, add_scaled(w0, k2, 0.5 * r))
+    k4 = _euler(euler, add_scaled(w0, k3, r))
     w1 = add_scaled(w0, add(add(k1, k4), scaled(add(k2, k3), 2.0)), r / 6.0)
     ends = add(w0, w1)
-    slope = sub(k1, _euler(a, b, c, w1))
+    slope = sub(k1, _euler(euler, w1))
     # Simpson's rule with the middle of the cubic through both ends, and the Magnus commutator.
     mean = add_scaled(scaled(ends, 0.5), slope, r / 12.0)
     store(body.turning, turned(body, add_scaled(mean, cross(w0, w1), r / 12.0)))
 
 
 @fast_inlined
-def _euler(a, b, c, w):
+def _euler(euler, w):
     """Euler's equations without torque: dω/dt in the body's axes."""
-    return (b - c) / a * w[1] * w[2], (c - a) / b * w[2] * w[0], (a - b) / c * w[0] * w[1]
+    return euler[0] * w[1] * w[2], euler[1] * w[2] * w[0], euler[2] * w[0] * w[1]
 
 
 @kernel
@@ -118,10 +118,9 @@ def plan_pressed(body, duration):
         mean = scaled(add(start_spin, spin), 0.5)
         store(body.path_velocity, start)
         store(body.path_acceleration, load(body.acceleration))
-    a, b, c = load(body.inertia)
-    if not a == b == c:
+    if body.round == 0:
         w = transposed_times(body.rotation, mean)
-        mean = add_scaled(mean, turned(body, _euler(a, b, c, w)), 0.5 * duration)
+        mean = add_scaled(mean, turned(body, _euler(load(body.euler), w)), 0.5 * duration)
     store(body.turning, mean)
 
 
@@ -145,10 +144,10 @@ def finish(body, after):
     store(body.velocity, velocity)
     momentum = add_scaled(load(body.angular_momentum), load(body.torque), after)
     if body.kind == SPHERE:
-        store(body.spin, scaled(momentum, 1.0 / body.inertia[0]))
+        store(body.spin, scaled(momentum, body.own_inverse_inertia[0]))
         return
-    local = transposed_times(body.rotation, momentum)
-    w = local[0] / body.inertia[0], local[1] / body.inertia[1], local[2] / body.inertia[2]
+    local, inverse = transposed_times(body.rotation, momentum), load(body.own_inverse_inertia)
+    w = local[0] * inverse[0], local[1] * inverse[1], local[2] * inverse[2]
     store(body.spin, turned(body, w))
 
 

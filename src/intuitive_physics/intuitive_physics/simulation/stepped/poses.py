@@ -59,10 +59,10 @@ def set_inverse_inertia(body):
     """Bring the inverse inertia in the world's axes up to the rotation: R I⁻¹ Rᵀ."""
     r, inverse = body.rotation, body.inverse_inertia
     if body.kind == SPHERE:
-        value = 1.0 / body.inertia[0]
+        value = body.own_inverse_inertia[0]
         inverse[0] = inverse[4] = inverse[8] = value
         return
-    a, b, c = 1.0 / body.inertia[0], 1.0 / body.inertia[1], 1.0 / body.inertia[2]
+    a, b, c = load(body.own_inverse_inertia)
     inverse[0] = a * r[0] * r[0] + b * r[1] * r[1] + c * r[2] * r[2]
     inverse[4] = a * r[3] * r[3] + b * r[4] * r[4] + c * r[5] * r[5]
     inverse[8] = a * r[6] * r[6] + b * r[7] * r[7] + c * r[8] * r[8]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.stepped.poses import set_inverse_inertia, set_rotation
 from intuitive_physics.simulation.stepped.world import body_at, plane_at
-from intuitive_physics.simulation.vectors import load, norm
+from intuitive_physics.simulation.vectors import load, norm, store
 from intuitive_physics.simulation.world_batch import BOX, CAPSULE
 
 
@@ -17,6 +17,7 @@ def place_object(body, kind, dimensions, material, state, air_factors, mass, den
         body.velocity[k] = state[7 + k]
         body.spin[k] = state[10 + k]
         body.inertia[k] = density * unit_inertia[k]
+    _set_inverses(body)
     body.inverse_mass = 1.0 / mass
     body.drag, body.magnus = air_factors[0], air_factors[1]
     set_inverse_inertia(body)
@@ -28,7 +29,6 @@ def place_static_box(body, box, material):
     place_shape(body, BOX, box[7:10], material, box)
     for k in range(3):
         body.start_position[k] = box[k]
-        body.inertia[k] = 1.0
     body.inverse_mass = 0.0
 
 
@@ -54,6 +54,14 @@ def _reset(body, kind, material):
         body.velocity[k] = body.spin[k] = body.half_extents[k] = 0.0
     for k in range(9):
         body.inverse_inertia[k] = 0.0
+
+
+@kernel
+def _set_inverses(body):
+    a, b, c = load(body.inertia)
+    store(body.own_inverse_inertia, (1.0 / a, 1.0 / b, 1.0 / c))
+    store(body.euler, ((b - c) / a, (c - a) / b, (a - b) / c))
+    body.round = a == b == c
 
 
 @kernel

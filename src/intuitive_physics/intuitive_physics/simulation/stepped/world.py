@@ -32,6 +32,9 @@ BODY = np.dtype(
         ("thinness", "f8"),  # m, from the centre to the nearest point of the surface
         ("inverse_mass", "f8"),  # 1/kg
         ("inertia", "f8", 3),  # kg m², about the body's axes
+        ("own_inverse_inertia", "f8", 3),  # 1/(kg m²), its inverse
+        ("euler", "f8", 3),  # (I_y - I_z) / I_x and so on, as in Euler's equations
+        ("round", "i8"),  # 1 where all three are alike
         ("kind", "i8"),
         ("material", "i8"),
         ("drag", "f8"),  # kg/m

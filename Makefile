@@ -36,7 +36,7 @@ lint: setup ## Only check style and types
 	@.venv/bin/ruff check .
 	@.venv/bin/ruff format --check --quiet . || { .venv/bin/ruff format --diff --quiet . ; exit 1; }
 	@MYPYPATH=$(subst $(eval ) ,:,$(python_packages)) .venv/bin/mypy --namespace-packages \
-		$(foreach package,$(python_packages),$(package)$(notdir $(package:/=)))
+		$(foreach package,$(python_packages),$(package)$(notdir $(package:/=))) benchmarks
 
 test: setup ## Lint, test the libraries, test the nodes and the whole system
 	@failed=; for stage in lint library-tests system-tests; do \

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -117,7 +118,7 @@ class WorldBatch:
             coefficients=coefficients,
         )
 
-    def taken(self, worlds: NDArray[np.int64], **changes: NDArray) -> WorldBatch:
+    def taken(self, worlds: NDArray[np.int64], **changes: Any) -> WorldBatch:
         """Return the worlds of these indices, as often and in the order they are named.
 
         Parameters
@@ -136,7 +137,9 @@ class WorldBatch:
             "environment_index",
             "parameter_index",
         )
-        own = {name: getattr(self, name)[worlds] for name in per_world if name not in changes}
+        own: dict[str, Any] = {
+            name: getattr(self, name)[worlds] for name in per_world if name not in changes
+        }
         return replace(self, **own, **changes)
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from math import cos, sin, sqrt
+from math import sqrt
 
-from intuitive_physics.simulation.kernels import fast_inlined, kernel
+from intuitive_physics.simulation.kernels import fast_inlined
 
 
 @fast_inlined
@@ -68,21 +68,3 @@ def clamped(a, longest):
     if length > longest:
         return scaled(a, longest / length)
     return a
-
-
-@kernel
-def turn(orientation, angle):
-    """Turn a quaternion (x, y, z, w) by the rotation vector `angle`, in the world's axes."""
-    size = norm(angle)
-    if size < 1e-12:
-        return
-    s = sin(0.5 * size) / size
-    ax, ay, az, aw = angle[0] * s, angle[1] * s, angle[2] * s, cos(0.5 * size)
-    bx, by, bz, bw = orientation[0], orientation[1], orientation[2], orientation[3]
-    qx = aw * bx + ax * bw + ay * bz - az * by
-    qy = aw * by - ax * bz + ay * bw + az * bx
-    qz = aw * bz + ax * by - ay * bx + az * bw
-    qw = aw * bw - ax * bx - ay * by - az * bz
-    scale = 1.0 / sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
-    orientation[0], orientation[1] = qx * scale, qy * scale
-    orientation[2], orientation[3] = qz * scale, qw * scale

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from threading import Thread
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +17,7 @@ from intuitive_physics.simulation.event_driven.world import (
     SOLID,
     WORLD,
 )
+from intuitive_physics.simulation.shares import run_in_shares
 from intuitive_physics.simulation.simulator import Rollout, Simulator
 from intuitive_physics.simulation.world_batch import SPHERE, WorldBatch
 
@@ -89,14 +88,7 @@ class EventDrivenSimulator(Simulator):
                 status,
             )
 
-        shares = max(1, min(self.threads, count // SMALLEST_SHARE))
-        edges = [count * share // shares for share in range(shares + 1)]
-        others = [Thread(target=roll, args=edges[k : k + 2]) for k in range(1, shares)]
-        for thread in others:
-            thread.start()
-        roll(*edges[:2])
-        for thread in others:
-            thread.join()
+        run_in_shares(roll, count, self.threads, SMALLEST_SHARE)
         return Rollout(positions, turned if orientations else None, status)
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.simulation.shares import run_in_shares
 from intuitive_physics.simulation.simulator import Rollout, Simulator
 from intuitive_physics.simulation.stepped.kernel import roll_worlds
 from intuitive_physics.simulation.stepped.scratch import Scratch
@@ -80,11 +79,5 @@ class SteppedSimulator(Simulator):
                 status,
             )
 
-        shares = max(1, min(self.threads, worlds.size // SMALLEST_SHARE))
-        if shares == 1:
-            roll(0, worlds.size)
-        else:
-            edges = np.linspace(0, worlds.size, shares + 1).astype(int).tolist()
-            with ThreadPoolExecutor(shares) as pool:
-                list(pool.map(roll, edges[:-1], edges[1:]))
+        run_in_shares(roll, worlds.size, self.threads, SMALLEST_SHARE)
         return Rollout(positions, turned if orientations else None, status)

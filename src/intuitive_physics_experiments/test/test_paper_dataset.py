@@ -150,6 +150,11 @@ def test_more_points_know_the_velocity_better(dataset: PaperDataset) -> None:
     assert error("flight") < 0.3 * error("three_points")
 
 
+def test_a_single_run_is_one_to_train_on() -> None:
+    single = make_paper_dataset(1, 1, np.random.default_rng(0))
+    assert (len(single.training), len(single.test)) == (1, 0)
+
+
 def test_same_seed_same_set() -> None:
     first, second = (make_paper_dataset(2, 3, np.random.default_rng(7)) for _ in range(2))
     assert [a.to_json() for a in first.training_observations] == [
@@ -171,8 +176,8 @@ def test_what_cannot_be_made_is_refused() -> None:
     rng = np.random.default_rng(0)
     with pytest.raises(InvalidInputError, match="at least 1"):
         make_paper_dataset(0, 10, rng)
-    with pytest.raises(InvalidInputError, match="at least 2"):
-        make_paper_dataset(1, 1, rng)
+    with pytest.raises(InvalidInputError, match="at least 1"):
+        make_paper_dataset(1, 0, rng)
     with pytest.raises(UnknownNameError, match="auto, stepped, bullet"):
         make_paper_dataset(1, 10, rng, engine="havok")
     with pytest.raises(UnknownNameError, match="three_points"):

@@ -15,6 +15,7 @@ from intuitive_physics_experiments.commands import (
     perceive_command,
     predict_command,
     render_command,
+    report_command,
 )
 
 INTERRUPTED = 130
@@ -59,6 +60,7 @@ def _parser() -> argparse.ArgumentParser:
         predict_command,
         evaluate_command,
         experiment_command,
+        report_command,
     ):
         command.add_to(commands)
     return parser

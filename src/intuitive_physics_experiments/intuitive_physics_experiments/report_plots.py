@@ -74,9 +74,9 @@ def prediction_plot(name: str, case: PredictionCase) -> str:
     axis = {"backgroundcolor": "white", **GRID}
     scene = {
         "aspectmode": "data",
-        "xaxis": {"title": "x (m)", **axis},
-        "yaxis": {"title": "y (m)", **axis},
-        "zaxis": {"title": "z (m)", **axis},
+        "xaxis": {"title": {"text": "x (m)"}, **axis},
+        "yaxis": {"title": {"text": "y (m)"}, **axis},
+        "zaxis": {"title": {"text": "z (m)"}, **axis},
     }
     return plot(name, data, {"scene": scene}, 480)
 
@@ -91,6 +91,7 @@ def cost_plot(name: str, history: NDArray[np.float64], levels: dict[str, float])
             "x": iterations[kept].tolist(),
             "y": history[kept].tolist(),
             "name": "lowest J so far",
+            "mode": "lines",
             "line": {"color": PREDICTED, "width": 2.5, "shape": "hv"},
         }
     ]
@@ -105,8 +106,8 @@ def cost_plot(name: str, history: NDArray[np.float64], levels: dict[str, float])
             }
         )
     axes = {
-        "xaxis": {"title": "iterations", "type": "log", **GRID},
-        "yaxis": {"title": "J (m)", "type": "log", **GRID},
+        "xaxis": {"title": {"text": "iterations"}, "type": "log", **GRID},
+        "yaxis": {"title": {"text": "J (m)"}, "type": "log", **GRID},
     }
     return plot(name, data, axes, 340)
 
@@ -130,8 +131,8 @@ def coverage_plot(name: str, shares: NDArray[np.float64]) -> str:
         },
     ]
     axes = {
-        "xaxis": {"title": "share the region claims to hold", "range": [0, 1], **GRID},
-        "yaxis": {"title": "share of points in it", "range": [0, 1], **GRID},
+        "xaxis": {"title": {"text": "share the region claims to hold"}, "range": [0, 1], **GRID},
+        "yaxis": {"title": {"text": "share of points in it"}, "range": [0, 1], **GRID},
     }
     return plot(name, data, axes, 360)
 

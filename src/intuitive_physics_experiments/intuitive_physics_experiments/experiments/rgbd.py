@@ -30,7 +30,7 @@ from intuitive_physics_experiments.experiments.outcome import (
 from intuitive_physics_experiments.experiments.prediction_figure import draw_predictions
 from intuitive_physics_experiments.experiments.rgbd_figure import draw_errors_by_size
 from intuitive_physics_experiments.observation_files import load_observations, save_observations
-from intuitive_physics_experiments.prediction_case import predict_cases
+from intuitive_physics_experiments.prediction_case import PredictionCase, predict_cases
 from intuitive_physics_experiments.recording_perception import perceive_recording
 from intuitive_physics_experiments.rendered_bag import RenderSettings, reuse_or_render_bag
 from intuitive_physics_learner.cost import TrajectoryCost
@@ -110,7 +110,7 @@ def run_rgbd(
     write_figure(
         folder / "errors_by_size.png", (7.0, 4.0), lambda figure: draw_errors_by_size(figure, rows)
     )
-    cases = []
+    cases: list[PredictionCase] = []
     for material, seen in by_ball.items():
         _, test = split(seen, TRAIN_FRACTION, settings.seed)
         theta = StaticParameters.from_dict(found[f"ball_{material}"]["parameters"])

@@ -18,6 +18,9 @@ DYNAMIC = PAIR_COEFFICIENTS.index("dynamic_friction")
 AT_CONTACT = ("static_friction", "dynamic_friction", "restitution")
 """Coefficients that contact noise moves: what acts in an impact."""
 
+SMALLEST_DEVIATION = 1e-12
+"""What is known better than this is known exactly."""
+
 
 class UncertainParameters:
     """A distribution of θ_s about what was learned.
@@ -85,9 +88,7 @@ class UncertainParameters:
         coefficients[:, :, rows, columns] = coefficients[:, :, columns, rows] = by_pair
         return values[:, :m], coefficients
 
-    def _order_frictions(
-        self, drawn: NDArray[np.float64], uniform: NDArray[np.float64]
-    ) -> None:
+    def _order_frictions(self, drawn: NDArray[np.float64], uniform: NDArray[np.float64]) -> None:
         """Draw the less known friction of each pair again, where the other one leaves room."""
         m, size = len(self.learned.materials), self._mean.size
         static = np.arange(m + STATIC, size, len(PAIR_COEFFICIENTS))
@@ -122,16 +123,16 @@ def _truncated_normal(
 ) -> NDArray[np.float64]:
     """Quantiles of normal distributions between two bounds; uniform where `deviation` is infinite.
 
-    All arrays broadcast; where `deviation` is zero the answer is the mean.
+    All arrays broadcast; where `deviation` is next to zero the answer is the mean.
     """
-    wide = np.isinf(deviation)
-    spread = np.where(wide | (deviation == 0.0), 1.0, deviation)
+    wide, exact = np.isinf(deviation), deviation < SMALLEST_DEVIATION
+    spread = np.where(wide | exact, 1.0, deviation)
     low, high = (lower - mean) / spread, (upper - mean) / spread
     # The upper tail is read as the lower one of the mirrored distribution, where ndtr is precise.
     mirrored = low > 0.0
     a, b = np.where(mirrored, -high, low), np.where(mirrored, -low, high)
     share = np.where(mirrored, 1.0 - uniform, uniform)
     z = ndtri(ndtr(a) + share * (ndtr(b) - ndtr(a)))
-    normal = mean + np.where(mirrored, -z, z) * np.where(deviation == 0.0, 0.0, spread)
+    normal = mean + np.where(exact, 0.0, np.where(mirrored, -z, z) * spread)
     drawn = np.where(wide, lower + uniform * (upper - lower), normal)
     return np.asarray(np.clip(drawn, lower, upper))

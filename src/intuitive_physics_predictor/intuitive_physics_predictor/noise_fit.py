@@ -21,10 +21,16 @@ from intuitive_physics_predictor.outcomes import (
 )
 from intuitive_physics_predictor.scores import energy_scores
 
-FIRST_STEP = np.log(2.0)
-"""A scale is first tried at twice its value."""
+FITTED_SCALES = ("state", "static_parameters", "unidentified")
+"""Scales that observations of any kind can tell."""
+
+FIRST_STEP = np.log(0.5)
+"""A scale is first tried at half its value."""
 
 SMALLEST_SCALE, LARGEST_SCALE = 1e-3, 1e3
+SMALLEST_SPREAD = 1e-3
+"""m; a prediction surer than that is not weighed more."""
+
 PRECISION = 0.02
 """Relative, of a scale; the score is flat about its best."""
 
@@ -49,17 +55,18 @@ def fit_noise_scales(
     outcomes: Sequence[Outcome],
     learned: LearnedParameters,
     *,
-    names: Sequence[str] = ("state", "static_parameters"),
+    names: Sequence[str] = FITTED_SCALES,
     start: NoiseScales | None = None,
     seed: int = 0,
     sample_count: int = 50,
-    max_evaluations: int = 40,
+    max_evaluations: int = 50,
     simulator: Simulator | None = None,
 ) -> NoiseFit:
     """Fit some of the noise scales, each on a logarithmic scale, by Nelder and Mead.
 
-    Every time of an outcome counts alike, however far things have spread by then: scores are
-    relative to those of `start` at the same place in the times.
+    Every object counts alike at every time, however far it may have got by then: its score is
+    relative to the spread that is predicted for it by `start`, and the scores at each time to
+    those of `start`. (Constant weights leave a score proper.)
 
     Parameters
     ----------
@@ -85,17 +92,26 @@ def fit_noise_scales(
         )
     engine = simulator or make_simulator("auto")
 
-    def scores(scales: NoiseScales) -> NDArray[np.float64]:
-        prediction = noisy_prediction(learned, scales, sample_count, engine)
-        return mean_energy_scores(outcomes, prediction, seed)
-
     def scaled(logarithms: NDArray[np.float64]) -> NoiseScales:
-        values = np.exp(np.clip(logarithms, np.log(SMALLEST_SCALE), np.log(LARGEST_SCALE)))
-        return replace(begin, **dict(zip(names, map(float, values), strict=True)))
+        values = np.clip(np.exp(logarithms), SMALLEST_SCALE, LARGEST_SCALE)
+        found = dict(zip(names, map(float, values), strict=True))
+        if "unidentified" in found:
+            found["unidentified"] = min(found["unidentified"], 1.0)
+        return replace(begin, **found)
 
-    reference = np.maximum(scores(begin), np.finfo(float).tiny)
+    def prediction(scales: NoiseScales) -> Prediction:
+        return noisy_prediction(learned, scales, sample_count, engine)
+
+    weights = spread_weights(outcomes, prediction(begin), seed)
+    reference = weighted_energy_scores(outcomes, prediction(begin), weights, seed)
+
+    def relative_score(logarithms: NDArray[np.float64]) -> float:
+        way = prediction(scaled(logarithms))
+        scores = weighted_energy_scores(outcomes, way, weights, seed)
+        return float(np.nanmean(scores / reference))
+
     found = minimize(
-        lambda logarithms: float(np.nanmean(scores(scaled(logarithms)) / reference)),
+        relative_score,
         first,
         method="Nelder-Mead",
         options={
@@ -108,14 +124,27 @@ def fit_noise_scales(
     return NoiseFit(scaled(found.x), float(found.fun), int(found.nfev))
 
 
-def mean_energy_scores(
+def spread_weights(
     outcomes: Sequence[Outcome], prediction: Prediction, seed: int
+) -> list[NDArray[np.float64]]:
+    """One over the predicted spread of each object at each time, (n_objects, n_times) 1/m."""
+    return [
+        1.0 / np.sqrt(samples.var(axis=0).sum(axis=-1) + SMALLEST_SPREAD**2)
+        for samples in predict_outcomes(outcomes, prediction, seed)
+    ]
+
+
+def weighted_energy_scores(
+    outcomes: Sequence[Outcome],
+    prediction: Prediction,
+    weights: Sequence[NDArray[np.float64]],
+    seed: int,
 ) -> NDArray[np.float64]:
-    """Mean energy score over all objects at each of the outcomes' times, (n_times,) m."""
+    """Mean of the energy scores of all objects, each with its weight, (n_times,)."""
     scores = [
-        energy_scores(samples, outcome.positions)
-        for samples, outcome in zip(
-            predict_outcomes(outcomes, prediction, seed), outcomes, strict=True
+        weight * energy_scores(samples, outcome.positions)
+        for samples, outcome, weight in zip(
+            predict_outcomes(outcomes, prediction, seed), outcomes, weights, strict=True
         )
     ]
     return np.asarray(np.nanmean(np.concatenate(scores), axis=0))

@@ -14,6 +14,9 @@ from intuitive_physics_predictor.parameter_uncertainty import UncertainParameter
 
 FORMAT = "intuitive_physics/noise_scales/1"
 
+SCALES_KEY = "noise_scales"
+"""Key of the scales in a file of θ_s; those who want θ_s alone pass over it."""
+
 
 @dataclass(frozen=True)
 class NoiseScales:
@@ -27,6 +30,7 @@ class NoiseScales:
     state : factor on the perceived standard deviations of pose and linear velocity
     spin : factor on the perceived standard deviations of the angular velocity
     static_parameters : factor on the learner's standard deviations of what was identified
+    unidentified : share, at most 1, of the way to its bounds that what was not identified may go
     contact : standard deviation of frictions and restitution about those of their pair
     size : relative standard deviation of the objects' dimensions
     """
@@ -34,6 +38,7 @@ class NoiseScales:
     state: float = 1.0
     spin: float = 1.0
     static_parameters: float = 1.0
+    unidentified: float = 1.0
     contact: float = 0.0
     size: float = 0.0
 
@@ -41,6 +46,10 @@ class NoiseScales:
         for name in NOISE_SCALES:
             value = non_negative_float(getattr(self, name), f"noise scale {name}")
             object.__setattr__(self, name, value)
+        if self.unidentified > 1.0:
+            raise InvalidInputError(
+                f"noise scale unidentified is {self.unidentified:g}; expected 0 to 1"
+            )
 
     def state_noise(self) -> StateNoise:
         """Noise on the perceived states."""
@@ -48,7 +57,12 @@ class NoiseScales:
 
     def parameters(self, learned: LearnedParameters) -> UncertainParameters:
         """Distribution of θ_s."""
-        return UncertainParameters(learned, scale=self.static_parameters, contact=self.contact)
+        return UncertainParameters(
+            learned,
+            scale=self.static_parameters,
+            unidentified=self.unidentified,
+            contact=self.contact,
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data that JSON and YAML hold as it is."""

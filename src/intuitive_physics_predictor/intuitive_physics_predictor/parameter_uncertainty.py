@@ -35,6 +35,8 @@ class UncertainParameters:
     ----------
     learned : θ_s and its uncertainty
     scale : factor on the standard deviations of what was identified; 0: that is known exactly
+    unidentified : how far what was not identified may be from the value given, as a share of the
+        way to its bounds; 1: anywhere, 0: it is held
     contact : standard deviation, added to frictions and restitution of every pair, of what differs
         from one contact to the next: unevenness, dust, spin that the model lacks. A sample has the
         same deviation at all its contacts.
@@ -46,6 +48,7 @@ class UncertainParameters:
         learned: LearnedParameters,
         *,
         scale: float = 1.0,
+        unidentified: float = 1.0,
         contact: float = 0.0,
         bounds: Mapping[str, Bounds] | None = None,
     ) -> None:
@@ -58,6 +61,7 @@ class UncertainParameters:
         self._lower = self._to_scale(np.minimum([limit.lower for limit in limits], mean))
         self._upper = self._to_scale(np.maximum([limit.upper for limit in limits], mean))
         self._mean = self._to_scale(mean)
+        share = non_negative_float(unidentified, "share of what is not identified")
         at_contact = np.isin(kinds, AT_CONTACT) * non_negative_float(contact, "contact noise")
         deviation = np.hypot(
             learned.standard_deviations * non_negative_float(scale, "scale of θ_s"), at_contact
@@ -66,6 +70,9 @@ class UncertainParameters:
         slopes = np.where(self._logarithmic, np.maximum(mean, np.finfo(float).tiny), 1.0)
         told = learned.identified & ~np.isnan(deviation)
         self._deviation = np.where(told, deviation, np.inf) / slopes
+        reach = np.where(told, 1.0, min(share, 1.0))
+        self._lower = self._mean + reach * (self._lower - self._mean)
+        self._upper = self._mean + reach * (self._upper - self._mean)
 
     def draw(
         self, count: int, rng: np.random.Generator

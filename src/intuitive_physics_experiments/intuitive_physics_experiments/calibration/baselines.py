@@ -13,7 +13,7 @@ from intuitive_physics.simulation import Simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics_experiments.free_flight import free_flight
 from intuitive_physics_predictor.noise import StateNoise, sample_states
-from intuitive_physics_predictor.noise_fit import mean_energy_scores
+from intuitive_physics_predictor.noise_fit import spread_weights, weighted_energy_scores
 from intuitive_physics_predictor.noisy_newton import predict
 from intuitive_physics_predictor.outcomes import Outcome, Prediction
 
@@ -54,13 +54,18 @@ def fitted_fixed_noise(
 ) -> float:
     """Return the fixed noise whose predictions of `outcomes` have the best energy score."""
 
-    def scores(deviation: float) -> NDArray[np.float64]:
-        prediction = fixed_noise(learned, deviation, sample_count, simulator)
-        return mean_energy_scores(outcomes, prediction, seed)
+    def way(deviation: float) -> Prediction:
+        return fixed_noise(learned, deviation, sample_count, simulator)
 
-    reference = scores(FIXED_NOISE)
+    weights = spread_weights(outcomes, way(FIXED_NOISE), seed)
+    reference = weighted_energy_scores(outcomes, way(FIXED_NOISE), weights, seed)
+
+    def relative_score(logarithm: float) -> float:
+        scores = weighted_energy_scores(outcomes, way(np.exp(logarithm)), weights, seed)
+        return float(np.nanmean(scores / reference))
+
     found = minimize_scalar(
-        lambda logarithm: float(np.nanmean(scores(np.exp(logarithm)) / reference)),
+        relative_score,
         bounds=(np.log(0.1 * FIXED_NOISE), np.log(LARGEST_FIXED_NOISE)),
         method="bounded",
         options={"maxiter": evaluations},

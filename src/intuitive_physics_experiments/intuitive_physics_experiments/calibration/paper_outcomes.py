@@ -26,6 +26,7 @@ def paper_outcomes(
     simulator: Simulator,
     points: int,
     horizons: Sequence[float] = HORIZONS,
+    rng: np.random.Generator | None = None,
 ) -> list[Outcome]:
     """Return each run as seen for its first points, and what then truly happened.
 
@@ -34,8 +35,10 @@ def paper_outcomes(
     parameters : the true θ_s, and `simulator` the engine that moved the objects
     points : of each object that are seen, at least 3; those before the first bounce tell the state
     horizons : s after the last of these points
+    rng : of the noise that is added to what happened, as a learner sees it; None: the truth
     """
-    return [_outcome(run, parameters, simulator, points, np.array(horizons)) for run in runs]
+    outcomes = [_outcome(run, parameters, simulator, points, np.array(horizons)) for run in runs]
+    return outcomes if rng is None else [_seen(outcome, rng) for outcome in outcomes]
 
 
 def _outcome(
@@ -58,3 +61,8 @@ def _outcome(
     after = run.observation.objects[0].trajectory.times[points - 1] + horizons
     truth = simulator.rollout([run.scene], parameters, after, orientations=False).positions[0]
     return Outcome(Scene(run.scene.environment, run.scene.objects, tuple(states)), after, truth)
+
+
+def _seen(outcome: Outcome, rng: np.random.Generator) -> Outcome:
+    noise = rng.normal(0.0, POSITION_NOISE, outcome.positions.shape)
+    return Outcome(outcome.scene, outcome.times, outcome.positions + noise, POSITION_NOISE)

@@ -75,7 +75,7 @@ def draw_pool(
         raise UnknownNameError(
             f"kinds of shapes are {list(kinds)}; expected some of {', '.join(SHAPE_KINDS)}"
         )
-    shapes = [_draw_shape(kinds[rng.integers(len(kinds))], rng) for _ in range(count)]
+    shapes = [_draw_shape(kinds[int(rng.integers(len(kinds)))], rng) for _ in range(count)]
     return tuple(
         SceneObject(f"{shape.kind}_{i}", f"material_{i}", shape) for i, shape in enumerate(shapes)
     )

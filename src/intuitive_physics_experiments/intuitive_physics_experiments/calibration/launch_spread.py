@@ -194,7 +194,7 @@ def _bounce(
     rows = slice(lowest[0] - APPROACH, lowest[0])
     since = times[rows] - times[lowest[0]]
     falling = np.polynomial.Polynomial.fit(since, height[rows], 2)
-    real = [root.real for root in falling.roots() if abs(root.imag) < 1e-9]
-    meets = min(real, key=abs, default=np.nan)
+    real = [float(root.real) for root in falling.roots() if abs(root.imag) < 1e-9]
+    meets = min(real, key=abs, default=float("nan"))
     path = np.polynomial.polynomial.polyfit(since, positions[rows, :2], 2)
     return np.asarray(np.array([1.0, meets, meets**2]) @ path)

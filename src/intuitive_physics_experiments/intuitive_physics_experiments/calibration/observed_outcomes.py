@@ -84,7 +84,7 @@ def _outcome(
                 f"{len(thing.trajectory)} times; expected at least {points}"
             )
         states.append(_first_state(thing, start, points, noise, seen.environment, densities))
-    last = float(clock[min(np.searchsorted(clock, 0.0) + points, len(clock)) - 1])
+    last = float(clock[min(int(np.searchsorted(clock, 0.0)) + points, len(clock)) - 1])
     frame = float(np.median(np.diff(clock)))
     nearest = np.abs(clock[:, None] - (last + horizons)).argmin(axis=0)
     near = np.abs(clock[nearest] - (last + horizons)) <= frame
@@ -108,7 +108,8 @@ def _first_state(
     densities: Mapping[str, float],
 ) -> ObjectState:
     """State at `start`; of orientation and spin, what the observation says."""
-    rows = slice(*np.searchsorted(thing.trajectory.times, start) + np.array([0, points]))
+    first = int(np.searchsorted(thing.trajectory.times, start))
+    rows = slice(first, first + points)
     times, positions = thing.trajectory.times[rows], thing.trajectory.positions[rows]
     known, gravity = thing.initial_state, environment.gravity
     if thing.object.drag_coefficient:

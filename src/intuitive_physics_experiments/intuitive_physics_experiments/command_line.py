@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_experiments.commands import (
+    calibrate_command,
     evaluate_command,
     experiment_command,
     learn_command,
@@ -59,6 +60,7 @@ def _parser() -> argparse.ArgumentParser:
         learn_command,
         predict_command,
         evaluate_command,
+        calibrate_command,
         experiment_command,
         report_command,
     ):

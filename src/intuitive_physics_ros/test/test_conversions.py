@@ -226,12 +226,14 @@ def test_distribution_comes_back(data, n_samples, n_objects, n_times):
     sent = {
         "frame_id": "world",
         "stamp": Time(sec=5, nanosec=6),
+        "states_stamp": Time(sec=4, nanosec=7),
         "object_ids": tuple(f"object {i}" for i in range(n_objects)),
         "times": np.arange(n_times) / 8.0,
         "positions": data.draw(
             arrays(np.float64, (n_samples, n_objects, n_times, 3), elements=numbers)
         ),
         "weights": np.full(n_samples, 0.25),
+        "simulated_count": 500,
         "mean": data.draw(arrays(np.float64, (n_objects, n_times, 3), elements=numbers)),
         "covariance": covariance + covariance.swapaxes(-1, -2),
         "static_parameters_version": 3,
@@ -421,10 +423,12 @@ def distribution_message(**changes):
     fields = {
         "frame_id": "world",
         "stamp": Time(),
+        "states_stamp": Time(),
         "object_ids": ["ball"],
         "times": [0.0, 0.1],
         "positions": np.zeros((2, 1, 2, 3)),
         "weights": [0.5, 0.5],
+        "simulated_count": 2,
         "mean": np.zeros((1, 2, 3)),
         "covariance": np.zeros((1, 2, 3, 3)),
         "static_parameters_version": 0,

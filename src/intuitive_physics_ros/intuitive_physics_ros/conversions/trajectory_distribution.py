@@ -29,10 +29,12 @@ class ReceivedDistribution:
     ----------
     frame_id : of everything below
     stamp : time that `times` count from
+    states_stamp : when the states were seen that it was made from
     object_ids : n_objects names
     times : (n_times,) s after `stamp`
     positions : (n_samples, n_objects, n_times, 3) m; NaN from where on a sample went astray
     weights : (n_samples,), summing to one
+    simulated_count : samples that mean and covariance are of; `positions` may hold but a part
     mean : (n_objects, n_times, 3) m
     covariance : (n_objects, n_times, 3, 3) m²
     static_parameters_version, environment_version : what it was made from
@@ -42,10 +44,12 @@ class ReceivedDistribution:
 
     frame_id: str
     stamp: Time
+    states_stamp: Time
     object_ids: tuple[str, ...]
     times: NDArray[np.float64]
     positions: NDArray[np.float64]
     weights: NDArray[np.float64]
+    simulated_count: int
     mean: NDArray[np.float64]
     covariance: NDArray[np.float64]
     static_parameters_version: int
@@ -58,10 +62,12 @@ def trajectory_distribution_to_message(
     *,
     frame_id: str,
     stamp: Time,
+    states_stamp: Time,
     object_ids: Sequence[str],
     times: ArrayLike,
     positions: ArrayLike,
     weights: ArrayLike,
+    simulated_count: int,
     mean: ArrayLike,
     covariance: ArrayLike,
     static_parameters_version: int,
@@ -85,7 +91,9 @@ def trajectory_distribution_to_message(
     return TrajectoryDistributionMessage(
         header=Header(stamp=stamp, frame_id=frame_id),
         times=float32_field(times32),
+        states_stamp=states_stamp,
         sample_count=n_samples,
+        simulated_count=simulated_count,
         weights=float32_field(weights32),
         objects=[
             PredictedTrajectory(
@@ -133,10 +141,12 @@ def trajectory_distribution_from_message(
     return ReceivedDistribution(
         frame_id=message.header.frame_id,
         stamp=message.header.stamp,
+        states_stamp=message.states_stamp,
         object_ids=tuple(predicted.object_id for predicted in message.objects),
         times=times,
         positions=positions,
         weights=weights,
+        simulated_count=message.simulated_count,
         mean=mean,
         covariance=covariance,
         static_parameters_version=message.static_parameters_version,

@@ -30,6 +30,7 @@ class SeenStates:
     ----------
     stamp : s, when they were seen
     arrived : s on a clock that always goes on (`time.monotonic`)
+    delay : s, how old they were by their stamp when they arrived
     frame_id : frame they are in
     """
 
@@ -37,6 +38,7 @@ class SeenStates:
     states: tuple[ObjectState, ...]
     stamp: float
     arrived: float
+    delay: float
     frame_id: str
 
 
@@ -167,16 +169,17 @@ def check_fresh(
         When they are not, or are stamped ahead of the clock.
     """
     limit = settings.options.stale_after
-    silent = monotonic - seen.arrived
-    if silent > limit:
+    age = monotonic - seen.arrived
+    if settings.options.carry_forward:
+        if not -CLOCK_TOLERANCE <= seen.delay <= limit:
+            when = "old" if seen.delay > 0.0 else "in the future"
+            raise NothingToPredictError(
+                f"object states arrive {abs(seen.delay):.1f} s {when}; expected at most "
+                f"{limit:g} s old: set use_sim_time where they are of a replayed bag, or "
+                "carry_forward to false where they are stamped by another clock"
+            )
+        age = max(age, now - seen.stamp)
+    if age > limit:
         raise NothingToPredictError(
-            f"the newest object states came {silent:.1f} s ago; expected at most {limit:g} s"
-        )
-    age = now - seen.stamp
-    if settings.options.carry_forward and not -CLOCK_TOLERANCE <= age <= limit:
-        when = f"{age:.1f} s old" if age > 0.0 else f"{-age:.1f} s in the future"
-        raise NothingToPredictError(
-            f"object states are stamped {when}; expected at most {limit:g} s old: set use_sim_time "
-            "where they are of a replayed bag, or carry_forward to false where they are stamped by "
-            "another clock"
+            f"the newest object states are {age:.1f} s old; expected at most {limit:g} s"
         )

@@ -165,7 +165,7 @@ class PredictorNode(Node):
 
     def _on_input(self, monitor: InputMonitor, take: Any, message: Any) -> None:
         try:
-            self._inputs = replace(self._inputs, **take(message))
+            self._inputs = replace(self._inputs, **take(message, self._now()))
         except IntuitivePhysicsError as error:
             monitor.rejected(error)
         else:
@@ -300,7 +300,7 @@ def settings_from_parameters(values: dict[str, Any]) -> PredictionSettings:
     return PredictionSettings(PredictionOptions(**options))
 
 
-def environment_inputs(message: EnvironmentMessage) -> dict[str, Any]:
+def environment_inputs(message: EnvironmentMessage, _: float) -> dict[str, Any]:
     """Return what an environment changes of the inputs."""
     return {
         "environment": environment_from_message(message),
@@ -308,23 +308,24 @@ def environment_inputs(message: EnvironmentMessage) -> dict[str, Any]:
     }
 
 
-def parameters_inputs(message: StaticParametersMessage) -> dict[str, Any]:
+def parameters_inputs(message: StaticParametersMessage, _: float) -> dict[str, Any]:
     """Return what static parameters change of the inputs."""
     return {"learned": static_parameters_from_message(message)}
 
 
-def states_inputs(message: ObjectStates) -> dict[str, Any]:
-    """Return what object states change of the inputs."""
+def states_inputs(message: ObjectStates, now: float) -> dict[str, Any]:
+    """Return what object states change of the inputs; `now` is in s by the node's clock."""
     objects, states = object_states_from_messages(message.objects)
-    return {
-        "seen": SeenStates(
-            tuple(objects),
-            tuple(states),
-            seconds_from_stamp(message.header.stamp),
-            time.monotonic(),
-            message.header.frame_id,
-        )
-    }
+    stamp = seconds_from_stamp(message.header.stamp)
+    seen = SeenStates(
+        tuple(objects),
+        tuple(states),
+        stamp,
+        arrived=time.monotonic(),
+        delay=now - stamp,
+        frame_id=message.header.frame_id,
+    )
+    return {"seen": seen}
 
 
 def predict_request(

@@ -164,7 +164,7 @@ def test_it_stops_when_its_input_stops_and_goes_on_with_it(peer, inputs, node):
     count = len(heard)
     peer.spin_for(1.0)
     assert len(heard) == count
-    assert "predicts no more: the newest object states came" in node.output
+    assert "predicts no more: the newest object states are" in node.output
     feed_until(peer, lambda: len(heard) > count, "a prediction again")
     peer.spin_until(lambda: "predicts again" in node.output, "a word that it predicts again")
 
@@ -172,7 +172,7 @@ def test_it_stops_when_its_input_stops_and_goes_on_with_it(peer, inputs, node):
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"age": 3.0}, "stamped 3.0 s old"),
+        ({"age": 3.0}, "arrive 3.0 s old"),
         ({"age": -3.0}, "in the future"),
         ({"objects": (), "states": ()}, "no objects are seen"),
         ({"frame_id": "moon"}, "expected 'lab'"),
@@ -201,7 +201,8 @@ def set_parameters(peer, **values):
 
 def test_everything_may_be_set_while_it_runs(peer, inputs):
     names = peer.call(ListParameters, f"{NODE}/list_parameters", ListParameters.Request())
-    own = [name for name in names.result.names if name != "use_sim_time" and "." not in name]
+    of_ros = {"use_sim_time", "start_type_description_service"}
+    own = [name for name in names.result.names if name not in of_ros]
     request = DescribeParameters.Request(names=own)
     described = peer.call(DescribeParameters, f"{NODE}/describe_parameters", request).descriptors
     assert {"rate", "horizon", "sample_count", "stale_after", "marker_rate"} <= set(own)
@@ -396,6 +397,14 @@ def fed(peer, inputs):
     peer.node.destroy_timer(timer)
 
 
+def age_of(predictions, stamp):
+    """Age of the states, in s, from which the prediction of that stamp was made."""
+    for message in predictions:
+        if message.header.stamp == stamp:
+            return seconds_from_stamp(stamp) - seconds_from_stamp(message.states_stamp)
+    return None
+
+
 def region(kind, x=0.0, z=0.0, size=1.0):
     where = Pose(position=Point(x=x, z=z), orientation=Quaternion(w=1.0))
     edges = Vector3(x=size, y=size, z=size)
@@ -430,40 +439,50 @@ LANDING = np.sqrt(2 * 0.95 / 9.81)
     ],
 )
 def test_queries(peer, fed, fields, chance, when):
-    # The ball is thrown level from 1 m at 2 m/s. A state is up to 0.1 s old when it is asked of.
-    answer = query(peer, object_id="ball", sample_count=40, **fields)
-    assert answer.result.value == ResultCode.OK, answer.result.message
+    # The ball is thrown level from 1 m at 2 m/s; times count from when the prediction begins.
+    # On a busy machine a state may be so old that the event lies behind it: ask again then.
+    ages = []
+
+    def asked_in_time():
+        answer = query(peer, object_id="ball", sample_count=40, **fields)
+        assert answer.result.value == ResultCode.OK, answer.result.message
+        peer.spin_until(lambda: age_of(fed, answer.header.stamp) is not None, "the prediction")
+        ages.append(age_of(fed, answer.header.stamp))
+        return answer if ages[-1] < 0.2 else None
+
+    answer = peer.spin_until(asked_in_time, "an answer from a new state")
     assert answer.probability == pytest.approx(chance)
     assert len(answer.times) == len(answer.weights) == round(40 * chance)
     assert sum(answer.weights) == pytest.approx(chance, abs=1e-6)
     assert answer.header.frame_id == "lab"
     if when is not None:
-        assert when - 0.12 < np.mean(answer.times) < when + 0.02
+        # 10 ms between outputs; the mean of 40 samples of σ = 1 mm + 10 mm/s t is good to a ms.
+        assert np.mean(answer.times) + ages[-1] == pytest.approx(when, abs=0.015)
 
 
 def test_it_says_where_to_catch(peer, fed):
-    # Within a box on its way down, 0.5 m before it lands.
+    # Within a box on its way down.
     answer = query(
         peer,
         event=Query.Request.INTERCEPTS,
         object_id="ball",
-        region=region(Region.BOX, 0.6, 0.55, 0.3),
+        region=region(Region.BOX, 0.7, 0.5, 0.5),
         reach=0.05,
-        earliest=0.1,
     )
     assert answer.result.value == ResultCode.OK, answer.result.message
     assert answer.probability == pytest.approx(1.0)
-    assert 0.45 <= answer.position.x <= 0.75
+    assert 0.45 <= answer.position.x <= 0.95
     assert list(answer.times) == [pytest.approx(answer.time)]
     # On the parabola: z = 1 - g x² / (2 v²).
     assert answer.position.z == pytest.approx(1 - 9.81 * answer.position.x**2 / 8, abs=0.02)
 
 
 def test_a_query_may_look_farther_than_the_node(peer, fed):
-    # Friction and restitution are unknown here, but in half a minute every ball lies still.
+    # In a second it is still moving; in a minute it lies still unless hardly anything resists it,
+    # which nobody knows of these materials.
     far = query(peer, event=Query.Request.COMES_TO_REST, object_id="ball", horizon=60.0)
     assert far.result.value == ResultCode.OK, far.result.message
-    assert far.probability > 0.5
+    assert far.probability > 0.1
     assert max(far.times) > 1.0
 
 

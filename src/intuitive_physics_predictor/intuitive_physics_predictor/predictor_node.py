@@ -43,6 +43,7 @@ from intuitive_physics_predictor.prediction_settings import PredictionSettings, 
 from intuitive_physics_predictor.question import Answer, Event, Question, answer
 from intuitive_physics_ros.background import Background
 from intuitive_physics_ros.conversions import (
+    DistributionWriter,
     environment_from_message,
     float32_field,
     object_states_from_messages,
@@ -50,7 +51,6 @@ from intuitive_physics_ros.conversions import (
     seconds_from_stamp,
     stamp_from_seconds,
     static_parameters_from_message,
-    trajectory_distribution_to_message,
 )
 from intuitive_physics_ros.conversions.geometry import point_to_message
 from intuitive_physics_ros.diagnostics import Diagnostics
@@ -117,6 +117,7 @@ class PredictorNode(Node):
         self._published_samples = values["published_samples"]
         self._inputs = Inputs()
         self._made: LivePrediction | None = None
+        self._writer = DistributionWriter()
         self._why_not = ""
         self._rate = RateMonitor("predicts", values["rate"])
         self._publisher = self.create_publisher(
@@ -178,7 +179,7 @@ class PredictorNode(Node):
             made = predict_now(
                 self._inputs, self._settings, seed=self._seed, now=now, monotonic=time.monotonic()
             )
-            message = distribution_message(made, self._published_samples)
+            message = distribution_message(self._writer, made, self._published_samples)
             message.computation_time = time.perf_counter() - due
             self._publisher.publish(message)
         except Exception as error:
@@ -226,7 +227,9 @@ class PredictorNode(Node):
         inputs, settings = self._inputs, self._settings
         try:
             response.distribution = await self._background.run(
-                lambda: distribution_message(predict_request(request, inputs, settings, now))
+                lambda: distribution_message(
+                    DistributionWriter(), predict_request(request, inputs, settings, now)
+                )
             )
             response.distribution.computation_time = time.perf_counter() - started
             response.result = ok_result()
@@ -410,15 +413,15 @@ def header_of(made: LivePrediction) -> Header:
 
 
 def distribution_message(
-    made: LivePrediction, most_samples: int | None = None
+    writer: DistributionWriter, made: LivePrediction, most_samples: int | None = None
 ) -> DistributionMessage:
-    """Return a prediction as a message with so many of its samples at most.
+    """Write a prediction as a message with so many of its samples at most.
 
     Samples are drawn independently of one another, so the first ones are a fair choice.
     """
     distribution, header = made.distribution, header_of(made)
     weights = distribution.weights[:most_samples]
-    return trajectory_distribution_to_message(
+    return writer.write(
         frame_id=header.frame_id,
         stamp=header.stamp,
         states_stamp=stamp_from_seconds(made.states_stamp),

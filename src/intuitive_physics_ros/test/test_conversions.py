@@ -250,6 +250,18 @@ def test_distribution_comes_back(data, n_samples, n_objects, n_times):
             assert getattr(got, name) == value, name
 
 
+def test_a_writer_uses_its_memory_again_and_leaves_nothing_of_before():
+    writer = to.DistributionWriter()
+    first = writer.write(**distribution_fields(positions=np.ones((2, 1, 2, 3)), seed=1))
+    memory = first.objects[0].samples.buffer_info()
+    second = writer.write(**distribution_fields(positions=np.full((2, 1, 2, 3), 2.0), seed=2))
+    assert second.objects[0].samples.buffer_info() == memory
+    assert second == distribution_message(positions=np.full((2, 1, 2, 3), 2.0), seed=2)
+    # Another number of samples takes another message.
+    more = {"positions": np.zeros((3, 1, 2, 3)), "weights": [0.5, 0.25, 0.25]}
+    assert writer.write(**distribution_fields(**more)) == distribution_message(**more)
+
+
 @given(st.floats(0.0, 2**31 - 1))
 def test_seconds_come_back(seconds):
     stamp = over_the_wire(to.stamp_from_seconds(seconds))
@@ -419,8 +431,8 @@ def test_wrong_bounds(message, complaint):
         to.bounds_from_messages([message])
 
 
-def distribution_message(**changes):
-    fields = {
+def distribution_fields(**changes):
+    return {
         "frame_id": "world",
         "stamp": Time(),
         "states_stamp": Time(),
@@ -435,8 +447,12 @@ def distribution_message(**changes):
         "environment_version": 0,
         "seed": 0,
         "computation_time": 0.0,
+        **changes,
     }
-    return to.trajectory_distribution_to_message(**{**fields, **changes})
+
+
+def distribution_message(**changes):
+    return to.trajectory_distribution_to_message(**distribution_fields(**changes))
 
 
 @pytest.mark.parametrize(

@@ -38,19 +38,17 @@ class Effort:
     steady : each scene with 20 samples; memory has to be flat over the first of them
     others : those after the first
     trial : each number of samples
-    witness : the node with PyBullet as its engine
     outcomes : throws whose prediction is held against what came of them
     """
 
     steady: float
     others: float
     trial: float
-    witness: float
     outcomes: int
 
 
-FULL = Effort(steady=300.0, others=60.0, trial=10.0, witness=15.0, outcomes=200)
-QUICK = Effort(steady=20.0, others=20.0, trial=4.0, witness=5.0, outcomes=40)
+FULL = Effort(steady=300.0, others=60.0, trial=10.0, outcomes=200)
+QUICK = Effort(steady=20.0, others=20.0, trial=4.0, outcomes=40)
 
 
 @dataclass(frozen=True)
@@ -61,14 +59,12 @@ class Results:
     ----------
     runs : of the node with 20 samples
     most_samples : largest number that holds 100 Hz, all of them published up to MOST_PUBLISHED
-    bullet : of the node with PyBullet as its engine
-    peers : bare times of other engines
+    peers : times of a prediction by ODE and PyBullet, the paper's way, and by ours
     truth : coverage and scores of what is predicted
     """
 
     runs: dict[str, Run]
     most_samples: dict[str, int]
-    bullet: dict[str, Run]
     peers: dict[str, list[PeerTime]]
     truth: Truth
 
@@ -99,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def measure(effort: Effort) -> Results:
     """Measure all, one after the other."""
-    runs, most, bullet = {}, {}, {}
+    runs, most = {}, {}
     for i, name in enumerate(SCENES):
         _tell(f"{name}: 20 samples")
         with NodeUnderTest(Feed(name)) as node:
@@ -107,15 +103,10 @@ def measure(effort: Effort) -> Results:
         _tell(f"{name}: how many samples hold 100 Hz")
         with NodeUnderTest(Feed(name), published_samples=MOST_PUBLISHED) as node:
             most[name] = largest_sample_count(node, effort.trial)
-        _tell(f"{name}: PyBullet as the engine")
-        # PyBullet has one friction, so nothing may be drawn of the two.
-        exact = {"simulator": "bullet", "static_parameters_scale": 0.0}
-        with NodeUnderTest(Feed(name, one_friction=True), **exact) as node:
-            bullet[name] = node.run(effort.witness)
     _tell("other engines alone")
     peers = peer_times(SCENES)
     _tell("coverage and scores")
-    return Results(runs, most, bullet, peers, truth(effort.outcomes))
+    return Results(runs, most, peers, truth(effort.outcomes))
 
 
 def _tell(what: str) -> None:

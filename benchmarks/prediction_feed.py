@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 
 import numpy as np
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
 
-from benchmarks.scenes import POSITION_NOISE, VELOCITY_NOISE, Surface, thrown
+from benchmarks.scenes import POSITION_NOISE, VELOCITY_NOISE, thrown
 from benchmarks.scenes import SCENES as ALL_SCENES
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import parameter_names
@@ -43,14 +42,11 @@ class Feed:
     Parameters
     ----------
     scene : name
-    one_friction : whether static and dynamic friction are the same, as PyBullet wants it
     """
 
-    def __init__(self, scene: str, *, one_friction: bool = False) -> None:
+    def __init__(self, scene: str) -> None:
         rng = np.random.default_rng(SEED)
         self._throws = [thrown(SCENES[scene], rng) for _ in range(THROWS)]
-        surface = Surface(static_friction=Surface.dynamic_friction) if one_friction else Surface()
-        self._parameters = replace(self._throws[0], surface=surface).static_parameters
         deviations = [POSITION_NOISE, TURN_NOISE, VELOCITY_NOISE, SPIN_NOISE]
         self._covariance = np.diag(np.repeat(np.square(deviations), 3))
         self._begun = time.monotonic()
@@ -67,7 +63,7 @@ class Feed:
 
     def learned(self) -> LearnedParameters:
         """Return θ_s of the first throw, as if it had been learned."""
-        parameters = self._parameters
+        parameters = self._throws[0].static_parameters
         size = len(parameter_names(parameters.materials))
         deviations = np.full(size, RELATIVE_DEVIATION * 0.5)
         deviations[: len(parameters.materials)] = RELATIVE_DEVIATION * parameters.density

@@ -27,9 +27,8 @@ def report_text(results: Results, seconds: float) -> str:
         "\n\n".join(
             [
                 "# Prediction benchmark",
-                _runs_text("The node at 100 Hz, 20 samples, 5 s ahead", results.runs),
+                _runs_text(results.runs),
                 _most_text(results),
-                _runs_text("The same node with PyBullet as its engine", results.bullet),
                 _peers_text(results),
                 _truth_text(results),
                 f"Measured in {seconds:.0f} s.",
@@ -75,7 +74,7 @@ def json_line(results: Results) -> str:
     )
 
 
-def _runs_text(title: str, runs: dict[str, Run]) -> str:
+def _runs_text(runs: dict[str, Run]) -> str:
     rows = [
         [
             scene,
@@ -103,7 +102,7 @@ def _runs_text(title: str, runs: dict[str, Run]) -> str:
         "its growth",
         "message, MB",
     ]
-    return f"## {title}\n\n" + table(header, rows)
+    return "## The node at 100 Hz, 20 samples, 5 s ahead\n\n" + table(header, rows)
 
 
 def _most_text(results: Results) -> str:
@@ -125,7 +124,7 @@ def _peers_text(results: Results) -> str:
         cells = [NOTHING if s is None else f"{1e3 * s:.3g} ({1 / s:.0f} Hz)" for s in own]
         rows.append([engine, *cells])
     return (
-        "## Engines alone\n\nMedian wall milliseconds of one prediction, 20 simulations of 5 s, on "
+        "## The paper's way: engines alone\n\nMedian wall milliseconds of one prediction, 20 simulations of 5 s, on "
         "one thread, and how often a second that could be.\n\n"
         + table(["engine", *results.peers], rows)
     )

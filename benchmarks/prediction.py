@@ -38,17 +38,17 @@ class Effort:
     steady : each scene with 20 samples; memory has to be flat over the first of them
     others : those after the first
     trial : each number of samples
-    outcomes : throws whose prediction is held against what came of them
+    truth_runs : of the synthetic set, as in `prediction_truth`
     """
 
     steady: float
     others: float
     trial: float
-    outcomes: int
+    truth_runs: int
 
 
-FULL = Effort(steady=300.0, others=60.0, trial=10.0, outcomes=200)
-QUICK = Effort(steady=20.0, others=20.0, trial=4.0, outcomes=40)
+FULL = Effort(steady=300.0, others=60.0, trial=10.0, truth_runs=100)
+QUICK = Effort(steady=20.0, others=20.0, trial=4.0, truth_runs=30)
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def measure(effort: Effort) -> Results:
     _tell("other engines alone")
     peers = peer_times(SCENES)
     _tell("coverage and scores")
-    return Results(runs, most, peers, truth(effort.outcomes))
+    return Results(runs, most, peers, truth(effort.truth_runs))
 
 
 def _tell(what: str) -> None:

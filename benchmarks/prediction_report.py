@@ -124,9 +124,9 @@ def _peers_text(results: Results) -> str:
         cells = [NOTHING if s is None else f"{1e3 * s:.3g} ({1 / s:.0f} Hz)" for s in own]
         rows.append([engine, *cells])
     return (
-        "## The paper's way: engines alone\n\nMedian wall milliseconds of one prediction, 20 simulations of 5 s, on "
-        "one thread, and how often a second that could be.\n\n"
-        + table(["engine", *results.peers], rows)
+        "## The paper's way: engines alone\n\n"
+        "Median wall milliseconds of one prediction, 20 simulations of 5 s, on one thread, and how "
+        "often a second that could be.\n\n" + table(["engine", *results.peers], rows)
     )
 
 
@@ -134,8 +134,8 @@ def _truth_text(results: Results) -> str:
     truth = results.truth
     rows = [[horizon, f"{100 * share:.1f}"] for horizon, share in truth.coverage_90.items()]
     return (
-        f"## True of {truth.outcomes} synthetic throws\n\n"
+        f"## True of the paper's synthetic set, {truth.runs} samples an object\n\n"
         + table(["s ahead", "% in the 90 % region"], rows)
-        + f"\n\nEnergy score over that of the best baseline, {truth.best_baseline}: "
+        + "\n\nEnergy score over that of the best baseline, at the horizon where it is worst: "
         f"{truth.score_ratio:.3f}"
     )

@@ -9,6 +9,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 from intuitive_physics_msgs.msg import TrajectoryDistribution
@@ -84,8 +85,10 @@ class NodeUnderTest:
         self._predictor = NodeProcess(PREDICTOR, arguments)
         self.peer = Peer("bench", timeout=60.0)
         self._heard: list[tuple[float, float, int, int]] = []
+        # Its types do not tell that a callback may have a second argument.
+        hear: Any = self._hear
         self.peer.node.create_subscription(
-            TrajectoryDistribution, f"{NODE}/trajectory_distribution", self._hear, QUEUE, raw=True
+            TrajectoryDistribution, f"{NODE}/trajectory_distribution", hear, QUEUE, raw=True
         )
         feed.start(self.peer, NODE)
 

@@ -97,11 +97,12 @@ def _sampled_worlds(
 ) -> WorldBatch:
     """Pack `count` copies of a scene, each with its own draw of all that is uncertain."""
     changes: dict[str, Any] = {"states": sample_states(scene.states, noise, count, rng)}
-    known = static_parameters
     if isinstance(static_parameters, UncertainParameters):
         known = static_parameters.learned.parameters
         changes["density"], changes["coefficients"] = static_parameters.draw(count, rng)
         changes["parameter_index"] = np.arange(count, dtype=np.int64)
+    else:
+        known = static_parameters
     one = pack_worlds([scene], known)
     if size_noise != 0.0:
         factors = draw_sizes((count, len(scene.objects)), size_noise, rng)[..., None]

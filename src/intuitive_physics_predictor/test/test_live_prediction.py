@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -24,6 +24,8 @@ from intuitive_physics_predictor.live_prediction import (
     SeenStates,
     predict_now,
 )
+from intuitive_physics_predictor.noise import StateNoise
+from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
 from intuitive_physics_predictor.options import PredictionOptions
 from intuitive_physics_predictor.prediction_settings import PredictionSettings, output_times
 from intuitive_physics_predictor.question import Event, Question, answer
@@ -162,6 +164,21 @@ def test_no_prediction_is_of_a_kind_that_was_not_compiled():
 def test_options_that_do_not_go_together(options, word):
     with pytest.raises(InvalidInputError, match=word):
         PredictionSettings(PredictionOptions(**options))
+
+
+def test_every_noise_scale_is_an_option_and_reaches_the_noise():
+    values = {name: 0.25 + 0.1 * k for k, name in enumerate(NOISE_SCALES)}
+    options = PredictionOptions(**{f"{name}_scale": value for name, value in values.items()})
+    assert asdict(options.noise_scales) == values
+    assert (options.state_noise.scale, options.state_noise.spin_scale) == (
+        values["state"],
+        values["spin"],
+    )
+
+
+def test_the_defaults_believe_perception_and_learner():
+    assert PredictionOptions().noise_scales == NoiseScales()
+    assert PredictionOptions().state_noise == StateNoise()
 
 
 @given(st.floats(0.01, 60.0), st.floats(0.001, 1.0))

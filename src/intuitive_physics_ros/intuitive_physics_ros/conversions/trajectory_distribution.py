@@ -195,7 +195,7 @@ def _room_for(n_samples: int, n_objects: int, n_times: int) -> TrajectoryDistrib
     )
 
 
-def _fill(field: Sequence[float], values: NDArray[Any]) -> None:
+def _fill(field: Any, values: NDArray[Any]) -> None:
     """Write an array into a `float32[]` field of as many numbers, in one copy."""
     if values.size:
         room = np.frombuffer(field, dtype=np.float32)

@@ -62,7 +62,8 @@ FLYING = ObjectState((0, 0, 1.0), (0, 0, 0, 1), (2.0, 0, 0), (0, 0, 0), COVARIAN
 
 @pytest.fixture(scope="module")
 def node():
-    with NodeProcess(MODULE, ["-p", "horizon:=1.0"]) as process:
+    # On a busy machine states may be late.
+    with NodeProcess(MODULE, ["-p", "horizon:=1.0", "-p", "stale_after:=2.0"]) as process:
         yield process
 
 
@@ -128,6 +129,11 @@ def inputs(peer):
 AGE = 0.2
 
 
+def age_of(message):
+    """Age of the states, in s, that a prediction was made from."""
+    return seconds_from_stamp(message.header.stamp) - seconds_from_stamp(message.states_stamp)
+
+
 def test_it_carries_what_it_is_fed_forward_to_now(peer, inputs):
     # States seen 0.2 s ago and more. Free flight of the mean from them: x = v t, z = z0 - g t²/2,
     # until the ball lands at 0.44 s; the times published count from the tick.
@@ -135,14 +141,15 @@ def test_it_carries_what_it_is_fed_forward_to_now(peer, inputs):
     markers = peer.listen(MarkerArray, f"{NODE}/markers")
     make = partial(states_message, age=AGE)
     feed_until(peer, lambda: len(heard) > 50 and markers, "50 predictions and markers", make)
-    got = trajectory_distribution_from_message(heard[-1])
+    # The one of the newest states: a busy machine may bring some late.
+    got = trajectory_distribution_from_message(min(heard, key=age_of))
     assert got.frame_id == "lab"
     assert got.environment_version == 3
     assert got.positions.shape == (20, 1, 101, 3)
     assert got.simulated_count == 20
     assert (got.times[0], got.times[-1]) == (0.0, pytest.approx(1.0))
-    age = seconds_from_stamp(got.stamp) - seconds_from_stamp(got.states_stamp)
-    assert AGE - 0.001 < age < AGE + 0.3
+    age = age_of(min(heard, key=age_of))
+    assert AGE - 0.001 < age < AGE + 0.2
     # Each has noise of its own; one or another may be lost on the way.
     assert all(a.seed < b.seed for a, b in pairwise(heard))
     flying = age + got.times < 0.42
@@ -158,7 +165,7 @@ def test_it_stops_when_its_input_stops_and_goes_on_with_it(peer, inputs, node):
     diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
     feed_until(peer, lambda: heard, "a prediction")
     diagnostics.clear()
-    stale = "expected at most 0.5 s"
+    stale = "expected at most 2 s"
     peer.spin_until(lambda: told(diagnostics, "prediction", stale), f"a diagnostic: {stale}")
     peer.spin_for(0.5)
     count = len(heard)
@@ -397,14 +404,6 @@ def fed(peer, inputs):
     peer.node.destroy_timer(timer)
 
 
-def age_of(predictions, stamp):
-    """Age of the states, in s, from which the prediction of that stamp was made."""
-    for message in predictions:
-        if message.header.stamp == stamp:
-            return seconds_from_stamp(stamp) - seconds_from_stamp(message.states_stamp)
-    return None
-
-
 def region(kind, x=0.0, z=0.0, size=1.0):
     where = Pose(position=Point(x=x, z=z), orientation=Quaternion(w=1.0))
     edges = Vector3(x=size, y=size, z=size)
@@ -446,8 +445,11 @@ def test_queries(peer, fed, fields, chance, when):
     def asked_in_time():
         answer = query(peer, object_id="ball", sample_count=40, **fields)
         assert answer.result.value == ResultCode.OK, answer.result.message
-        peer.spin_until(lambda: age_of(fed, answer.header.stamp) is not None, "the prediction")
-        ages.append(age_of(fed, answer.header.stamp))
+
+        def asked():
+            return [message for message in fed if message.header.stamp == answer.header.stamp]
+
+        ages.append(age_of(peer.spin_until(asked, "the prediction that was asked")[0]))
         return answer if ages[-1] < 0.2 else None
 
     answer = peer.spin_until(asked_in_time, "an answer from a new state")

@@ -134,7 +134,7 @@ def _truth_text(results: Results) -> str:
     truth = results.truth
     rows = [[horizon, f"{100 * share:.1f}"] for horizon, share in truth.coverage_90.items()]
     return (
-        f"## True of the paper's synthetic set, {truth.runs} samples an object\n\n"
+        f"## True of the paper's synthetic set, {truth.samples} samples an object\n\n"
         + table(["s ahead", "% in the 90 % region"], rows)
         + "\n\nEnergy score over that of the best baseline, at the horizon where it is worst: "
         f"{truth.score_ratio:.3f}"

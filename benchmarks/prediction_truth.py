@@ -16,18 +16,20 @@ class Truth:
 
     Parameters
     ----------
-    runs : of the synthetic set; θ_s is learned from a part, another is held out
+    samples : runs of each object in the synthetic set; θ_s is learned from a part of the runs, the
+        noise is fitted to another, the rest is held out
     coverage_90 : share of what happened that lay in the 90 % region, by s ahead
     score_ratio : largest over the times ahead of the mean energy score over that of the best
         baseline; below 1 ours is better than all of them at all times
     """
 
-    runs: int
+    samples: int
     coverage_90: dict[str, float]
     score_ratio: float
 
 
-def truth(runs: int) -> Truth:
-    """Learn, fit the noise and score predictions on so many runs of the paper's synthetic set."""
-    found = calibrate_on_paper_set(PaperCalibrationOptions(samples=runs)).summary()
-    return Truth(runs, found["coverage_90"], found["energy_score_vs_best_baseline"])
+def truth(options: PaperCalibrationOptions) -> Truth:
+    """Learn, fit the noise and score predictions on the paper's synthetic set."""
+    found = calibrate_on_paper_set(options).summary()
+    ratio = found["energy_score_vs_best_baseline"]
+    return Truth(options.samples, found["coverage_90"], ratio)

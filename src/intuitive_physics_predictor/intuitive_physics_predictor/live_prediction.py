@@ -22,6 +22,10 @@ class NothingToPredictError(IntuitivePhysicsError):
     """What a prediction is made from is not there, or too old."""
 
 
+class NoObjectsError(NothingToPredictError):
+    """Nothing moves, or nothing is there, which is nobody's fault."""
+
+
 @dataclass(frozen=True, eq=False)
 class SeenStates:
     """Objects and their states at one time.
@@ -131,7 +135,7 @@ def predict_now(
         raise NothingToPredictError(f"no {missing} yet")
     check_fresh(seen, settings, now, monotonic)
     if not seen.objects:
-        raise NothingToPredictError("no objects are seen")
+        raise NoObjectsError("no objects are seen")
     if seen.frame_id != environment.frame_id:
         raise InvalidInputError(
             f"object states are in frame {seen.frame_id!r}; "

@@ -32,6 +32,7 @@ from intuitive_physics_predictor.compile import warm_up
 from intuitive_physics_predictor.live_prediction import (
     Inputs,
     LivePrediction,
+    NoObjectsError,
     NothingToPredictError,
     SeenStates,
     predict_now,
@@ -118,7 +119,7 @@ class PredictorNode(Node):
         self._inputs = Inputs()
         self._made: LivePrediction | None = None
         self._writer = DistributionWriter()
-        self._why_not = ""
+        self._paused_for = ""
         self._rate = RateMonitor("predicts", values["rate"])
         self._publisher = self.create_publisher(
             DistributionMessage, "~/trajectory_distribution", SENSOR_DATA
@@ -190,20 +191,22 @@ class PredictorNode(Node):
         self._seed += 1
         self._rate.left_out(left_out)
         self._rate.done(time.perf_counter() - due)
-        if self._why_not:
+        if self._paused_for:
             self.get_logger().info("predicts again")
-            self._why_not = ""
+            self._paused_for = ""
 
     def _pause(self, error: Exception) -> None:
         """Say why nothing is predicted now: on /diagnostics, and in the log when it is news."""
         known = isinstance(error, IntuitivePhysicsError)
         reason = str(error) if known else f"internal error, please report: {error!r}"
         self._rate.idle(reason)
-        why_not = type(error).__name__ if isinstance(error, NothingToPredictError) else reason
-        if self._made is not None or not isinstance(error, NothingToPredictError):
-            if why_not != self._why_not:
-                self.get_logger().warning(f"predicts no more: {reason}")
-            self._why_not = why_not
+        # That states get older is told once; that there are none yet, or no objects, is no news.
+        waits = isinstance(error, NothingToPredictError)
+        news = type(error).__name__ if waits else reason
+        quiet = isinstance(error, NoObjectsError) or (waits and self._made is None)
+        if not quiet and news != self._paused_for:
+            self.get_logger().warning(f"predicts no more: {reason}")
+            self._paused_for = news
         self._made = None
 
     def _on_marker_tick(self) -> None:

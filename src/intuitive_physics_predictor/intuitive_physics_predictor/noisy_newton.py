@@ -34,6 +34,7 @@ def predict(
     noise: StateNoise | None = None,
     size_noise: float = 0.0,
     simulator: Simulator | None = None,
+    orientations: bool = False,
 ) -> TrajectoryDistribution:
     """Predict where the objects of a scene will be.
 
@@ -47,6 +48,7 @@ def predict(
     noise : on the states; default: that of the perceived covariances
     size_noise : relative standard deviation of the objects' dimensions, one factor an object
     simulator : engine; default: auto
+    orientations : whether to predict them too, which takes longer
 
     Returns
     -------
@@ -66,19 +68,22 @@ def predict(
     worlds = _sampled_worlds(
         scene, static_parameters, sample_count, noise or StateNoise(), size_noise, rng
     )
-    rollout = engine.rollout_batch(worlds, times, orientations=False)
+    rollout = engine.rollout_batch(worlds, times, orientations=orientations)
     ended = rollout.status == WorldStatus.OK
     if not ended.any():
         raise PredictionFailedError(
             f"none of {sample_count} samples could be simulated to the end; "
             "check the objects' states, their speeds above all"
         )
-    positions = rollout.positions if ended.all() else rollout.positions[ended]
+    positions, turned = rollout.positions, rollout.orientations
+    if not ended.all():
+        positions, turned = positions[ended], None if turned is None else turned[ended]
     return TrajectoryDistribution(
         object_ids=tuple(thing.id for thing in scene.objects),
         times=np.array(times, dtype=np.float64),
         positions=positions,
         weights=np.full(len(positions), 1.0 / len(positions)),
+        orientations=turned,
     )
 
 
@@ -92,11 +97,12 @@ def _sampled_worlds(
 ) -> WorldBatch:
     """Pack `count` copies of a scene, each with its own draw of all that is uncertain."""
     changes: dict[str, Any] = {"states": sample_states(scene.states, noise, count, rng)}
-    known = static_parameters
     if isinstance(static_parameters, UncertainParameters):
         known = static_parameters.learned.parameters
         changes["density"], changes["coefficients"] = static_parameters.draw(count, rng)
         changes["parameter_index"] = np.arange(count, dtype=np.int64)
+    else:
+        known = static_parameters
     one = pack_worlds([scene], known)
     if size_noise != 0.0:
         factors = draw_sizes((count, len(scene.objects)), size_noise, rng)[..., None]

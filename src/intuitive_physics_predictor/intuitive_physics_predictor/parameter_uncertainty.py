@@ -93,7 +93,7 @@ class UncertainParameters:
         rows, columns = np.triu_indices(m)
         by_pair = values[:, m:].reshape(count, rows.size, len(PAIR_COEFFICIENTS)).swapaxes(1, 2)
         coefficients[:, :, rows, columns] = coefficients[:, :, columns, rows] = by_pair
-        return values[:, :m], coefficients
+        return np.ascontiguousarray(values[:, :m]), coefficients
 
     def _order_frictions(self, drawn: NDArray[np.float64], uniform: NDArray[np.float64]) -> None:
         """Draw the less known friction of each pair again, where the other one leaves room."""

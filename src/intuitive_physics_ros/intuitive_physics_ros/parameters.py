@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -110,6 +110,29 @@ def declare_parameters(node: Node, parameters: Iterable[Parameter]) -> dict[str,
     declared = {parameter.name: parameter for parameter in parameters}
     node.add_on_set_parameters_callback(lambda new: _check(declared, new))
     return {name: _declare(node, parameter) for name, parameter in declared.items()}
+
+
+def field_parameters(options: type, *, read_only: bool = True) -> list[Parameter]:
+    """Return a parameter for each field of a dataclass.
+
+    Parameters
+    ----------
+    options : whose fields have a default, and in their metadata a `description` and, where they
+        have them, `lower` and `upper`, or `choices`
+    """
+    return [
+        Parameter(
+            option.name,
+            option.default,
+            option.metadata["description"],
+            (option.metadata["lower"], option.metadata["upper"])
+            if "lower" in option.metadata
+            else None,
+            choices=option.metadata.get("choices", ()),
+            read_only=read_only,
+        )
+        for option in fields(options)
+    ]
 
 
 def unknown_overrides(node: Node) -> list[str]:

@@ -20,7 +20,7 @@ from intuitive_physics_learner.learning_session import (
     LearningResult,
     learn,
 )
-from intuitive_physics_learner.search import SearchProgress
+from intuitive_physics_learner.convergence import SearchProgress
 
 Seen = TypeVar("Seen")
 

@@ -45,7 +45,7 @@ from intuitive_physics_learner.learning_session import (
     learn_from_store,
 )
 from intuitive_physics_learner.observation_store import ObservationStore
-from intuitive_physics_learner.search import ConvergenceCriteria
+from intuitive_physics_learner.convergence import ConvergenceCriteria
 from intuitive_physics_learner.update_rules import UPDATE_RULES
 from intuitive_physics_ros.conversions import (
     bounds_from_messages,

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from intuitive_physics_learner.convergence import SearchProgress
 from intuitive_physics_learner.learning_session import LearningResult
-from intuitive_physics_learner.search import SearchProgress
 
 TELL_PERIOD = 0.1
 """s between two calls of `on_change` at least, except for the last."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +16,18 @@ from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.active_parameters import ActiveSpace, active_parameters
-from intuitive_physics_learner.cost import TrajectoryCost
-from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
-from intuitive_physics_learner.identifiability import Identifiability, identify
-from intuitive_physics_learner.observation_store import ObservationStore
-from intuitive_physics_learner.parameter_axes import parameters_of_vector
-from intuitive_physics_learner.search import (
+from intuitive_physics_learner.convergence import (
     ConvergenceCriteria,
-    ParameterSearch,
     SearchProgress,
     SearchResult,
     StopReason,
 )
+from intuitive_physics_learner.cost import Cost, InterruptibleCost, MakeCost, TrajectoryCost
+from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
+from intuitive_physics_learner.identifiability import Identifiability, identify
+from intuitive_physics_learner.observation_store import ObservationStore
+from intuitive_physics_learner.parameter_axes import parameters_of_vector
+from intuitive_physics_learner.search import ParameterSearch
 from intuitive_physics_learner.update_rules import check_method, make_update_rule
 
 NEGLIGIBLE_COST = 1e-6
@@ -109,6 +110,9 @@ def learn(
     previous: LearnedParameters | None = None,
     on_progress: Callable[[SearchProgress], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
+    resume: Mapping[str, Any] | None = None,
+    on_checkpoint: Callable[[dict[str, Any]], None] | None = None,
+    make_cost: MakeCost = TrajectoryCost,
 ) -> LearningResult:
     """Learn from observations without a store.
 
@@ -118,13 +122,17 @@ def learn(
     ----------
     previous : θ_s to start from; None starts from the defaults. Its materials that were not
         observed keep their values, and so do parameters that J does not depend on.
+    resume : what `on_checkpoint` was given by a search with the same observations, options and
+        previous θ_s, which goes on exactly as if it had not stopped
+    on_checkpoint : called about once a second with the state of the search, as plain JSON data
+    make_cost : what evaluates J; by default this process
 
     Raises
     ------
     NoObservationsError, UnknownMethodError, UnsupportedSceneError, LearningCancelledError
         As `learn_from_store`.
     InvalidInputError
-        When no object was seen with anything it could touch.
+        When no object was seen with anything it could touch, or `resume` is of another search.
     """
     check_method(options.method)
     if not observations:
@@ -135,7 +143,9 @@ def learn(
     previous = previous.extended(tuple(dict.fromkeys((*previous.materials, *seen))))
     # In the order of all known materials, so that a pair has the same name in both.
     materials = tuple(name for name in previous.materials if name in seen)
-    cost = TrajectoryCost(observations, simulator, materials)
+    cost = make_cost(observations, simulator, materials)
+    if cancelled is not None:
+        cost = InterruptibleCost(cost, cancelled)
     space = ParameterSpace(materials, options.bounds)
     start = previous.parameters.extended(materials)
     active = active_parameters(observations, materials)
@@ -148,8 +158,16 @@ def learn(
     rule = make_update_rule(
         options.method, searched.size, np.random.default_rng(options.seed), searched.to_unit(start)
     )
-    found = ParameterSearch(cost.costs, searched, rule).run(
-        options.criteria, on_progress=on_progress, cancelled=cancelled
+    search = ParameterSearch(cost.costs, searched, rule)
+    task = _task(options, observations, start)
+    if resume is not None:
+        _check_same_task(resume, task)
+        search.load_state(resume["search"])
+    found = search.run(
+        options.criteria,
+        on_progress=on_progress,
+        cancelled=cancelled,
+        on_checkpoint=on_checkpoint and (lambda state: on_checkpoint({**task, "search": state})),
     )
     if found.stop_reason is StopReason.CANCELLED:
         raise LearningCancelledError("learning was cancelled; nothing was stored")
@@ -167,8 +185,31 @@ def learn(
     )
 
 
+def _task(
+    options: LearningOptions, observations: Sequence[Observation], start: StaticParameters
+) -> dict[str, Any]:
+    """What must be the same for a search to go on, as plain JSON data."""
+    bounds = ParameterSpace(start.materials, options.bounds).bounds
+    return {
+        "method": options.method,
+        "seed": options.seed,
+        "bounds": {kind: [b.lower, b.upper, b.scale] for kind, b in bounds.items()},
+        "observations": [seen.id for seen in observations],
+        "start": start.to_dict(),
+    }
+
+
+def _check_same_task(resume: Mapping[str, Any], task: Mapping[str, Any]) -> None:
+    for key, expected in task.items():
+        if resume.get(key) != expected:
+            raise InvalidInputError(
+                f"saved state is of a search with other {key}; expected one with the same "
+                f"{', '.join(task)}; learn without it to begin anew"
+            )
+
+
 def _without_accidents(
-    cost: TrajectoryCost, found: SearchResult, told: Identifiability, start: StaticParameters
+    cost: Cost, found: SearchResult, told: Identifiability, start: StaticParameters
 ) -> StaticParameters:
     """Put back to its start what J does not depend on: a search moves it about at random."""
     values = np.where(told.responsive, parameter_vector(found.parameters), parameter_vector(start))

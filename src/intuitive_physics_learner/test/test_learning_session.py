@@ -1,9 +1,11 @@
 """From observations to a version of θ_s."""
 
+import json
+
 import numpy as np
 import pytest
 
-from intuitive_physics.errors import UnknownNameError
+from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.parameter_space import Bounds
@@ -16,8 +18,10 @@ from intuitive_physics_learner import (
     StopReason,
     TrajectoryCost,
     UnknownMethodError,
+    cost,
     learn,
     learn_from_store,
+    search,
 )
 
 
@@ -169,3 +173,58 @@ def test_stop_reason_is_told(glide, glides):
         LearningOptions(criteria=ConvergenceCriteria(10_000, cost_threshold=0.01)),
     )
     assert result.search.stop_reason is StopReason.COST_THRESHOLD
+
+
+@pytest.mark.parametrize("method", ["cma_es", "hybrid_random"])
+def test_resumes_as_if_it_had_not_stopped(event_driven, throws, method, monkeypatch):
+    monkeypatch.setattr(search, "CHECKPOINT_PERIOD", 0.0)
+    observed = throws(3, 0, noise=0.01)
+    states = []
+    whole = learn(observed, event_driven, options(700, method=method), on_checkpoint=states.append)
+    assert len(states) > 5
+    state = json.loads(json.dumps(states[len(states) // 2], allow_nan=False))
+    again = learn(observed, event_driven, options(700, method=method), resume=state)
+    assert (again.search.history == whole.search.history).all()
+    assert again.learned.to_dict() == whole.learned.to_dict()
+
+
+def test_states_of_other_searches_are_refused(event_driven, throws, monkeypatch):
+    monkeypatch.setattr(search, "CHECKPOINT_PERIOD", 0.0)
+    observed = throws(3, 0, noise=0.01)
+    states = []
+    learn(observed, event_driven, options(60), on_checkpoint=states.append)
+    for others, message in (
+        ({"method": "random"}, "method"),
+        ({"seed": 1}, "seed"),
+        ({"bounds": {"restitution": Bounds(0.1, 0.6)}}, "bounds"),
+    ):
+        with pytest.raises(InvalidInputError, match=f"other {message}"):
+            learn(observed, event_driven, options(60, **others), resume=states[-1])
+    with pytest.raises(InvalidInputError, match="other observations"):
+        learn(observed[:2], event_driven, options(60), resume=states[-1])
+
+
+def test_stops_within_an_evaluation_when_cancelled(event_driven, throws, monkeypatch):
+    monkeypatch.setattr(cost, "LARGEST_SHARE", 2)
+    asked = []
+
+    def cancelled():
+        asked.append(None)
+        return len(asked) == 4
+
+    with pytest.raises(LearningCancelledError):
+        learn(throws(8, 0), event_driven, options(60), cancelled=cancelled)
+    assert len(asked) == 4
+
+
+def test_another_cost_can_take_the_place_of_this_process(event_driven, throws):
+    class Halves(TrajectoryCost):
+        def trial_distances(self, trials):
+            parts = np.array_split(np.arange(trials.size), 2)
+            halves = [super(Halves, self).trial_distances(trials.taken(part)) for part in parts]
+            return np.concatenate(halves)
+
+    observed = throws(3, 0, noise=0.01)
+    one = learn(observed, event_driven, options(60))
+    two = learn(observed, event_driven, options(60), make_cost=Halves)
+    assert (one.search.history == two.search.history).all()

@@ -91,7 +91,8 @@ class Search(ABC):
 
         Parameters
         ----------
-        on_checkpoint : called with the `state_dict`, at most every `CHECKPOINT_PERIOD`
+        on_checkpoint : called with the `state_dict` at most every `CHECKPOINT_PERIOD`, and at the
+            end
         """
         began = saved = time.monotonic()
         reason = None
@@ -108,6 +109,8 @@ class Search(ABC):
                 on_checkpoint(self.state_dict())
                 saved = time.monotonic()
             reason = self._stop_reason(criteria, seconds, evaluated == 0, cancelled)
+        if on_checkpoint is not None:
+            on_checkpoint(self.state_dict())
         return SearchResult(
             self.best_parameters,
             self.best_cost,

@@ -188,7 +188,8 @@ class LearnerNode(Node):
         self._read_newest()
         if self.get_parameter(ONLINE_PREFIX).value and self._searches.running is None:
             cores = self.get_parameter(f"{ONLINE_PREFIX}_cores").value
-            self._background.start(online_options(self), cores)
+            priority = self.get_parameter(f"{ONLINE_PREFIX}_priority").value
+            self._background.start(online_options(self), cores, priority)
 
     def _add(self, observation: Observation) -> bool:
         added = self._store.add(observation)

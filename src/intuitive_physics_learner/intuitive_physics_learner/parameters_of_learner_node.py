@@ -18,6 +18,7 @@ from intuitive_physics_learner.convergence import ConvergenceCriteria
 from intuitive_physics_learner.database_path import default_database_path
 from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.online.improvement import OnlineOptions
+from intuitive_physics_learner.online.priority import PRIORITIES
 from intuitive_physics_learner.update_rules import UPDATE_RULES
 from intuitive_physics_ros.conversions import bounds_from_messages
 from intuitive_physics_ros.parameters import Parameter
@@ -97,7 +98,7 @@ def _online_parameters() -> tuple[Parameter, ...]:
         Parameter(
             ONLINE_PREFIX,
             True,
-            "whether to learn in the background as observations arrive, at idle priority",
+            "whether to learn in the background as observations arrive",
             read_only=False,
         ),
         Parameter(
@@ -112,6 +113,14 @@ def _online_parameters() -> tuple[Parameter, ...]:
             1,
             "cores that learning in the background uses at most",
             range=(1, os.cpu_count() or 1),
+            read_only=False,
+        ),
+        Parameter(
+            f"{ONLINE_PREFIX}_priority",
+            "idle",
+            "of learning in the background; idle: it gets only what nobody else wants; low: the "
+            "least share of a busy core, but never none",
+            choices=PRIORITIES,
             read_only=False,
         ),
         Parameter(

@@ -15,7 +15,7 @@ from intuitive_physics_learner.online.improvement import OnlineOptions
 from intuitive_physics_learner.online.worker import FAILED, SEARCHING, WAITING
 
 PATIENCE = 60.0
-"""s for what takes about one, on a machine that is busy with other things: it runs when idle."""
+"""s for what takes about one, on a machine that is busy with other things."""
 
 ENDLESS = OnlineOptions("random", seconds=1e5, iterations_without_gain=10**9)
 
@@ -47,7 +47,9 @@ def ended(process):
 
 
 def test_learns_as_observations_arrive(store, background, throws, true_parameters):
-    background.start(OnlineOptions(seconds=5.0, iterations_without_gain=400), cores=1)
+    background.start(
+        OnlineOptions(seconds=5.0, iterations_without_gain=400), cores=1, priority="normal"
+    )
     assert background.running
     for seen in throws(6, 0, noise=0.003):
         store.add(seen)
@@ -70,7 +72,7 @@ def saved_iterations(store):
 
 def test_stops_within_a_second_and_goes_on_where_it_was(store, background, throws):
     store.add_all(throws(10, 0))
-    background.start(ENDLESS, cores=1)
+    background.start(ENDLESS, cores=1, priority="normal")
     wait_until(lambda: saved_iterations(store) > 0)
     process = background._process
     began = time.monotonic()
@@ -79,24 +81,26 @@ def test_stops_within_a_second_and_goes_on_where_it_was(store, background, throw
     assert time.monotonic() - began < 1.0
     assert not background.running
     saved = saved_iterations(store)
-    background.start(ENDLESS, cores=1)
+    background.start(ENDLESS, cores=1, priority="normal")
     wait_until(lambda: background.report.iteration > 0)
     assert background.report.iteration > saved
 
 
-def test_leaves_the_cores_to_others(store, background, throws):
-    store.add_all(throws(3, 0))
-    background.start(ENDLESS, cores=1)
-    wait_until(lambda: background.report.iteration > 0)
+@pytest.mark.parametrize(
+    ("priority", "niceness", "policy"),
+    [("idle", 19, os.SCHED_IDLE), ("low", 19, os.SCHED_OTHER), ("normal", 0, os.SCHED_OTHER)],
+)
+def test_leaves_the_cores_to_others(background, priority, niceness, policy):
+    background.start(ENDLESS, cores=1, priority=priority)
     pid = background._process.pid
-    assert os.getpriority(os.PRIO_PROCESS, pid) == 19
-    assert os.sched_getscheduler(pid) == os.SCHED_IDLE
+    assert os.getpriority(os.PRIO_PROCESS, pid) == niceness
+    assert os.sched_getscheduler(pid) == policy
     assert len(os.sched_getaffinity(pid)) == 1
 
 
 def test_ends_with_the_process_that_started_it(store, background, throws):
     store.add_all(throws(3, 0))
-    background.start(ENDLESS, cores=1)
+    background.start(ENDLESS, cores=1, priority="normal")
     wait_until(lambda: background.report.iteration > 0)
     process = background._process
     # What the end of this process would do.
@@ -106,7 +110,7 @@ def test_ends_with_the_process_that_started_it(store, background, throws):
 
 def test_ctrl_c_is_left_to_the_process_that_started_it(store, background, throws):
     store.add_all(throws(3, 0))
-    background.start(ENDLESS, cores=1)
+    background.start(ENDLESS, cores=1, priority="normal")
     wait_until(lambda: background.report.iteration > 0)
     background._process.send_signal(signal.SIGINT)
     iteration = background.report.iteration
@@ -114,7 +118,7 @@ def test_ctrl_c_is_left_to_the_process_that_started_it(store, background, throws
 
 
 def test_says_that_it_died_and_starts_again_with_the_next_observation(store, background, throws):
-    background.start(ENDLESS, cores=1)
+    background.start(ENDLESS, cores=1, priority="normal")
     store.add_all(throws(3, 0))
     background._process.kill()
     wait_until(lambda: background.report.state == FAILED)
@@ -128,7 +132,7 @@ def test_says_why_it_cannot_start(tmp_path):
     garbage = tmp_path / "garbage"
     garbage.write_bytes(np.random.default_rng(0).bytes(5000))
     background = BackgroundLearning(garbage, "event_driven", lambda: None)
-    background.start(ENDLESS, cores=1)
+    background.start(ENDLESS, cores=1, priority="normal")
     wait_until(lambda: background.report.state == FAILED)
     assert "is not an SQLite database" in background.report.message
     assert "Traceback" not in background.report.message
@@ -137,7 +141,7 @@ def test_says_why_it_cannot_start(tmp_path):
 
 def test_says_what_it_cannot_learn_from_and_goes_on(store, background, throws, boxed):
     store.add(boxed)
-    background.start(ENDLESS, cores=1)
+    background.start(ENDLESS, cores=1, priority="normal")
     wait_until(lambda: background.report.state == FAILED)
     assert "not a sphere" in background.report.message
     assert not ended(background._process)

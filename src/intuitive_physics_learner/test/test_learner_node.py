@@ -223,18 +223,24 @@ class Caller:
         return future.result()
 
 
+def state_and_parent(pid):
+    """State letter and parent of a process; of one that has gone, what a zombie has."""
+    try:
+        state, parent = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[:2]
+    except OSError:
+        return "Z", 0
+    return state, int(parent)
+
+
 def children_of(node):
     """Process ids of what a node has started and what still runs."""
-    path = Path(f"/proc/{node.process.pid}/task")
-    children = [pid for task in path.iterdir() for pid in (task / "children").read_text().split()]
-    return [int(pid) for pid in children if alive(int(pid))]
+    pids = [int(path.name) for path in Path("/proc").glob("[0-9]*")]
+    parent = node.process.pid
+    return [pid for pid in pids if alive(pid) and state_and_parent(pid)[1] == parent]
 
 
 def alive(pid):
-    try:
-        return ") Z " not in Path(f"/proc/{pid}/stat").read_text()
-    except OSError:
-        return False
+    return state_and_parent(pid)[0] != "Z"
 
 
 @pytest.fixture
@@ -251,7 +257,7 @@ def start(tmp_path):
     for node in started:
         if node.process.poll() is None:
             node.stop(signal.SIGKILL)
-        assert "Traceback" not in node.text
+        assert "Traceback" not in node.text, node.text
 
 
 @pytest.fixture
@@ -388,7 +394,10 @@ def test_two_processes_learn_the_same_as_one(start, caller, throws, tmp_path):
     for one in throws(5, 0):
         caller.add(one)
     options = LearningOptions(max_iterations=300, seed=1)
-    spread = caller.call(Learn, options=options)
+    future = caller.start_call(Learn, options=options)
+    # Two processes start first.
+    caller.spin_until(future.done, 60.0)
+    spread = future.result()
     assert spread.result.value == ResultCode.OK, spread.result.message
     learned = static_parameters_from_message(spread.static_parameters)
     with ObservationStore(tmp_path / "alone.sqlite3") as store:
@@ -542,7 +551,7 @@ def background_told(caller):
 
 
 def test_learns_in_the_background_as_observations_arrive(start, caller, throws, true_parameters):
-    start("online:=true", "online_seconds:=4.0")
+    start("online:=true", "online_seconds:=4.0", "online_priority:=normal")
     caller.spin_until(lambda: caller.observations.get_subscription_count() == 1)
     for one in throws(6, 0, noise=0.003):
         caller.observations.publish(observation_to_message(one))
@@ -559,7 +568,8 @@ def test_learns_in_the_background_as_observations_arrive(start, caller, throws, 
 
 
 def test_the_background_gives_way_and_can_be_turned_off_and_on(start, caller, throws):
-    start("online:=true", "online_seconds:=100000.0", "online_method:=random")
+    endless = ("online_seconds:=100000.0", "online_method:=random", "online_priority:=normal")
+    start("online:=true", *endless)
     for one in throws(6, 0):
         caller.add(one)
     caller.spin_until(lambda: background_told(caller) == "searching", 60.0)

@@ -1,4 +1,9 @@
-"""Starting, watching and stopping the process that learns in the background."""
+"""Starting, watching and stopping the process that learns in the background.
+
+A process of its own and not a thread: a thread of idle priority that holds Python's interpreter
+lock while others take its core would hold up the whole node. And a process can be stopped at any
+instant.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +17,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from intuitive_physics_learner.online.improvement import OnlineOptions
+from intuitive_physics_learner.online.priority import step_back
 from intuitive_physics_learner.online.worker import FAILED, WAITING, WorkerReport
 
 WORKER = "intuitive_physics_learner.online.worker"
@@ -21,7 +27,7 @@ LAST_LINES = 3
 
 
 class BackgroundLearning:
-    """Learns from a store in a process of its own, at idle priority. Its methods return at once.
+    """Learns from a store in a process of its own. Its methods return at once.
 
     Parameters
     ----------
@@ -35,7 +41,7 @@ class BackgroundLearning:
         self._simulator = simulator
         self._on_improved = on_improved
         self._process: subprocess.Popen[str] | None = None
-        self._told: tuple[OnlineOptions, int] | None = None
+        self._told: tuple[OnlineOptions, int, str] | None = None
         self._lock = threading.Lock()
         self._report = WorkerReport(WAITING)
 
@@ -50,10 +56,17 @@ class BackgroundLearning:
         with self._lock:
             return self._report
 
-    def start(self, options: OnlineOptions, cores: int) -> None:
-        """Start to learn, anew if it did already."""
+    def start(self, options: OnlineOptions, cores: int, priority: str = "idle") -> None:
+        """Start to learn, anew if it did already.
+
+        Parameters
+        ----------
+        options : how to learn
+        cores : of this machine that it may use
+        priority : one of `PRIORITIES`
+        """
         self.stop()
-        self._told = (options, cores)
+        self._told = (options, cores, priority)
         told = {
             "database": str(self._database),
             "simulator": self._simulator,
@@ -69,6 +82,7 @@ class BackgroundLearning:
             text=True,
             env={**os.environ, **threads},
         )
+        step_back(process.pid, priority, cores)
         self._process = process
         with self._lock:
             self._report = WorkerReport(WAITING)

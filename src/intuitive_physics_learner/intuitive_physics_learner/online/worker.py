@@ -1,8 +1,6 @@
 """The process that learns in the background.
 
-A process of its own, because an idle thread that holds Python's interpreter lock while others take
-its core would hold up the whole node. It runs at idle priority: whoever else wants a core gets it
-at once. It may be killed at any instant; the store keeps all that matters.
+It may be killed at any instant; the store keeps all that matters.
 
 It is told by lines on its standard input that there may be something new, ends when that is
 closed, and tells by lines of JSON on its standard output how it does (`WorkerReport`).
@@ -16,7 +14,6 @@ import signal
 import sys
 import threading
 import time
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 
 from intuitive_physics.errors import IntuitivePhysicsError
@@ -27,8 +24,6 @@ from intuitive_physics_learner.store import ObservationStore
 
 TELL_PERIOD = 0.2
 """s between two reports of progress at least."""
-
-LOWEST_NICENESS = 19
 
 
 @dataclass(frozen=True)
@@ -121,22 +116,11 @@ def main() -> None:
     # Ctrl-C at a terminal reaches this too; the node decides when it ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     told = json.loads(sys.argv[1])
-    stay_in_background(told["cores"])
     try:
         with ObservationStore(told["database"]) as store:
             Worker(store, told["simulator"], told["cores"], OnlineOptions(**told["options"])).run()
     except (IntuitivePhysicsError, BrokenPipeError) as error:
         sys.exit(str(error))
-
-
-def stay_in_background(cores: int) -> None:
-    """Leave every core to others that want it, and never use more than so many."""
-    os.nice(LOWEST_NICENESS)
-    # Some containers forbid it; then being nice must do.
-    with suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
-    allowed = sorted(os.sched_getaffinity(0))
-    os.sched_setaffinity(0, allowed[-cores:])
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +29,14 @@ def run(options: argparse.Namespace) -> None:
     import numpy as np
 
     from intuitive_physics.observation import load_observation
+    from intuitive_physics_experiments.parameter_files import load_parameters
     from intuitive_physics_experiments.terminal import format_table
     from intuitive_physics_predictor.noisy_newton import predict
 
     if options.seed < 0:
         raise InvalidInputError(f"seed is {options.seed}; expected 0 or more")
     observation = load_observation(options.observation)
-    learned = _read_parameters(options.parameters)
+    learned = load_parameters(options.parameters)
     for number, seen in enumerate(observation.objects):
         after = seen.trajectory.times > observation.start_time
         times = seen.trajectory.times[after] - observation.start_time
@@ -60,13 +60,3 @@ def run(options: argparse.Namespace) -> None:
             format_table(["time (s)", "x (m)", "y (m)", "z (m)", "spread (m)", "error (m)"], rows)
         )
         print(f"mean error {error.mean():.4f} m, mean spread {spread.mean():.4f} m")
-
-
-def _read_parameters(path: Path) -> Any:
-    from intuitive_physics.learned_parameters import LearnedParameters
-
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InvalidInputError(f"cannot read the parameters {path}: {error}") from None
-    return LearnedParameters.from_dict(data)

@@ -15,12 +15,12 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation
 from intuitive_physics.simulation import make_simulator, pack_worlds
 from intuitive_physics_experiments.free_flight import free_flight
+from intuitive_physics_learner.convergence import SearchProgress
 from intuitive_physics_learner.learning_session import (
     LearningOptions,
     LearningResult,
     learn,
 )
-from intuitive_physics_learner.convergence import SearchProgress
 
 Seen = TypeVar("Seen")
 

@@ -15,8 +15,8 @@ from intuitive_physics_experiments.cube_tosses import MATERIALS, CubeToss
 from intuitive_physics_experiments.evaluation import split
 from intuitive_physics_experiments.toss_errors import TossBatch, TossErrors
 from intuitive_physics_experiments.tumbling_flight import tumbling_flight
-from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.convergence import SearchProgress, SearchResult
+from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.search import ParameterSearch
 from intuitive_physics_learner.update_rules import make_update_rule
 

@@ -31,6 +31,7 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.parameter_space import Bounds, ParameterSpace
 from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS, make_simulator
+from intuitive_physics_learner.convergence import ConvergenceCriteria
 from intuitive_physics_learner.database_path import default_database_path
 from intuitive_physics_learner.errors import (
     LearningCancelledError,
@@ -45,7 +46,6 @@ from intuitive_physics_learner.learning_session import (
     learn_from_store,
 )
 from intuitive_physics_learner.observation_store import ObservationStore
-from intuitive_physics_learner.convergence import ConvergenceCriteria
 from intuitive_physics_learner.update_rules import UPDATE_RULES
 from intuitive_physics_ros.conversions import (
     bounds_from_messages,

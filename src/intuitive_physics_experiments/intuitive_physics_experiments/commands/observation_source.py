@@ -57,8 +57,8 @@ def read_observations(path: Path) -> tuple[str, list[Observation]]:
 
 def learning_options(options: argparse.Namespace) -> Any:
     """Return the library's options."""
-    from intuitive_physics_learner.learning_session import LearningOptions
     from intuitive_physics_learner.convergence import ConvergenceCriteria
+    from intuitive_physics_learner.learning_session import LearningOptions
 
     if options.seed < 0:
         raise InvalidInputError(f"seed is {options.seed}; expected 0 or more")

@@ -81,8 +81,11 @@ class EventDrivenSimulator(Simulator):
                 times,
                 self.max_events,
                 scratch.world,
+                scratch.objects,
                 scratch.solids,
                 scratch.features,
+                scratch.contacts,
+                scratch.pairs,
                 positions,
                 turned,
                 status,
@@ -104,8 +107,6 @@ class _Scratch:
         self.contacts = np.empty(most_contacts(objects, solids), CONTACT)
         self.pairs = np.empty(objects * objects, PAIR)
         self.world = np.empty(1, WORLD)
-        for name in ("objects", "solids", "features", "contacts", "pairs"):
-            self.world[name] = getattr(self, name).ctypes.data
 
 
 def _check_supported(worlds: WorldBatch) -> None:

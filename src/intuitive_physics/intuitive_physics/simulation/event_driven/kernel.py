@@ -56,8 +56,11 @@ def roll_worlds(
     times,
     max_events,
     scratch,
+    objects,
     solids,
     features,
+    contacts,
+    pairs,
     positions,
     orientations,
     status,
@@ -67,12 +70,15 @@ def roll_worlds(
     Parameters
     ----------
     times : (W or 1, T) s, NaN only at a row's end
-    scratch : (1,) WORLD whose arrays have room for the largest of the worlds
-    solids, features : two of these arrays
+    scratch : (1,) WORLD
+    objects, solids, features, contacts, pairs : its arrays, with room for the largest of the worlds
     positions : (W, O, T, 3) to be filled, as are orientations (W, O, T, 4), whose axis O has
         length zero when they are not wanted, and status (W,)
     """
     world = scratch[0]
+    world.objects, world.solids = objects.ctypes.data, solids.ctypes.data
+    world.features = features.ctypes.data
+    world.contacts, world.pairs = contacts.ctypes.data, pairs.ctypes.data
     world.turns = orientations.shape[1] > 0
     world.material_count = density.shape[1]
     placed, endless = -1, 0

@@ -33,6 +33,9 @@ from intuitive_physics.simulation.world_batch import BOX
 STICK_SPEED = 1e-3
 """m/s. A contact that slips slower than this is held by static friction."""
 
+STEADY = 5e-3
+"""Of the speed that falling bodies gain in a step; contacts that part or close faster play."""
+
 
 @kernel
 def prepare(world, c):

@@ -6,6 +6,7 @@ from math import inf, isfinite
 
 from intuitive_physics.simulation.kernels import entry, fast_inlined, kernel
 from intuitive_physics.simulation.stepped.collision import are_near, find_contacts, part_overlaps
+from intuitive_physics.simulation.stepped.lone_body import step_lone_body
 from intuitive_physics.simulation.stepped.motion import TIME_ROUNDING, output_time, write_rest
 from intuitive_physics.simulation.stepped.parts import rebound_threshold, step_island
 from intuitive_physics.simulation.stepped.set_up import place_environment, place_object
@@ -194,7 +195,8 @@ def _step_one(world, moving, root, start, step, threshold):
                 body_at(world, members).member = j
                 members += 1
                 break
-    step_island(world, count, members, start, step, threshold)
+    if members > 1 or not step_lone_body(world, root, start, step):
+        step_island(world, count, members, start, step, threshold)
     _put_to_sleep(world, count)
     return True
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from intuitive_physics.simulation.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.stepped.collision import find_contacts, part_overlaps
-from intuitive_physics.simulation.stepped.contacts import prepare, speed_along
+from intuitive_physics.simulation.stepped.contacts import STEADY, prepare, speed_along
 from intuitive_physics.simulation.stepped.impact_times import first_impact
 from intuitive_physics.simulation.stepped.impacts import IMPACT_GAP, rebound
 from intuitive_physics.simulation.stepped.motion import (
@@ -30,9 +30,6 @@ SHORTEST, STALLS, LEAP = 1e-3, 4, 0.1
 """So many parts in a row that are shorter than this share of a step are followed by such a leap."""
 
 SWEEPS = 150
-
-STEADY = 5e-3
-"""Of the speed that falling bodies gain in a step; contacts that part or close faster play."""
 
 PRECISION = 5e-4
 """Of the speed that falling bodies gain in a step; less is too little to sweep once more."""

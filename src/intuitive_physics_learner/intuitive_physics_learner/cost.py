@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,8 +121,8 @@ class Cost(ABC):
         """Simulated minus observed position of each point of each trial, shape (N, P, 3), in m.
 
         The points of one object after those of the other, each in the order of times. P is the
-        largest number of points of an observation; NaN beyond those that an observation has, and
-        in all points of a world that did not simulate to its end.
+        largest number of points of an observation; NaN beyond those that an observation has or a
+        trial wants, and in all points of a world that did not simulate to its end.
         """
 
 
@@ -162,47 +163,50 @@ class TrajectoryCost(Cost):
 
     def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
         distances = np.full((trials.size, self._objects), np.nan)
-        for part, group, rows, offsets, failed in self._simulated(trials):
-            seen = group.seen[rows]
-            lengths = np.sqrt(np.einsum("notk,notk->not", offsets, offsets))
-            lengths[~seen] = 0.0
-            means = lengths.sum(axis=2) / seen.sum(axis=2)
-            means[failed] = FAILED_DISTANCE
+        for part in self._simulated(trials):
+            lengths = np.sqrt(np.einsum("notk,notk->not", part.offsets, part.offsets))
+            lengths[~part.counted] = 0.0
+            # An object that was not seen early enough to count is at no distance.
+            means = lengths.sum(axis=2) / np.maximum(part.counted.sum(axis=2), 1)
+            means[part.failed] = FAILED_DISTANCE
             means = np.nan_to_num(means, nan=FAILED_DISTANCE, posinf=FAILED_DISTANCE)
-            distances[part, : means.shape[1]] = np.minimum(means, FAILED_DISTANCE)
+            distances[part.trials, : means.shape[1]] = np.minimum(means, FAILED_DISTANCE)
         return distances
 
     def trial_residuals(self, trials: Trials) -> NDArray[np.float64]:
         residuals = np.full((trials.size, self._points, 3), np.nan)
-        for part, group, rows, offsets, failed in self._simulated(trials):
-            offsets[failed] = np.nan
-            points = group.points[rows]
+        for part in self._simulated(trials):
+            part.offsets[~part.counted] = np.nan
+            part.offsets[part.failed] = np.nan
+            whole = np.full((*part.group.seen[part.rows].shape, 3), np.nan)
+            whole[:, :, : part.offsets.shape[2]] = part.offsets
+            points = part.group.points[part.rows]
             taken = np.take_along_axis(
-                offsets.reshape(len(rows), -1, 3), np.maximum(points, 0)[:, :, None], axis=1
+                whole.reshape(part.rows.size, -1, 3), np.maximum(points, 0)[:, :, None], axis=1
             )
             taken[points < 0] = np.nan
-            residuals[part, : points.shape[1]] = taken
+            residuals[part.trials, : points.shape[1]] = taken
         return residuals
 
-    def _simulated(
-        self, trials: Trials
-    ) -> Iterator[
-        tuple[
-            NDArray[np.int64],
-            PackedObservations,
-            NDArray[np.int64],
-            NDArray[np.float64],
-            NDArray[np.bool_],
-        ]
-    ]:
-        """Yield trials, the group they are in and their rows there, their offsets, which failed."""
+    def _simulated(self, trials: Trials) -> Iterator[_Simulated]:
         for g, group in enumerate(self._groups):
             members = np.flatnonzero(self._group[trials.observation_index] == g)
             for part in _chunks(members, LARGEST_CHUNK // group.observed[0].size):
                 some = trials.taken(part)
                 rows = self._row[some.observation_index]
-                offsets, failed = group.simulate(self._simulator, some, rows)
-                yield part, group, rows, offsets, failed
+                yield _Simulated(part, group, rows, *group.simulate(self._simulator, some, rows))
+
+
+@dataclass(frozen=True, eq=False)
+class _Simulated:
+    """Some trials, the group they are in and their rows there; the rest as `simulate` returns."""
+
+    trials: NDArray[np.int64]
+    group: PackedObservations
+    rows: NDArray[np.int64]
+    offsets: NDArray[np.float64]
+    counted: NDArray[np.bool_]
+    failed: NDArray[np.bool_]
 
 
 class InterruptibleCost(Cost):

@@ -41,12 +41,13 @@ class PackedObservations:
 
     def simulate(
         self, simulator: Simulator, trials: Trials, rows: NDArray[np.int64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
         """Simulate trials, the k-th being of the observation `rows[k]` of these.
 
         Returns
         -------
-        offsets : (N, O, T, 3) m, simulated minus observed position
+        offsets : (N, O, T', 3) m, simulated minus observed position, T' ≤ T
+        counted : (N, O, T') bool, which of them were seen and wanted
         failed : (N,) bool, which worlds did not simulate to their end
         """
         tables = self.worlds.taken(rows[:0]).crossed(trials.parameters)
@@ -57,9 +58,17 @@ class PackedObservations:
         }
         if trials.states is not None:
             changes["states"] = trials.states[:, : self.observed.shape[1]]
-        worlds = self.worlds.taken(rows, **changes)
-        rollout = simulator.rollout_batch(worlds, self.times[rows], orientations=False)
-        return rollout.positions - self.observed[rows], rollout.status != WorldStatus.OK
+        times = self.times[rows]
+        if trials.until is not None:
+            times[:, 1:][~(times[:, 1:] <= trials.until[:, None])] = np.nan
+            times = times[:, : int(np.isfinite(times).sum(axis=1).max())]
+        wanted = times.shape[1]
+        rollout = simulator.rollout_batch(
+            self.worlds.taken(rows, **changes), times, orientations=False
+        )
+        offsets = rollout.positions - self.observed[rows, :, :wanted]
+        counted = self.seen[rows, :, :wanted] & np.isfinite(times)[:, None]
+        return offsets, counted, rollout.status != WorldStatus.OK
 
 
 def packed_in_groups(

@@ -22,12 +22,15 @@ class Trials:
     observation_index : (N,) which observation each trial simulates
     states : (N, O, 13) first states as `ObjectState.to_vector`, O being the largest number of
         objects of an observation; None: those of the observations
+    until : (N,) s after the start; later points are neither simulated nor counted, but there is
+        always a first. None: all points count
     """
 
     parameters: Sequence[StaticParameters]
     parameter_index: NDArray[np.int64]
     observation_index: NDArray[np.int64]
     states: NDArray[np.float64] | None = None
+    until: NDArray[np.float64] | None = None
 
     @property
     def size(self) -> int:
@@ -52,4 +55,5 @@ class Trials:
             index,
             self.observation_index[trials],
             None if self.states is None else self.states[trials],
+            None if self.until is None else self.until[trials],
         )

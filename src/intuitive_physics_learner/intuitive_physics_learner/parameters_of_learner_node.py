@@ -126,7 +126,7 @@ def _online_parameters() -> tuple[Parameter, ...]:
         Parameter(
             f"{ONLINE_PREFIX}_seconds",
             30.0,
-            "s of searching in the background at most after each new observation",
+            "s of CPU time for searching in the background at most after each new observation",
             range=(0.1, 1e6),
             read_only=False,
         ),

@@ -80,10 +80,12 @@ class StoredSearch:
     simulator : the engine that simulates candidates
     options : how to learn
     make_cost : what evaluates J
+    clock : s, by which the time of the search is told
 
     Attributes
     ----------
     seconds : of search so far, with those before it was interrupted
+    iterations : evaluations of J so far, likewise
     finished : whether it was stored as having come to its end
     """
 
@@ -95,20 +97,25 @@ class StoredSearch:
         simulator: Simulator,
         options: LearningOptions,
         make_cost: MakeCost = TrajectoryCost,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._store = store
         self._observations = observations
         self._simulator = simulator
         self._options = options
         self._make_cost = make_cost
+        self._clock = clock
         self._key = _key(purpose, observations, simulator, options)
         self._version = store.newest_version()
         saved = store.checkpoint(self._key)
         if saved is None or saved.version != self._version:
-            saved = SearchCheckpoint(self._key, self._version, store.newest_parameters(), {}, 0.0)
+            saved = SearchCheckpoint(
+                self._key, self._version, store.newest_parameters(), {}, 0.0, 0
+            )
         self._start = saved.start
         self._state = saved.state
         self.seconds = saved.seconds
+        self.iterations = saved.iterations
         self._next_saving = 0.0
 
     @property
@@ -127,12 +134,17 @@ class StoredSearch:
         A time limit counts from the very beginning; at least one step is done. Raises what
         `learn_from_store` raises.
         """
-        began, before = time.monotonic(), self.seconds
+        began, before = self._clock(), self.seconds
         if criteria.time_limit is not None:
             criteria = replace(criteria, time_limit=max(0.0, criteria.time_limit - before))
 
+        def take_note(progress: SearchProgress) -> None:
+            self.iterations = progress.iteration
+            if on_progress is not None:
+                on_progress(progress)
+
         def save(state: Mapping[str, Any]) -> None:
-            self.seconds = before + time.monotonic() - began
+            self.seconds = before + self._clock() - began
             self._state = state
             if time.monotonic() >= self._next_saving:
                 self._save()
@@ -142,13 +154,13 @@ class StoredSearch:
             self._simulator,
             replace(self._options, criteria=criteria),
             previous=self._start,
-            on_progress=on_progress,
+            on_progress=take_note,
             cancelled=cancelled,
             resume=self._state or None,
             on_checkpoint=save,
             make_cost=self._make_cost,
         )
-        self.seconds = before + time.monotonic() - began
+        self.seconds = before + self._clock() - began
         return result
 
     def keep(self, version: int, *, finished: bool) -> None:
@@ -171,7 +183,9 @@ class StoredSearch:
     def _save(self) -> None:
         began = time.monotonic()
         self._store.save_checkpoint(
-            SearchCheckpoint(self._key, self._version, self._start, self._state, self.seconds)
+            SearchCheckpoint(
+                self._key, self._version, self._start, self._state, self.seconds, self.iterations
+            )
         )
         taken = time.monotonic() - began
         self._next_saving = began + taken / LARGEST_SAVING_SHARE

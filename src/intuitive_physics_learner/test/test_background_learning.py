@@ -54,7 +54,7 @@ def test_learns_as_observations_arrive(store, background, throws, true_parameter
     for seen in throws(6, 0, noise=0.003):
         store.add(seen)
         background.look()
-    assert background.improved.wait(PATIENCE)
+    assert background.improved.wait(PATIENCE), background.report
     wait_until(lambda: background.report.state == WAITING and background.report.version > 0)
     newest = store.newest_parameters()
     assert newest.version == background.report.version

@@ -222,7 +222,7 @@ def test_file_of_version_1_is_migrated(path):
         with ObservationStore(path) as store:
             assert [(one.id, one.to_json()) for one in store.observations()] == rows
             assert store.newest_parameters().to_dict()["materials"] == ["ball", "floor"]
-            store.save_checkpoint(SearchCheckpoint("k", 1, None, {"a": 1.5}, 2.0))
+            store.save_checkpoint(SearchCheckpoint("k", 1, None, {"a": 1.5}, 2.0, 7))
             assert store.checkpoint("k").state == {"a": 1.5}
     with sqlite3.connect(path) as new:
         assert new.execute("PRAGMA user_version").fetchone() == (schema.latest_version(),)
@@ -259,26 +259,26 @@ def test_keeps_where_searches_stand(path):
     state = {"history": [0.1, 1e-300, 1 / 3], "big": 2**127 - 1, "none": None}
     with ObservationStore(path) as store:
         assert store.checkpoint("a") is None
-        store.save_checkpoint(SearchCheckpoint("a", 0, None, {}, 0.0))
-        store.save_checkpoint(SearchCheckpoint("a", 3, start, state, 1.5))
-        store.save_checkpoint(SearchCheckpoint("b", 3, None, None, 9.0))
+        store.save_checkpoint(SearchCheckpoint("a", 0, None, {}, 0.0, 7))
+        store.save_checkpoint(SearchCheckpoint("a", 3, start, state, 1.5, 7))
+        store.save_checkpoint(SearchCheckpoint("b", 3, None, None, 9.0, 7))
     with ObservationStore(path) as store:
         a, b = store.checkpoint("a"), store.checkpoint("b")
-        assert (a.key, a.version, a.state, a.seconds) == ("a", 3, state, 1.5)
+        assert (a.key, a.version, a.state, a.seconds, a.iterations) == ("a", 3, state, 1.5, 7)
         assert a.start.to_dict() == start.to_dict()
         assert (b.start, b.state) == (None, None)
         store.delete_checkpoint("a")
         store.delete_checkpoint("nobody")
         assert store.checkpoint("a") is None
         for n in range(100):
-            store.save_checkpoint(SearchCheckpoint(str(n), 0, None, {}, 0.0))
+            store.save_checkpoint(SearchCheckpoint(str(n), 0, None, {}, 0.0, 7))
         assert store.checkpoint("99") is not None
         assert store.checkpoint("0") is None
 
 
 def test_a_checkpoint_that_cannot_be_read_counts_as_none(path):
     with ObservationStore(path) as store:
-        store.save_checkpoint(SearchCheckpoint("a", 0, None, {}, 0.0))
+        store.save_checkpoint(SearchCheckpoint("a", 0, None, {}, 0.0, 7))
     with sqlite3.connect(path) as file:
         file.execute("UPDATE searches SET json = '{\"start\": nul'")
     file.close()

@@ -198,4 +198,4 @@ def test_what_is_kept_of_a_search_is_plain_json(store, glide, glides, monkeypatc
         )
     with store._database.reading() as connection:
         (text,) = connection.execute("SELECT json FROM searches").fetchone()
-    assert set(json.loads(text)) == {"start", "state", "seconds"}
+    assert set(json.loads(text)) == {"start", "state", "seconds", "iterations"}

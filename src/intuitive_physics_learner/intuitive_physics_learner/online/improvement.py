@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.observation import observation_materials
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.convergence import (
     ConvergenceCriteria,
@@ -17,11 +19,12 @@ from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.store import ObservationStore
 from intuitive_physics_learner.stored_learning import StoredSearch
 
-FIRST_SLICE = 1.0
-"""s of search before what was found is judged for the first time; twice as long each time after."""
+FIRST_SLICE = 100
+"""Evaluations of J before what was found is judged for the first time; twice as many each time
+after, as long as that takes no longer than `LONGEST_SLICE`."""
 
 LONGEST_SLICE = 8.0
-"""s; observations that arrive meanwhile wait until it is over."""
+"""s of CPU time; observations that arrive meanwhile wait until it is over."""
 
 SMALLEST_GAIN = 1e-3
 """Part of J by which it must fall to be worth a new version."""
@@ -35,7 +38,7 @@ class OnlineOptions:
     ----------
     method : name of an update rule
     seed : of all randomness
-    seconds : of search at most for one set of observations; the next observation makes a new set
+    seconds : of CPU time at most for one set of observations; the next observation makes a new set
     iterations_without_gain : evaluations of J without gain after which a set is left alone
     """
 
@@ -51,7 +54,6 @@ class OnlineOptions:
             criteria=ConvergenceCriteria(
                 max_iterations=None,
                 max_iterations_without_gain=self.iterations_without_gain,
-                time_limit=self.seconds,
             ),
             seed=self.seed,
         )
@@ -81,14 +83,23 @@ class OnlineSearch:
         self, store: ObservationStore, simulator: Simulator, options: OnlineOptions
     ) -> None:
         self._store = store
-        self._simulator = simulator
         self._options = options
         self._observations = store.observations()
         self._newest = store.newest_parameters()
         self._search = StoredSearch(
-            store, "online", self._observations, simulator, options.learning_options()
+            store,
+            "online",
+            self._observations,
+            simulator,
+            options.learning_options(),
+            clock=time.process_time,
         )
         self._slice = FIRST_SLICE
+        known = () if self._newest is None else self._newest.materials
+        seen = observation_materials(self._observations)
+        self._materials = tuple(dict.fromkeys((*known, *seen)))
+        self._cost = TrajectoryCost(self._observations, simulator, self._materials)
+        self._newest_cost = self._judged(self._newest or LearnedParameters.defaults(seen))
 
     @property
     def finished(self) -> bool:
@@ -98,10 +109,9 @@ class OnlineSearch:
     @property
     def outdated(self) -> bool:
         """Whether the store has other observations, or another newest θ_s, by now."""
-        version = 0 if self._newest is None else self._newest.version
         return (self._store.count(), self._store.newest_version()) != (
             len(self._observations),
-            version,
+            self._version,
         )
 
     def run_slice(
@@ -111,28 +121,34 @@ class OnlineSearch:
         cancelled: Callable[[], bool] | None = None,
     ) -> LearnedParameters | None:
         """Search for a while; return the new version, or None when there was no improvement."""
-        end = min(self._search.seconds + self._slice, self._options.seconds)
-        self._slice = min(2.0 * self._slice, LONGEST_SLICE)
+        before = self._search.seconds
         criteria = ConvergenceCriteria(
-            max_iterations=None,
+            max_iterations=self._search.iterations + self._slice,
             max_iterations_without_gain=self._options.iterations_without_gain,
-            time_limit=end,
         )
         result = self._search.run(criteria, on_progress=on_progress, cancelled=cancelled)
-        improved = None
-        if self._is_improvement(result.learned):
-            known = 0 if self._newest is None else self._newest.version
-            improved = self._store.add_improvement(result.learned, on=known)
-        self._newest = improved or self._newest
-        converged = result.search.stop_reason is not StopReason.TIME_LIMIT
+        if self._search.seconds - before < 0.5 * LONGEST_SLICE:
+            self._slice *= 2
+        improved = self._stored_if_better(result.learned)
+        converged = result.search.stop_reason is not StopReason.MAX_ITERATIONS
         self._search.keep(
-            0 if self._newest is None else self._newest.version,
-            finished=converged or self._search.seconds >= self._options.seconds,
+            self._version, finished=converged or self._search.seconds >= self._options.seconds
         )
         return improved
 
-    def _is_improvement(self, found: LearnedParameters) -> bool:
-        newest = self._newest or LearnedParameters.defaults(found.materials)
-        cost = TrajectoryCost(self._observations, self._simulator, found.materials)
-        before, after = cost.costs([newest.parameters.extended(found.materials), found.parameters])
-        return bool(after < before * (1.0 - SMALLEST_GAIN))
+    @property
+    def _version(self) -> int:
+        return 0 if self._newest is None else self._newest.version
+
+    def _stored_if_better(self, found: LearnedParameters) -> LearnedParameters | None:
+        cost = self._judged(found)
+        if cost >= self._newest_cost * (1.0 - SMALLEST_GAIN):
+            return None
+        improved = self._store.add_improvement(found, on=self._version)
+        if improved is not None:
+            self._newest, self._newest_cost = improved, cost
+        return improved
+
+    def _judged(self, learned: LearnedParameters) -> float:
+        """J of a version of θ_s on these observations, m."""
+        return float(self._cost.costs([learned.parameters.extended(self._materials)])[0])

@@ -23,6 +23,7 @@ class SearchCheckpoint:
     state : plain data from which `learn` continues, empty before its first checkpoint; None: the
         search has come to its end
     seconds : of search so far
+    iterations : evaluations of J so far
     """
 
     key: str
@@ -30,13 +31,17 @@ class SearchCheckpoint:
     start: LearnedParameters | None
     state: Mapping[str, Any] | None
     seconds: float
+    iterations: int
 
     def to_json(self) -> str:
         """Return start and state as JSON text, every number to its last digit."""
-        start = None if self.start is None else self.start.to_dict()
-        return json.dumps(
-            {"start": start, "state": self.state, "seconds": self.seconds}, allow_nan=False
-        )
+        data = {
+            "start": None if self.start is None else self.start.to_dict(),
+            "state": self.state,
+            "seconds": self.seconds,
+            "iterations": self.iterations,
+        }
+        return json.dumps(data, allow_nan=False)
 
     @staticmethod
     def from_json(key: str, version: int, text: str) -> SearchCheckpoint:
@@ -50,6 +55,8 @@ class SearchCheckpoint:
         try:
             data = json.loads(text)
             start = None if data["start"] is None else LearnedParameters.from_dict(data["start"])
-            return SearchCheckpoint(key, version, start, data["state"], float(data["seconds"]))
+            return SearchCheckpoint(
+                key, version, start, data["state"], data["seconds"], data["iterations"]
+            )
         except (json.JSONDecodeError, KeyError, TypeError) as error:
             raise InvalidInputError(f"checkpoint of a search cannot be read: {error}") from None

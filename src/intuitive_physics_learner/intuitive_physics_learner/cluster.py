@@ -12,6 +12,7 @@ result is the same to the bit as without a cluster, as long as the machines are 
 from __future__ import annotations
 
 import re
+import signal
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
 from typing import Any
@@ -110,7 +111,9 @@ class CostMaker:
                     dashboard_address=":0",
                     silence_logs="ERROR",
                 )
-                return distributed.Client(cluster, timeout=CONNECT_TIMEOUT)
+                client = distributed.Client(cluster, timeout=CONNECT_TIMEOUT)
+                client.run(_leave_interrupts_to_parent)
+                return client
             client = distributed.Client(self._where, timeout=CONNECT_TIMEOUT)
             client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
         except (OSError, TimeoutError, ValueError) as error:
@@ -188,6 +191,11 @@ class ClusterCost(Cost):
                 f"the cluster failed ({type(error).__name__}: {error}); start its scheduler and "
                 "workers again and learn again: the search goes on from its last checkpoint"
             ) from None
+
+
+def _leave_interrupts_to_parent() -> None:
+    """Ignore Ctrl-C, which reaches all processes of a terminal: who started this one ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _distributed() -> Any:

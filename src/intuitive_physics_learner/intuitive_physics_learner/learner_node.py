@@ -71,13 +71,13 @@ class LearnerNode(Node):
         self._publisher = self.create_publisher(
             StaticParametersMessage, "~/static_parameters", LATCHED
         )
-        self._searches = AskedSearches(
-            self, self._work, self._message, self._pause_background, self._on_search_ended
-        )
         # Triggered from the thread that watches the background, it calls back in this node's.
         improved = self.create_guard_condition(self._read_newest)
         self._background = BackgroundLearning(
             self._store.path, values["simulator"], improved.trigger
+        )
+        self._searches = AskedSearches(
+            self, self._work, self._message, self._background.stop, self._on_search_ended
         )
         self._offer()
         self._publish()
@@ -173,9 +173,6 @@ class LearnerNode(Node):
             cancelled=cancelled,
             make_cost=self._make_cost,
         )
-
-    def _pause_background(self) -> None:
-        self._background.stop()
 
     def _on_search_ended(self, learned: LearnedParameters | None) -> None:
         if learned is not None:

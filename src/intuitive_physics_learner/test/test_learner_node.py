@@ -90,6 +90,7 @@ raise SystemExit(main())"""
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
+            start_new_session=True,
         )
         self.text = ""
         self._reader = threading.Thread(target=self._read)
@@ -390,7 +391,7 @@ def test_a_mistake_of_ours_is_an_internal_error(start, caller, glides):
 
 
 def test_two_processes_learn_the_same_as_one(start, caller, throws, tmp_path):
-    start("simulator:=event_driven", "cluster:=local:2")
+    node = start("simulator:=event_driven", "cluster:=local:2")
     for one in throws(5, 0):
         caller.add(one)
     options = LearningOptions(max_iterations=300, seed=1)
@@ -400,6 +401,9 @@ def test_two_processes_learn_the_same_as_one(start, caller, throws, tmp_path):
     spread = future.result()
     assert spread.result.value == ResultCode.OK, spread.result.message
     learned = static_parameters_from_message(spread.static_parameters)
+    # As Ctrl-C does, which reaches the processes of the cluster too.
+    os.killpg(node.process.pid, signal.SIGINT)
+    assert node.end() == 0
     with ObservationStore(tmp_path / "alone.sqlite3") as store:
         store.add_all(throws(5, 0))
         asked = SearchOptions(criteria=ConvergenceCriteria(300), seed=1)

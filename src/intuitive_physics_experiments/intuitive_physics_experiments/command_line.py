@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_experiments.commands import (
     evaluate_command,
+    experiment_command,
     export_command,
     import_command,
     learn_command,
@@ -61,6 +62,7 @@ def _parser() -> argparse.ArgumentParser:
         evaluate_command,
         import_command,
         export_command,
+        experiment_command,
     ):
         command.add_to(commands)
     return parser

@@ -77,7 +77,7 @@ class PaperDataset:
     pool : objects, each of its own material
     parameters : the true θ_s, of the pool's materials and the room's
     engine : name of the engine that moved the objects
-    training, test : runs, 80 % and 20 %
+    training, test : runs, 80 % and 20 %; a single run is one to train on
     """
 
     pool: tuple[SceneObject, ...]
@@ -85,6 +85,11 @@ class PaperDataset:
     engine: str
     training: tuple[PaperRun, ...]
     test: tuple[PaperRun, ...]
+
+    @property
+    def observations(self) -> list[Observation]:
+        """All of them."""
+        return self.training_observations + self.test_observations
 
     @property
     def training_observations(self) -> list[Observation]:
@@ -122,7 +127,7 @@ def make_paper_dataset(
     Parameters
     ----------
     objects : in the pool; |θ_s| is 14, 275, 945 for 1, 10, 20 (Eq. 3)
-    samples : trajectories of each object, at least 2
+    samples : trajectories of each object
     rng : of all randomness; the same generator state makes the same set
     engine : one of `dataset_engines.DATASET_ENGINES`
     first_states : one of `FIRST_STATES`
@@ -136,10 +141,8 @@ def make_paper_dataset(
         When there is no such engine or source of first states.
     """
     _check_source(first_states)
-    if samples < 2:
-        raise InvalidInputError(
-            f"samples of each object are {samples}; expected at least 2, to learn from and to test"
-        )
+    if samples < 1:
+        raise InvalidInputError(f"samples of each object are {samples}; expected at least 1")
     simulator = dataset_simulator(engine)
     pool = draw_pool(objects, rng)
     parameters = dataset_parameters(engine, pool, rng)
@@ -152,7 +155,7 @@ def make_paper_dataset(
         if on_progress is not None:
             on_progress(objects * samples - int(lacking.sum()), objects * samples)
     order = rng.permutation(len(runs))
-    training = min(max(round(TRAINING_SHARE * len(runs)), 1), len(runs) - 1)
+    training = max(min(round(TRAINING_SHARE * len(runs)), len(runs) - 1), 1)
     return PaperDataset(
         pool,
         parameters,

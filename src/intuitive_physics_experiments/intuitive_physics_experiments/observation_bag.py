@@ -28,9 +28,9 @@ from intuitive_physics_experiments.observation_messages import (
     OBSERVATION_TYPE,
     observation_from_message,
     observation_to_message,
-    observation_typestore,
     start_stamp,
 )
+from intuitive_physics_experiments.ros_messages import suite_typestore
 
 SUFFIX = ".mcap"
 
@@ -63,7 +63,7 @@ def write_observation_bag(observations: Iterable[Observation], path: Path) -> No
     """
     ordered = sorted(observations, key=lambda seen: seen.start_time)
     messages = [(start_stamp(seen), observation_to_message(seen)) for seen in ordered]
-    store = observation_typestore()
+    store = suite_typestore()
     try:
         with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as folder:
             bag = Path(folder) / path.stem
@@ -94,7 +94,7 @@ def read_observation_bag(path: Path) -> list[Observation]:
     InvalidInputError
         When there is no bag, it is damaged, or has no observation.
     """
-    with BagReader(path, observation_typestore()) as reader:
+    with BagReader(path, suite_typestore()) as reader:
         topics = [topic.name for topic in reader.topics if topic.type == OBSERVATION_TYPE]
         observations = [
             observation_from_message(reader.decode(message)) for message in reader.messages(topics)

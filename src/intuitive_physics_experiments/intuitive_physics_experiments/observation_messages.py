@@ -1,18 +1,11 @@
-"""Observations as `intuitive_physics_msgs/msg/Observation`, with no ROS on the machine.
-
-The types are made from the message definitions themselves, as rosbags reads them.
-"""
+"""Observations as `intuitive_physics_msgs/msg/Observation`, with no ROS on the machine."""
 
 from __future__ import annotations
 
-from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
+from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation, ObservedObject
@@ -20,28 +13,23 @@ from intuitive_physics.scene import Environment, Plane, SceneObject, StaticBox
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 from intuitive_physics.state import ERROR_SIZE, ObjectState
 from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_experiments.ros_messages import (
+    PACKAGE,
+    new_message,
+    point_message,
+    pose_message,
+    suite_types,
+    vector_message,
+    xyz,
+    xyzw,
+)
 
-PACKAGE = "intuitive_physics_msgs/msg"
 OBSERVATION_TYPE = f"{PACKAGE}/Observation"
-
-DEFINITIONS = Path(__file__).parent / "message_definitions"
 
 NANOSECONDS = 1_000_000_000
 LAST_SECOND = 2**31 - 1
 
 POSE, TWIST = slice(0, 6), slice(6, 12)
-
-
-@lru_cache(maxsize=1)
-def observation_typestore() -> Typestore:
-    """ROS 2 Jazzy's own types and those of this suite."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    types: dict[str, Any] = {}
-    for path in sorted(DEFINITIONS.glob("*.msg")):
-        text = path.read_text(encoding="utf-8")
-        types.update(get_types_from_msg(text, f"{PACKAGE}/{path.stem}"))
-    store.register(types)
-    return store
 
 
 def start_stamp(observation: Observation) -> int:
@@ -67,16 +55,17 @@ def observation_to_message(observation: Observation) -> Any:
     Raises
     ------
     InvalidInputError
-        When it has what the message has no field for: air drag, or a start before time zero.
+        When it has what the message has no field for, such as air drag, or starts before time
+        zero.
     """
     stamp = start_stamp(observation)
     seconds, nanoseconds = divmod(stamp, NANOSECONDS)
-    header = _new(
+    header = new_message(
         "std_msgs/msg/Header",
-        stamp=_new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds),
+        stamp=new_message("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds),
         frame_id=observation.environment.frame_id,
     )
-    return _new(
+    return new_message(
         OBSERVATION_TYPE,
         header=header,
         id=observation.id,
@@ -109,29 +98,32 @@ def observation_from_message(message: Any) -> Observation:
 
 
 def _environment_to_message(environment: Environment, header: Any) -> Any:
-    return _new(
+    return new_message(
         f"{PACKAGE}/Environment",
         header=header,
         primitives=[
             *map(_plane_to_message, environment.planes),
             *map(_box_to_message, environment.boxes),
         ],
-        gravity=_vector(environment.gravity),
+        gravity=vector_message(environment.gravity),
         camera_frame_id="",
-        camera_pose=_pose(),
+        camera_pose=pose_message(),
         version=0,
     )
 
 
 def _environment_from_message(message: Any) -> Environment:
-    plane, box = _types()["StaticPrimitive"].PLANE, _types()["StaticPrimitive"].BOX
+    plane, box = (
+        suite_types()["StaticPrimitive"].PLANE,
+        suite_types()["StaticPrimitive"].BOX,
+    )
     for one in message.primitives:
         if one.kind not in (plane, box):
             raise InvalidInputError(
                 f"kind of primitive {one.id} is {one.kind}; expected {plane} or {box}"
             )
     planes = [
-        Plane(one.id, one.material, _xyz(one.normal), one.offset, _corners(one.boundary))
+        Plane(one.id, one.material, xyz(one.normal), one.offset, _corners(one.boundary))
         for one in message.primitives
         if one.kind == plane
     ]
@@ -139,70 +131,70 @@ def _environment_from_message(message: Any) -> Environment:
         StaticBox(
             one.id,
             one.material,
-            _xyz(one.pose.position),
-            _xyzw(one.pose.orientation),
-            _xyz(one.edge_lengths),
+            xyz(one.pose.position),
+            xyzw(one.pose.orientation),
+            xyz(one.edge_lengths),
         )
         for one in message.primitives
         if one.kind == box
     ]
-    return Environment(planes, boxes, _xyz(message.gravity), message.header.frame_id)
+    return Environment(planes, boxes, xyz(message.gravity), message.header.frame_id)
 
 
 def _plane_to_message(plane: Plane) -> Any:
     corners = () if plane.boundary is None else plane.boundary
-    return _new(
+    return new_message(
         f"{PACKAGE}/StaticPrimitive",
-        kind=_types()["StaticPrimitive"].PLANE,
+        kind=suite_types()["StaticPrimitive"].PLANE,
         id=plane.id,
         material=plane.material,
-        normal=_vector(plane.normal),
+        normal=vector_message(plane.normal),
         offset=plane.offset,
-        boundary=[_new("geometry_msgs/msg/Point", **_named(corner)) for corner in corners],
-        pose=_pose(),
-        edge_lengths=_vector((0.0, 0.0, 0.0)),
+        boundary=[point_message(corner) for corner in corners],
+        pose=pose_message(),
+        edge_lengths=vector_message((0.0, 0.0, 0.0)),
     )
 
 
 def _box_to_message(box: StaticBox) -> Any:
-    return _new(
+    return new_message(
         f"{PACKAGE}/StaticPrimitive",
-        kind=_types()["StaticPrimitive"].BOX,
+        kind=suite_types()["StaticPrimitive"].BOX,
         id=box.id,
         material=box.material,
-        normal=_vector((0.0, 0.0, 0.0)),
+        normal=vector_message((0.0, 0.0, 0.0)),
         offset=0.0,
         boundary=[],
-        pose=_pose(box.center, box.orientation),
-        edge_lengths=_vector(box.edge_lengths),
+        pose=pose_message(box.center, box.orientation),
+        edge_lengths=vector_message(box.edge_lengths),
     )
 
 
 def _object_to_message(seen: ObservedObject, stamp: int) -> Any:
     thing, state = seen.object, seen.initial_state
-    if thing.drag_coefficient or thing.magnus_coefficient:
+    if thing != SceneObject(thing.id, thing.material, thing.shape):
         raise InvalidInputError(
-            f"object {thing.id} has a drag or Magnus coefficient, for which the message has no "
-            "field; keep its observation as JSON"
+            f"object {thing.id} has a drag or Magnus coefficient or an inertia factor, for which "
+            "the message has no field; keep its observation as JSON"
         )
     covariance = np.asarray(state.covariance)
-    pose = _new(
+    pose = new_message(
         "geometry_msgs/msg/PoseWithCovariance",
-        pose=_pose(state.position, state.orientation),
+        pose=pose_message(state.position, state.orientation),
         covariance=covariance[POSE, POSE].ravel(),
     )
-    twist = _new(
+    twist = new_message(
         "geometry_msgs/msg/TwistWithCovariance",
-        twist=_new(
+        twist=new_message(
             "geometry_msgs/msg/Twist",
-            linear=_vector(state.linear_velocity),
-            angular=_vector(state.angular_velocity),
+            linear=vector_message(state.linear_velocity),
+            angular=vector_message(state.angular_velocity),
         ),
         covariance=covariance[TWIST, TWIST].ravel(),
     )
-    return _new(
+    return new_message(
         f"{PACKAGE}/ObservedTrajectory",
-        initial_state=_new(
+        initial_state=new_message(
             f"{PACKAGE}/ObjectState",
             id=thing.id,
             material=thing.material,
@@ -224,10 +216,10 @@ def _object_from_message(message: Any, start: float) -> ObservedObject:
     covariance[POSE, TWIST] = np.reshape(first.pose_twist_covariance, (6, 6))
     covariance[TWIST, POSE] = covariance[POSE, TWIST].T
     state = ObjectState(
-        _xyz(first.pose.pose.position),
-        _xyzw(first.pose.pose.orientation),
-        _xyz(first.twist.twist.linear),
-        _xyz(first.twist.twist.angular),
+        xyz(first.pose.pose.position),
+        xyzw(first.pose.pose.orientation),
+        xyz(first.twist.twist.linear),
+        xyz(first.twist.twist.angular),
         covariance,
     )
     trajectory = Trajectory(
@@ -238,7 +230,7 @@ def _object_from_message(message: Any, start: float) -> ObservedObject:
 
 
 def _shape_to_message(shape: Shape) -> Any:
-    kinds = _types()["Shape"]
+    kinds = suite_types()["Shape"]
     dimensions: tuple[float, ...]
     match shape:
         case Sphere():
@@ -249,11 +241,13 @@ def _shape_to_message(shape: Shape) -> Any:
             kind, dimensions = kinds.CAPSULE, (shape.radius, shape.length)
         case _:
             raise InvalidInputError(f"shape is {shape!r}; expected a Sphere, Box or Capsule")
-    return _new(f"{PACKAGE}/Shape", kind=kind, dimensions=np.array(dimensions, dtype=np.float64))
+    return new_message(
+        f"{PACKAGE}/Shape", kind=kind, dimensions=np.array(dimensions, dtype=np.float64)
+    )
 
 
 def _shape_from_message(message: Any) -> Shape:
-    kinds = _types()["Shape"]
+    kinds = suite_types()["Shape"]
     dimensions = tuple(float(number) for number in message.dimensions)
     match (message.kind, len(dimensions)):
         case (kinds.SPHERE, 1):
@@ -270,42 +264,5 @@ def _shape_from_message(message: Any) -> Shape:
     )
 
 
-def _types() -> dict[str, Any]:
-    """Message classes of this suite by their names."""
-    return {
-        name.rpartition("/")[2]: made
-        for name, made in observation_typestore().types.items()
-        if name.startswith(PACKAGE)
-    }
-
-
-def _new(type_name: str, **fields: Any) -> Any:
-    return observation_typestore().types[type_name](**fields)
-
-
-def _named(numbers: ArrayLike) -> dict[str, float]:
-    return dict(zip("xyzw", np.asarray(numbers, dtype=np.float64).tolist(), strict=False))
-
-
-def _vector(numbers: ArrayLike) -> Any:
-    return _new("geometry_msgs/msg/Vector3", **_named(numbers))
-
-
-def _pose(position: ArrayLike = (0, 0, 0), orientation: ArrayLike = (0, 0, 0, 1)) -> Any:
-    return _new(
-        "geometry_msgs/msg/Pose",
-        position=_new("geometry_msgs/msg/Point", **_named(position)),
-        orientation=_new("geometry_msgs/msg/Quaternion", **_named(orientation)),
-    )
-
-
-def _xyz(message: Any) -> tuple[float, float, float]:
-    return message.x, message.y, message.z
-
-
-def _xyzw(message: Any) -> tuple[float, float, float, float]:
-    return message.x, message.y, message.z, message.w
-
-
 def _corners(points: Any) -> NDArray[np.float64] | None:
-    return np.array([_xyz(point) for point in points]) if len(points) else None
+    return np.array([xyz(point) for point in points]) if len(points) else None

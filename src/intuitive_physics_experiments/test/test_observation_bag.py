@@ -22,7 +22,8 @@ from intuitive_physics_experiments.observation_bag import (
     read_observation_bag,
     write_observation_bag,
 )
-from intuitive_physics_experiments.observation_messages import DEFINITIONS, OBSERVATION_TYPE
+from intuitive_physics_experiments.observation_messages import OBSERVATION_TYPE
+from intuitive_physics_experiments.ros_messages import DEFINITIONS
 
 SHAPES: tuple[Shape, ...] = (Sphere(0.05), Box((0.1, 0.2, 0.3)), Capsule(0.04, 0.2))
 

@@ -1,5 +1,6 @@
 """Nothing that was acknowledged is lost, and every way to fail has one clear error."""
 
+import json
 import multiprocessing
 import os
 import resource
@@ -220,7 +221,10 @@ def test_file_of_version_1_is_migrated(path):
     old.close()
     for _ in range(2):
         with ObservationStore(path) as store:
-            assert [(one.id, one.to_json()) for one in store.observations()] == rows
+            for (name, text), seen in zip(rows, store.observations(), strict=True):
+                (kept,), (read,) = json.loads(text)["objects"], seen.objects
+                assert seen.id == name
+                assert read.trajectory.positions.tolist() == kept["positions"]
             assert store.newest_parameters().to_dict()["materials"] == ["ball", "floor"]
             store.save_checkpoint(SearchCheckpoint("k", 1, None, {"a": 1.5}, 2.0, 7))
             assert store.checkpoint("k").state == {"a": 1.5}

@@ -7,5 +7,6 @@ adjustment) and what is left is a small problem in θ_s.
 """
 
 from intuitive_physics_learner.joint_estimation.joint_search import JointSearch
+from intuitive_physics_learner.joint_estimation.judgement import judge
 
-__all__ = ["JointSearch"]
+__all__ = ["JointSearch", "judge"]

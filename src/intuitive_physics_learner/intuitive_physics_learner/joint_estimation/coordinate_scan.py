@@ -8,6 +8,7 @@ the Gauss-Newton step that suits them best.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +84,7 @@ def scanned_states(
     state_slopes = linear.slopes[:, :d]
     for k, left in enumerate(residuals):
         reached = linear.valid & np.isfinite(left).all(axis=2)
-        moved = Linearisation(left, state_slopes, reached, linear.bends)
+        moved = replace(linear, residuals=left, slopes=state_slopes, valid=reached)
         equations = NormalEquations.of(block, estimate, moved, until, noise)
         step = np.linalg.solve(equations.hessian, equations.gradient[..., None])[..., 0]
         estimates[k] = estimate - step

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -60,6 +60,15 @@ SCANS = (2, 4, 6, 9, 12, 16)
 LEAST_SCAN_GAIN = 3.0
 """Loss that such a trial must take off to be followed: so much is hardly chance."""
 
+PLAUSIBLE_RISE = 2.0
+"""Loss that two standard deviations cost: half of two squared."""
+
+JUDGED_WIDENING = 3.0
+"""By what steps are wider to find slopes that say how sharp an estimate is."""
+
+SMALLEST_RESPONSE = 1e-9
+"""m by unit of a parameter; less is rounding."""
+
 SETTLED = 0.02
 """Standard deviations; a step in which no parameter moves further has arrived."""
 
@@ -101,6 +110,12 @@ class JointSearch(Search):
     space : maps the unit cube of the parameters to θ_s
     influence : (n_observations, n) bool, which observation can depend on which parameter
     start : (n,) point of the unit cube to begin from
+
+    Attributes
+    ----------
+    start : as given
+    unit : (n,) the estimate
+    responsive : (n,) bool, which parameters any of the fitted points depends on
     """
 
     def __init__(
@@ -109,8 +124,9 @@ class JointSearch(Search):
         super().__init__()
         self._cost = cost
         self._space = space
-        self._start = np.array(start, dtype=np.float64)
-        self._unit = self._start.copy()
+        self.start = np.array(start, dtype=np.float64)
+        self.unit = self.start.copy()
+        self.responsive = np.zeros(self.unit.size, dtype=bool)
         self._influence = influence
         self._groups = separate_groups(influence)
         self._noise = position_noise(cost.observations)
@@ -132,12 +148,28 @@ class JointSearch(Search):
 
     @property
     def best_parameters(self) -> StaticParameters:
-        return self._space.to_parameters(self._unit)
+        return self._space.to_parameters(self.unit)
 
-    @property
-    def posterior(self) -> Posterior:
-        """What is believed of the parameters at the estimate, on the unit cube."""
-        return self._posterior(self._equations(self._linearised()))[0]
+    def posterior(self) -> tuple[Posterior, NDArray[np.float64]]:
+        """What is believed of the parameters at the estimate, on the unit cube.
+
+        Returns
+        -------
+        posterior : from slopes to both sides
+        deviations : (n,) largest standard deviation of each parameter by slopes to one side, or
+            both, and by how far on its range it can go without a loss. Where friction suffices, more
+            would change nothing: the data hold it on one side only.
+        """
+        linear = self._linearised(widening=JUDGED_WIDENING)
+        posterior = self._posterior(self._equations(linear))[0]
+        deviations = [posterior.deviations]
+        for side in range(2):
+            sided = [replace(each, slopes=each.one_sided[side]) for each in linear]
+            deviations.append(self._posterior(self._equations(sided))[0].deviations)
+        rises, _ = self._scanned(linear)
+        away = np.abs(np.array(LEVELS) - self.unit[:, None])
+        deviations.append(np.where(rises < PLAUSIBLE_RISE, 0.5 * away, 0.0).max(axis=1))
+        return posterior, np.max(deviations, axis=0)
 
     def step(self, limit: int, relative_gain: float = 0.0) -> int:
         if self._settled >= SETTLED_STEPS:
@@ -148,6 +180,7 @@ class JointSearch(Search):
             linear = self._linearised()
         self._steps += 1
         equations = self._equations(linear)
+        self._note_responses(linear)
         ahead = self._foreseen_horizons(linear, equations)
         self._move(equations, ahead)
         self._count(relative_gain)
@@ -155,12 +188,13 @@ class JointSearch(Search):
 
     def own_state(self) -> dict[str, Any]:
         return {
-            "unit": self._unit.tolist(),
+            "unit": self.unit.tolist(),
             "deviations": self._deviations.tolist(),
             "damping": self._damping,
             "settled": self._settled,
             "simulations": self._simulations,
             "steps": self._steps,
+            "responsive": self.responsive.tolist(),
             "blocks": [
                 {name: array.tolist() for name, array in vars(part).items()}
                 for part in self._progress
@@ -168,20 +202,23 @@ class JointSearch(Search):
         }
 
     def load_own_state(self, state: Mapping[str, Any]) -> None:
-        self._unit = np.array(state["unit"])
+        self.unit = np.array(state["unit"])
         self._deviations = np.array(state["deviations"])
         self._damping = state["damping"]
         self._settled = state["settled"]
         self._simulations = state["simulations"]
         self._steps = state["steps"]
+        self.responsive = np.array(state["responsive"])
         for part, saved in zip(self._progress, state["blocks"], strict=True):
             for name, values in saved.items():
                 own = getattr(part, name)
                 setattr(part, name, np.array(values, dtype=own.dtype).reshape(own.shape))
 
-    def _linearised(self) -> list[Linearisation]:
+    def _linearised(self, widening: float = 1.0) -> list[Linearisation]:
+        """Slopes over `widening` times the usual steps."""
+        deviations = widening * self._deviations
         steps = ParameterSteps(
-            self._unit, self._deviations, self._groups, self._space.to_parameters
+            self.unit, deviations, self._groups, self._space.to_parameters
         )
         found = []
         for block, part in self._parts():
@@ -193,13 +230,19 @@ class JointSearch(Search):
                     self._cost,
                     block,
                     part.estimate,
-                    part.deviations,
-                    self._deviations,
+                    widening * part.deviations,
+                    deviations,
                     steps,
                     until,
                 )
             )
         return found
+
+    def _note_responses(self, linear: list[Linearisation]) -> None:
+        for block, slopes in zip(self._blocks, linear, strict=True):
+            d = block.prior_deviations.shape[1]
+            moving = (np.abs(slopes.slopes[:, d:]) > SMALLEST_RESPONSE).any(axis=(2, 3))
+            self.responsive[block.parameters[moving]] = True
 
     def _equations(self, linear: list[Linearisation]) -> list[NormalEquations]:
         return [
@@ -237,7 +280,7 @@ class JointSearch(Search):
         candidates = [self._space.to_parameters(unit) for unit in units]
         # Each θ_s with the first states that go with it, and with those there are.
         index = np.concatenate([np.arange(len(units)), np.arange(1, len(units))])
-        losses = PRIOR_PRECISION * 0.5 * ((units - self._start) ** 2).sum(axis=1)
+        losses = PRIOR_PRECISION * 0.5 * ((units - self.start) ** 2).sum(axis=1)
         chosen = []
         for k, (block, part) in enumerate(self._parts()):
             trying = np.concatenate(
@@ -252,8 +295,8 @@ class JointSearch(Search):
                 losses[u] += own[index == u].min(axis=0).sum()
             chosen.append((trying, residuals, own))
         best = int(np.argmin(losses))
-        moved = np.abs(units[best] - self._unit) / self._deviations
-        self._unit = units[best]
+        moved = np.abs(units[best] - self.unit) / self._deviations
+        self.unit = units[best]
         factor = DAMPINGS[best - 1] if best > 0 else DAMPINGS[-1]
         self._damping = float(np.clip(self._damping * factor, SMALLEST_DAMPING, LARGEST_DAMPING))
         advanced = False
@@ -270,48 +313,58 @@ class JointSearch(Search):
 
     def _scan(self, linear: list[Linearisation]) -> bool:
         """Move parameters to where on their range they fit better; return whether any moved."""
-        candidates = ScanCandidates(self._unit, self._groups, self._space)
-        losses = np.zeros(candidates.index.shape)
-        present = np.zeros(self._unit.size)
+        rises, found = self._scanned(linear)
+        levels = np.argmin(rises, axis=1)
+        moves = compatible_moves(-rises.min(axis=1), self._influence, LEAST_SCAN_GAIN)
+        for (block, part), estimates in zip(self._parts(), found, strict=True):
+            for parameter in moves:
+                rows, columns = np.nonzero(block.parameters == parameter)
+                part.estimate[rows] = estimates[columns, levels[parameter], rows]
+        for parameter in moves:
+            self.unit[parameter] = LEVELS[levels[parameter]]
+        return bool(moves)
+
+    def _scanned(
+        self, linear: list[Linearisation]
+    ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+        """Try each parameter at each level.
+
+        Returns
+        -------
+        rises : (n, n_levels) of the loss of the observations that each parameter influences
+        found : of each block, first states (q, n_levels, W, d) that suit them
+        """
+        candidates = ScanCandidates(self.unit, self._groups, self._space)
+        rises = np.zeros(candidates.index.shape)
         found = []
         for (block, part), slopes in zip(self._parts(), linear, strict=True):
             estimates, residuals = scanned_states(
                 self._cost, block, part.estimate, slopes, candidates, part.horizons, self._noise
             )
             self._simulations += 2 * len(estimates) * block.members.size
-            own = self._losses(block, part, estimates, residuals)
-            by_level = own.T.reshape(*block.parameters.shape, len(LEVELS))
-            np.add.at(losses, block.parameters, by_level)
-            here = self._losses(block, part, part.estimate[None], slopes.residuals[None])[0]
-            np.add.at(present, block.parameters, here[:, None])
+            here = self._losses(block, part, part.estimate[None], slopes.residuals[None])
+            there = self._losses(block, part, estimates, residuals) - here
+            by_level = there.T.reshape(*block.parameters.shape, len(LEVELS))
+            np.add.at(rises, block.parameters, by_level)
             found.append(estimates.reshape(-1, len(LEVELS), *part.estimate.shape))
-        levels = np.argmin(losses, axis=1)
-        gains = present - losses.min(axis=1)
-        moves = compatible_moves(gains, self._influence, LEAST_SCAN_GAIN)
-        for (block, part), estimates in zip(self._parts(), found, strict=True):
-            for parameter in moves:
-                rows, columns = np.nonzero(block.parameters == parameter)
-                part.estimate[rows] = estimates[columns, levels[parameter], rows]
-        for parameter in moves:
-            self._unit[parameter] = LEVELS[levels[parameter]]
-        return bool(moves)
+        return rises, found
 
     def _proposals(
         self, equations: list[NormalEquations]
     ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
         """Points of the cube (c, n), the present one first, and first states (c, W, d) of each."""
-        units = [self._unit]
+        units = [self.unit]
         states = [[part.estimate] for _, part in self._parts()]
         for factor in DAMPINGS:
             damping = float(np.clip(self._damping * factor, SMALLEST_DAMPING, LARGEST_DAMPING))
             information = PRIOR_PRECISION * np.eye(self._space.size)
-            scores = PRIOR_PRECISION * (self._unit - self._start)
+            scores = PRIOR_PRECISION * (self.unit - self.start)
             eliminated = [each.eliminated(damping) for each in equations]
             for each in eliminated:
                 each.add_to(information, scores)
-            step = bounded_step(self._unit, information, scores, damping)
+            step = bounded_step(self.unit, information, scores, damping)
             step = np.clip(step, -LARGEST_MOVE, LARGEST_MOVE)
-            units.append(self._unit + step)
+            units.append(self.unit + step)
             for (_, part), own, each in zip(self._parts(), states, eliminated, strict=True):
                 own.append(part.estimate + each.state_steps(step))
         return np.array(units), [np.array(own) for own in states]

@@ -35,12 +35,14 @@ class Linearisation:
     slopes : (W, k, P, 3) m by unit of each unknown; 0 where a point is not simulated in all trials
     valid : (W, P) bool, which points are simulated in all trials
     bends : (W, P) m by which residuals leave the straight line a standard deviation away
+    one_sided : slopes upwards and downwards, each as `slopes`, 0 where there is no room on that side
     """
 
     residuals: NDArray[np.float64]
     slopes: NDArray[np.float64]
     valid: NDArray[np.bool_]
     bends: NDArray[np.float64]
+    one_sided: tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 class ParameterSteps:
@@ -110,17 +112,23 @@ def linearise(
     state_steps = _state_steps(state_deviations)
     up_steps = np.hstack([state_steps, steps.up[block.parameters]])
     down_steps = np.hstack([state_steps, steps.down[block.parameters]])
-    width = (up_steps + down_steps)[:, :, None, None]
     valid = np.isfinite(rows).all(axis=(1, 3))
-    slopes = np.where(valid[:, None, :, None], (up + down) / width, 0.0)
+    up[~np.broadcast_to(valid[:, None], up.shape[:3])] = 0.0
+    down[~np.broadcast_to(valid[:, None], down.shape[:3])] = 0.0
+    slopes = (up + down) / (up_steps + down_steps)[:, :, None, None]
+    one_sided = (_quotients(up, up_steps), _quotients(down, down_steps))
     spread = np.hstack([state_deviations, parameter_deviations[block.parameters]])
     both = (up_steps > 0.0) & (down_steps > 0.0)
-    scale = np.where(both, 0.5 * np.minimum(spread, 1.0), 0.0)
-    up_scale = np.divide(scale, up_steps, out=np.zeros_like(scale), where=both)
-    down_scale = np.divide(scale, down_steps, out=np.zeros_like(scale), where=both)
-    bends = up * up_scale[:, :, None, None] - down * down_scale[:, :, None, None]
-    bends = np.where(valid[:, None, :, None], bends, 0.0)
-    return Linearisation(base[:, 0], slopes, valid, np.sqrt((bends**2).sum(axis=(1, 3))))
+    scale = np.where(both, 0.5 * np.minimum(spread, 1.0), 0.0)[:, :, None, None]
+    bends = np.sqrt((((one_sided[0] - one_sided[1]) * scale) ** 2).sum(axis=(1, 3)))
+    return Linearisation(base[:, 0], slopes, valid, bends, one_sided)
+
+
+def _quotients(
+    changes: NDArray[np.float64], steps: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    widths = np.broadcast_to(steps[:, :, None, None], changes.shape)
+    return np.divide(changes, widths, out=np.zeros_like(changes), where=widths > 0.0)
 
 
 def residuals_at(

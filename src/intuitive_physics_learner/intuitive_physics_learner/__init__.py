@@ -22,12 +22,15 @@ from intuitive_physics_learner.learning_session import (
     learn,
     learn_from_store,
 )
+from intuitive_physics_learner.methods import JOINT_METHOD, METHODS
 from intuitive_physics_learner.observation_store import ObservationStore
 from intuitive_physics_learner.search import ParameterSearch
 from intuitive_physics_learner.trials import Trials
 from intuitive_physics_learner.update_rules import UPDATE_RULES, UpdateRule, make_update_rule
 
 __all__ = [
+    "JOINT_METHOD",
+    "METHODS",
     "UPDATE_RULES",
     "ActiveSpace",
     "ConvergenceCriteria",

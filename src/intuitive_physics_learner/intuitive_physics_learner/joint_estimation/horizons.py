@@ -70,7 +70,9 @@ def advanced_horizons(
     horizons : (W,) s, the present ones
     limits : (W,) s, up to where `linear` was simulated
     """
-    foretold = (spreads <= TRUSTED_SPREAD) & (linear.bends <= TRUSTED_BEND * noise + TRUSTED_PART * spreads)
+    foretold = (spreads <= TRUSTED_SPREAD) & (
+        linear.bends <= TRUSTED_BEND * noise + TRUSTED_PART * spreads
+    )
     blocked = ~(foretold & linear.valid) & (block.times > horizons[:, None])
     first_blocked = np.where(blocked, block.times, np.inf).min(axis=1)
     before = np.where(block.times < first_blocked[:, None], block.times, -np.inf).max(axis=1)

@@ -115,6 +115,7 @@ class JointSearch(Search):
     ----------
     start : as given
     unit : (n,) the estimate
+    steps : that were taken
     responsive : (n,) bool, which parameters any of the fitted points depends on
     """
 
@@ -144,7 +145,7 @@ class JointSearch(Search):
         self._damping = FIRST_DAMPING
         self._settled = 0
         self._simulations = 0
-        self._steps = 0
+        self.steps = 0
 
     @property
     def best_parameters(self) -> StaticParameters:
@@ -157,8 +158,8 @@ class JointSearch(Search):
         -------
         posterior : from slopes to both sides
         deviations : (n,) largest standard deviation of each parameter by slopes to one side, or
-            both, and by how far on its range it can go without a loss. Where friction suffices, more
-            would change nothing: the data hold it on one side only.
+            both, and by how far on its range it can go without a loss. Where friction suffices,
+            more would change nothing: the data hold it on one side only.
         """
         linear = self._linearised(widening=JUDGED_WIDENING)
         posterior = self._posterior(self._equations(linear))[0]
@@ -176,9 +177,9 @@ class JointSearch(Search):
             return 0
         before = self.iterations
         linear = self._linearised()
-        if self._steps in SCANS and self._scan(linear):
+        if self.steps in SCANS and self._scan(linear):
             linear = self._linearised()
-        self._steps += 1
+        self.steps += 1
         equations = self._equations(linear)
         self._note_responses(linear)
         ahead = self._foreseen_horizons(linear, equations)
@@ -193,7 +194,7 @@ class JointSearch(Search):
             "damping": self._damping,
             "settled": self._settled,
             "simulations": self._simulations,
-            "steps": self._steps,
+            "steps": self.steps,
             "responsive": self.responsive.tolist(),
             "blocks": [
                 {name: array.tolist() for name, array in vars(part).items()}
@@ -207,7 +208,7 @@ class JointSearch(Search):
         self._damping = state["damping"]
         self._settled = state["settled"]
         self._simulations = state["simulations"]
-        self._steps = state["steps"]
+        self.steps = state["steps"]
         self.responsive = np.array(state["responsive"])
         for part, saved in zip(self._progress, state["blocks"], strict=True):
             for name, values in saved.items():
@@ -217,9 +218,7 @@ class JointSearch(Search):
     def _linearised(self, widening: float = 1.0) -> list[Linearisation]:
         """Slopes over `widening` times the usual steps."""
         deviations = widening * self._deviations
-        steps = ParameterSteps(
-            self.unit, deviations, self._groups, self._space.to_parameters
-        )
+        steps = ParameterSteps(self.unit, deviations, self._groups, self._space.to_parameters)
         found = []
         for block, part in self._parts():
             until = np.minimum(part.horizons + horizons.LARGEST_ADVANCE, block.durations)
@@ -283,9 +282,7 @@ class JointSearch(Search):
         losses = PRIOR_PRECISION * 0.5 * ((units - self.start) ** 2).sum(axis=1)
         chosen = []
         for k, (block, part) in enumerate(self._parts()):
-            trying = np.concatenate(
-                [states[k], np.tile(part.estimate, (len(units) - 1, 1, 1))]
-            )
+            trying = np.concatenate([states[k], np.tile(part.estimate, (len(units) - 1, 1, 1))])
             residuals = residuals_at(
                 self._cost, block, trying, candidates, index[:, None], part.horizons
             )
@@ -342,11 +339,12 @@ class JointSearch(Search):
                 self._cost, block, part.estimate, slopes, candidates, part.horizons, self._noise
             )
             self._simulations += 2 * len(estimates) * block.members.size
+            parameters = block.parameters.shape[1]
             here = self._losses(block, part, part.estimate[None], slopes.residuals[None])
             there = self._losses(block, part, estimates, residuals) - here
             by_level = there.T.reshape(*block.parameters.shape, len(LEVELS))
             np.add.at(rises, block.parameters, by_level)
-            found.append(estimates.reshape(-1, len(LEVELS), *part.estimate.shape))
+            found.append(estimates.reshape(parameters, len(LEVELS), *part.estimate.shape))
         return rises, found
 
     def _proposals(

@@ -99,6 +99,4 @@ def _widening(
 def _families(names: list[str]) -> list[NDArray[np.int64]]:
     """Parameters of one pair belong together, and the densities."""
     of_pair = [name.partition("[")[2] if "," in name else "density" for name in names]
-    return [
-        np.flatnonzero([own == family for own in of_pair]) for family in dict.fromkeys(of_pair)
-    ]
+    return [np.flatnonzero([own == family for own in of_pair]) for family in dict.fromkeys(of_pair)]

@@ -1,4 +1,4 @@
-"""Residuals near an estimate of θ_s and of the first states: values, slopes, and how far slopes hold.
+"""Residuals near an estimate of θ_s and first states: values, slopes, and how far slopes hold.
 
 Differences are taken to both sides over a part of the standard deviation that the estimate has, so
 that a slope is that of the region where the truth is believed to be, and a kink within it (a
@@ -27,7 +27,7 @@ SMALLEST_STEP, LARGEST_STEP = 1e-6, 0.05
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """Of the W observations of a block, with P points and k = d + q unknowns: states first, then θ_s.
+    """Of a block's W observations, with P points and k = d + q unknowns: first states, then θ_s.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Linearisation:
     slopes : (W, k, P, 3) m by unit of each unknown; 0 where a point is not simulated in all trials
     valid : (W, P) bool, which points are simulated in all trials
     bends : (W, P) m by which residuals leave the straight line a standard deviation away
-    one_sided : slopes upwards and downwards, each as `slopes`, 0 where there is no room on that side
+    one_sided : slopes upwards and downwards, each as `slopes`, 0 where that side has no room
     """
 
     residuals: NDArray[np.float64]
@@ -105,7 +105,7 @@ def linearise(
     count, d = estimate.shape
     q = block.parameters.shape[1]
     points = block.times.shape[1]
-    rows = cost.trial_residuals(trials)[:, :points].reshape(count, -1, points, 3)
+    rows = cost.trial_residuals(trials)[:, :points].reshape(count, 1 + 2 * d + 2 * q, points, 3)
     base = rows[:, :1]
     up = np.concatenate([rows[:, 1 : 1 + d], rows[:, 1 + 2 * d : 1 + 2 * d + q]], axis=1) - base
     down = base - np.concatenate([rows[:, 1 + d : 1 + 2 * d], rows[:, 1 + 2 * d + q :]], axis=1)
@@ -124,9 +124,7 @@ def linearise(
     return Linearisation(base[:, 0], slopes, valid, bends, one_sided)
 
 
-def _quotients(
-    changes: NDArray[np.float64], steps: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _quotients(changes: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
     widths = np.broadcast_to(steps[:, :, None, None], changes.shape)
     return np.divide(changes, widths, out=np.zeros_like(changes), where=widths > 0.0)
 

@@ -65,7 +65,8 @@ class NormalEquations:
         lengths = np.linalg.norm(residuals, axis=2)
         weights = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(lengths, OUTLIER))) * counted
         count, k = linear.slopes.shape[:2]
-        weighted = (linear.slopes * (weights / noise)[:, None, :, None]).reshape(count, k, -1)
+        weighted = linear.slopes * (weights / noise)[:, None, :, None]
+        weighted = weighted.reshape(count, k, 3 * lengths.shape[1])
         hessian = weighted @ weighted.transpose(0, 2, 1)
         target = (residuals * weights[..., None]).reshape(count, -1, 1)
         gradient = (weighted @ target)[..., 0]

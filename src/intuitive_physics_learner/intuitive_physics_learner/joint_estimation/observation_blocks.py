@@ -1,4 +1,4 @@
-"""Observations of the same size side by side, so that their small matrices are worked on at once."""
+"""Observations of the same size side by side, whose small matrices are worked on at once."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class Posterior:
         """Standard deviation (W, P) in m of where the estimate foretells each point of a block."""
         count, k, points, _ = linear.slopes.shape
         d = equations.state_size
-        slopes = linear.slopes.reshape(count, k, -1)
+        slopes = linear.slopes.reshape(count, k, points * 3)
         by_state = slopes[:, :d]
         by_parameter = slopes[:, d:] - eliminated.gains.transpose(0, 2, 1) @ by_state
         variances = ((_state_covariance(equations) @ by_state) * by_state).sum(axis=1)

@@ -73,6 +73,11 @@ class ActiveSpace:
         """Number of active parameters."""
         return int(self._active.sum())
 
+    @property
+    def names(self) -> list[str]:
+        """Name of each axis, as `parameter_names`."""
+        return [n for n, active in zip(self._space.names, self._active, strict=True) if active]
+
     def to_parameters(self, unit: ArrayLike) -> StaticParameters:
         """Map a point of the cube, shape (size,), to θ_s."""
         whole = self._unit.copy()

@@ -15,7 +15,8 @@ from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters, par
 from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
 from intuitive_physics.simulation import Simulator
-from intuitive_physics_learner.active_parameters import ActiveSpace, active_parameters
+from intuitive_physics_learner.active_parameters import ActiveSpace, parameter_influence
+from intuitive_physics_learner.cached_cost import CachedCost
 from intuitive_physics_learner.convergence import (
     ConvergenceCriteria,
     SearchProgress,
@@ -25,9 +26,11 @@ from intuitive_physics_learner.convergence import (
 from intuitive_physics_learner.cost import Cost, InterruptibleCost, MakeCost, TrajectoryCost
 from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
 from intuitive_physics_learner.identifiability import Identifiability, identify
+from intuitive_physics_learner.joint_estimation import JointSearch, judge
+from intuitive_physics_learner.methods import JOINT_METHOD, check_method
 from intuitive_physics_learner.parameter_axes import parameters_of_vector
-from intuitive_physics_learner.search import ParameterSearch
-from intuitive_physics_learner.update_rules import check_method, make_update_rule
+from intuitive_physics_learner.search import ParameterSearch, Search
+from intuitive_physics_learner.update_rules import make_update_rule
 
 NEGLIGIBLE_COST = 1e-6
 """m of J that putting back what the data cannot tell may cost."""
@@ -39,14 +42,14 @@ class LearningOptions:
 
     Parameters
     ----------
-    method : name of an update rule
+    method : one of `METHODS`
     criteria : when to stop
     seed : of all randomness; the same seed and observations give the same search
     bounds : of the search by kind of parameter; what is left out has its default
     observation_ids : to learn from; none: all that are stored
     """
 
-    method: str = "cma_es"
+    method: str = JOINT_METHOD
     criteria: ConvergenceCriteria = field(default_factory=ConvergenceCriteria)
     seed: int = 0
     bounds: Mapping[str, Bounds] = field(default_factory=dict)
@@ -111,33 +114,29 @@ def learn(
     cost = make_cost(observations, simulator, materials)
     if cancelled is not None:
         cost = InterruptibleCost(cost, cancelled)
-    space = ParameterSpace(materials, options.bounds)
     start = previous.parameters.extended(materials)
-    active = active_parameters(observations, materials)
-    if not active.any():
+    influence = parameter_influence(observations, materials)
+    if not influence.any():
         raise InvalidInputError(
             "no object was seen with anything it could touch; expected observations with planes, "
             "boxes or several objects"
         )
-    searched = ActiveSpace(space, active, start)
-    rule = make_update_rule(
-        options.method, searched.size, np.random.default_rng(options.seed), searched.to_unit(start)
-    )
-    search = ParameterSearch(cost.costs, searched, rule)
-    task = _task(options, observations, start)
+    space = ParameterSpace(materials, options.bounds)
+    task = _Task(options, cost, space, influence, start)
+    search = task.search()
+    same = task.identity()
     if resume is not None:
-        _check_same_task(resume, task)
+        _check_same_task(resume, same)
         search.load_state(resume["search"])
     found = search.run(
         options.criteria,
         on_progress=on_progress,
         cancelled=cancelled,
-        on_checkpoint=on_checkpoint and (lambda state: on_checkpoint({**task, "search": state})),
+        on_checkpoint=on_checkpoint and (lambda state: on_checkpoint({**same, "search": state})),
     )
     if found.stop_reason is StopReason.CANCELLED:
         raise LearningCancelledError("learning was cancelled; nothing was stored")
-    told = identify(cost, space, found.parameters, active, cancelled)
-    parameters = _without_accidents(cost, found, told, start)
+    parameters, told = task.judge(search, found, cancelled)
     return LearningResult(
         LearnedParameters(
             *_merged(previous, parameters, told),
@@ -150,18 +149,58 @@ def learn(
     )
 
 
-def _task(
-    options: LearningOptions, observations: Sequence[Observation], start: StaticParameters
-) -> dict[str, Any]:
-    """What must be the same for a search to go on, as plain JSON data."""
-    bounds = ParameterSpace(start.materials, options.bounds).bounds
-    return {
-        "method": options.method,
-        "seed": options.seed,
-        "bounds": {kind: [b.lower, b.upper, b.scale] for kind, b in bounds.items()},
-        "observations": [seen.id for seen in observations],
-        "start": start.to_dict(),
-    }
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """One θ_s to learn.
+
+    Parameters
+    ----------
+    influence : as `parameter_influence`
+    start : θ_s to begin from
+    """
+
+    options: LearningOptions
+    cost: Cost
+    space: ParameterSpace
+    influence: NDArray[np.bool_]
+    start: StaticParameters
+
+    @property
+    def searched(self) -> ActiveSpace:
+        return ActiveSpace(self.space, self.influence.any(axis=0), self.start)
+
+    def search(self) -> Search:
+        """Return the search by the method that the options name, ready to run."""
+        searched = self.searched
+        begin = searched.to_unit(self.start)
+        if self.options.method == JOINT_METHOD:
+            own = self.influence[:, self.influence.any(axis=0)]
+            return JointSearch(self.cost, searched, own, begin)
+        generator = np.random.default_rng(self.options.seed)
+        rule = make_update_rule(self.options.method, searched.size, generator, begin)
+        return ParameterSearch(CachedCost(self.cost).costs, searched, rule)
+
+    def judge(
+        self, search: Search, found: SearchResult, cancelled: Callable[[], bool] | None
+    ) -> tuple[StaticParameters, Identifiability]:
+        """Return what was learned and what the observations tell of it."""
+        if isinstance(search, JointSearch):
+            told = judge(search, self.cost, self.space, self.searched, self.influence, search.steps)
+        else:
+            active = self.influence.any(axis=0)
+            told = identify(self.cost, self.space, found.parameters, active, cancelled)
+        return _without_accidents(self.cost, found, told, self.start), told
+
+    def identity(self) -> dict[str, Any]:
+        """What must be the same for a search to go on, as plain JSON data."""
+        bounds = self.space.bounds
+        return {
+            "method": self.options.method,
+            "seed": self.options.seed,
+            "bounds": {kind: [b.lower, b.upper, b.scale] for kind, b in bounds.items()},
+            "observations": [seen.id for seen in self.cost.observations],
+            "start": self.start.to_dict(),
+        }
 
 
 def _check_same_task(resume: Mapping[str, Any], task: Mapping[str, Any]) -> None:

@@ -17,9 +17,9 @@ from intuitive_physics_learner.cluster import WHERE_GUIDE
 from intuitive_physics_learner.convergence import ConvergenceCriteria
 from intuitive_physics_learner.database_path import default_database_path
 from intuitive_physics_learner.learning_session import LearningOptions
+from intuitive_physics_learner.methods import JOINT_METHOD, METHODS
 from intuitive_physics_learner.online.improvement import OnlineOptions
 from intuitive_physics_learner.online.priority import PRIORITIES
-from intuitive_physics_learner.update_rules import UPDATE_RULES
 from intuitive_physics_ros.conversions import bounds_from_messages
 from intuitive_physics_ros.parameters import Parameter
 from intuitive_physics_ros.result_codes import RefusedError
@@ -60,7 +60,7 @@ def node_parameters() -> tuple[Parameter, ...]:
 
 def _search_parameters() -> tuple[Parameter, ...]:
     return (
-        Parameter("method", "cma_es", "update rule", choices=tuple(UPDATE_RULES), read_only=False),
+        Parameter("method", JOINT_METHOD, "of the search", choices=METHODS, read_only=False),
         Parameter(
             "max_iterations",
             2000,
@@ -103,9 +103,9 @@ def _online_parameters() -> tuple[Parameter, ...]:
         ),
         Parameter(
             f"{ONLINE_PREFIX}_method",
-            "cma_es",
-            "update rule of learning in the background",
-            choices=tuple(UPDATE_RULES),
+            JOINT_METHOD,
+            "of the search in the background",
+            choices=METHODS,
             read_only=False,
         ),
         Parameter(

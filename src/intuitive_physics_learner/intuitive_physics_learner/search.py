@@ -56,13 +56,13 @@ class Search(ABC):
 
     @property
     def best_cost(self) -> float:
-        """Lowest J so far in m; infinite before the first."""
+        """J in m of `best_parameters`; infinite before the first evaluation."""
         return self._history[-1] if self._history else np.inf
 
     @property
     @abstractmethod
     def best_parameters(self) -> StaticParameters:
-        """θ_s of the lowest J so far.
+        """The estimate of θ_s: that of the lowest J so far, unless the search has a better reason.
 
         Raises
         ------
@@ -104,7 +104,7 @@ class Search(ABC):
             evaluated = self.step(limit, criteria.relative_gain)
             seconds = time.monotonic() - began
             if on_progress is not None and evaluated:
-                on_progress(self._progress(before, seconds, criteria))
+                on_progress(self._progress_since(before, seconds, criteria))
             if on_checkpoint is not None and time.monotonic() - saved >= CHECKPOINT_PERIOD:
                 on_checkpoint(self.state_dict())
                 saved = time.monotonic()
@@ -145,8 +145,8 @@ class Search(ABC):
         """Read what `own_state` returned."""
 
     def _record(self, cost: float, relative_gain: float) -> None:
-        """Count one evaluation of J."""
-        self._history.append(min(cost, self.best_cost))
+        """Count one evaluation of J, that of `best_parameters` being `cost` after it."""
+        self._history.append(cost)
         if cost < self._gain_cost * (1.0 - relative_gain):
             self._gain_cost = cost
             self._gain_iteration = self.iterations
@@ -171,7 +171,7 @@ class Search(ABC):
             return StopReason.TIME_LIMIT
         return StopReason.EXHAUSTED if exhausted else None
 
-    def _progress(
+    def _progress_since(
         self, before: int, seconds: float, criteria: ConvergenceCriteria
     ) -> SearchProgress:
         left = np.inf
@@ -222,7 +222,7 @@ class ParameterSearch(Search):
         for point, cost in zip(points, costs.tolist(), strict=True):
             if cost < self.best_cost:
                 self._best_point = point
-            self._record(cost, relative_gain)
+            self._record(min(cost, self.best_cost), relative_gain)
         return len(points)
 
     def own_state(self) -> dict[str, Any]:

@@ -17,8 +17,8 @@ from intuitive_physics_learner.cost import MakeCost, TrajectoryCost
 from intuitive_physics_learner.environment_check import check_environments
 from intuitive_physics_learner.errors import NoObservationsError
 from intuitive_physics_learner.learning_session import LearningOptions, LearningResult, learn
+from intuitive_physics_learner.methods import check_method
 from intuitive_physics_learner.store import ObservationStore, SearchCheckpoint
-from intuitive_physics_learner.update_rules import check_method
 
 LARGEST_SAVING_SHARE = 0.05
 """Of a search's time that may go into saving where it stands."""

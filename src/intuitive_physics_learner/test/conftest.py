@@ -114,8 +114,10 @@ def _throw(simulator, generator, noise, state_noise, count):
     times = np.arange(count) / 30.0
     rollout = simulator.rollout([Scene(FLOOR, (ball,), (state,))], TRUE_PARAMETERS, times)
     seen = rollout.positions[0, 0] + generator.normal(0.0, noise, (count, 3))
+    covariance = np.diag(np.repeat([1.0, 0.0, 25.0, 0.0], 3)) * state_noise**2
     believed = ObjectState(
         position + generator.normal(0.0, state_noise, 3),
         linear_velocity=velocity + generator.normal(0.0, 5.0 * state_noise, 3),
+        covariance=covariance,
     )
     return Observation(FLOOR, (ObservedObject(ball, Trajectory(times, seen), believed),), 0.0)

@@ -76,11 +76,12 @@ GREETINGS = {
 class NodeProcess:
     """The learner node, running on a database of the test's, and what it has written so far.
 
-    It learns in the background only where a test says so. `first` is done before its start.
+    It learns by CMA-ES, whose iterations are easily counted, and in the background only where a
+    test says so. `first` is done before its start.
     """
 
     def __init__(self, database, *parameters, first=""):
-        arguments = [f"database:={database}", "online:=false", *parameters]
+        arguments = [f"database:={database}", "method:=cma_es", "online:=false", *parameters]
         ros_arguments = [word for one in arguments for word in ("-p", one)]
         main = f"""{first}
 from intuitive_physics_learner.learner_node import main

@@ -33,7 +33,9 @@ def known(parameters):
     return LearnedParameters(parameters, np.full(size, 0.1), np.ones(size, bool), 7, 0.1, 3, "x")
 
 
-@pytest.mark.parametrize("method", ["cma_es", "hybrid_random", "adaptive_random"])
+@pytest.mark.parametrize(
+    "method", ["levenberg_marquardt", "cma_es", "hybrid_random", "adaptive_random"]
+)
 def test_recovers_what_made_the_observations(event_driven, throws, true_parameters, method):
     observed = throws(8, 3)
     learned = learn(observed, event_driven, options(1500, method=method)).learned
@@ -116,7 +118,8 @@ def test_bounds_are_kept(glide, glides):
 def test_same_seed_same_result(event_driven, throws):
     observed = throws(3, 0, noise=0.01)
     first, again, other = (
-        learn(observed, event_driven, options(100, seed=seed)).search.history for seed in (1, 1, 2)
+        learn(observed, event_driven, options(100, seed=seed, method="cma_es")).search.history
+        for seed in (1, 1, 2)
     )
     assert (first == again).all()
     assert (first != other).any()
@@ -139,7 +142,7 @@ def test_stop_reason_is_told(glide, glides):
     assert result.search.stop_reason is StopReason.COST_THRESHOLD
 
 
-@pytest.mark.parametrize("method", ["cma_es", "hybrid_random"])
+@pytest.mark.parametrize("method", ["levenberg_marquardt", "cma_es", "hybrid_random"])
 def test_resumes_as_if_it_had_not_stopped(event_driven, throws, method, monkeypatch):
     monkeypatch.setattr(search, "CHECKPOINT_PERIOD", 0.0)
     observed = throws(3, 0, noise=0.01)

@@ -16,6 +16,7 @@ from intuitive_physics_learner.convergence import (
 )
 from intuitive_physics_learner.cost import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions
+from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.store import ObservationStore
 from intuitive_physics_learner.stored_learning import StoredSearch
 
@@ -36,13 +37,13 @@ class OnlineOptions:
 
     Parameters
     ----------
-    method : name of an update rule
+    method : one of `METHODS`
     seed : of all randomness
     seconds : of CPU time at most for one set of observations; the next observation makes a new set
     iterations_without_gain : evaluations of J without gain after which a set is left alone
     """
 
-    method: str = "cma_es"
+    method: str = JOINT_METHOD
     seed: int = 0
     seconds: float = 30.0
     iterations_without_gain: int = 2000

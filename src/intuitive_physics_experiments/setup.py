@@ -26,6 +26,7 @@ setup(
         "intuitive_physics_predictor",
         "matplotlib",
         "numpy>=1.26",
+        "plotly",
         "pyyaml",
         "rosbags",
         "scipy",

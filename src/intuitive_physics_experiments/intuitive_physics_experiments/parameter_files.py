@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -40,21 +41,32 @@ def load_parameters(path: Path) -> LearnedParameters:
     Raises
     ------
     InvalidInputError
-        When the ending is none of `SUFFIXES`, the file cannot be read, or holds something else.
+        As `read_parameter_file`, or when the file holds something else.
+    """
+    data = read_parameter_file(path)
+    try:
+        return LearnedParameters.from_dict(data)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{path}: {error}") from None
+
+
+def read_parameter_file(path: Path) -> Any:
+    """Return the plain data of a file of parameters, with what else stands in it.
+
+    Raises
+    ------
+    InvalidInputError
+        When the ending is none of `SUFFIXES` or the file cannot be read.
     """
     check_suffix(path)
     try:
         text = path.read_text(encoding="utf-8")
-        data = yaml.safe_load(text) if path.suffix in YAML_SUFFIXES else json.loads(text)
+        return yaml.safe_load(text) if path.suffix in YAML_SUFFIXES else json.loads(text)
     except OSError as error:
         raise InvalidInputError(f"cannot read the parameters {path}: {error.strerror}") from None
     except (UnicodeDecodeError, json.JSONDecodeError, yaml.YAMLError) as error:
         detail = " ".join(str(error).split())
         raise InvalidInputError(f"cannot read the parameters {path}: {detail}") from None
-    try:
-        return LearnedParameters.from_dict(data)
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{path}: {error}") from None
 
 
 def check_suffix(path: Path) -> None:

@@ -34,7 +34,8 @@ class Suite:
             ],
             # The demo asks for one search, which starts from the same place each time.
             "learner_node": [f"database:={database}", "online:=false"],
-            "predictor_node": [f"horizon:={horizon}"],
+            # The bag's stamps are of the day it was rendered.
+            "predictor_node": [f"horizon:={horizon}", "carry_forward:=false"],
         }
         inputs = [("~/depth/image", DEPTH_TOPIC), ("~/depth/camera_info", CAMERA_INFO_TOPIC)]
         self._log_folder = log_folder

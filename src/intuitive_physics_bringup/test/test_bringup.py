@@ -18,7 +18,7 @@ from intuitive_physics_ros.peer import Peer
 
 PACKAGE = Path(__file__).parent.parent
 PARAMETERS = {
-    "perception_node": [*perception_node.OWN_PARAMETERS, *perception_node.setting_parameters()],
+    "perception_node": perception_node.PARAMETERS,
     "learner_node": learner_node.node_parameters(),
     "predictor_node": predictor_node.PARAMETERS,
 }

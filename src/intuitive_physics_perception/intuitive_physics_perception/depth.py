@@ -17,7 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.validation import finite_array, positive_float
 from intuitive_physics_perception.raw_data import MAX_PIXELS, RawData, checked_bytes
-from intuitive_physics_perception.undistortion import DISTORTION_TERMS, check_invertible, undistorted
+from intuitive_physics_perception.undistortion import (
+    DISTORTION_TERMS,
+    check_invertible,
+    undistorted,
+)
 
 MILLIMETRES = 0.001
 CHECKED = 24

@@ -12,6 +12,8 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Environment, SceneObject
 from intuitive_physics.state import ObjectState
+from intuitive_physics.validation import unit_vector
+from intuitive_physics_perception.environment_check import EnvironmentCheck
 from intuitive_physics_perception.environment_model import (
     EnvironmentModel,
     NoEnvironmentError,
@@ -64,6 +66,8 @@ class Perceived:
     model : the environment; None while it is not known
     is_new_model : whether this frame completed it
     restarted : whether time went back, so that what was followed is followed anew
+    moved : one sentence when the sensor was moved, so that the environment is modelled anew from
+        the frames that follow; else empty
     objects : what is followed, in the environment's frame
     observations : those that this frame finished
     diagnostics : how it went
@@ -73,6 +77,7 @@ class Perceived:
     model: EnvironmentModel | None
     is_new_model: bool = False
     restarted: bool = False
+    moved: str = ""
     objects: tuple[PerceivedObject, ...] = ()
     observations: tuple[Observation, ...] = ()
     diagnostics: FrameDiagnostics = FrameDiagnostics()
@@ -94,6 +99,14 @@ class PerceptionPipeline:
         self._last_time = -np.inf
         self._first_frames: list[NDArray[np.float32]] = []
         self._scene: _ModelledScene | None = None
+        self._up: NDArray[np.float64] | None = None
+
+    def take_up(self, up: ArrayLike) -> None:
+        """Take the measured direction against gravity, (3,) in the sensor's frame.
+
+        With `gravity_source` "imu" the environment is modelled once it is known.
+        """
+        self._up = unit_vector(up, "up")
 
     def rebuild_environment(self) -> tuple[Observation, ...]:
         """Forget the environment, which the next frames model anew; return what was under way."""
@@ -135,13 +148,15 @@ class PerceptionPipeline:
 
     def _model(self, points: NDArray[np.float32], time: float) -> Perceived:
         """Collect the first frames, then model the environment."""
+        if self.settings.gravity_source == "imu" and self._up is None:
+            return self._unused(time, "up is not known yet; expected an IMU that has rested")
         self._first_frames.append(points)
         if len(self._first_frames) < self.settings.environment_frames:
             return Perceived(time, None)
         started = clock.perf_counter()
         frames, self._first_frames = self._first_frames, []
         try:
-            model = model_environment(frames, self.settings, self._rng)
+            model = model_environment(frames, self.settings, self._rng, self._up)
         except NoEnvironmentError as error:
             return self._unused(time, str(error))
         self._scene = _ModelledScene(model, self.settings, self._rng, self._next_track)
@@ -157,6 +172,10 @@ class PerceptionPipeline:
     ) -> Perceived:
         """Take the planes out, find spheres, follow them, close what is finished."""
         instants = [clock.perf_counter()]
+        moved = scene.check.moved(points, time)
+        if moved:
+            observations = self.rebuild_environment()
+            return replace(self._unused(time, moved), observations=observations, moved=moved)
         clusters = scene.foreground.find(points)
         instants.append(clock.perf_counter())
         spheres = [
@@ -213,6 +232,7 @@ class _ModelledScene:
         first_track: int,
     ) -> None:
         self.model = model
+        self.check = EnvironmentCheck(model, settings)
         self.foreground = ForegroundFinder(model, settings)
         self.spheres = SphereFinder(model.noise, settings, rng)
         self.follow_anew(settings, first_track)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 
-RawData: TypeAlias = bytes | memoryview | NDArray[np.uint8]
-"""Data of a message: what rclpy (array.array) and readers of bags hand out as bytes."""
+RawData: TypeAlias = bytes | memoryview
+"""Data of a message; what else has a buffer of bytes, as array.array and NumPy's, is as good."""
 
 MAX_PIXELS = 16_000_000
 """Largest image or cloud that is taken; more would only be a broken header."""

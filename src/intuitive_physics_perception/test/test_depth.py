@@ -15,6 +15,8 @@ from intuitive_physics_perception.depth import (
 )
 
 K = [500.0, 0.0, 3.0, 0.0, 400.0, 2.0, 0.0, 0.0, 1.0]
+
+
 def test_a_pixel_looks_through_the_pinhole() -> None:
     # u = f_x x / z + c_x, v = f_y y / z + c_y
     points = points_from_depth(np.full((5, 7), 2000, np.uint16), Intrinsics(7, 5, K).rays())

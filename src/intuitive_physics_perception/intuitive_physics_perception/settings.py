@@ -115,6 +115,13 @@ class PerceptionSettings:
     )
     moved_time: float = _number(0.5, 0.0, 60.0, "for so long, s, until planes are modelled anew")
     plane_material: str = _other("environment", "material of the planes")
+    static_boxes: bool = _other(
+        True,
+        "model what stands there from the start and is no object as boxes; false: leave it out",
+    )
+    static_box_max_size: float = _number(
+        2.0, 0.05, 100.0, "what is longer is not modelled as one box, m"
+    )
     environment_frame_id: str = _other(
         "environment", "name of the gravity-aligned frame everything is published in"
     )

@@ -29,6 +29,7 @@ def supporting_planes(
         for plane in environment.planes
         if abs(plane.signed_distances(position) - radius) < tolerance
         and plane.normal @ environment.gravity < 0.0
+        and plane.covers(position)
     ]
 
 
@@ -90,12 +91,21 @@ def _next_contact(
         if plane in support:
             continue
         gap = float(plane.signed_distances(mean[POSITION]) - mean[RADIUS])
+        if plane.boundary is not None and gap < -2.0 * mean[RADIUS]:
+            # It is wholly behind: below a table, or beyond the front of a box.
+            continue
         speed = float(plane.normal @ mean[VELOCITY])
         pull = float(plane.normal @ acceleration)
         time = _falls_to_zero(gap, speed, pull)
-        if time < until:
+        if time < until and plane.covers(_place_at(time, mean, acceleration)):
             first, until = plane, time
     return first, until
+
+
+def _place_at(
+    time: float, mean: NDArray[np.float64], acceleration: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    return mean[POSITION] + time * (mean[VELOCITY] + 0.5 * time * acceleration)
 
 
 def _falls_to_zero(gap: float, speed: float, pull: float) -> float:

@@ -302,7 +302,8 @@ def test_no_image_makes_the_node_fall_or_hang(peer, node, room) -> None:
     play_until(
         peer, images, lambda time: image_message(empty, 360.0 + time), lambda: states, "states"
     )
-    assert 1 <= node.output.count("rejected") - before <= 40
+    # A few lines at once and then one a second, for each of two topics.
+    assert 1 <= node.output.count("rejected") - before < 25
     assert "internal error" not in node.output
 
 

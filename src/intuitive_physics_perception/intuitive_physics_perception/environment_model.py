@@ -144,7 +144,7 @@ def model_environment(
 
 def explained_points(cloud: RangeCloud, planes: Sequence[DetectedPlane]) -> NDArray[np.bool_]:
     """Which points (n,) lie on one of the planes, wherever those end."""
-    near = [cloud.near(np.append(plane.normal, plane.offset)) for plane in planes]
+    near = [cloud.near(plane.numbers) for plane in planes]
     return np.asarray(np.any(near, axis=0))
 
 

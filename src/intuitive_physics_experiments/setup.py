@@ -25,6 +25,7 @@ setup(
         "intuitive_physics_predictor",
         "matplotlib",
         "numpy>=1.26",
+        "plotly",
         "rosbags",
         "scipy",
     ],

@@ -79,3 +79,23 @@ def test_a_ball_outside_the_view_leaves_the_background(renderer: DepthRenderer) 
 def test_a_ball_behind_the_camera_is_refused(renderer: DepthRenderer) -> None:
     with pytest.raises(InvalidInputError, match="before the camera"):
         renderer.render((-2.0, -2.0, 2.0), 0.07)
+
+
+def test_a_ball_before_another_hides_it(renderer: DepthRenderer) -> None:
+    camera = renderer.camera
+    ahead, sideways = camera.rotation[:, 2], camera.rotation[:, 0]
+    near, far = camera.position + 1.0 * ahead, camera.position + 1.4 * ahead
+    aside = camera.position + 1.2 * ahead + 0.4 * sideways
+    radii = [0.05, 0.07, 0.03]
+    rendered = renderer.render_balls([near, far, aside], radii)
+    counts = [int((rendered.owner == k).sum()) for k in range(3)]
+    alone = [
+        int((renderer.render_balls([center], [radius]).owner == 0).sum())
+        for center, radius in zip([near, far, aside], radii, strict=True)
+    ]
+    # The disc of radius f r / z: 5 cm at 1 m and 7 cm at 1.4 m look alike.
+    assert counts[0] == alone[0]
+    assert counts[1] < 0.1 * alone[1]
+    assert counts[2] == alone[2] > 0
+    nothing = renderer.render_balls([], [])
+    assert nothing.region.empty

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import time as clock
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,6 +65,7 @@ class Perceived:
     model : the environment; None while it is not known
     is_new_model : whether this frame completed it
     restarted : whether time went back, so that what was followed is followed anew
+    spheres : what was found in this frame alone, in the environment's frame
     objects : what is followed, in the environment's frame
     observations : those that this frame finished
     diagnostics : how it went
@@ -73,6 +75,7 @@ class Perceived:
     model: EnvironmentModel | None
     is_new_model: bool = False
     restarted: bool = False
+    spheres: tuple[DetectedSphere, ...] = ()
     objects: tuple[PerceivedObject, ...] = ()
     observations: tuple[Observation, ...] = ()
     diagnostics: FrameDiagnostics = FrameDiagnostics()
@@ -85,11 +88,18 @@ class PerceptionPipeline:
     ----------
     settings : see there
     rng : source of all random choices
+    clock : seconds, by which stages are timed
     """
 
-    def __init__(self, settings: PerceptionSettings, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        settings: PerceptionSettings,
+        rng: np.random.Generator,
+        clock: Callable[[], float] = perf_counter,
+    ) -> None:
         self.settings = settings
         self._rng = rng
+        self._clock = clock
         self._next_track = 1
         self._last_time = -np.inf
         self._first_frames: list[NDArray[np.float32]] = []
@@ -138,7 +148,7 @@ class PerceptionPipeline:
         self._first_frames.append(points)
         if len(self._first_frames) < self.settings.environment_frames:
             return Perceived(time, None)
-        started = clock.perf_counter()
+        started = self._clock()
         frames, self._first_frames = self._first_frames, []
         try:
             model = model_environment(frames, self.settings, self._rng)
@@ -147,7 +157,7 @@ class PerceptionPipeline:
         self._scene = _ModelledScene(model, self.settings, self._rng, self._next_track)
         # What each pixel sees of the planes is found out here, so that no later frame waits.
         self._scene.foreground.find(points)
-        seconds = {"environment": clock.perf_counter() - started}
+        seconds = {"environment": self._clock() - started}
         return Perceived(
             time, model, is_new_model=True, diagnostics=FrameDiagnostics(seconds=seconds)
         )
@@ -156,22 +166,22 @@ class PerceptionPipeline:
         self, scene: _ModelledScene, points: NDArray[np.float32], time: float
     ) -> Perceived:
         """Take the planes out, find spheres, follow them, close what is finished."""
-        instants = [clock.perf_counter()]
+        instants = [self._clock()]
         clusters = scene.foreground.find(points)
-        instants.append(clock.perf_counter())
+        instants.append(self._clock())
         spheres = [
             in_environment(sphere, scene.model) for sphere in scene.spheres.find(points, clusters)
         ]
-        instants.append(clock.perf_counter())
+        instants.append(self._clock())
         ended = scene.tracker.update(time, spheres)
         alive = scene.tracker.tracks
         objects = tuple(
             PerceivedObject(track.scene_object(self.settings), track.object_state(self.settings))
             for track in alive
         )
-        instants.append(clock.perf_counter())
+        instants.append(self._clock())
         observations = tuple(scene.episodes.update(time, alive, ended))
-        instants.append(clock.perf_counter())
+        instants.append(self._clock())
         stages = ("planes", "spheres", "tracking", "observations")
         diagnostics = FrameDiagnostics(
             readings=clusters.readings,
@@ -183,6 +193,7 @@ class PerceptionPipeline:
         return Perceived(
             time,
             scene.model,
+            spheres=tuple(spheres),
             objects=objects,
             observations=observations,
             diagnostics=diagnostics,

@@ -34,6 +34,8 @@ SHORTEST = 0.7
 STAGGER = 0.25
 GAP = 0.01
 FLOOR_LEAD = 1.05
+LEAST_WALL = 0.02
+"""Part of the readings that a wall must have to be one that can be seen."""
 
 
 @dataclass(frozen=True)
@@ -107,9 +109,9 @@ def _floor_is_largest(camera: Camera, environment: Environment) -> bool:
     seen = depth > 0.0
     points = camera.rays()[seen] * depth[seen][:, None] @ camera.rotation.T + camera.position
     floor, *walls = [
-        (np.abs(plane.signed_distances(points)) < 1e-3).sum() for plane in environment.planes
+        (np.abs(plane.signed_distances(points)) < 1e-3).mean() for plane in environment.planes
     ]
-    return all(floor > FLOOR_LEAD * wall > 0 for wall in walls)
+    return all(floor > FLOOR_LEAD * wall and wall > LEAST_WALL for wall in walls)
 
 
 def _random_group(

@@ -11,17 +11,20 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.scene import Environment
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_perception.initial_state import Record, state_at
-from intuitive_physics_perception.motion import RADIUS
+from intuitive_physics_perception.motion import POSITION, RADIUS
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracker import Track
+from intuitive_physics_perception.smoother import smooth
+from intuitive_physics_perception.track import Track
 
 MAX_START_TRIALS = 90
+AS_WELL = 1.5
 
 
 class EpisodeRecorder:
@@ -69,19 +72,33 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
     Each detection told centre and radius with their covariance; knowing the radius better moves
     the centre: c' = c + C_cr / C_rr (r̄ - r).
     """
-    spheres = [point.sphere for point in track.history]
+    seen = [(step.time, step.sphere) for step in track.steps if step.sphere is not None]
+    spheres = [sphere for _, sphere in seen]
     covariances = np.stack([sphere.covariance for sphere in spheres])
     gains = covariances[:, :3, 3] / covariances[:, 3, 3, None]
     off = track.mean[RADIUS] - np.array([sphere.radius for sphere in spheres])
     positions = np.stack([sphere.center for sphere in spheres]) + gains * off[:, None]
     left = np.maximum(covariances[:, 3, 3] - track.covariance[RADIUS, RADIUS], 0.0)
     narrowed = covariances[:, :3, :3] - left[:, None, None] * gains[:, :, None] * gains[:, None, :]
+    times = np.array([time for time, _ in seen])
+    path_times, path_positions = _path(track, times)
     return Record(
-        track.scene_object(settings),
-        np.array([point.time for point in track.history]),
-        positions,
-        narrowed,
+        track.scene_object(settings), times, positions, narrowed, path_times, path_positions
     )
+
+
+def _path(
+    track: Track, seen: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times and positions of the smoothed track, where it is known as well as where it was seen.
+
+    A ball that was hidden in mid-air is; one that bounced meanwhile is not.
+    """
+    path = smooth(list(track.steps))
+    deviations = np.sqrt(np.trace(path.covariances[:, POSITION, POSITION], axis1=1, axis2=2))
+    known = np.isin(path.times, seen)
+    known |= deviations <= AS_WELL * deviations[known].max()
+    return path.times[known], path.means[known, POSITION]
 
 
 def observations_of(
@@ -129,7 +146,9 @@ def _piece(
                 environment,
                 tuple(
                     ObservedObject(
-                        parts[k].object, Trajectory(parts[k].times, parts[k].positions), state
+                        parts[k].object,
+                        Trajectory(parts[k].path_times, parts[k].path_positions),
+                        state,
                     )
                     for k, state in zip(members, known, strict=True)
                 ),

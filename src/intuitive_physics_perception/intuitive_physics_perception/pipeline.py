@@ -176,7 +176,10 @@ class PerceptionPipeline:
         ended = scene.tracker.update(time, spheres)
         alive = scene.tracker.tracks
         objects = tuple(
-            PerceivedObject(track.scene_object(self.settings), track.object_state(self.settings))
+            PerceivedObject(
+                track.scene_object(self.settings),
+                track.object_state(scene.model.environment, self.settings),
+            )
             for track in alive
         )
         instants.append(self._clock())

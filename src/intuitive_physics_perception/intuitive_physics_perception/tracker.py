@@ -2,91 +2,35 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.scene import Environment, SceneObject
-from intuitive_physics.shapes import Sphere
-from intuitive_physics.state import (
-    ANGULAR_VELOCITY,
-    ERROR_SIZE,
-    LINEAR_VELOCITY,
-    ObjectState,
+from intuitive_physics.scene import Environment
+from intuitive_physics_perception.association import cheapest_pairs
+from intuitive_physics_perception.motion import (
+    POSITION,
+    RADIUS,
+    SIZE,
+    VELOCITY,
+    Prediction,
+    predicted,
 )
-from intuitive_physics.state import POSITION as STATE_POSITION
-from intuitive_physics_perception.motion import POSITION, RADIUS, SIZE, VELOCITY, predicted
-from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
+from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.spheres import DetectedSphere
+from intuitive_physics_perception.track import Track
 
 GATE = 25.0
+SMALLEST_LOG_DETERMINANT = -80.0
 RADIUS_GATE = 4.0
 RADIUS_SLACK = 0.003
 RESTING_SPEED_DEVIATION = 0.02
 TENTATIVE_MISSES = 1
 PATIENCE = 4
 KNOWN_RADIUS_DEVIATION = 1e-5
-MAX_HISTORY = 4000
 MEASURED = np.array([0, 1, 2, RADIUS])
-
-
-@dataclass(frozen=True, eq=False)
-class TrackPoint:
-    """One detection of a track: time in s, the sphere in the environment's frame."""
-
-    time: float
-    sphere: DetectedSphere
-
-
-@dataclass(eq=False)
-class Track:
-    """One ball over time.
-
-    Parameters
-    ----------
-    number : unique over a run
-    time : s, of `mean` and `covariance`
-    mean, covariance : (7,) and (7, 7) of position, velocity and radius
-    known : the known object it turned out to be
-    resting : whether it did not move for `rest_time`
-    moving_since : s, when it was first seen or left its rest
-    """
-
-    number: int
-    time: float
-    mean: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    last_seen: float
-    moving_since: float
-    hits: int = 1
-    misses: int = 0
-    confirmed: bool = False
-    resting: bool = False
-    known: KnownObject | None = None
-    history: deque[TrackPoint] = field(default_factory=lambda: deque(maxlen=MAX_HISTORY))
-
-    def scene_object(self, settings: PerceptionSettings) -> SceneObject:
-        """What it is; its radius is the average over the track (Sec. VI-C)."""
-        name = self.known.name if self.known else "sphere"
-        material = self.known.material if self.known else settings.object_material
-        return SceneObject(f"{name}_{self.number}", material, Sphere(float(self.mean[RADIUS])))
-
-    def object_state(self, settings: PerceptionSettings) -> ObjectState:
-        """θ_d at `time`; a sphere's turning is not seen, so its spin has a wide covariance."""
-        covariance = np.zeros((ERROR_SIZE, ERROR_SIZE))
-        blocks = ((STATE_POSITION, POSITION), (LINEAR_VELOCITY, VELOCITY))
-        for rows, own_rows in blocks:
-            for columns, own_columns in blocks:
-                covariance[rows, columns] = self.covariance[own_rows, own_columns]
-        covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = (
-            settings.angular_velocity_deviation** 2 * np.eye(3)
-        )
-        return ObjectState(
-            self.mean[POSITION], linear_velocity=self.mean[VELOCITY], covariance=covariance
-        )
 
 
 class Tracker:
@@ -122,29 +66,27 @@ class Tracker:
         self._tracks = [track for track in self._tracks if not self._is_lost(track, time)]
         for track in self._tracks:
             self._predict(track, time)
-        free = list(spheres)
-        for track, sphere in self._matches(free):
-            self._correct(track, sphere)
-            free.remove(sphere)
+        seen = self._matches(spheres)
         for track in self._tracks:
-            if track.last_seen < time:
+            sphere = seen.get(track.number)
+            if sphere is None:
                 track.misses += 1
+            else:
+                self._correct(track, sphere)
+            track.close_step(sphere)
             track.resting = track.resting or self._has_come_to_rest(track)
-        self._tracks += [self._new_track(time, sphere) for sphere in free]
+        taken = [id(sphere) for sphere in seen.values()]
+        self._tracks += [
+            self._new_track(time, sphere) for sphere in spheres if id(sphere) not in taken
+        ]
         return [track for track in ended if track.confirmed]
 
     def _predict(self, track: Track, time: float) -> None:
         duration = time - track.time
         if track.resting:
-            # What holds it may be no plane of the model: it simply stays.
-            track.covariance[VELOCITY, :] = track.covariance[:, VELOCITY] = 0.0
-            track.covariance[VELOCITY, VELOCITY] = RESTING_SPEED_DEVIATION**2 * np.eye(3)
-            track.covariance[POSITION, POSITION] += (
-                RESTING_SPEED_DEVIATION * duration
-            ) ** 2 * np.eye(3)
-            track.mean[VELOCITY] = 0.0
+            track.prediction = _rested(track, duration)
         else:
-            track.mean, track.covariance = predicted(
+            track.prediction = predicted(
                 track.mean,
                 track.covariance,
                 duration,
@@ -152,25 +94,29 @@ class Tracker:
                 restitution=self._settings.bounce_restitution,
                 acceleration_noise=self._settings.acceleration_noise,
             )
+        track.mean, track.covariance = track.prediction.mean, track.prediction.covariance
         track.time = time
 
-    def _matches(self, spheres: list[DetectedSphere]) -> list[tuple[Track, DetectedSphere]]:
-        """Pair tracks and spheres, likeliest first; then those a hit or a hand could explain."""
-        likely, possible = [], []
-        for track in self._tracks:
-            for sphere in spheres:
+    def _matches(self, spheres: Sequence[DetectedSphere]) -> dict[int, DetectedSphere]:
+        """Pair numbers of tracks and spheres: by what is likely, then by what a hit or a hand
+        could explain."""
+        likely = np.full((len(self._tracks), len(spheres)), np.inf)
+        possible = likely.copy()
+        for k, track in enumerate(self._tracks):
+            for n, sphere in enumerate(spheres):
                 innovation, spread = _innovation(track, sphere)
                 distance2 = float(innovation @ np.linalg.solve(spread, innovation))
                 if distance2 < GATE:
-                    likely.append((distance2, track, sphere))
-                elif self._is_possible(track, innovation, spread):
-                    possible.append((float(np.linalg.norm(innovation[:3])), track, sphere))
-        matches: list[tuple[Track, DetectedSphere]] = []
-        for candidates in (likely, possible):
-            for _, track, sphere in sorted(candidates, key=lambda candidate: candidate[0]):
-                if all(track is not other and sphere is not seen for other, seen in matches):
-                    matches.append((track, sphere))
-        return matches
+                    # As the likelihood has it: a wide guess must not win by its width.
+                    width = float(np.linalg.slogdet(spread)[1]) - SMALLEST_LOG_DETERMINANT
+                    likely[k, n] = distance2 + max(width, 0.0)
+                if self._is_possible(track, innovation, spread):
+                    possible[k, n] = float(np.linalg.norm(innovation[:3]))
+        pairs = cheapest_pairs(likely)
+        for k, n in pairs:
+            possible[k, :] = possible[:, n] = np.inf
+        pairs += cheapest_pairs(possible)
+        return {self._tracks[k].number: spheres[n] for k, n in pairs}
 
     def _is_possible(
         self, track: Track, innovation: NDArray[np.float64], spread: NDArray[np.float64]
@@ -192,7 +138,10 @@ class Tracker:
         keep[:, MEASURED] -= gain
         track.covariance = keep @ track.covariance @ keep.T + gain @ sphere.covariance @ gain.T
         track.hits, track.misses, track.last_seen = track.hits + 1, 0, track.time
-        track.history.append(TrackPoint(track.time, sphere))
+        self._settle(track)
+
+    def _settle(self, track: Track) -> None:
+        """Call it an object as soon as that is clear."""
         if not track.confirmed and self._is_settled(track):
             track.confirmed = True
             self._recognise(track)
@@ -213,8 +162,11 @@ class Tracker:
             track.resting, track.moving_since = False, track.last_seen
         duration = max(track.time - track.last_seen, 1e-3)
         jump = float(np.linalg.norm(innovation[:3])) / duration
-        track.covariance[VELOCITY, VELOCITY] += (jump + 0.5) ** 2 * np.eye(3)
-        track.covariance[POSITION, POSITION] += (jump * duration) ** 2 * np.eye(3)
+        wider = track.covariance.copy()
+        wider[VELOCITY, VELOCITY] += (jump + 0.5) ** 2 * np.eye(3)
+        wider[POSITION, POSITION] += (jump * duration) ** 2 * np.eye(3)
+        track.covariance = wider
+        track.prediction = replace(track.prediction, covariance=wider)
 
     def _recognise(self, track: Track) -> None:
         """Give the track the known object nearest in radius, whose radius then holds."""
@@ -238,11 +190,12 @@ class Tracker:
     def _has_come_to_rest(self, track: Track) -> bool:
         """Whether it stayed, within noise and `rest_speed`, where it was for `rest_time`."""
         settings = self._settings
-        recent = [p for p in track.history if p.time >= track.time - settings.rest_time]
+        recent = [step for step in track.recent(settings.rest_time) if step.sphere is not None]
         if len(recent) < 4 or recent[-1].time - recent[0].time < 0.7 * settings.rest_time:
             return False
-        places = np.stack([point.sphere.center for point in recent])
-        noise = np.sqrt(max(np.trace(point.sphere.covariance[:3, :3]) for point in recent))
+        spheres = [step.sphere for step in recent if step.sphere is not None]
+        places = np.stack([sphere.center for sphere in spheres])
+        noise = np.sqrt(max(np.trace(sphere.covariance[:3, :3]) for sphere in spheres))
         away = np.linalg.norm(places - places.mean(axis=0), axis=1).max()
         return bool(away < 0.5 * settings.rest_speed * settings.rest_time + 2.0 * noise)
 
@@ -256,13 +209,23 @@ class Tracker:
         covariance = np.zeros((SIZE, SIZE))
         covariance[np.ix_(MEASURED, MEASURED)] = sphere.covariance
         covariance[VELOCITY, VELOCITY] = (self._settings.max_speed / 3.0) ** 2 * np.eye(3)
-        track = Track(self.next_number, time, mean, covariance, time, time)
-        track.history.append(TrackPoint(time, sphere))
-        if self._is_settled(track):
-            track.confirmed = True
-            self._recognise(track)
+        first = Prediction(mean, covariance, np.eye(SIZE))
+        track = Track(self.next_number, time, mean, covariance, first, time, time)
+        self._settle(track)
+        track.close_step(sphere)
         self.next_number += 1
         return track
+
+
+def _rested(track: Track, duration: float) -> Prediction:
+    """What lies still stays, whatever holds it: that may be no plane of the model."""
+    mean, transition = track.mean.copy(), np.eye(SIZE)
+    mean[VELOCITY] = 0.0
+    transition[VELOCITY, VELOCITY] = 0.0
+    covariance = transition @ track.covariance @ transition.T
+    covariance[VELOCITY, VELOCITY] += RESTING_SPEED_DEVIATION**2 * np.eye(3)
+    covariance[POSITION, POSITION] += (RESTING_SPEED_DEVIATION * duration) ** 2 * np.eye(3)
+    return Prediction(mean, covariance, transition)
 
 
 def _innovation(

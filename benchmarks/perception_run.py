@@ -26,6 +26,7 @@ from intuitive_physics_perception.depth import (
 from intuitive_physics_perception.environment_model import EnvironmentModel
 from intuitive_physics_perception.pipeline import Perceived, PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.spheres import DetectedSphere
 
 SETTLED = 0.1
 """s for which a ball must have been followed before its velocity counts."""
@@ -187,7 +188,11 @@ def _add_frame(
     velocities: _FirstVelocities,
 ) -> list[Ball]:
     """Score one frame; return the balls found in it alone."""
-    detections: list[Ball] = [(model.to_sensor(s.center), s.radius) for s in perceived.spheres]
+    detections: list[Ball] = [
+        (model.to_sensor(s.center), s.radius)
+        for s in perceived.detections
+        if isinstance(s, DetectedSphere)
+    ]
     findings.detections.add(detections, frame.balls)
     followed = [seen for seen in perceived.objects if isinstance(seen.object.shape, Sphere)]
     states: list[Ball] = [

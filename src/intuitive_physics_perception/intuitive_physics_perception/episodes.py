@@ -69,21 +69,31 @@ class EpisodeRecorder:
 def record_of(track: Track, settings: PerceptionSettings) -> Record:
     """Return what was seen of a track, given the radius its average found.
 
-    Each detection told centre and radius with their covariance; knowing the radius better moves
-    the centre: c' = c + C_cr / C_rr (r̄ - r).
+    Each sphere told centre and radius with their covariance; knowing the radius better moves the
+    centre: c' = c + C_cr / C_rr (r̄ - r).
     """
-    seen = [(step.time, step.sphere) for step in track.steps if step.sphere is not None]
-    spheres = [sphere for _, sphere in seen]
-    covariances = np.stack([sphere.covariance for sphere in spheres])
-    gains = covariances[:, :3, 3] / covariances[:, 3, 3, None]
-    off = track.mean[RADIUS] - np.array([sphere.radius for sphere in spheres])
-    positions = np.stack([sphere.center for sphere in spheres]) + gains * off[:, None]
-    left = np.maximum(covariances[:, 3, 3] - track.covariance[RADIUS, RADIUS], 0.0)
-    narrowed = covariances[:, :3, :3] - left[:, None, None] * gains[:, :, None] * gains[:, None, :]
-    times = np.array([time for time, _ in seen])
+    steps = [step for step in track.steps if step.seen is not None]
+    seen = [step.seen for step in steps if step.seen is not None]
+    times = np.array([step.time for step in steps])
+    attitudes = tuple(step.attitude for step in steps if step.attitude is not None)
+    positions = np.stack([detection.center for detection in seen])
+    covariances = np.stack([detection.covariance for detection in seen])
+    narrowed = covariances[:, :3, :3]
+    if not attitudes:
+        gains = covariances[:, :3, 3] / covariances[:, 3, 3, None]
+        off = track.mean[RADIUS] - np.array([detection.radius for detection in seen])
+        positions = positions + gains * off[:, None]
+        left = np.maximum(covariances[:, 3, 3] - track.covariance[RADIUS, RADIUS], 0.0)
+        narrowed = narrowed - left[:, None, None] * gains[:, :, None] * gains[:, None, :]
     path_times, path_positions = _path(track, times)
     return Record(
-        track.scene_object(settings), times, positions, narrowed, path_times, path_positions
+        track.scene_object(settings),
+        times,
+        positions,
+        narrowed,
+        attitudes or None,
+        path_times,
+        path_positions,
     )
 
 

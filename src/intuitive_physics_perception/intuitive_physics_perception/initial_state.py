@@ -15,6 +15,7 @@ from intuitive_physics.state import (
     POSITION,
     ObjectState,
 )
+from intuitive_physics_perception.attitude import Attitude, with_attitude
 from intuitive_physics_perception.motion import supported_acceleration, supporting_planes
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.spin import ROLLING_TIME, rolling_spin, unknown_spin
@@ -31,7 +32,7 @@ TOUCH_SIGMAS, TOUCH_SLACK = 3.0, 0.005
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What was seen of one ball.
+    """What was seen of one object.
 
     Parameters
     ----------
@@ -39,6 +40,8 @@ class Record:
     times : (n,) s, strictly increasing
     positions : (n, 3) m, of the centre in the environment's frame
     covariances : (n, 3, 3) m², of each alone
+    attitudes : of each, how a box or capsule lies and turns as far as was known then; None of a
+        sphere
     path_times, path_positions : (m,) s and (m, 3) m, the same motion in the light of all frames
     """
 
@@ -46,6 +49,7 @@ class Record:
     times: NDArray[np.float64]
     positions: NDArray[np.float64]
     covariances: NDArray[np.float64]
+    attitudes: tuple[Attitude, ...] | None
     path_times: NDArray[np.float64]
     path_positions: NDArray[np.float64]
 
@@ -58,6 +62,7 @@ class Record:
             self.times[inside],
             self.positions[inside],
             self.covariances[inside],
+            _chosen(self.attitudes, inside),
             self.path_times[on_path],
             self.path_positions[on_path],
         )
@@ -101,6 +106,10 @@ def state_at(
     covariance[POSITION, LINEAR_VELOCITY] = best.covariance[:3, 3:]
     covariance[LINEAR_VELOCITY, POSITION] = best.covariance[3:, :3]
     covariance[LINEAR_VELOCITY, LINEAR_VELOCITY] = best.covariance[3:, 3:]
+    if record.attitudes is not None:
+        # The end of the stretch knows most of its spin, which nothing changed before.
+        last = record.attitudes[best.end - 1].after(time - float(record.times[best.end - 1]))
+        return with_attitude(best.mean[:3], best.mean[3:], covariance, last)
     spin, covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = _spin(record, best, settings)
     return ObjectState(
         best.mean[:3],
@@ -146,13 +155,29 @@ def _accelerations(
     touched = supporting_planes(
         environment,
         record.positions[start],
-        record.object.shape.bounding_radius,
+        _height(record, start, environment),
         TOUCH_SIGMAS * noise + TOUCH_SLACK,
     )
     found: list[tuple[Plane | None, NDArray[np.float64]]] = [(None, environment.gravity)]
     if touched:
         found.append((touched[0], supported_acceleration(environment, touched)))
     return found
+
+
+def _height(record: Record, k: int, environment: Environment) -> float:
+    """m of the centre above the lowest point, at point k."""
+    if record.attitudes is None:
+        return record.object.shape.bounding_radius
+    gravity = environment.gravity
+    return record.attitudes[k].reach(gravity / max(float(np.linalg.norm(gravity)), 1e-9))
+
+
+def _chosen(
+    attitudes: tuple[Attitude, ...] | None, which: NDArray[np.bool_]
+) -> tuple[Attitude, ...] | None:
+    if attitudes is None:
+        return None
+    return tuple(attitudes[k] for k in np.flatnonzero(which))
 
 
 def _longest_stretch(

@@ -7,12 +7,14 @@ from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
-from intuitive_physics.scene import Environment, SceneObject
+from intuitive_physics.scene import SceneObject
 from intuitive_physics.state import ObjectState
+from intuitive_physics_perception.detected_solid import DetectedSolid
+from intuitive_physics_perception.detection import Detection
 from intuitive_physics_perception.environment_model import (
     EnvironmentModel,
     NoEnvironmentError,
@@ -20,7 +22,9 @@ from intuitive_physics_perception.environment_model import (
 )
 from intuitive_physics_perception.episodes import EpisodeRecorder
 from intuitive_physics_perception.foreground import ForegroundFinder
+from intuitive_physics_perception.objects import all_objects
 from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.solids import SolidFinder
 from intuitive_physics_perception.spheres import DetectedSphere, SphereFinder
 from intuitive_physics_perception.tracker import Tracker
 
@@ -43,7 +47,7 @@ class FrameDiagnostics:
     readings : points in range
     foreground : points off all planes
     clusters : groups of foreground points looked at
-    spheres : spheres found
+    spheres, solids : how many were found; solids are boxes and capsules
     seconds : time each stage took, by its name
     """
 
@@ -52,6 +56,7 @@ class FrameDiagnostics:
     foreground: int = 0
     clusters: int = 0
     spheres: int = 0
+    solids: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
 
 
@@ -65,7 +70,7 @@ class Perceived:
     model : the environment; None while it is not known
     is_new_model : whether this frame completed it
     restarted : whether time went back, so that what was followed is followed anew
-    spheres : what was found in this frame alone, in the environment's frame
+    detections : what was found in this frame alone, in the environment's frame
     objects : what is followed, in the environment's frame
     observations : those that this frame finished
     diagnostics : how it went
@@ -75,7 +80,7 @@ class Perceived:
     model: EnvironmentModel | None
     is_new_model: bool = False
     restarted: bool = False
-    spheres: tuple[DetectedSphere, ...] = ()
+    detections: tuple[Detection, ...] = ()
     objects: tuple[PerceivedObject, ...] = ()
     observations: tuple[Observation, ...] = ()
     diagnostics: FrameDiagnostics = FrameDiagnostics()
@@ -165,15 +170,17 @@ class PerceptionPipeline:
     def _perceive(
         self, scene: _ModelledScene, points: NDArray[np.float32], time: float
     ) -> Perceived:
-        """Take the planes out, find spheres, follow them, close what is finished."""
+        """Take the planes out, find objects, follow them, close what is finished."""
         instants = [self._clock()]
         clusters = scene.foreground.find(points)
         instants.append(self._clock())
-        spheres = [
-            in_environment(sphere, scene.model) for sphere in scene.spheres.find(points, clusters)
-        ]
+        spheres = scene.spheres.find(points, clusters)
         instants.append(self._clock())
-        ended = scene.tracker.update(time, spheres)
+        found = all_objects(points, spheres, scene.solids if self.settings.find_solids else None)
+        pose = scene.model.rotation, scene.model.translation
+        detections = [detection.moved(*pose) for detection in found]
+        instants.append(self._clock())
+        ended = scene.tracker.update(time, detections)
         alive = scene.tracker.tracks
         objects = tuple(
             PerceivedObject(
@@ -185,18 +192,19 @@ class PerceptionPipeline:
         instants.append(self._clock())
         observations = tuple(scene.episodes.update(time, alive, ended))
         instants.append(self._clock())
-        stages = ("planes", "spheres", "tracking", "observations")
+        stages = ("planes", "spheres", "solids", "tracking", "observations")
         diagnostics = FrameDiagnostics(
             readings=clusters.readings,
             foreground=clusters.foreground,
             clusters=len(clusters.indices),
-            spheres=len(spheres),
+            spheres=sum(isinstance(detection, DetectedSphere) for detection in found),
+            solids=sum(isinstance(detection, DetectedSolid) for detection in found),
             seconds=dict(zip(stages, map(float, np.diff(instants)), strict=True)),
         )
         return Perceived(
             time,
             scene.model,
-            spheres=tuple(spheres),
+            detections=tuple(detections),
             objects=objects,
             observations=observations,
             diagnostics=diagnostics,
@@ -229,55 +237,13 @@ class _ModelledScene:
         self.model = model
         self.foreground = ForegroundFinder(model, settings)
         self.spheres = SphereFinder(model.noise, settings, rng)
+        self.solids = SolidFinder(model.noise, model.detected, settings, rng)
         self.follow_anew(settings, first_track)
 
     def follow_anew(self, settings: PerceptionSettings, first_track: int) -> None:
         """Forget what was followed; the environment stays."""
         self.tracker = Tracker(self.model.environment, settings, first_track)
         self.episodes = EpisodeRecorder(self.model.environment, settings)
-
-
-def perceive_cloud(
-    points: ArrayLike, settings: PerceptionSettings, rng: np.random.Generator
-) -> tuple[Environment, list[DetectedSphere]]:
-    """Perceive one cloud alone: its environment, and the spheres in the environment's frame.
-
-    Parameters
-    ----------
-    points : (n, 3) or (height, width, 3) m in the sensor's frame, the sensor at the origin; NaN
-        where nothing was read
-
-    Raises
-    ------
-    InvalidInputError
-        When the points have another shape.
-    NoEnvironmentError
-        When the cloud shows no supporting plane.
-    """
-    try:
-        cloud = np.ascontiguousarray(points, dtype=np.float32)
-    except (TypeError, ValueError):
-        raise InvalidInputError(f"points are {points!r:.80}; expected numbers (n, 3)") from None
-    if cloud.ndim not in (2, 3) or cloud.shape[-1] != 3:
-        raise InvalidInputError(
-            f"points have the shape {cloud.shape}; expected (n, 3) or (height, width, 3)"
-        )
-    frame = cloud if cloud.ndim == 3 else cloud[None]
-    model = model_environment([frame], settings, rng)
-    clusters = ForegroundFinder(model, settings).find(frame)
-    spheres = SphereFinder(model.noise, settings, rng).find(frame, clusters)
-    return model.environment, [in_environment(sphere, model) for sphere in spheres]
-
-
-def in_environment(sphere: DetectedSphere, model: EnvironmentModel) -> DetectedSphere:
-    """Return a sphere of the sensor's frame in the environment's frame."""
-    turn = np.eye(4)
-    turn[:3, :3] = model.rotation
-    return replace(
-        sphere,
-        center=model.to_environment(sphere.center),
-        covariance=turn @ sphere.covariance @ turn.T,
-    )
 
 
 def _has_readings(points: NDArray[np.float32]) -> bool:

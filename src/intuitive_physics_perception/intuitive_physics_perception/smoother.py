@@ -11,32 +11,35 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics_perception.attitude import Attitude
+from intuitive_physics_perception.detection import Detection
 from intuitive_physics_perception.motion import Prediction
-from intuitive_physics_perception.spheres import DetectedSphere
 
 
 @dataclass(frozen=True, eq=False)
 class FilterStep:
-    """What a filter believed at one frame.
+    """What filters believed at one frame.
 
     Parameters
     ----------
     time : s
     prediction : from the frame before
     mean, covariance : (7,) and (7, 7) once the frame was taken into account
-    sphere : what was seen of it, in the environment's frame; None where it was not
+    seen : what was seen of it, in the environment's frame; None where nothing was
+    attitude : how it lies and turns; None of a sphere
     """
 
     time: float
     prediction: Prediction
     mean: NDArray[np.float64]
     covariance: NDArray[np.float64]
-    sphere: DetectedSphere | None
+    seen: Detection | None
+    attitude: Attitude | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class SmoothedPath:
-    """States of a ball at every frame from when it was first to when it was last seen.
+    """States of an object at every frame from when it was first to when it was last seen.
 
     Parameters
     ----------
@@ -52,7 +55,7 @@ class SmoothedPath:
 
 def smooth(steps: Sequence[FilterStep]) -> SmoothedPath:
     """Go back over the steps of a filter, from the last in which something was seen."""
-    last = max(k for k, step in enumerate(steps) if step.sphere is not None)
+    last = max(k for k, step in enumerate(steps) if step.seen is not None)
     means = np.stack([step.mean for step in steps[: last + 1]])
     covariances = np.stack([step.covariance for step in steps[: last + 1]])
     for k in range(last - 1, -1, -1):

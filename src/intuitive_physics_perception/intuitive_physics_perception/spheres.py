@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics_perception.cluster_memory import ClusterMemory
 from intuitive_physics_perception.foreground import Clusters
 from intuitive_physics_perception.noise import RangeNoise
 from intuitive_physics_perception.settings import PerceptionSettings
@@ -28,8 +29,7 @@ INLIER_SIGMAS = 3.0
 STRAY_SIGMAS = 5.0
 AROUND = 1.8
 MIN_DENSITY = 0.9
-SAME_CLUTTER = 0.2
-CLUTTER_SEARCHES, CLUTTER_PERIOD = 3, 10
+STILLNESS = 0.2
 SYSTEMATIC_ERROR = 0.0005
 
 
@@ -52,19 +52,33 @@ class DetectedSphere:
     points: int
     range: float
 
+    def moved(
+        self, rotation: NDArray[np.float64], translation: NDArray[np.float64]
+    ) -> DetectedSphere:
+        """Return it in another frame, p_other = rotation p + translation."""
+        turn = np.eye(4)
+        turn[:3, :3] = rotation
+        return replace(
+            self,
+            center=rotation @ self.center + translation,
+            covariance=turn @ self.covariance @ turn.T,
+        )
+
 
 @dataclass(frozen=True, eq=False)
-class _Clutter:
-    """A cluster without a sphere, and for how many frames it has stayed as it is."""
+class ClusterSpheres:
+    """The spheres of one cluster.
 
-    centre: NDArray[np.float64]
-    count: int
-    frames: int
+    Parameters
+    ----------
+    cluster : (n,) indices of its points
+    spheres : in it
+    rest : part of its points that lie on none of them
+    """
 
-    @property
-    def deserves_a_search(self) -> bool:
-        """What stays the same is searched now and then only: it costs most of the time."""
-        return self.frames < CLUTTER_SEARCHES or self.frames % CLUTTER_PERIOD == 0
+    cluster: NDArray[np.int64]
+    spheres: list[DetectedSphere]
+    rest: float
 
 
 class SphereFinder:
@@ -82,34 +96,23 @@ class SphereFinder:
     ) -> None:
         self._settings = settings
         self._rng = rng
-        self._clutter: list[_Clutter] = []
+        self._memory: ClusterMemory[None] = ClusterMemory(STILLNESS * settings.min_radius)
         self._deviation = noise.deviation
         self._noise = np.square([noise.constant, noise.quadratic, noise.limit, noise.lateral])
 
-    def find(self, points: NDArray[np.float32], clusters: Clusters) -> list[DetectedSphere]:
-        """Return the spheres of a frame of points (height, width, 3), in the sensor's frame."""
-        spheres: list[DetectedSphere] = []
-        clutter: list[_Clutter] = []
+    def find(self, points: NDArray[np.float32], clusters: Clusters) -> list[ClusterSpheres]:
+        """Return the spheres by cluster of a frame of points (height, width, 3), in the sensor's
+        frame."""
+        found = []
         for cluster in clusters.indices:
             own = points.reshape(-1, 3)[cluster].astype(np.float64)
-            seen = self._recalled(own)
-            found = self._spheres_in(points, cluster, own, thorough=seen.deserves_a_search)
-            spheres += found
-            if not found:
-                clutter.append(seen)
-        self._clutter = clutter
-        return _without_doubles(spheres)
-
-    def _recalled(self, own: NDArray[np.float64]) -> _Clutter:
-        """What is known of a cluster: as it is now, and for how many frames it was no sphere."""
-        centre, count = own.mean(axis=0), len(own)
-        for old in self._clutter:
-            if (
-                abs(count - old.count) < SAME_CLUTTER * old.count
-                and np.linalg.norm(centre - old.centre) < SAME_CLUTTER * self._settings.min_radius
-            ):
-                return _Clutter(centre, count, old.frames + 1)
-        return _Clutter(centre, count, 0)
+            known = self._memory.recall(own)
+            inside = self._spheres_in(points, cluster, own, thorough=known.deserves_a_search)
+            if not inside.spheres:
+                self._memory.keep(known, None)
+            found.append(inside)
+        self._memory.end_frame()
+        return found
 
     def _spheres_in(
         self,
@@ -118,18 +121,19 @@ class SphereFinder:
         own: NDArray[np.float64],
         *,
         thorough: bool,
-    ) -> list[DetectedSphere]:
+    ) -> ClusterSpheres:
         found: list[DetectedSphere] = []
+        left = cluster
         while len(found) < SPHERES_IN_CLUSTER and len(own) >= self._settings.min_points:
-            sphere = self._best_sphere(points, cluster, own, thorough=thorough)
+            sphere = self._best_sphere(points, left, own, thorough=thorough)
             if sphere is None:
                 break
             found.append(sphere)
             # Noise must not make a second sphere of the readings that stray farthest.
             reach = 1.2 * sphere.radius + STRAY_SIGMAS * self._deviation(sphere.range)
             off = np.linalg.norm(own - sphere.center, axis=1) > reach
-            cluster, own = cluster[off], own[off]
-        return found
+            left, own = left[off], own[off]
+        return ClusterSpheres(cluster, found, len(own) / len(cluster))
 
     def _best_sphere(
         self,
@@ -267,7 +271,7 @@ def points_around(
     return np.ascontiguousarray(window).reshape(-1, 3)
 
 
-def _without_doubles(spheres: list[DetectedSphere]) -> list[DetectedSphere]:
+def without_doubles(spheres: list[DetectedSphere]) -> list[DetectedSphere]:
     """Of spheres that share space keep the one with more points."""
     kept: list[DetectedSphere] = []
     for sphere in sorted(spheres, key=lambda sphere: -sphere.points):

@@ -1,4 +1,4 @@
-"""One ball over time: what is believed of it, and how that came about."""
+"""One object over time: what is believed of it, and how that came about."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from intuitive_physics.state import (
     ObjectState,
 )
 from intuitive_physics.state import POSITION as STATE_POSITION
+from intuitive_physics_perception.attitude import Attitude, with_attitude
+from intuitive_physics_perception.detection import Detection
 from intuitive_physics_perception.motion import (
     POSITION,
     RADIUS,
@@ -28,7 +30,6 @@ from intuitive_physics_perception.motion import (
 )
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
 from intuitive_physics_perception.smoother import FilterStep
-from intuitive_physics_perception.spheres import DetectedSphere
 from intuitive_physics_perception.spin import (
     ROLLING_TIME,
     loses_no_speed,
@@ -42,13 +43,16 @@ LIFT_SIGMAS = 3.0
 
 @dataclass(eq=False)
 class Track:
-    """One ball over time.
+    """One object over time.
 
     Parameters
     ----------
     number : unique over a run
+    kind : of its shape
     time : s, of `mean` and `covariance`
-    mean, covariance : (7,) and (7, 7) of position, velocity and radius
+    mean, covariance : (7,) and (7, 7) of position, velocity and radius; of a box or capsule the
+        radius stands for the height of its centre above its lowest point
+    attitude : how a box or capsule lies and turns
     prediction : what the frame before made expect
     known : the known object it turned out to be
     resting : whether it did not move for `rest_time`
@@ -57,10 +61,12 @@ class Track:
     """
 
     number: int
+    kind: str
     time: float
     mean: NDArray[np.float64]
     covariance: NDArray[np.float64]
     prediction: Prediction
+    attitude: Attitude | None
     last_seen: float
     moving_since: float
     hits: int = 1
@@ -70,10 +76,10 @@ class Track:
     known: KnownObject | None = None
     steps: deque[FilterStep] = field(default_factory=lambda: deque(maxlen=MAX_STEPS))
 
-    def close_step(self, sphere: DetectedSphere | None) -> None:
-        """Keep what is believed after a frame in which `sphere` was seen of it."""
+    def close_step(self, seen: Detection | None) -> None:
+        """Keep what is believed after a frame in which `seen` was seen of it."""
         self.steps.append(
-            FilterStep(self.time, self.prediction, self.mean, self.covariance, sphere)
+            FilterStep(self.time, self.prediction, self.mean, self.covariance, seen, self.attitude)
         )
 
     def recent(self, duration: float) -> list[FilterStep]:
@@ -82,10 +88,11 @@ class Track:
         return list(newest)[::-1]
 
     def scene_object(self, settings: PerceptionSettings) -> SceneObject:
-        """What it is; its radius is the average over the track (Sec. VI-C)."""
-        name = self.known.name if self.known else "sphere"
+        """What it is; its dimensions are averages over the track (Sec. VI-C)."""
+        name = self.known.name if self.known else self.kind
         material = self.known.material if self.known else settings.object_material
-        return SceneObject(f"{name}_{self.number}", material, Sphere(float(self.mean[RADIUS])))
+        shape = self.attitude.shape if self.attitude else Sphere(float(self.mean[RADIUS]))
+        return SceneObject(f"{name}_{self.number}", material, shape)
 
     def object_state(self, environment: Environment, settings: PerceptionSettings) -> ObjectState:
         """θ_d at `time`; a sphere's turning is not seen, but a rolling one's follows."""
@@ -94,6 +101,10 @@ class Track:
         for rows, own_rows in blocks:
             for columns, own_columns in blocks:
                 covariance[rows, columns] = self.covariance[own_rows, own_columns]
+        if self.attitude is not None:
+            return with_attitude(
+                self.mean[POSITION], self.mean[VELOCITY], covariance, self.attitude
+            )
         spin, covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = self._spin(environment, settings)
         return ObjectState(
             self.mean[POSITION],

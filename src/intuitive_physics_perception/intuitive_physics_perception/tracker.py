@@ -1,4 +1,4 @@
-"""Which sphere of this frame is which of the last one, and a filter for each."""
+"""Which object of this frame is which of the last one, and a filter for each."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from intuitive_physics.scene import Environment
 from intuitive_physics_perception.association import cheapest_pairs
+from intuitive_physics_perception.attitude import Attitude
+from intuitive_physics_perception.detected_solid import DetectedSolid
+from intuitive_physics_perception.detection import Detection, kind_of
 from intuitive_physics_perception.motion import (
     POSITION,
     RADIUS,
@@ -19,7 +22,6 @@ from intuitive_physics_perception.motion import (
     predicted,
 )
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.spheres import DetectedSphere
 from intuitive_physics_perception.track import Track
 
 GATE = 25.0
@@ -30,15 +32,17 @@ RESTING_SPEED_DEVIATION = 0.02
 TENTATIVE_MISSES = 1
 PATIENCE = 4
 KNOWN_RADIUS_DEVIATION = 1e-5
+RESTING_SPIN_DEVIATION = 0.2
+HEIGHT_DEVIATION = 0.01
 MEASURED = np.array([0, 1, 2, RADIUS])
 
 
 class Tracker:
-    """Follows the spheres of one environment from frame to frame.
+    """Follows the objects of one environment from frame to frame.
 
     Parameters
     ----------
-    environment : what the spheres bounce off
+    environment : what the objects bounce off
     first_number : number of the first track, so that numbers stay unique over restarts
     """
 
@@ -55,8 +59,8 @@ class Tracker:
         """Tracks that are alive and were seen often enough to be an object."""
         return [track for track in self._tracks if track.confirmed]
 
-    def update(self, time: float, spheres: Sequence[DetectedSphere]) -> list[Track]:
-        """Take the spheres of a frame, in the environment's frame; return tracks that ended.
+    def update(self, time: float, detections: Sequence[Detection]) -> list[Track]:
+        """Take what a frame shows, in the environment's frame; return tracks that ended.
 
         Parameters
         ----------
@@ -66,18 +70,20 @@ class Tracker:
         self._tracks = [track for track in self._tracks if not self._is_lost(track, time)]
         for track in self._tracks:
             self._predict(track, time)
-        seen = self._matches(spheres)
+        seen = self._matches(detections)
         for track in self._tracks:
-            sphere = seen.get(track.number)
-            if sphere is None:
+            detection = seen.get(track.number)
+            if detection is None:
                 track.misses += 1
             else:
-                self._correct(track, sphere)
-            track.close_step(sphere)
+                self._correct(track, detection)
+            track.close_step(detection)
             track.resting = track.resting or self._has_come_to_rest(track)
-        taken = [id(sphere) for sphere in seen.values()]
+        taken = [id(detection) for detection in seen.values()]
         self._tracks += [
-            self._new_track(time, sphere) for sphere in spheres if id(sphere) not in taken
+            self._new_track(time, detection)
+            for detection in detections
+            if id(detection) not in taken
         ]
         return [track for track in ended if track.confirmed]
 
@@ -94,17 +100,35 @@ class Tracker:
                 restitution=self._settings.bounce_restitution,
                 acceleration_noise=self._settings.acceleration_noise,
             )
+        if track.attitude is not None:
+            self._predict_attitude(track, track.attitude, duration)
         track.mean, track.covariance = track.prediction.mean, track.prediction.covariance
         track.time = time
 
-    def _matches(self, spheres: Sequence[DetectedSphere]) -> dict[int, DetectedSphere]:
-        """Pair numbers of tracks and spheres: by what is likely, then by what a hit or a hand
+    def _predict_attitude(self, track: Track, attitude: Attitude, duration: float) -> None:
+        """Turn a solid on, and take the height of its centre above its lowest point from that."""
+        if track.resting:
+            track.attitude = attitude.stopped(RESTING_SPIN_DEVIATION)
+        else:
+            track.attitude = attitude.after(duration)
+        down = self.environment.gravity / max(float(np.linalg.norm(self.environment.gravity)), 1e-9)
+        mean, transition = track.prediction.mean.copy(), track.prediction.transition.copy()
+        covariance = track.prediction.covariance.copy()
+        mean[RADIUS] = track.attitude.reach(down)
+        transition[RADIUS] = covariance[RADIUS] = covariance[:, RADIUS] = 0.0
+        covariance[RADIUS, RADIUS] = HEIGHT_DEVIATION**2
+        track.prediction = Prediction(mean, covariance, transition)
+
+    def _matches(self, detections: Sequence[Detection]) -> dict[int, Detection]:
+        """Pair numbers of tracks and detections: by what is likely, then by what a hit or a hand
         could explain."""
-        likely = np.full((len(self._tracks), len(spheres)), np.inf)
+        likely = np.full((len(self._tracks), len(detections)), np.inf)
         possible = likely.copy()
         for k, track in enumerate(self._tracks):
-            for n, sphere in enumerate(spheres):
-                innovation, spread = _innovation(track, sphere)
+            for n, detection in enumerate(detections):
+                if kind_of(detection) != track.kind:
+                    continue
+                innovation, spread = _innovation(track, detection)
                 distance2 = float(innovation @ np.linalg.solve(spread, innovation))
                 if distance2 < GATE:
                     # As the likelihood has it: a wide guess must not win by its width.
@@ -116,7 +140,7 @@ class Tracker:
         for k, n in pairs:
             possible[k, :] = possible[:, n] = np.inf
         pairs += cheapest_pairs(possible)
-        return {self._tracks[k].number: spheres[n] for k, n in pairs}
+        return {self._tracks[k].number: detections[n] for k, n in pairs}
 
     def _is_possible(
         self, track: Track, innovation: NDArray[np.float64], spread: NDArray[np.float64]
@@ -126,17 +150,21 @@ class Tracker:
         slack = RADIUS_GATE * np.sqrt(spread[3, 3]) + RADIUS_SLACK
         return bool(np.linalg.norm(innovation[:3]) < reach and abs(innovation[3]) < slack)
 
-    def _correct(self, track: Track, sphere: DetectedSphere) -> None:
-        innovation, spread = _innovation(track, sphere)
+    def _correct(self, track: Track, detection: Detection) -> None:
+        innovation, spread = _innovation(track, detection)
         if innovation @ np.linalg.solve(spread, innovation) >= GATE:
             self._forget_velocity(track, innovation)
-            innovation, spread = _innovation(track, sphere)
+            innovation, spread = _innovation(track, detection)
         gain = np.linalg.solve(spread, track.covariance[MEASURED]).T
         track.mean = track.mean + gain @ innovation
         # Joseph's form keeps the covariance positive definite.
         keep = np.eye(SIZE)
         keep[:, MEASURED] -= gain
-        track.covariance = keep @ track.covariance @ keep.T + gain @ sphere.covariance @ gain.T
+        track.covariance = keep @ track.covariance @ keep.T + gain @ detection.covariance @ gain.T
+        if isinstance(detection, DetectedSolid) and track.attitude is not None:
+            track.attitude = track.attitude.corrected(
+                detection, self._settings.angular_velocity_deviation
+            )
         track.hits, track.misses, track.last_seen = track.hits + 1, 0, track.time
         self._settle(track)
 
@@ -152,6 +180,7 @@ class Tracker:
         deviation = np.sqrt(track.covariance[RADIUS, RADIUS])
         return track.hits >= settings.confirming_hits and (
             not settings.known_objects
+            or track.attitude is not None
             or 2.0 * deviation < settings.known_object_tolerance
             or track.hits >= PATIENCE * settings.confirming_hits
         )
@@ -175,7 +204,7 @@ class Tracker:
             key=lambda thing: abs(thing.radius - track.mean[RADIUS]),
             default=None,
         )
-        if known is None:
+        if known is None or track.attitude is not None:
             return
         tolerance = self._settings.known_object_tolerance
         if abs(known.radius - track.mean[RADIUS]) > tolerance:
@@ -190,12 +219,12 @@ class Tracker:
     def _has_come_to_rest(self, track: Track) -> bool:
         """Whether it stayed, within noise and `rest_speed`, where it was for `rest_time`."""
         settings = self._settings
-        recent = [step for step in track.recent(settings.rest_time) if step.sphere is not None]
+        recent = [step for step in track.recent(settings.rest_time) if step.seen is not None]
         if len(recent) < 4 or recent[-1].time - recent[0].time < 0.7 * settings.rest_time:
             return False
-        spheres = [step.sphere for step in recent if step.sphere is not None]
-        places = np.stack([sphere.center for sphere in spheres])
-        noise = np.sqrt(max(np.trace(sphere.covariance[:3, :3]) for sphere in spheres))
+        detections = [step.seen for step in recent if step.seen is not None]
+        places = np.stack([detection.center for detection in detections])
+        noise = np.sqrt(max(np.trace(detection.covariance[:3, :3]) for detection in detections))
         away = np.linalg.norm(places - places.mean(axis=0), axis=1).max()
         return bool(away < 0.5 * settings.rest_speed * settings.rest_time + 2.0 * noise)
 
@@ -204,15 +233,28 @@ class Tracker:
             return track.misses > TENTATIVE_MISSES
         return time - track.last_seen > self._settings.coast_time
 
-    def _new_track(self, time: float, sphere: DetectedSphere) -> Track:
-        mean = np.concatenate([sphere.center, np.zeros(3), [sphere.radius]])
+    def _new_track(self, time: float, detection: Detection) -> Track:
+        mean = np.concatenate([detection.center, np.zeros(3), [detection.radius]])
         covariance = np.zeros((SIZE, SIZE))
-        covariance[np.ix_(MEASURED, MEASURED)] = sphere.covariance
+        covariance[np.ix_(MEASURED, MEASURED)] = detection.covariance
         covariance[VELOCITY, VELOCITY] = (self._settings.max_speed / 3.0) ** 2 * np.eye(3)
         first = Prediction(mean, covariance, np.eye(SIZE))
-        track = Track(self.next_number, time, mean, covariance, first, time, time)
+        attitude = None
+        if isinstance(detection, DetectedSolid):
+            attitude = Attitude.of(detection, self._settings.angular_velocity_deviation)
+        track = Track(
+            self.next_number,
+            kind_of(detection),
+            time,
+            mean,
+            covariance,
+            first,
+            attitude,
+            last_seen=time,
+            moving_since=time,
+        )
         self._settle(track)
-        track.close_step(sphere)
+        track.close_step(detection)
         self.next_number += 1
         return track
 
@@ -229,8 +271,11 @@ def _rested(track: Track, duration: float) -> Prediction:
 
 
 def _innovation(
-    track: Track, sphere: DetectedSphere
+    track: Track, detection: Detection
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Measured less predicted centre and radius (4,), and its covariance (4, 4)."""
-    innovation = np.append(sphere.center, sphere.radius) - track.mean[MEASURED]
-    return innovation, track.covariance[np.ix_(MEASURED, MEASURED)] + sphere.covariance
+    innovation = np.append(detection.center, detection.radius) - track.mean[MEASURED]
+    if track.attitude is not None:
+        # Its radius stands for a height that the attitude tells.
+        innovation[3] = 0.0
+    return innovation, track.covariance[np.ix_(MEASURED, MEASURED)] + detection.covariance

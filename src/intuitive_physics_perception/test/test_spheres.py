@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from intuitive_physics_perception.depth import points_from_depth
 from intuitive_physics_perception.foreground import ForegroundFinder, neighbour_labels
 from intuitive_physics_perception.noise import RangeNoise
+from intuitive_physics_perception.objects import all_objects
 from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.solids import SolidFinder
 from intuitive_physics_perception.sphere_fit import random_spheres, refine_sphere, score_spheres
-from intuitive_physics_perception.spheres import SphereFinder, sphere_from_outline
+from intuitive_physics_perception.spheres import DetectedSphere, SphereFinder, sphere_from_outline
 
 SETTINGS = PerceptionSettings()
 NOTHING = np.zeros((0, 3))
@@ -22,13 +25,15 @@ def find(corner_model):
     room, rays, model = corner_model
     foreground = ForegroundFinder(model, SETTINGS)
     finder = SphereFinder(model.noise, SETTINGS, np.random.default_rng(4))
+    solids = SolidFinder(model.noise, model.detected, SETTINGS, np.random.default_rng(5))
 
     def spheres(balls=(), extra=(), as_cloud=False):
         points = points_from_depth(room.depth(balls, extra), rays)
         if as_cloud:
             points = points.reshape(1, -1, 3)
-        found = finder.find(points, foreground.find(points))
-        return [(room.rotation @ s.center + room.origin, s) for s in found]
+        found = all_objects(points, finder.find(points, foreground.find(points)), solids)
+        spheres = [seen for seen in found if isinstance(seen, DetectedSphere)]
+        return [(room.rotation @ s.center + room.origin, s) for s in spheres]
 
     return spheres
 
@@ -162,8 +167,38 @@ def test_what_is_no_sphere_is_not_called_one(find, shapes, seed) -> None:
         shapes["cylinder"](*at, 0.5 * size, 2.5 * size),
         shapes["cylinder"](*at, 0.5 * size, size),
         shapes["bowl"]((*at, 0.3), size),
+        shapes["capsule"]((*at, 0.3), [0.4 * size, size, 0.3 * size], 0.5 * size),
+        shapes["capsule"]((*at, 0.3), [0.7 * size, 0.7 * size, 0.0], 0.5 * size),
     ):
         assert find(extra=[shape]) == [], shape
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_hand_is_no_ball(find, shapes, seed) -> None:
+    # A palm, as a flat box, and four fingers and a thumb of rounded ends, spread and turned.
+    rng = np.random.default_rng(seed)
+    turn = Rotation.random(random_state=seed).as_matrix()
+    at = np.array([rng.uniform(1.0, 1.4), rng.uniform(-0.2, 0.2), 0.5])
+    parts = [shapes["box"](at, (0.09, 0.10, 0.03), turn)]
+    for finger in np.linspace(-0.035, 0.035, 4):
+        spread = np.array([2.0 * finger, 1.0, rng.uniform(-0.2, 0.2)])
+        half = 0.035 * spread / np.linalg.norm(spread)
+        start = np.array([finger, 0.05, 0.0])
+        parts.append(shapes["capsule"](at + turn @ (start + half), turn @ half, 0.009))
+    thumb = np.array([0.025, 0.02, 0.0])
+    parts.append(shapes["capsule"](at + turn @ ([0.045, 0.0, 0.0] + thumb), turn @ thumb, 0.01))
+    assert find(extra=parts) == []
+
+
+def test_a_ball_in_a_hand_s_fingers_is_one(find, shapes) -> None:
+    ball = np.array([1.3, 0.0, 0.5])
+    fingers = [
+        shapes["capsule"](ball + [0.0, side * 0.06, -0.02], (0.0, 0.0, 0.04), 0.009)
+        for side in (-1.0, 1.0)
+    ]
+    ((place, sphere),) = find([(ball, 0.05)], fingers)
+    assert place == pytest.approx(ball, abs=0.006)
+    assert sphere.radius == pytest.approx(0.05, abs=0.004)
 
 
 def test_an_empty_scene_has_no_spheres(find) -> None:

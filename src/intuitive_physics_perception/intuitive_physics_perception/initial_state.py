@@ -16,7 +16,11 @@ from intuitive_physics.state import (
     ObjectState,
 )
 from intuitive_physics_perception.attitude import Attitude, with_attitude
-from intuitive_physics_perception.motion import supported_acceleration, supporting_planes
+from intuitive_physics_perception.motion import (
+    downward,
+    supported_acceleration,
+    supporting_planes,
+)
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.spin import ROLLING_TIME, rolling_spin, unknown_spin
 
@@ -168,8 +172,7 @@ def _height(record: Record, k: int, environment: Environment) -> float:
     """m of the centre above the lowest point, at point k."""
     if record.attitudes is None:
         return record.object.shape.bounding_radius
-    gravity = environment.gravity
-    return record.attitudes[k].reach(gravity / max(float(np.linalg.norm(gravity)), 1e-9))
+    return record.attitudes[k].reach(downward(environment))
 
 
 def _chosen(

@@ -49,6 +49,12 @@ def supporting_planes(
     ]
 
 
+def downward(environment: Environment) -> NDArray[np.float64]:
+    """Unit vector (3,) along gravity; zeros without one."""
+    strength = float(np.linalg.norm(environment.gravity))
+    return environment.gravity / strength if strength > 0.0 else np.zeros(3)
+
+
 def lies_over(plane: Plane, position: NDArray[np.float64]) -> bool:
     """Whether a plumb line from a position (3,) onto a plane meets it within its boundary."""
     if plane.boundary is None:

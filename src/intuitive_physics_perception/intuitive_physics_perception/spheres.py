@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from intuitive_physics_perception.cluster_memory import ClusterMemory
 from intuitive_physics_perception.foreground import Clusters
+from intuitive_physics_perception.known_radius import with_known_radius
 from intuitive_physics_perception.noise import RangeNoise
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.sphere_fit import (
-    NEIGHBOUR_DRAWS,
-    inspect_sphere,
-    random_spheres,
-    readings_beyond,
-    refine_sphere,
-    score_spheres,
+from intuitive_physics_perception.sphere_fit import readings_beyond, refine_sphere
+from intuitive_physics_perception.sphere_inspection import inspect_sphere
+from intuitive_physics_perception.sphere_ransac import (
+    outline_sphere,
+    ransac_spheres,
+    spheres_of_radius,
 )
 
 SCORED_POINTS = 512
@@ -97,6 +97,7 @@ class SphereFinder:
         self._settings = settings
         self._rng = rng
         self._memory: ClusterMemory[None] = ClusterMemory(STILLNESS * settings.min_radius)
+        self._known_radii = [thing.radius for thing in settings.known_objects]
         self._deviation = noise.deviation
         self._noise = np.square([noise.constant, noise.quadratic, noise.limit, noise.lateral])
 
@@ -146,9 +147,12 @@ class SphereFinder:
         fitted = self._some(own, FITTED_POINTS)
         for hypothesis in self._hypotheses(fitted, len(own), thorough):
             sphere, covariance, misfit = self._refined(points, cluster, fitted, hypothesis)
+            # The fit took part of the points: the rest tells as much again.
+            covariance = covariance * self._settings.correlated_readings * len(fitted) / len(own)
+            sphere, covariance = with_known_radius(
+                sphere, covariance, self._known_radii, self._settings.known_object_tolerance
+            )
             if misfit < self._settings.max_misfit and self._is_plausible(sphere, covariance):
-                # The fit took part of the points: the rest tells as much again.
-                covariance *= self._settings.correlated_readings * len(fitted) / len(own)
                 detected = self._inspected(points, cluster, sphere, covariance)
                 if detected is not None:
                     return detected
@@ -176,20 +180,24 @@ class SphereFinder:
     def _hypotheses(
         self, points: NDArray[np.float64], total: int, thorough: bool
     ) -> Iterator[NDArray[np.float64]]:
-        """The sphere the outline suggests, which mostly is right; then the best random ones."""
-        yield sphere_from_outline(points)
+        """The sphere the outline suggests, which mostly is right; those of known radius; then the
+        best random ones."""
+        yield outline_sphere(points)
+        yield from spheres_of_radius(points, self._known_radii)
         if not thorough:
             return
         limits = self._settings.min_radius, self._settings.max_radius
-        draws = self._rng.random((self._settings.hypotheses, 2 + 3 * NEIGHBOUR_DRAWS))
         scored = self._some(points, SCORED_POINTS)
-        spheres = random_spheres(scored, draws, *limits)
-        scores = score_spheres(scored, spheres, INLIER_SIGMAS, self._noise)
+        spheres, scores = ransac_spheres(
+            scored, limits, INLIER_SIGMAS, self._noise, self._settings.hypotheses, self._rng
+        )
         # A sphere with enough points has a share of those scored; half allows for a rough start.
         needed = 0.5 * self._settings.min_points * len(scored) / total
-        for k in np.argsort(-scores, kind="stable")[:REFINED_HYPOTHESES]:
-            if scores[k] > needed:
-                yield spheres[k]
+        for sphere, score in zip(
+            spheres[:REFINED_HYPOTHESES], scores[:REFINED_HYPOTHESES], strict=True
+        ):
+            if score > needed:
+                yield sphere
 
     def _some(self, points: NDArray[np.float64], count: int) -> NDArray[np.float64]:
         if len(points) <= count:
@@ -228,24 +236,6 @@ class SphereFinder:
         covariance = covariance + SYSTEMATIC_ERROR**2 * np.eye(4)
         distance = float(np.linalg.norm(sphere[:3]))
         return DetectedSphere(sphere[:3], float(sphere[3]), covariance, on, distance)
-
-
-def sphere_from_outline(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (x, y, z, r) of the sphere whose outline and nearest point the cluster has.
-
-    A sphere of radius r at distance l is seen under the half angle α, sin α = r / l, and its
-    nearest point at l - r: r = nearest sin α / (1 - sin α).
-    """
-    ranges = np.linalg.norm(points, axis=1)
-    directions = points / ranges[:, None]
-    low, high = directions.min(axis=0), directions.max(axis=0)
-    axis = 0.5 * (low + high)
-    axis /= np.linalg.norm(axis)
-    sines = np.linalg.norm(np.cross(directions, axis), axis=1)
-    sine = min(float(np.quantile(sines, 0.97)), 0.9)
-    nearest = float(np.quantile(ranges, 0.1))
-    radius = nearest * sine / (1.0 - sine)
-    return np.append(axis * (nearest + radius), radius)
 
 
 def points_around(

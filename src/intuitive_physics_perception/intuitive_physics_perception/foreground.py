@@ -1,4 +1,4 @@
-"""What is not the environment: points off all planes and static boxes, in clusters."""
+"""What is no plane: points off all planes, in clusters that may be objects."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from intuitive_physics.rotation import rotation_matrix
-from intuitive_physics.scene import StaticBox
 from intuitive_physics_perception.clustering import grid_clusters, neighbour_labels
 from intuitive_physics_perception.environment_model import EnvironmentModel
 from intuitive_physics_perception.planes import DetectedPlane
@@ -36,25 +34,8 @@ class Clusters:
     readings: int
 
 
-@dataclass(frozen=True, eq=False)
-class _SensedBox:
-    """A static box in the sensor's frame: centre (3,), rotation (3, 3), half edge lengths (3,)."""
-
-    center: NDArray[np.float64]
-    rotation: NDArray[np.float64]
-    half: NDArray[np.float64]
-
-    @staticmethod
-    def of(box: StaticBox, model: EnvironmentModel) -> _SensedBox:
-        return _SensedBox(
-            model.to_sensor(box.center),
-            model.rotation.T @ rotation_matrix(box.orientation),
-            0.5 * box.edge_lengths,
-        )
-
-
 class ForegroundFinder:
-    """Takes planes and static boxes of one environment out of frames and clusters what is left."""
+    """Takes the planes of one environment out of frames and clusters what is left."""
 
     def __init__(self, model: EnvironmentModel, settings: PerceptionSettings) -> None:
         self._settings = settings
@@ -76,8 +57,6 @@ class ForegroundFinder:
         self._coefficients = np.array(
             [[*plane.normal, plane.offset] for plane in model.detected], dtype=np.float32
         )
-        self._boxes = [_SensedBox.of(box, model) for box in model.environment.boxes]
-        self._noise = noise
         self._cover = np.zeros((0, 0), dtype=np.uint16)
         self._covered = np.zeros((0, 0), dtype=bool)
 
@@ -86,23 +65,11 @@ class ForegroundFinder:
         mask, readings = _foreground(
             points, self._cover_of(points), self._coefficients, self._limits
         )
-        if self._boxes:
-            self._take_out_boxes(points, mask)
         if points.shape[0] > 1:
             indices = self._organised_clusters(points, mask)
         else:
             indices = self._unorganised_clusters(points[0], mask[0])
         return Clusters(indices, int(np.count_nonzero(mask)), readings)
-
-    def _take_out_boxes(self, points: NDArray[np.float32], mask: NDArray[np.uint8]) -> None:
-        """Unmark what lies on or in a static box."""
-        marked = np.flatnonzero(mask)
-        own = points.reshape(-1, 3)[marked].astype(np.float64)
-        deviations = self._noise.deviation(np.linalg.norm(own, axis=1))
-        reach = self._settings.plane_tolerance + self._settings.plane_sigmas * deviations
-        for box in self._boxes:
-            local = np.abs((own - box.center) @ box.rotation)
-            mask.reshape(-1)[marked[(local <= box.half + reach[:, None]).all(axis=1)]] = 0
 
     def _cover_of(self, points: NDArray[np.float32]) -> NDArray[np.uint16]:
         """Bit k of each point says whether its ray meets plane k inside the plane's outline.

@@ -237,7 +237,7 @@ class _ModelledScene:
         self.model = model
         self.foreground = ForegroundFinder(model, settings)
         self.spheres = SphereFinder(model.noise, settings, rng)
-        self.solids = SolidFinder(model.noise, model.detected, settings, rng)
+        self.solids = SolidFinder(model, settings, rng)
         self.follow_anew(settings, first_track)
 
     def follow_anew(self, settings: PerceptionSettings, first_track: int) -> None:

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.rotation import rotation_matrix
 from intuitive_physics_perception.box_fit import fit_box
 from intuitive_physics_perception.capsule_fit import fit_capsule
 from intuitive_physics_perception.cluster_memory import ClusterMemory
 from intuitive_physics_perception.detected_solid import DetectedSolid
-from intuitive_physics_perception.noise import RangeNoise
-from intuitive_physics_perception.planes import DetectedPlane
+from intuitive_physics_perception.environment_model import EnvironmentModel
 from intuitive_physics_perception.settings import PerceptionSettings
 
 FITTED_POINTS = 800
@@ -24,20 +24,18 @@ class SolidFinder:
 
     Parameters
     ----------
-    noise : of the range readings
-    planes : of the environment, in the sensor's frame; what stands on one reaches down to it
+    model : the environment: what stands on one of its planes reaches down to it, and what is one
+        of its static boxes is no object
     rng : decides which points and hypotheses are tried
     """
 
     def __init__(
         self,
-        noise: RangeNoise,
-        planes: Sequence[DetectedPlane],
+        model: EnvironmentModel,
         settings: PerceptionSettings,
         rng: np.random.Generator,
     ) -> None:
-        self._noise = noise
-        self._planes = planes
+        self._model = model
         self._settings = settings
         self._rng = rng
         self._memory: ClusterMemory[DetectedSolid] = ClusterMemory(STILLNESS * settings.min_radius)
@@ -80,9 +78,9 @@ class SolidFinder:
         total = len(own)
         if total > FITTED_POINTS:
             own = own[self._rng.choice(total, FITTED_POINTS, replace=False)]
-        deviations = self._noise.deviation(np.linalg.norm(own, axis=1))
-        capsule = fit_capsule(own, deviations, self._noise.lateral)
-        box = fit_box(own, deviations, self._planes, self._rng)
+        deviations = self._model.noise.deviation(np.linalg.norm(own, axis=1))
+        capsule = fit_capsule(own, deviations, self._model.noise.lateral)
+        box = fit_box(own, deviations, self._model.detected, self._rng)
         fits = [
             fit
             for fit in (capsule, box)
@@ -90,6 +88,7 @@ class SolidFinder:
             and fit.misfit < self._settings.max_misfit
             and self._settings.min_radius <= fit.radius
             and fit.shape.bounding_radius <= 0.5 * self._settings.max_solid_size
+            and not self._is_static(fit)
         ]
         if not fits:
             return None
@@ -97,3 +96,14 @@ class SolidFinder:
         # The fit took part of the points: the rest tells as much again.
         doubt = self._settings.correlated_readings * len(own) / total
         return best.doubted(doubt, total)
+
+    def _is_static(self, fit: DetectedSolid) -> bool:
+        """Whether its centre lies in a static box of the environment."""
+        center = self._model.to_environment(fit.center)
+        return any(
+            (
+                np.abs((center - box.center) @ rotation_matrix(box.orientation))
+                <= 0.5 * box.edge_lengths
+            ).all()
+            for box in self._model.environment.boxes
+        )

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from intuitive_physics.scene import Environment, StaticBox
 from intuitive_physics.shapes import Box, Capsule
 from intuitive_physics_perception.depth import points_from_depth
 from intuitive_physics_perception.foreground import ForegroundFinder
@@ -20,7 +23,7 @@ def find(corner_model):
     """Solids of a depth image of the corner, in the world."""
     room, rays, model = corner_model
     foreground = ForegroundFinder(model, SETTINGS)
-    finder = SolidFinder(model.noise, model.detected, SETTINGS, np.random.default_rng(4))
+    finder = SolidFinder(model, SETTINGS, np.random.default_rng(4))
 
     def solids(*shapes, balls=()):
         points = points_from_depth(room.depth(balls, shapes), rays)
@@ -98,3 +101,19 @@ def test_what_the_image_cuts_off_is_not_measured(corner_model, find, shapes) -> 
     room, _, _ = corner_model
     edge = room.rotation @ (np.array([(0 - 319.5) / room.focal, -0.1, 1.0]) * 1.5) + room.origin
     assert find(shapes["box"](edge, (0.2, 0.2, 0.2), 0.6)) == []
+
+
+def test_a_static_box_of_the_environment_is_no_object(corner_model, shapes) -> None:
+    room, rays, model = corner_model
+    place, edges = np.array([1.5, 0.0, 0.08]), (0.2, 0.24, 0.16)
+    turn = Rotation.from_matrix(model.rotation @ room.rotation.T) * Rotation.from_euler("z", 0.7)
+    center = model.to_environment(room.to_camera(place))
+    crate = StaticBox("crate", "wood", center, turn.as_quat(), edges)
+    known = model.environment
+    furnished = replace(model, environment=Environment(known.planes, [crate], known.gravity))
+    points = points_from_depth(room.depth(extra=[shapes["box"](place, edges, 0.7)]), rays)
+    clusters = ForegroundFinder(model, SETTINGS).find(points).indices
+    for world, count in ((model, 1), (furnished, 0)):
+        finder = SolidFinder(world, SETTINGS, np.random.default_rng(4))
+        found = [solid for solid in finder.find(points, clusters) if solid is not None]
+        assert len(found) == count

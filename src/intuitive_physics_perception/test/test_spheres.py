@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from intuitive_physics.scene import Environment, StaticBox
 from intuitive_physics_perception.clustering import neighbour_labels
 from intuitive_physics_perception.depth import points_from_depth
 from intuitive_physics_perception.foreground import ForegroundFinder
@@ -37,7 +36,7 @@ def find(corner_model):
     room, rays, model = corner_model
     foreground = ForegroundFinder(model, SETTINGS)
     finder = SphereFinder(model.noise, SETTINGS, np.random.default_rng(4))
-    solids = SolidFinder(model.noise, model.detected, SETTINGS, np.random.default_rng(5))
+    solids = SolidFinder(model, SETTINGS, np.random.default_rng(5))
 
     def spheres(balls=(), extra=(), as_cloud=False):
         points = points_from_depth(room.depth(balls, extra), rays)
@@ -252,31 +251,6 @@ def test_a_ball_in_a_hand_s_fingers_is_one(find, shapes) -> None:
 
 def test_an_empty_scene_has_no_spheres(find) -> None:
     assert all(find() == [] for _ in range(3))
-
-
-def test_a_static_box_of_the_environment_is_no_foreground(corner_model, shapes) -> None:
-    room, rays, model = corner_model
-    place, edges = np.array([1.5, 0.1, 0.1]), (0.3, 0.2, 0.2)
-    turn = Rotation.from_euler("z", 0.6)
-    into = Rotation.from_matrix(model.rotation @ room.rotation.T)
-    box = StaticBox(
-        "crate",
-        "wood",
-        model.to_environment(room.to_camera(place)),
-        (into * turn).as_quat(),
-        edges,
-    )
-    environment = Environment(model.environment.planes, [box], model.environment.gravity)
-    furnished = replace(model, environment=environment)
-    ball = (np.array([1.5, 0.1, 0.3]), 0.05)
-    points = points_from_depth(room.depth([ball], [shapes["box"](place, edges, 0.6)]), rays)
-    bare = ForegroundFinder(model, SETTINGS).find(points)
-    clusters = ForegroundFinder(furnished, SETTINGS).find(points)
-    assert clusters.foreground < 0.5 * bare.foreground
-    center = room.to_camera(ball[0])
-    (only,) = clusters.indices
-    off = np.linalg.norm(points.reshape(-1, 3)[only] - center, axis=1)
-    assert np.median(off) == pytest.approx(0.05, abs=0.01)
 
 
 def test_clusters_are_told_apart_by_gaps_that_grow_with_range() -> None:

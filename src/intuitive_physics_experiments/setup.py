@@ -28,7 +28,11 @@ setup(
         "rosbags",
         "scipy",
     ],
-    extras_require={"render": ["open3d", "pybullet"], "test": ["pytest", "hypothesis"]},
+    extras_require={
+        "render": ["open3d", "pybullet"],
+        "peers": ["mujoco", "pybullet"],
+        "test": ["pytest", "hypothesis"],
+    },
     zip_safe=False,
     maintainer="Intuitive Physics maintainers",
     maintainer_email="maintainers@intuitive-physics.example",

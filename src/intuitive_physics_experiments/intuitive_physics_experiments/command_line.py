@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_experiments.commands import (
     evaluate_command,
+    experiment_command,
     learn_command,
     perceive_command,
     predict_command,
@@ -57,6 +58,7 @@ def _parser() -> argparse.ArgumentParser:
         learn_command,
         predict_command,
         evaluate_command,
+        experiment_command,
     ):
         command.add_to(commands)
     return parser

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
+from intuitive_physics.polygons import clip_polygon, plane_square
 from intuitive_physics.scene import Environment
 from intuitive_physics.validation import finite_array
 from intuitive_physics_experiments.camera import Camera
-from intuitive_physics_experiments.polygons import clip_polygon, plane_square
 
 PLANE_EXTENT = 4.0
 """m that a plane without boundary reaches to each side of the point nearest the origin."""

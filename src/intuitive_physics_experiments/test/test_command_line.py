@@ -154,6 +154,33 @@ def test_balls_that_fly_through_air_are_predicted_better(
     assert with_air < 0.75 * without
 
 
+def test_drag_is_learned_from_the_recording(recording: Callable[[str], Path]) -> None:
+    arguments = ["--drag", "learn", "--iterations", 200]
+    result = run("evaluate", recording("table_tennis_launches.npz"), *arguments)
+    assert result.returncode == 0, result.stderr
+    drag = float(result.stdout.split("learned drag ")[1].split()[0])
+    # A smooth sphere at 4 m/s has about 0.4 to 0.5; the camera's metres are not exact.
+    assert 0.2 < drag < 0.6
+    assert "0.6 s ahead, from the first 0.2 s of" in result.stdout
+    ahead = result.stdout.split("ahead, from")[1].splitlines()
+    means = {line[:20].strip(): float(line.split()[-2]) for line in ahead[3:6]}
+    spread = float(result.stdout.split("at that time: ")[1].split()[0])
+    assert means["learned parameters"] < spread < means["default parameters"]
+
+
+def test_tosses_by_the_number_learned_from(
+    tmp_path: Path, toss_arrays: Callable[..., dict[str, Any]]
+) -> None:
+    arrays = {**toss_arrays(4, "stepped"), "mass": np.array(0.4), "inertia": np.array(6.7e-4)}
+    np.savez(tmp_path / "tosses.npz", **arrays)
+    arguments = ["--iterations", 20, "--train-counts", 1, 3, "--measured-inertia"]
+    result = run("evaluate", tmp_path / "tosses.npz", *arguments)
+    assert result.returncode == 0, result.stderr
+    assert "moment of inertia as measured" in result.stdout
+    assert "4 tosses, 1 to fit to, 3 to test" in result.stdout
+    assert "4 tosses, 3 to fit to, 1 to test" in result.stdout
+
+
 def write(path: Path, text: str = "") -> Path:
     path.write_text(text)
     return path
@@ -175,6 +202,11 @@ def write(path: Path, text: str = "") -> Path:
         (["evaluate", "set.npz", "--engine", "magic"], "simulator is 'magic'"),
         (["evaluate", "set.npz", "--length-correction", "1.02"], "for cube tosses only"),
         (["evaluate", "tosses.npz", "--length-correction", "-1"], "length correction is -1"),
+        (["evaluate", "set.npz", "--train-counts", "2"], "for cube tosses only"),
+        (["evaluate", "set.npz", "--measured-inertia"], "for cube tosses only"),
+        (["evaluate", "tosses.npz", "--train-counts", "2"], "train count is 2 of 2"),
+        (["evaluate", "tosses.npz", "--measured-inertia"], "no array mass"),
+        (["evaluate", "tosses.npz", "--drag", "learn"], "for table tennis only"),
         (["evaluate", "tosses.npz", "--engine", "magic"], "simulator is 'magic'"),
         (["evaluate", "tosses.npz", "--drag", "0.4"], "for table tennis only"),
         (["evaluate", "set.npz", "--drag", "-1"], "drag coefficient is -1"),

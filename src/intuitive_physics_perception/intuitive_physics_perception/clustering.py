@@ -48,7 +48,7 @@ def grid_clusters(points: Any, mask: Any, limits: Any, min_points: int) -> tuple
     starts : (n_clusters + 1,) where each cluster starts in `order`
     """
     height, width = mask.shape
-    _, _, constant2, quadratic2, limit2, _, _ = limits
+    _, _, constant2, quadratic2, limit2 = limits
     label = np.full((height, width), -1, dtype=np.int32)
     ranges = np.empty((2, width), dtype=np.float32)
     parent = np.empty(height * width, dtype=np.int32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -12,10 +13,12 @@ from numpy.typing import NDArray
 
 from intuitive_physics_perception.clustering import grid_clusters, neighbour_labels
 from intuitive_physics_perception.environment_model import EnvironmentModel
+from intuitive_physics_perception.noise import RangeNoise
 from intuitive_physics_perception.planes import DetectedPlane
 from intuitive_physics_perception.settings import PerceptionSettings
 
 OUTLINE_MARGIN = 0.03
+ITERATIONS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +43,7 @@ class ForegroundFinder:
     def __init__(self, model: EnvironmentModel, settings: PerceptionSettings) -> None:
         self._settings = settings
         self._planes = model.detected
+        self._noise = model.noise
         noise = model.noise
         # Single precision halves the time of a frame and is far below the noise.
         self._limits = np.array(
@@ -49,42 +53,36 @@ class ForegroundFinder:
                 noise.constant**2,
                 noise.quadratic**2,
                 noise.limit**2,
-                settings.plane_tolerance**2,
-                settings.plane_sigmas**2,
             ],
             dtype=np.float32,
         )
-        self._coefficients = np.array(
-            [[*plane.normal, plane.offset] for plane in model.detected], dtype=np.float32
-        )
-        self._cover = np.zeros((0, 0), dtype=np.uint16)
-        self._covered = np.zeros((0, 0), dtype=bool)
+        self._free = np.zeros((0, 0), dtype=np.float32)
+        self._known = np.zeros((0, 0), dtype=bool)
 
     def find(self, points: NDArray[np.float32]) -> Clusters:
         """Cluster the foreground of a frame of points (height, width, 3)."""
-        mask, readings = _foreground(
-            points, self._cover_of(points), self._coefficients, self._limits
-        )
+        mask, readings = _foreground(points, self._free_of(points), self._limits)
         if points.shape[0] > 1:
             indices = self._organised_clusters(points, mask)
         else:
             indices = self._unorganised_clusters(points[0], mask[0])
         return Clusters(indices, int(np.count_nonzero(mask)), readings)
 
-    def _cover_of(self, points: NDArray[np.float32]) -> NDArray[np.uint16]:
-        """Bit k of each point says whether its ray meets plane k inside the plane's outline.
+    def _free_of(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Squared range at which each ray comes to a plane, (height, width) m².
 
         A pixel of an organised cloud always looks the same way, so it is asked only once.
         """
         organised = points.shape[0] > 1
-        if not organised or self._cover.shape != points.shape[:2]:
-            self._cover = np.zeros(points.shape[:2], dtype=np.uint16)
-            self._covered = np.zeros(points.shape[:2], dtype=bool)
-        new = np.isfinite(points[:, :, 2]) & ~self._covered
+        if not organised or self._free.shape != points.shape[:2]:
+            self._free = np.zeros(points.shape[:2], dtype=np.float32)
+            self._known = np.zeros(points.shape[:2], dtype=bool)
+        new = np.isfinite(points[:, :, 2]) & ~self._known
         if new.any():
-            self._cover[new] = covering_planes(points[new], self._planes)
-            self._covered |= new
-        return self._cover
+            free = free_ranges(points[new], self._planes, self._noise, self._settings)
+            self._free[new] = np.square(free)
+            self._known |= new
+        return self._free
 
     def _organised_clusters(
         self, points: NDArray[np.float32], mask: NDArray[np.uint8]
@@ -105,27 +103,47 @@ class ForegroundFinder:
         ]
 
 
-def covering_planes(
-    directions: NDArray[Any], planes: tuple[DetectedPlane, ...]
-) -> NDArray[np.uint16]:
-    """Return (n,) bit masks: bit k is set where a ray meets plane k inside its outline.
+def free_ranges(
+    directions: NDArray[np.float32],
+    planes: Sequence[DetectedPlane],
+    noise: RangeNoise,
+    settings: PerceptionSettings,
+) -> NDArray[np.float32]:
+    """Range up to which a reading along each ray lies off and before all planes, (n,) m.
+
+    The reading at range ρ of a ray that meets a plane at an angle of cosine c, inside the plane's
+    outline, lies before it when its distance exceeds √((s σ(ρ) c)² + t²): s deviations of the noise
+    and the unevenness t.
 
     Parameters
     ----------
     directions : (n, 3) of any length, from the sensor
     """
-    cover = np.zeros(len(directions), dtype=np.uint16)
-    for k, plane in enumerate(planes):
-        along = directions @ plane.normal.astype(directions.dtype)
-        meets = np.flatnonzero(along < -1e-6)
-        reach = plane.offset / along[meets]
-        met = directions[meets] * reach[:, None]
-        margin = OUTLINE_MARGIN * np.linalg.norm(met, axis=1)
-        inside = np.ones(meets.size, dtype=bool)
-        for outward, bound in zip(*_edges(plane), strict=True):
-            inside &= met @ outward.astype(directions.dtype) <= bound + margin
-        cover[meets[inside]] |= np.uint16(1 << k)
-    return cover
+    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    free = np.full(len(unit), settings.max_range, dtype=np.float32)
+    for plane in planes:
+        cosine = -(unit @ plane.normal.astype(unit.dtype))
+        meets = np.flatnonzero(cosine > 1e-6)
+        cosine = cosine[meets]
+        inside = _inside_outline(plane, unit[meets] * (-plane.offset / cosine)[:, None])
+        meets, cosine = meets[inside], cosine[inside]
+        begins = -plane.offset / cosine
+        # A contraction: what the noise lets pass grows far slower with range than the distance.
+        for _ in range(ITERATIONS):
+            spread = settings.plane_sigmas * noise.deviation(begins) * cosine
+            margin = np.hypot(spread, settings.plane_tolerance)
+            begins = np.maximum((-plane.offset - margin) / cosine, 0.0)
+        free[meets] = np.minimum(free[meets], begins)
+    return free
+
+
+def _inside_outline(plane: DetectedPlane, places: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Which places (n, 3) on a plane lie in what was seen of it, or hardly out of it."""
+    margin = OUTLINE_MARGIN * np.linalg.norm(places, axis=1)
+    inside = np.ones(len(places), dtype=bool)
+    for outward, bound in zip(*_edges(plane), strict=True):
+        inside &= places @ outward.astype(places.dtype) <= bound + margin
+    return inside
 
 
 def _edges(plane: DetectedPlane) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -137,34 +155,21 @@ def _edges(plane: DetectedPlane) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _foreground(points: Any, cover: Any, planes: Any, limits: Any) -> tuple[Any, int]:
-    """Mark points in range that are off all planes (n, 4) covering them, and not behind one.
+def _foreground(points: Any, free: Any, limits: Any) -> tuple[Any, int]:
+    """Mark points in range and before all planes, which begin at the squared range `free`.
 
-    Whole rows go through each step without a branch, which the compiler turns into vector code.
+    No branch, which the compiler turns into vector code.
     """
-    height, width = cover.shape
-    min_range2, max_range2, constant2, quadratic2, limit2, tolerance2, sigmas2 = limits
-    mask = np.zeros((height, width), dtype=np.uint8)
-    range2 = np.empty(width, dtype=np.float32)
-    variance = np.empty(width, dtype=np.float32)
+    height, width = free.shape
+    min_range2, max_range2 = limits[0], limits[1]
+    mask = np.empty((height, width), dtype=np.uint8)
     readings = 0
     for v in range(height):
         for u in range(width):
             x, y, z = points[v, u, 0], points[v, u, 1], points[v, u, 2]
-            range2[u] = x * x + y * y + z * z
-            grown = constant2 + quadratic2 * range2[u] * range2[u]
-            variance[u] = sigmas2 * (grown if grown < limit2 else limit2)
+            range2 = x * x + y * y + z * z
             # NaN compares false with everything.
-            mask[v, u] = (range2[u] >= min_range2) & (range2[u] <= max_range2)
-            readings += mask[v, u]
-        for k in range(planes.shape[0]):
-            nx, ny, nz, offset = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
-            bit = np.uint16(1 << k)
-            for u in range(width):
-                along = points[v, u, 0] * nx + points[v, u, 1] * ny + points[v, u, 2] * nz
-                distance = along - offset
-                # Both sides times range², which spares a division for every pixel.
-                spread = tolerance2 * range2[u] + variance[u] * along * along
-                before = (distance > np.float32(0.0)) & (distance * distance * range2[u] > spread)
-                mask[v, u] &= np.uint8(before) | np.uint8((cover[v, u] & bit) == 0)
+            read = (range2 >= min_range2) & (range2 <= max_range2)
+            mask[v, u] = read & (range2 < free[v, u])
+            readings += read
     return mask, readings

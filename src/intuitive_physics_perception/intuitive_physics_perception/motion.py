@@ -45,7 +45,7 @@ def supporting_planes(
         for plane in environment.planes
         if abs(plane.signed_distances(position) - radius) < tolerance
         and plane.normal @ environment.gravity < 0.0
-        and lies_over(plane, position)
+        and plane.covers(position)
     ]
 
 
@@ -53,16 +53,6 @@ def downward(environment: Environment) -> NDArray[np.float64]:
     """Unit vector (3,) along gravity; zeros without one."""
     strength = float(np.linalg.norm(environment.gravity))
     return environment.gravity / strength if strength > 0.0 else np.zeros(3)
-
-
-def lies_over(plane: Plane, position: NDArray[np.float64]) -> bool:
-    """Whether a plumb line from a position (3,) onto a plane meets it within its boundary."""
-    if plane.boundary is None:
-        return True
-    along = np.roll(plane.boundary, -1, axis=0) - plane.boundary
-    # The corners go counter-clockwise about the normal: inside is to the left of every edge.
-    left = np.cross(plane.normal, along)
-    return bool((np.einsum("ij,ij->i", position - plane.boundary, left) >= 0.0).all())
 
 
 def supported_acceleration(environment: Environment, planes: list[Plane]) -> NDArray[np.float64]:
@@ -124,12 +114,21 @@ def _next_contact(
         if plane in support:
             continue
         gap = float(plane.signed_distances(mean[POSITION]) - mean[RADIUS])
+        if plane.boundary is not None and gap < -2.0 * mean[RADIUS]:
+            # It is wholly behind: below a table, or beyond the front of a box.
+            continue
         speed = float(plane.normal @ mean[VELOCITY])
         pull = float(plane.normal @ acceleration)
         time = _falls_to_zero(gap, speed, pull)
-        if time < until and lies_over(plane, mean[POSITION] + time * mean[VELOCITY]):
+        if time < until and plane.covers(_place_at(time, mean, acceleration)):
             first, until = plane, time
     return first, until
+
+
+def _place_at(
+    time: float, mean: NDArray[np.float64], acceleration: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    return mean[POSITION] + time * (mean[VELOCITY] + 0.5 * time * acceleration)
 
 
 def _falls_to_zero(gap: float, speed: float, pull: float) -> float:

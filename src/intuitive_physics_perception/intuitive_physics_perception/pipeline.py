@@ -7,14 +7,16 @@ from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import SceneObject
 from intuitive_physics.state import ObjectState
+from intuitive_physics.validation import unit_vector
 from intuitive_physics_perception.detected_solid import DetectedSolid
 from intuitive_physics_perception.detection import Detection
+from intuitive_physics_perception.environment_check import EnvironmentCheck
 from intuitive_physics_perception.environment_model import (
     EnvironmentModel,
     NoEnvironmentError,
@@ -26,6 +28,7 @@ from intuitive_physics_perception.objects import all_objects
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.solids import SolidFinder
 from intuitive_physics_perception.spheres import DetectedSphere, SphereFinder
+from intuitive_physics_perception.static_boxes import with_static_boxes
 from intuitive_physics_perception.tracker import Tracker
 
 
@@ -70,6 +73,8 @@ class Perceived:
     model : the environment; None while it is not known
     is_new_model : whether this frame completed it
     restarted : whether time went back, so that what was followed is followed anew
+    moved : one sentence when the sensor was moved, so that the environment is modelled anew from
+        the frames that follow; else empty
     detections : what was found in this frame alone, in the environment's frame
     objects : what is followed, in the environment's frame
     observations : those that this frame finished
@@ -80,6 +85,7 @@ class Perceived:
     model: EnvironmentModel | None
     is_new_model: bool = False
     restarted: bool = False
+    moved: str = ""
     detections: tuple[Detection, ...] = ()
     objects: tuple[PerceivedObject, ...] = ()
     observations: tuple[Observation, ...] = ()
@@ -109,6 +115,14 @@ class PerceptionPipeline:
         self._last_time = -np.inf
         self._first_frames: list[NDArray[np.float32]] = []
         self._scene: _ModelledScene | None = None
+        self._up: NDArray[np.float64] | None = None
+
+    def take_up(self, up: ArrayLike) -> None:
+        """Take the measured direction against gravity, (3,) in the sensor's frame.
+
+        With `gravity_source` "imu" the environment is modelled once it is known.
+        """
+        self._up = unit_vector(up, "up")
 
     def rebuild_environment(self) -> tuple[Observation, ...]:
         """Forget the environment, which the next frames model anew; return what was under way."""
@@ -150,15 +164,19 @@ class PerceptionPipeline:
 
     def _model(self, points: NDArray[np.float32], time: float) -> Perceived:
         """Collect the first frames, then model the environment."""
+        if self.settings.gravity_source == "imu" and self._up is None:
+            return self._unused(time, "up is not known yet; expected an IMU that has rested")
         self._first_frames.append(points)
         if len(self._first_frames) < self.settings.environment_frames:
             return Perceived(time, None)
         started = self._clock()
         frames, self._first_frames = self._first_frames, []
         try:
-            model = model_environment(frames, self.settings, self._rng)
+            model = model_environment(frames, self.settings, self._rng, self._up)
         except NoEnvironmentError as error:
             return self._unused(time, str(error))
+        if self.settings.static_boxes:
+            model = with_static_boxes(model, frames, self.settings, self._rng)
         self._scene = _ModelledScene(model, self.settings, self._rng, self._next_track)
         # What each pixel sees of the planes is found out here, so that no later frame waits.
         self._scene.foreground.find(points)
@@ -172,6 +190,10 @@ class PerceptionPipeline:
     ) -> Perceived:
         """Take the planes out, find objects, follow them, close what is finished."""
         instants = [self._clock()]
+        moved = scene.check.moved(points, time)
+        if moved:
+            observations = self.rebuild_environment()
+            return replace(self._unused(time, moved), observations=observations, moved=moved)
         clusters = scene.foreground.find(points)
         instants.append(self._clock())
         spheres = scene.spheres.find(points, clusters)
@@ -235,6 +257,7 @@ class _ModelledScene:
         first_track: int,
     ) -> None:
         self.model = model
+        self.check = EnvironmentCheck(model, settings)
         self.foreground = ForegroundFinder(model, settings)
         self.spheres = SphereFinder(model.noise, settings, rng)
         self.solids = SolidFinder(model, settings, rng)

@@ -12,6 +12,10 @@ from intuitive_physics_perception.motion import SIZE, predicted
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
 CORNER = Environment([*FLOOR.planes, Plane("wall", "m", (-1, 0, 0), -1.0)])
+TABLE = Plane(
+    "table", "m", (0, 0, 1), 0.7, [(-1, -1, 0.7), (1, -1, 0.7), (1, 1, 0.7), (-1, 1, 0.7)]
+)
+TABLE_AND_FLOOR = Environment([TABLE, *FLOOR.planes])
 RADIUS = 0.05
 COVARIANCE = np.diag([1e-6] * 3 + [1e-2] * 3 + [1e-8])
 
@@ -58,6 +62,20 @@ def test_a_ball_on_the_floor_stays_on_it() -> None:
     mean, _ = predict(ball((0, 0, RADIUS), (0.5, 0, 0)), 0.5)
     assert mean[:3] == pytest.approx([0.25, 0, RADIUS])
     assert mean[3:6] == pytest.approx([0.5, 0, 0])
+
+
+def test_a_ball_rolls_on_a_table_and_falls_beyond_its_edge() -> None:
+    on = predict(ball((0.5, 0, 0.7 + RADIUS), (1, 0, 0)), 0.1, TABLE_AND_FLOOR)[0]
+    assert on[:3] == pytest.approx([0.6, 0, 0.7 + RADIUS])
+    off = predict(ball((1.1, 0, 0.7 + RADIUS), (1, 0, 0)), 0.1, TABLE_AND_FLOOR)[0]
+    assert off[2] == pytest.approx(0.7 + RADIUS - 0.5 * 9.81 * 0.01)
+
+
+def test_a_ball_flies_past_a_table_and_bounces_below_it() -> None:
+    past = predict(ball((0.95, 0, 0.8), (5, 0, -1)), 0.1, TABLE_AND_FLOOR)[0]
+    assert past[5] == pytest.approx(-1 - 9.81 * 0.1)
+    below = predict(ball((0, 0, 0.3), (0, 0, -1)), 0.1, TABLE_AND_FLOOR)[0]
+    assert below[5] == pytest.approx(-1 - 9.81 * 0.1)
 
 
 def test_an_unknown_acceleration_widens_the_covariance() -> None:

@@ -106,14 +106,16 @@ def run(effort: Effort) -> tuple[str, dict[str, float]]:
     warm_up()
     findings, comparison = Findings(), Comparison()
     for k in range(effort.scenes):
-        kind = SceneKind(planes=1 + k % 3, balls_at_once=1 + k // 3 % 3, throws=effort.throws)
+        kind = SceneKind(
+            planes=1 + k % 3, balls_at_once=1 + k // 3 % 3, throws=effort.throws, crates=k % 4
+        )
         print(f"── scene {k + 1} of {effort.scenes}: {kind}", file=sys.stderr)
         measure_scene(kind, np.random.default_rng([SEED, k]), effort, findings, comparison)
     texts = [
         "# Perception benchmark",
         f"{effort.scenes} rendered bags of {effort.throws} throws: balls of 3, 5 and 7 cm radius "
-        "at 1 to 3 m, one to three at once; one to three planes; the camera tilted by 15 to 40° "
-        "and a little rolled; all its faults on.",
+        "at 1 to 3 m, one to three at once; one to three planes, none to three crates; the camera "
+        "tilted by 15 to 40° and a little rolled; all its faults on.",
         accuracy_text(findings),
         timing_text(findings.timing),
         peers_text(

@@ -1,4 +1,4 @@
-"""Scenes for perception: one to three planes, a tilted camera, one to three balls at once."""
+"""Scenes for perception: planes, crates, a tilted camera, one to three balls at once."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics.scene import Environment, Plane
+from intuitive_physics.rotation import rotation_matrix
+from intuitive_physics.scene import Environment, Plane, StaticBox
 from intuitive_physics.state import ObjectState
 from intuitive_physics_experiments.camera import Camera
 from intuitive_physics_experiments.corner_room import BALL_RADII, ROOM_MATERIAL, true_parameters
@@ -47,18 +48,24 @@ class SceneKind:
     planes : 1 to 3, the floor among them
     balls_at_once : 1 to 3
     throws : in all
+    crates : boxes that stand about, in view; no ball ever touches one
     """
 
     planes: int
     balls_at_once: int
     throws: int
+    crates: int
 
 
 def random_truth(kind: SceneKind, rng: np.random.Generator) -> GroundTruth:
     """Return a scene whose floor has the most readings, as Sec. VI-B assumes, and its throws."""
     while True:
-        camera, environment = _random_camera(rng), _random_room(kind.planes, rng)
-        if _floor_is_largest(camera, environment):
+        camera, room = _random_camera(rng), _random_room(kind.planes, rng)
+        crates = [_random_crate(k, rng) for k in range(kind.crates)]
+        environment = Environment(room.planes, crates, room.gravity)
+        if _floor_is_largest(camera, environment) and all(
+            _stands_in_view(crate, camera, environment) for crate in crates
+        ):
             break
     parameters = true_parameters()
     throws: list[Throw] = []
@@ -102,6 +109,29 @@ def _random_room(planes: int, rng: np.random.Generator) -> Environment:
         Plane("wall_beside", ROOM_MATERIAL, -beside, -rng.uniform(0.7, 1.4)),
     ]
     return Environment([floor, *walls[: planes - 1]])
+
+
+def _random_crate(number: int, rng: np.random.Generator) -> StaticBox:
+    edges = rng.uniform(0.1, 0.35, 3)
+    place = rng.uniform([0.9, -0.9], [2.4, 0.9])
+    turn = Rotation.from_euler("z", rng.uniform(0.0, np.pi)).as_quat()
+    center = np.append(place, 0.5 * edges[2])
+    return StaticBox(f"crate_{number}", ROOM_MATERIAL, center, turn, edges)
+
+
+def _stands_in_view(crate: StaticBox, camera: Camera, environment: Environment) -> bool:
+    reach = 0.5 * float(np.linalg.norm(crate.edge_lengths[:2]))
+    walls = environment.planes[1:]
+    pixel = camera.project(crate.center)
+    return all(wall.signed_distances(crate.center) > reach for wall in walls) and bool(
+        ((pixel > 0.0) & (pixel < [camera.width, camera.height])).all()
+    )
+
+
+def _distance_from(crate: StaticBox, places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """m from places (n, 3) to the surface of a box; zero inside."""
+    local = np.abs((places - crate.center) @ rotation_matrix(crate.orientation))
+    return np.linalg.norm(np.maximum(local - 0.5 * crate.edge_lengths, 0.0), axis=1)
 
 
 def _floor_is_largest(camera: Camera, environment: Environment) -> bool:
@@ -156,12 +186,17 @@ def _random_motion(
     radius, pair = BALL_RADII[material], parameters.pair(material, ROOM_MATERIAL)
     contact = BallContact(pair["static_friction"], pair["rolling_friction"], pair["restitution"])
     density = float(parameters.density[parameters.index(material)])
+    room = Environment(environment.planes, gravity=environment.gravity)
     while True:
         start = _random_release(camera, rng)
         if any(p.signed_distances(start.position) < radius + GAP for p in environment.planes):
             continue
-        motion = move_ball(environment, radius, density, contact, start, DURATION)
+        motion = move_ball(room, radius, density, contact, start, DURATION)
         kept = _length_in_view(camera, motion.positions)
+        if any(
+            (_distance_from(c, motion.positions) < radius + GAP).any() for c in environment.boxes
+        ):
+            continue
         if motion.times[max(kept - 1, 0)] >= SHORTEST:
             return BallMotion(
                 motion.times[:kept],

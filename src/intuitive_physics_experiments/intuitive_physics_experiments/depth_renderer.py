@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.polygons import clip_polygon, plane_square
+from intuitive_physics.rotation import rotation_matrix
 from intuitive_physics.scene import Environment
 from intuitive_physics.validation import finite_array
 from intuitive_physics_experiments.camera import Camera
@@ -67,12 +68,13 @@ class RenderedBalls:
 
 
 class DepthRenderer:
-    """Renders balls among the planes of an environment.
+    """Renders balls in an environment.
 
     Parameters
     ----------
     camera : where it is seen from
-    environment : its planes; each reaches `PLANE_EXTENT` and ends where another plane cuts it off
+    environment : its planes and boxes; a plane reaches `PLANE_EXTENT` and ends where another cuts
+        it off
     """
 
     def __init__(self, camera: Camera, environment: Environment) -> None:
@@ -203,7 +205,7 @@ def _cast_background(
 ) -> DepthImage:
     open3d = _open3d()
     scene = open3d.t.geometry.RaycastingScene()
-    for vertices, triangles in _plane_meshes(environment):
+    for vertices, triangles in (*_plane_meshes(environment), *_box_meshes(environment)):
         scene.add_triangles(
             open3d.core.Tensor(vertices.astype(np.float32)),
             open3d.core.Tensor(triangles.astype(np.uint32)),
@@ -233,6 +235,20 @@ def _plane_meshes(environment: Environment) -> list[tuple[NDArray, NDArray]]:
             fan = [(0, i, i + 1) for i in range(1, len(corners) - 1)]
             meshes.append((np.asarray(corners), np.array(fan)))
     return meshes
+
+
+def _box_meshes(environment: Environment) -> list[tuple[NDArray, NDArray]]:
+    # Corner k has the sign of bit b of k along axis b; each face is two triangles.
+    signs = np.array([[1.0 if k >> b & 1 else -1.0 for b in range(3)] for k in range(8)])
+    faces = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
+    triangles = np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))])
+    return [
+        (
+            box.center + 0.5 * signs * box.edge_lengths @ rotation_matrix(box.orientation).T,
+            triangles,
+        )
+        for box in environment.boxes
+    ]
 
 
 def _open3d() -> ModuleType:

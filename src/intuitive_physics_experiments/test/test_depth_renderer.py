@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.scene import Environment, StaticBox
 from intuitive_physics_experiments.corner_room import corner_environment
 from intuitive_physics_experiments.depth_renderer import DepthRenderer
 
@@ -99,3 +101,19 @@ def test_a_ball_before_another_hides_it(renderer: DepthRenderer) -> None:
     assert counts[2] == alone[2] > 0
     nothing = renderer.render_balls([], [])
     assert nothing.region.empty
+
+
+def test_a_static_box_is_part_of_the_background(renderer: DepthRenderer) -> None:
+    camera = renderer.camera
+    planes = corner_environment().planes
+    # Its front face is square to the optical axis, 1 m ahead.
+    orientation = Rotation.from_matrix(camera.rotation).as_quat()
+    center = camera.position + 1.1 * camera.rotation[:, 2]
+    box = StaticBox("box", "wood", center, orientation, (0.3, 0.4, 0.2))
+    depth = DepthRenderer(camera, Environment(planes, [box])).background.depth
+    front = np.abs(depth - 1.0) < 1e-5
+    # f times 0.3 m and 0.4 m, at 1 m.
+    rows, columns = np.flatnonzero(front.any(axis=1)), np.flatnonzero(front.any(axis=0))
+    assert np.ptp(columns) + 1 == pytest.approx(0.3 * camera.focal_length, abs=1.1)
+    assert np.ptp(rows) + 1 == pytest.approx(0.4 * camera.focal_length, abs=1.1)
+    assert front.sum() == pytest.approx((np.ptp(rows) + 1) * (np.ptp(columns) + 1), rel=0.01)

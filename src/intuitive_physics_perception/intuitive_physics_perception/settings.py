@@ -148,6 +148,16 @@ class PerceptionSettings:
     max_radius_uncertainty: float = _number(
         0.15, 0.001, 1.0, "standard deviation of a fitted radius, in radii, that is still a sphere"
     )
+    find_solids: bool = _other(True, "look for boxes and capsules, too")
+    min_solid_points: int = _number(
+        120,
+        20,
+        1000000,
+        "points a box or capsule needs at least",
+    )
+    max_solid_size: float = _number(
+        0.8, 0.01, 100.0, "a box or capsule reaches no further from end to end, m"
+    )
     object_material: str = _other("ball", "material of spheres that are no known object")
     known_objects: tuple[KnownObject, ...] = _other((), "objects known by their radius")
     known_object_tolerance: float = _number(

@@ -46,7 +46,8 @@ def with_static_boxes(
     points = frame.reshape(-1, 3)
     boxes: list[StaticBox] = []
     for indices in clusters.indices:
-        if objects.find(frame, Clusters([indices], indices.size, clusters.readings)):
+        (part,) = objects.find(frame, Clusters([indices], indices.size, clusters.readings))
+        if part.spheres:
             continue
         box = _box_around(f"box_{len(boxes)}", model, points[indices], settings)
         if box is not None:

@@ -25,9 +25,10 @@ def ball(position, velocity):
 
 
 def predict(mean, duration, environment=FLOOR, restitution=0.6, noise=0.0):
-    return predicted(
+    found = predicted(
         mean, COVARIANCE, duration, environment, restitution=restitution, acceleration_noise=noise
     )
+    return found.mean, found.covariance
 
 
 def test_flight_is_a_parabola() -> None:
@@ -97,3 +98,23 @@ def test_any_prediction_is_finite_and_its_covariance_positive(position, velocity
         before = 0.5 * np.dot(velocity, velocity) + 9.81 * position[2]
         after = 0.5 * mean[3:6] @ mean[3:6] + 9.81 * mean[2]
         assert after <= before + 1e-6
+
+
+def test_the_transition_is_the_derivative_of_the_prediction() -> None:
+    # In flight it is exact.
+    start, step = ball((0.9, 0, 0.3), (2.0, 0.5, -1.0)), 1e-6
+    found = predicted(start, COVARIANCE, 0.02, FLOOR, restitution=0.6, acceleration_noise=0.0)
+    for k in range(SIZE - 1):
+        moved = start + step * np.eye(SIZE)[k]
+        there = predicted(moved, COVARIANCE, 0.02, FLOOR, restitution=0.6, acceleration_noise=0.0)
+        assert (there.mean - found.mean) / step == pytest.approx(found.transition[:, k], abs=1e-6)
+
+
+def test_a_ball_falls_off_the_edge_of_a_table() -> None:
+    # Counter-clockwise seen from above.
+    corners = [(-1, -1, 0.5), (0, -1, 0.5), (0, 1, 0.5), (-1, 1, 0.5)]
+    table = Environment([Plane("table", "m", (0, 0, 1), 0.5, corners)])
+    on, _ = predict(ball((-0.5, 0, 0.5 + RADIUS), (0.5, 0, 0)), 0.2, table)
+    assert on[2] == pytest.approx(0.5 + RADIUS)
+    off, _ = predict(ball((0.1, 0, 0.5 + RADIUS), (0.5, 0, 0)), 0.2, table)
+    assert off[2] == pytest.approx(0.5 + RADIUS - 0.5 * 9.81 * 0.2**2)

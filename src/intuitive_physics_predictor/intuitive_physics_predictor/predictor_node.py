@@ -55,7 +55,7 @@ from intuitive_physics_ros.conversions.geometry import point_to_message
 from intuitive_physics_ros.diagnostics import Diagnostics
 from intuitive_physics_ros.distribution_markers import distribution_markers
 from intuitive_physics_ros.input_monitor import InputMonitor
-from intuitive_physics_ros.parameters import Parameter, declare_parameters, field_parameters
+from intuitive_physics_ros.parameters import Parameter, declare_parameters, setting_parameters
 from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
 from intuitive_physics_ros.rate_monitor import RateMonitor
 from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_result
@@ -78,7 +78,7 @@ PARAMETERS = [
         read_only=False,
     ),
     Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0), read_only=False),
-    *field_parameters(PredictionOptions, read_only=False),
+    *setting_parameters(PredictionOptions, read_only=False),
 ]
 
 CODES: dict[type[BaseException], int] = {

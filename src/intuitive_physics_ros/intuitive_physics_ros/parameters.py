@@ -97,6 +97,31 @@ TYPE_WORDS = {
 }
 
 
+def setting_parameters(settings: type[Any], *, read_only: bool = True) -> list[Parameter]:
+    """Return a parameter for each field of a class of settings that is a number, word or choice.
+
+    Parameters
+    ----------
+    settings : dataclass whose fields have the metadata `description`, and `lower` and `upper` or
+        `choices` where their values are limited
+    read_only : of all of them, as in `Parameter`
+    """
+    return [
+        Parameter(
+            setting.name,
+            setting.default,
+            setting.metadata["description"],
+            (setting.metadata["lower"], setting.metadata["upper"])
+            if "lower" in setting.metadata
+            else None,
+            setting.metadata.get("choices", ()),
+            read_only,
+        )
+        for setting in fields(settings)
+        if isinstance(setting.default, bool | int | float | str)
+    ]
+
+
 def declare_parameters(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
     """Declare parameters on a node and return their values by name.
 
@@ -110,29 +135,6 @@ def declare_parameters(node: Node, parameters: Iterable[Parameter]) -> dict[str,
     declared = {parameter.name: parameter for parameter in parameters}
     node.add_on_set_parameters_callback(lambda new: _check(declared, new))
     return {name: _declare(node, parameter) for name, parameter in declared.items()}
-
-
-def field_parameters(options: type, *, read_only: bool = True) -> list[Parameter]:
-    """Return a parameter for each field of a dataclass.
-
-    Parameters
-    ----------
-    options : whose fields have a default, and in their metadata a `description` and, where they
-        have them, `lower` and `upper`, or `choices`
-    """
-    return [
-        Parameter(
-            option.name,
-            option.default,
-            option.metadata["description"],
-            (option.metadata["lower"], option.metadata["upper"])
-            if "lower" in option.metadata
-            else None,
-            choices=option.metadata.get("choices", ()),
-            read_only=read_only,
-        )
-        for option in fields(options)
-    ]
 
 
 def unknown_overrides(node: Node) -> list[str]:

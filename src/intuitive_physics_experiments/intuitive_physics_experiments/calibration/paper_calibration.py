@@ -56,8 +56,8 @@ class PaperCalibrationOptions:
     point_counts: Sequence[int] = POINT_COUNTS
     horizons: Sequence[float] = HORIZONS
     sample_count: int = 100
-    iterations: int = 3000
-    score_iterations: int = 1500
+    iterations: int = 4000
+    score_iterations: int = 1000
     engine: str = "auto"
     seed: int = 0
 

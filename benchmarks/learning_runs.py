@@ -112,7 +112,7 @@ def joint_run(task: Task, time_limit: float, *, judged: bool = True) -> JointRun
     began = time.perf_counter()
     cost = task.training_cost()
     influence = parameter_influence(cost.observations, cost.materials)
-    active = influence.any(axis=0)
+    active = np.asarray(influence.any(axis=0))
     searched = ActiveSpace(space, active, task.start)
     search = JointSearch(cost, searched, influence[:, active], searched.to_unit(task.start))
     looking = 0.0

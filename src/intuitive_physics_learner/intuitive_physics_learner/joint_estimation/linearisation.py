@@ -112,7 +112,7 @@ def linearise(
     state_steps = _state_steps(state_deviations)
     up_steps = np.hstack([state_steps, steps.up[block.parameters]])
     down_steps = np.hstack([state_steps, steps.down[block.parameters]])
-    valid = np.isfinite(rows).all(axis=(1, 3))
+    valid = np.asarray(np.isfinite(rows).all(axis=(1, 3)))
     up[~np.broadcast_to(valid[:, None], up.shape[:3])] = 0.0
     down[~np.broadcast_to(valid[:, None], down.shape[:3])] = 0.0
     slopes = (up + down) / (up_steps + down_steps)[:, :, None, None]

@@ -1,7 +1,8 @@
 # Intuitive Physics. `make` alone lists what there is.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build lint test library-tests system-tests demo bench-simulation bench-learning clean
+.PHONY: help setup build lint test library-tests system-tests demo bench-simulation bench-prediction
+.PHONY: bench-learning clean
 
 # A ROS, or a Python, that the caller's shell has sourced must not mix with ours.
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH
@@ -63,6 +64,10 @@ bench-simulation: setup ## Race our simulators against ODE, PyBullet and MuJoCo;
 
 bench-learning: setup ## Learners on the paper's synthetic sets beside the oracle; options="--quick"
 	@.venv/bin/python -m benchmarks.learning $(options)
+
+bench-prediction: setup ## Race the predictor node against its clock; options="--quick"
+	@tools/bench_packages.sh
+	@$(run_environment) .venv/bin/python -m benchmarks.prediction $(options)
 
 clean: ## Remove the environment and everything built
 	rm -rf .venv build log install demo_output .pytest_cache .mypy_cache .ruff_cache .hypothesis

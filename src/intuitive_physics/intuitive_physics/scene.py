@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.shapes import Shape, shape_from_dict
+from intuitive_physics.shapes import Shape, Sphere, shape_from_dict
 from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import (
     finite_array,
     finite_float,
     name_string,
     non_negative_float,
+    positive_float,
     unit_quaternion,
     unit_vector,
 )
@@ -213,6 +214,8 @@ class SceneObject:
     shape : its primitive
     drag_coefficient : C_d in the drag force -½ ρ C_d A |v| v, A the shape's mean silhouette
     magnus_coefficient : C_M in the Magnus force ½ ρ A r C_M ω × v, with A = π r²
+    inertia_factor : of a box or capsule, its moments of inertia over those of a uniform solid of
+        the same mass, above zero: 1.2 for a cube with walls, say
     """
 
     id: str
@@ -220,6 +223,7 @@ class SceneObject:
     shape: Shape
     drag_coefficient: float = 0.0
     magnus_coefficient: float = 0.0
+    inertia_factor: float = 1.0
 
     def __post_init__(self) -> None:
         name_string(self.id, "object id")
@@ -231,6 +235,13 @@ class SceneObject:
         for name in ("drag_coefficient", "magnus_coefficient"):
             words = f"{name.replace('_', ' ')} of object {self.id}"
             object.__setattr__(self, name, non_negative_float(getattr(self, name), words))
+        factor = positive_float(self.inertia_factor, f"inertia factor of object {self.id}")
+        if factor != 1.0 and isinstance(self.shape, Sphere):
+            raise InvalidInputError(
+                f"inertia factor of object {self.id} is {factor:g}; expected 1 for a sphere: "
+                "event_driven rolls solid ones only"
+            )
+        object.__setattr__(self, "inertia_factor", factor)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data that `from_dict` reads back."""
@@ -240,6 +251,7 @@ class SceneObject:
             "shape": self.shape.to_dict(),
             "drag_coefficient": self.drag_coefficient,
             "magnus_coefficient": self.magnus_coefficient,
+            "inertia_factor": self.inertia_factor,
         }
 
     @staticmethod
@@ -252,6 +264,7 @@ class SceneObject:
                 shape_from_dict(data["shape"]),
                 data.get("drag_coefficient", 0.0),
                 data.get("magnus_coefficient", 0.0),
+                data.get("inertia_factor", 1.0),
             )
         except (KeyError, TypeError) as error:
             raise InvalidInputError(

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from intuitive_physics.rotation import rotation_matrix
-from intuitive_physics.scene import Plane
+from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Capsule, Sphere
+from intuitive_physics.state import ObjectState
 
 from .laws_scenes import (
     BULLET,
@@ -27,6 +28,7 @@ from .laws_scenes import (
 )
 
 TABLE_CORNERS = [(-1, -1, 0), (0, -1, 0), (0, 1, 0), (-1, 1, 0)]
+FLOOR = Plane("floor", "ground", (0, 0, 1), 0.0)
 TABLE = Plane("table", "ground", (0, 0, 1), 0.0, TABLE_CORNERS)
 """Top of a table whose edge is the line x = 0."""
 
@@ -225,3 +227,23 @@ def test_bodies_rest_on_one_another_and_on_static_boxes(engine):
         x = engine.path(scene, theta, [3.0])[:, 0]
         np.testing.assert_allclose(x[:, 2], (0.45, 0.5 + half), atol=1e-3)
         np.testing.assert_allclose(x[:, :2], 0.0, atol=5e-3)
+
+
+@engines(STEPPED)
+def test_an_impulse_turns_a_hollow_box_less(engine):
+    # A corner edge hits a smooth floor: ω = m (1 + e) v d / (I + m d²), by a contact d beside the
+    # centre; I of a cube is f m a² / 6.
+    edge, speed, tilted, e = 0.2, 1.0, np.radians(20.0), 0.5
+    for factor in (1.0, 1.2, 1.5):
+        lever = edge / np.sqrt(2) * np.cos(np.pi / 4 + tilted)
+        height = edge / np.sqrt(2) * np.sin(np.pi / 4 + tilted)
+        box = SceneObject("box", "body", Box((edge, edge, edge)), inertia_factor=factor)
+        start = ObjectState((0, 0, height + 1e-3), about_y(tilted), (0.0, 0.0, -speed))
+        scene = Scene(Environment([FLOOR], gravity=(0, 0, 0)), (box,), (start,))
+        theta = coefficients(0.0, e=e)
+        _, q = engine.poses(scene, theta, [0.021, 0.031])
+        turned = 2.0 * np.linalg.norm(
+            quaternion_product(q[0, 1], q[0, 0] * np.array([-1, -1, -1, 1]))[:3]
+        )
+        expected = (1 + e) * speed * lever / (factor * edge**2 / 6 + lever**2) * 0.01
+        assert turned == pytest.approx(expected, rel=1e-3)

@@ -61,6 +61,8 @@ BALL = Body(Sphere(0.05), (0, 0, 1.0))
         (lambda: StaticBox("b", "ground", (0, 0, 0), (1, 1, 0, 0), (1, 1, 1)), "norm 1.41421"),
         (lambda: SceneObject("o", "body", Sphere(1.0), drag_coefficient=-1.0), "is -1"),
         (lambda: SceneObject("o", "body", Sphere(1.0), magnus_coefficient=NAN), "nan"),
+        (lambda: SceneObject("o", "body", Box((1, 1, 1)), inertia_factor=0.0), "above zero"),
+        (lambda: SceneObject("o", "body", Sphere(1.0), inertia_factor=1.6), "expected 1 for a sph"),
         (lambda: SceneObject("o", "", Sphere(1.0)), "''"),
         (lambda: SceneObject("o", "body", "ball"), "'ball'"),
         (lambda: Environment([], air_density=-1.2), "is -1.2"),

@@ -1,8 +1,8 @@
 """Tosses of a real cube onto a table, recorded by others with motion capture.
 
 The set and its units: ContactNets (Pfrommer, Halm, Posa, CoRL 2020). Each row has the full state,
-so the first one is θ_d as it stands. The cube is taken to be solid; the real one has walls and a
-moment of inertia that is a fifth larger.
+so the first one is θ_d as it stands. The cube is taken to be solid unless it is asked for as it is:
+the real one has walls and a moment of inertia that is a fifth larger.
 """
 
 from __future__ import annotations
@@ -52,7 +52,9 @@ class CubeToss:
         return shape.edge_lengths[0]
 
 
-def cube_tosses(arrays: Arrays, length_correction: float = 1.0) -> list[CubeToss]:
+def cube_tosses(
+    arrays: Arrays, length_correction: float = 1.0, measured_inertia: bool = False
+) -> list[CubeToss]:
     """Tosses above the table z = 0.
 
     Parameters
@@ -60,6 +62,8 @@ def cube_tosses(arrays: Arrays, length_correction: float = 1.0) -> list[CubeToss
     arrays : `position` (n, 3) m, `quaternion_wxyz` (n, 4), `velocity_world` (n, 3) m/s,
         `angular_velocity_body` (n, 3) rad/s, `offsets`, `dt` s, `cube_edge` m
     length_correction : factor on all recorded positions and velocities
+    measured_inertia : whether the cube turns as the arrays `mass` kg and `inertia` kg m² say, or
+        as a solid one
 
     Raises
     ------
@@ -68,8 +72,11 @@ def cube_tosses(arrays: Arrays, length_correction: float = 1.0) -> list[CubeToss
     """
     period = positive_float(arrays["dt"], "dt")
     edge = positive_float(arrays["cube_edge"], "cube_edge")
+    inertia_factor = _inertia_factor(arrays, edge) if measured_inertia else 1.0
     factor = positive_float(length_correction, "length correction")
-    cube = SceneObject("cube", CUBE_MATERIAL, Box((edge, edge, edge)))
+    cube = SceneObject(
+        "cube", CUBE_MATERIAL, Box((edge, edge, edge)), inertia_factor=inertia_factor
+    )
     table = Environment([Plane("table", TABLE_MATERIAL, (0.0, 0.0, 1.0), 0.0)])
     recordings = zip(
         split_rows(arrays, "position"),
@@ -90,6 +97,15 @@ def cube_tosses(arrays: Arrays, length_correction: float = 1.0) -> list[CubeToss
         seen = ObservedObject(cube, trajectory, state)
         tosses.append(CubeToss(Observation(table, (seen,), 0.0, f"toss_{i:03d}"), orientations))
     return tosses
+
+
+def _inertia_factor(arrays: Arrays, edge: float) -> float:
+    """Moment of inertia over that of a solid cube, m a² / 6."""
+    for name in ("mass", "inertia"):
+        if name not in arrays:
+            raise InvalidInputError(f"there is no array {name}; expected it for measured inertia")
+    mass = positive_float(arrays["mass"], "mass")
+    return 6.0 * positive_float(arrays["inertia"], "inertia") / (mass * edge**2)
 
 
 def cube_toss_observations(arrays: Arrays) -> list[Observation]:

@@ -1,7 +1,8 @@
 """Engines that can make the paper's set, and θ_s that each of them can express.
 
-Another engine than the one that learns shows what model error costs. Bullet has coefficients of
-bodies and multiplies them, so where it makes the set, θ_s is drawn by body.
+Another engine than the one that learns shows what model error costs. MuJoCo and Bullet have one
+friction coefficient, so where they make the set, μ_s = μ_d. Bullet has coefficients of bodies and
+multiplies them, so there θ_s is drawn by body.
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ from intuitive_physics.errors import UnknownNameError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import SceneObject
 from intuitive_physics.shapes import Capsule, Sphere
-from intuitive_physics.simulation import Simulator, make_simulator
+from intuitive_physics.simulation import Simulator
+from intuitive_physics_experiments.experiment_engines import make_experiment_simulator
 from intuitive_physics_experiments.paper_room import TRUE_RANGES, draw_parameters, pool_materials
 
-DATASET_ENGINES = ("auto", "stepped", "bullet")
+DATASET_ENGINES = ("auto", "stepped", "bullet", "mujoco")
 
 
 def dataset_simulator(engine: str) -> Simulator:
@@ -32,14 +34,21 @@ def dataset_simulator(engine: str) -> Simulator:
         raise UnknownNameError(
             f"engine of the set is {engine!r}; expected one of {', '.join(DATASET_ENGINES)}"
         )
-    return make_simulator(engine)
+    return make_experiment_simulator(engine)
 
 
 def dataset_parameters(
     engine: str, pool: Sequence[SceneObject], rng: np.random.Generator
 ) -> StaticParameters:
     """Draw θ_s that the engine can express."""
-    return _parameters_by_body(pool, rng) if engine == "bullet" else draw_parameters(pool, rng)
+    if engine == "bullet":
+        return _parameters_by_body(pool, rng)
+    parameters = draw_parameters(pool, rng)
+    if engine == "mujoco":
+        static, _, rolling, restitution = parameters.coefficients
+        coefficients = np.stack([static, static, rolling, restitution])
+        return StaticParameters(parameters.materials, parameters.density, coefficients)
+    return parameters
 
 
 def _parameters_by_body(pool: Sequence[SceneObject], rng: np.random.Generator) -> StaticParameters:

@@ -13,7 +13,8 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation
-from intuitive_physics.simulation import make_simulator, pack_worlds
+from intuitive_physics.simulation import pack_worlds
+from intuitive_physics_experiments.experiment_engines import make_experiment_simulator
 from intuitive_physics_experiments.free_flight import free_flight
 from intuitive_physics_learner.convergence import SearchProgress
 from intuitive_physics_learner.learning_session import (
@@ -81,7 +82,11 @@ def evaluate(
     training, test = split(observations, train_fraction, options.seed)
     known = None if start is None else _not_learned(start)
     result = learn(
-        training, make_simulator(engine), options, previous=known, on_progress=on_progress
+        training,
+        make_experiment_simulator(engine),
+        options,
+        previous=known,
+        on_progress=on_progress,
     )
     learned = result.learned.parameters
     default = StaticParameters.uniform(learned.materials) if start is None else start
@@ -140,7 +145,7 @@ def _simulate(
     observations: Sequence[Observation], parameters: StaticParameters, engine: str
 ) -> list[list[NDArray[np.float64]]]:
     """Simulated positions (n, 3) m at the times each object was observed."""
-    simulator = make_simulator(engine)
+    simulator = make_experiment_simulator(engine)
     simulated = []
     for seen in observations:
         instants = np.unique(np.concatenate([_times(seen, j) for j in range(len(seen.objects))]))

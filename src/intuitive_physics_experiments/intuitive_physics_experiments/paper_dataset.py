@@ -22,6 +22,7 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_experiments.dataset_engines import dataset_parameters, dataset_simulator
 from intuitive_physics_experiments.noisy_flight import fit_noisy_flight, flight_length
 from intuitive_physics_experiments.paper_room import (
+    SHAPE_KINDS,
     SPIN_DEVIATION,
     draw_first_states,
     draw_pool,
@@ -77,7 +78,7 @@ class PaperDataset:
     pool : objects, each of its own material
     parameters : the true θ_s, of the pool's materials and the room's
     engine : name of the engine that moved the objects
-    training, test : runs, 80 % and 20 %
+    training, test : runs, 80 % and 20 %; a single run is one to train on
     """
 
     pool: tuple[SceneObject, ...]
@@ -85,6 +86,11 @@ class PaperDataset:
     engine: str
     training: tuple[PaperRun, ...]
     test: tuple[PaperRun, ...]
+
+    @property
+    def observations(self) -> list[Observation]:
+        """All of them."""
+        return self.training_observations + self.test_observations
 
     @property
     def training_observations(self) -> list[Observation]:
@@ -112,6 +118,7 @@ def make_paper_dataset(
     *,
     engine: str = "auto",
     first_states: str = "three_points",
+    kinds: Sequence[str] = SHAPE_KINDS,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> PaperDataset:
     """Draw a pool of objects and throw them until each has enough trajectories.
@@ -122,10 +129,11 @@ def make_paper_dataset(
     Parameters
     ----------
     objects : in the pool; |θ_s| is 14, 275, 945 for 1, 10, 20 (Eq. 3)
-    samples : trajectories of each object, at least 2
+    samples : trajectories of each object
     rng : of all randomness; the same generator state makes the same set
     engine : one of `dataset_engines.DATASET_ENGINES`
     first_states : one of `FIRST_STATES`
+    kinds : of shapes in the pool, some of `paper_room.SHAPE_KINDS`
     on_progress : is told how many trajectories of how many are there
 
     Raises
@@ -133,15 +141,13 @@ def make_paper_dataset(
     InvalidInputError
         When a number is too small or a simulation fails.
     UnknownNameError
-        When there is no such engine or source of first states.
+        When there is no such engine, source of first states or kind of shapes.
     """
     _check_source(first_states)
-    if samples < 2:
-        raise InvalidInputError(
-            f"samples of each object are {samples}; expected at least 2, to learn from and to test"
-        )
+    if samples < 1:
+        raise InvalidInputError(f"samples of each object are {samples}; expected at least 1")
     simulator = dataset_simulator(engine)
-    pool = draw_pool(objects, rng)
+    pool = draw_pool(objects, rng, kinds)
     parameters = dataset_parameters(engine, pool, rng)
     lacking = np.full(objects, samples)
     runs = []
@@ -152,7 +158,7 @@ def make_paper_dataset(
         if on_progress is not None:
             on_progress(objects * samples - int(lacking.sum()), objects * samples)
     order = rng.permutation(len(runs))
-    training = min(max(round(TRAINING_SHARE * len(runs)), 1), len(runs) - 1)
+    training = max(min(round(TRAINING_SHARE * len(runs)), len(runs) - 1), 1)
     return PaperDataset(
         pool,
         parameters,

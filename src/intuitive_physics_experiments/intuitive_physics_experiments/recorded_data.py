@@ -98,12 +98,15 @@ def holds_cube_tosses(path: Path) -> bool:
     return _read(path)[0] is CUBE_TOSSES
 
 
-def load_cube_tosses(path: Path, length_correction: float = 1.0) -> list[CubeToss]:
+def load_cube_tosses(
+    path: Path, length_correction: float = 1.0, measured_inertia: bool = False
+) -> list[CubeToss]:
     """Return the tosses of a set of cube tosses, with orientations.
 
     Parameters
     ----------
     length_correction : factor on all recorded lengths
+    measured_inertia : whether the cube turns as it was measured to, or as a solid one
 
     Raises
     ------
@@ -114,7 +117,7 @@ def load_cube_tosses(path: Path, length_correction: float = 1.0) -> list[CubeTos
     if known is not CUBE_TOSSES:
         raise InvalidInputError(f"{path} is a set of {known.title}; expected cube tosses")
     with _telling(path, known):
-        return cube_tosses(arrays, length_correction)
+        return cube_tosses(arrays, length_correction, measured_inertia)
 
 
 def load_table_tennis(path: Path, air: AirCoefficients) -> tuple[str, list[Observation]]:

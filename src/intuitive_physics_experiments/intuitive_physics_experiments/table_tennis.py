@@ -153,13 +153,13 @@ def _observation(
     ball: SceneObject,
 ) -> Observation | None:
     above = environment.planes[0].signed_distances(positions) - ball.shape.bounding_radius
-    free = _rows_before_contact(above)
+    free = rows_before_contact(above)
     # A ball below the table has flown over its edge, which the set does not tell.
     gone = np.flatnonzero(above < -CLEARANCE)
     end = int(gone[0]) if gone.size else len(times)
     if free < FEWEST_FREE_POINTS or end < FEWEST_POINTS:
         return None
-    state = _first_state(times[:free], positions[:free], environment, ball)
+    state = fit_ball_state(times[:free], positions[:free], environment, ball)
     seen = ObservedObject(ball, Trajectory(times[:end], positions[:end]), state)
     return Observation(environment, (seen,), float(times[0]), name)
 
@@ -168,12 +168,13 @@ def _ball(radius: float, air: AirCoefficients) -> SceneObject:
     return SceneObject("ball", BALL_MATERIAL, Sphere(radius), air.drag, air.magnus)
 
 
-def _first_state(
+def fit_ball_state(
     times: NDArray[np.float64],
     positions: NDArray[np.float64],
     environment: Environment,
     ball: SceneObject,
 ) -> ObjectState:
+    """Fit θ_d at the first of the rows (n,) s, (n, 3) m of a free flight, in the ball's air."""
     if ball.drag_coefficient == ball.magnus_coefficient == 0.0:
         return fit_first_state(times, positions, environment.gravity)
     radius = ball.shape.bounding_radius
@@ -182,8 +183,8 @@ def _first_state(
     return fit_first_state_in_air(times, positions, environment.gravity, air)
 
 
-def _rows_before_contact(above: NDArray[np.float64]) -> int:
-    """Number of first rows in free flight; `above` is the height above that of a bounce, m."""
+def rows_before_contact(above: NDArray[np.float64]) -> int:
+    """Count the first rows in free flight; `above` (n,) m is the height above that of a bounce."""
     turns = np.zeros(len(above), dtype=bool)
     turns[1:-1] = (above[1:-1] < above[:-2]) & (above[1:-1] < above[2:])
     contacts = np.flatnonzero((above < CLEARANCE) | (turns & (above < TURNING_HEIGHT)))

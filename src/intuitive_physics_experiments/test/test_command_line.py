@@ -28,7 +28,8 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 def errors_in_test(output: str) -> dict[str, float]:
     """J of the test by the name of what predicted."""
-    lines = output[output.index("error (m)") :].splitlines()[2:]
+    table, _, _ = output[output.index("error (m)") :].partition("\n\n")
+    lines = table.splitlines()[2:]
     return {line.split("  ")[0]: float(line.split()[-3]) for line in lines}
 
 
@@ -154,6 +155,47 @@ def test_balls_that_fly_through_air_are_predicted_better(
     assert with_air < 0.75 * without
 
 
+def test_drag_is_learned_from_the_recording(recording: Callable[[str], Path]) -> None:
+    arguments = ["--drag", "learn", "--iterations", 200]
+    result = run("evaluate", recording("table_tennis_launches.npz"), *arguments)
+    assert result.returncode == 0, result.stderr
+    drag = float(result.stdout.split("learned drag ")[1].split()[0])
+    # A smooth sphere at 4 m/s has about 0.4 to 0.5; the camera's metres are not exact.
+    assert 0.2 < drag < 0.6
+    assert "0.6 s ahead, from the first 0.2 s of" in result.stdout
+    ahead = result.stdout.split("ahead, from")[1].splitlines()
+    means = {line[:20].strip(): float(line.split()[-2]) for line in ahead[3:6]}
+    spread = float(result.stdout.split("at that time: ")[1].split()[0])
+    assert means["learned parameters"] < spread < means["default parameters"]
+
+
+def test_tosses_by_the_number_learned_from(
+    tmp_path: Path, toss_arrays: Callable[..., dict[str, Any]]
+) -> None:
+    arrays = {**toss_arrays(4, "stepped"), "mass": np.array(0.4), "inertia": np.array(6.7e-4)}
+    np.savez(tmp_path / "tosses.npz", **arrays)
+    arguments = ["--iterations", 20, "--train-counts", 1, 3, "--measured-inertia"]
+    result = run("evaluate", tmp_path / "tosses.npz", *arguments)
+    assert result.returncode == 0, result.stderr
+    assert "moment of inertia as measured" in result.stdout
+    assert "4 tosses, 1 to fit to, 3 to test" in result.stdout
+    assert "4 tosses, 3 to fit to, 1 to test" in result.stdout
+
+
+def test_report_shows_what_was_learned_and_predicted(
+    tmp_path: Path, launch_arrays: Callable[[int], dict[str, Any]]
+) -> None:
+    np.savez(tmp_path / "set.npz", **launch_arrays(5))
+    page = tmp_path / "new" / "report.html"
+    result = run("report", tmp_path / "set.npz", page, "--iterations", 100)
+    assert result.returncode == 0, result.stderr
+    assert "4 observations learned from, 1 predicted" in result.stdout
+    text = page.read_text(encoding="utf-8")
+    assert "restitution[ball, table]" in text
+    assert "launch_" in text
+    assert text.count("Plotly.newPlot(") >= 3
+
+
 def write(path: Path, text: str = "") -> Path:
     path.write_text(text)
     return path
@@ -175,6 +217,11 @@ def write(path: Path, text: str = "") -> Path:
         (["evaluate", "set.npz", "--engine", "magic"], "simulator is 'magic'"),
         (["evaluate", "set.npz", "--length-correction", "1.02"], "for cube tosses only"),
         (["evaluate", "tosses.npz", "--length-correction", "-1"], "length correction is -1"),
+        (["evaluate", "set.npz", "--train-counts", "2"], "for cube tosses only"),
+        (["evaluate", "set.npz", "--measured-inertia"], "for cube tosses only"),
+        (["evaluate", "tosses.npz", "--train-counts", "2"], "train count is 2 of 2"),
+        (["evaluate", "tosses.npz", "--measured-inertia"], "no array mass"),
+        (["evaluate", "tosses.npz", "--drag", "learn"], "for table tennis only"),
         (["evaluate", "tosses.npz", "--engine", "magic"], "simulator is 'magic'"),
         (["evaluate", "tosses.npz", "--drag", "0.4"], "for table tennis only"),
         (["evaluate", "set.npz", "--drag", "-1"], "drag coefficient is -1"),
@@ -189,6 +236,8 @@ def write(path: Path, text: str = "") -> Path:
         (["perceive", "other.npz", "--save", "x"], "no motion to save"),
         (["perceive", "cloud.npz", "--ball", "foam"], "expected MATERIAL=RADIUS"),
         (["predict", "nowhere.json", "nowhere.json"], "cannot read nowhere.json"),
+        (["report", "nowhere.npz", "out.html"], "there is no nowhere.npz"),
+        (["report", "set.npz", "notes.txt/out.html", "--iterations", "5"], "cannot write"),
         (["render", "bag", "--throws", "0"], "expected at least 1"),
         (["render", "notes.txt"], "exists already"),
         (["render", "bag", "--seed", "-3"], "seed is -3"),

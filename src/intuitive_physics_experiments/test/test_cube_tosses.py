@@ -151,3 +151,13 @@ def test_recorded_cubes_fall_and_come_to_rest_on_a_face(
         expected = Rotation.from_rotvec(spin / 148.0) * Rotation.from_quat(toss.orientations[0])
         turns.append((Rotation.from_quat(toss.orientations[1]) * expected.inv()).magnitude())
     assert np.median(turns) < 0.005
+
+
+def test_the_cube_turns_as_it_was_measured(toss_arrays: Callable[..., dict[str, Any]]) -> None:
+    arrays = toss_arrays(1)
+    # m a² / 6 of 0.4 kg and 0.1 m is 6.67e-4 kg m².
+    measured = {**arrays, "mass": np.array(0.4), "inertia": np.array(8e-4)}
+    (toss,) = cube_tosses(measured, measured_inertia=True)
+    assert toss.observation.objects[0].object.inertia_factor == pytest.approx(1.2)
+    with pytest.raises(InvalidInputError, match="no array mass"):
+        cube_tosses(arrays, measured_inertia=True)

@@ -150,6 +150,11 @@ def test_more_points_know_the_velocity_better(dataset: PaperDataset) -> None:
     assert error("flight") < 0.3 * error("three_points")
 
 
+def test_a_single_run_is_one_to_train_on() -> None:
+    single = make_paper_dataset(1, 1, np.random.default_rng(0))
+    assert (len(single.training), len(single.test)) == (1, 0)
+
+
 def test_same_seed_same_set() -> None:
     first, second = (make_paper_dataset(2, 3, np.random.default_rng(7)) for _ in range(2))
     assert [a.to_json() for a in first.training_observations] == [
@@ -157,9 +162,12 @@ def test_same_seed_same_set() -> None:
     ]
 
 
-def test_bullet_makes_the_set_of_parameters_it_can_express() -> None:
-    pytest.importorskip("pybullet")
-    made = make_paper_dataset(3, 3, np.random.default_rng(5), engine="bullet")
+@pytest.mark.parametrize(("engine", "module"), [("bullet", "pybullet"), ("mujoco", "mujoco")])
+def test_other_engines_make_the_set_of_parameters_they_can_express(
+    engine: str, module: str
+) -> None:
+    pytest.importorskip(module)
+    made = make_paper_dataset(3, 3, np.random.default_rng(5), engine=engine)
     static, dynamic, _, _ = made.parameters.coefficients
     assert np.array_equal(static, dynamic)
     for run in (*made.training, *made.test):
@@ -171,9 +179,9 @@ def test_what_cannot_be_made_is_refused() -> None:
     rng = np.random.default_rng(0)
     with pytest.raises(InvalidInputError, match="at least 1"):
         make_paper_dataset(0, 10, rng)
-    with pytest.raises(InvalidInputError, match="at least 2"):
-        make_paper_dataset(1, 1, rng)
-    with pytest.raises(UnknownNameError, match="auto, stepped, bullet"):
+    with pytest.raises(InvalidInputError, match="at least 1"):
+        make_paper_dataset(1, 0, rng)
+    with pytest.raises(UnknownNameError, match="auto, stepped, bullet, mujoco"):
         make_paper_dataset(1, 10, rng, engine="havok")
     with pytest.raises(UnknownNameError, match="three_points"):
         make_paper_dataset(1, 10, rng, first_states="oracle")

@@ -31,7 +31,7 @@ class WorldBatch:
     shape_kinds : (W, O) SPHERE, BOX or CAPSULE
     dimensions : (W, O, 3) m: (radius, 0, 0), edge lengths, or (radius, length, 0)
     volumes : (W, O) m³
-    unit_inertias : (W, O, 3) kg m² at 1 kg/m³, as `Shape.unit_density_inertia`
+    unit_inertias : (W, O, 3) kg m² at 1 kg/m³, inertia factor included
     object_materials : (W, O) codes
     states : (W, O, 13) as `ObjectState.to_vector`
     air_factors : (W, O, 2) ½ ρ C_d A (kg/m) and ½ ρ C_M A r (kg) of drag and Magnus force
@@ -198,7 +198,7 @@ def _object_arrays(scenes: Sequence[Scene], parameters: StaticParameters) -> dic
         for i, (thing, state) in enumerate(zip(scene.objects, scene.states, strict=True)):
             kinds[w, i], dimensions[w, i] = _shape_numbers(thing.shape)
             volumes[w, i] = thing.shape.volume
-            inertias[w, i] = thing.shape.unit_density_inertia()
+            inertias[w, i] = thing.inertia_factor * thing.shape.unit_density_inertia()
             materials[w, i] = parameters.index(thing.material)
             states[w, i] = state.to_vector()
             air[w, i] = _air_factors(thing, scene.environment.air_density)

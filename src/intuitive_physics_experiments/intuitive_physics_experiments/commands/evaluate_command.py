@@ -6,17 +6,17 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.simulation import ENGINE_GUIDE
 from intuitive_physics_experiments.commands.observation_source import (
     ENGINE,
     ITERATIONS,
     PATH_HELP,
     add_learning_options,
-    learning_options,
-    progress_to,
-    read_observations,
 )
+
+LEARN = "learn"
+"""In place of a drag coefficient."""
+
 
 BALL_DEFAULTS = {"engine": [ENGINE], "iterations": ITERATIONS, "train_fraction": 0.8}
 TOSS_DEFAULTS = {"engine": ["stepped"], "iterations": 120, "train_fraction": 0.25}
@@ -43,7 +43,19 @@ def add_to(commands: Any) -> None:
         "--engine",
         action="append",
         help="simulator to learn and predict with, may be given more than once "
-        f"(default: {ENGINE}; stepped for cube tosses). {ENGINE_GUIDE}",
+        f"(default: {ENGINE}; stepped for cube tosses). {ENGINE_GUIDE}; mujoco: MuJoCo, likewise",
+    )
+    parser.add_argument(
+        "--train-counts",
+        type=int,
+        nargs="+",
+        metavar="N",
+        help="numbers of cube tosses to learn from, one after the other, instead of a share",
+    )
+    parser.add_argument(
+        "--measured-inertia",
+        action="store_true",
+        help="turn the tossed cube as the recording says that the real one turns, not as a solid",
     )
     parser.add_argument(
         "--length-correction",
@@ -54,11 +66,11 @@ def add_to(commands: Any) -> None:
     )
     parser.add_argument(
         "--drag",
-        type=float,
+        type=_drag,
         default=0.0,
         metavar="C",
-        help="drag coefficient of table-tennis balls, such as 0.47; needs an engine with air "
-        "(default: 0, no air)",
+        help="drag coefficient of table-tennis balls, such as 0.47, or `learn`; needs an engine "
+        "with air (default: 0, no air)",
     )
     parser.add_argument(
         "--magnus",
@@ -73,6 +85,8 @@ def add_to(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Evaluate and print the tables."""
+    from intuitive_physics_experiments.commands.evaluate_balls import evaluate_balls
+    from intuitive_physics_experiments.commands.evaluate_cube_tosses import evaluate_cube_tosses
     from intuitive_physics_experiments.recorded_data import holds_cube_tosses
 
     path = options.path
@@ -81,87 +95,15 @@ def run(options: argparse.Namespace) -> None:
         if getattr(options, name) is None:
             setattr(options, name, value)
     if tosses:
-        _evaluate_tosses(options)
+        evaluate_cube_tosses(options)
     else:
-        _evaluate_balls(options)
+        evaluate_balls(options)
 
 
-def _evaluate_tosses(options: argparse.Namespace) -> None:
-    if options.drag or options.magnus:
-        raise InvalidInputError(
-            f"drag or Magnus coefficient is given for {options.path}; expected them for table "
-            "tennis only"
-        )
-    from intuitive_physics_experiments.recorded_data import load_cube_tosses
-    from intuitive_physics_experiments.terminal import ProgressBar
-    from intuitive_physics_experiments.toss_evaluation import evaluate_tosses
-    from intuitive_physics_experiments.toss_table import toss_table
-
-    how = learning_options(options)
-    factor = 1.0 if options.length_correction is None else options.length_correction
-    tosses = load_cube_tosses(options.path, factor)
-    with ProgressBar("fitting") as bar:
-        evaluation = evaluate_tosses(
-            tosses, options.engine, how, options.train_fraction, progress_to(bar, options)
-        )
-    lengths = "" if factor == 1.0 else f", lengths times {factor:g}"
-    print(
-        f"{options.path}: cube tosses{lengths}\n"
-        f"{len(tosses)} tosses, {len(evaluation.training)} to fit to, "
-        f"{len(evaluation.test)} to test\n"
-    )
-    print(toss_table(evaluation))
-
-
-def _evaluate_balls(options: argparse.Namespace) -> None:
-    if options.length_correction is not None:
-        raise InvalidInputError(
-            f"length correction is given for {options.path}; expected it for cube tosses only"
-        )
-    how = learning_options(options)
-    start = None
-    if options.drag or options.magnus:
-        from intuitive_physics_experiments.recorded_data import load_table_tennis
-        from intuitive_physics_experiments.table_tennis import AirCoefficients, ball_parameters
-
-        air = AirCoefficients(options.drag, options.magnus)
-        title, observations = load_table_tennis(options.path, air)
-        title += f", in air with drag {air.drag:g} and Magnus coefficient {air.magnus:g}"
-        start = ball_parameters()
-    else:
-        title, observations = read_observations(options.path)
-    print(f"{options.path}: {title}")
-    for engine in options.engine:
-        _evaluate_balls_with(engine, observations, how, start, options)
-
-
-def _evaluate_balls_with(
-    engine: str, observations: Any, how: Any, start: Any, options: argparse.Namespace
-) -> None:
-    from intuitive_physics_experiments.evaluation import evaluate
-    from intuitive_physics_experiments.parameter_table import parameter_table
-    from intuitive_physics_experiments.terminal import ProgressBar, format_table
-
-    with ProgressBar("learning") as bar:
-        evaluation = evaluate(
-            observations, how, options.train_fraction, engine, progress_to(bar, options), start
-        )
-    search = evaluation.result.search
-    print(
-        f"{len(observations)} observations, {len(evaluation.training)} to learn from, "
-        f"{len(evaluation.test)} to test\n"
-        f"{options.method}, {engine}: {search.iterations} iterations in {search.seconds:.1f} s\n"
-    )
-    print(parameter_table(evaluation.result.learned))
-    rows = [
-        [
-            name,
-            f"{training.mean:.4f}",
-            f"{test.mean:.4f}",
-            f"{training.last:.4f}",
-            f"{test.last:.4f}",
-        ]
-        for name, (training, test) in evaluation.errors.items()
-    ]
-    header = ["error (m)", "J training", "J test", "last point training", "last point test"]
-    print("\n" + format_table(header, rows))
+def _drag(text: str) -> float | None:
+    if text == LEARN:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"is {text!r}; expected a number or {LEARN!r}") from None

@@ -1,0 +1,1 @@
+"""The paper's experiments, a file each; `intuitive-physics experiment` runs them."""

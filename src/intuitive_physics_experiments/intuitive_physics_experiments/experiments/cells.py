@@ -1,0 +1,110 @@
+"""Finished parts of an experiment on disk, so that an interrupted run goes on where it stopped."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from intuitive_physics.errors import InvalidInputError
+
+SETTINGS_NAME = "settings.json"
+CELLS_NAME = "cells"
+
+Cell = Callable[[], dict[str, Any]]
+"""Computes one part: plain data that JSON holds."""
+
+
+class CellStore:
+    """A folder of finished cells, all made with the same settings.
+
+    Parameters
+    ----------
+    folder : made where it is missing
+    settings : plain data; whatever changes the cells' content must be in it
+
+    Raises
+    ------
+    InvalidInputError
+        When the folder cannot be written or holds cells of other settings.
+    """
+
+    def __init__(self, folder: Path, settings: Mapping[str, Any]) -> None:
+        self.folder = folder
+        wanted = json.loads(json.dumps(settings))
+        try:
+            (folder / CELLS_NAME).mkdir(parents=True, exist_ok=True)
+            path = folder / SETTINGS_NAME
+            if path.exists():
+                self._check_same(path, wanted)
+            else:
+                write_whole(path, json.dumps(wanted, indent=1) + "\n")
+        except OSError as error:
+            raise InvalidInputError(f"cannot use the folder {folder}: {error.strerror}") from None
+
+    def run(
+        self,
+        cells: Mapping[str, Cell],
+        on_progress: Callable[[int, int, str], None] = lambda done, total, name: None,
+    ) -> dict[str, dict[str, Any]]:
+        """Compute the cells that are missing, and return all by name.
+
+        Parameters
+        ----------
+        cells : by name, which becomes a file name
+        on_progress : is told how many cells of how many are done, and which is next
+        """
+        found = {}
+        for done, (name, compute) in enumerate(cells.items()):
+            on_progress(done, len(cells), name)
+            path = self.folder / CELLS_NAME / f"{name}.json"
+            if not path.exists():
+                write_whole(path, json.dumps(compute(), allow_nan=False))
+            found[name] = self._read(path)
+        on_progress(len(cells), len(cells), "")
+        return found
+
+    def _check_same(self, path: Path, wanted: dict[str, Any]) -> None:
+        there = self._read(path)
+        other = sorted(
+            key for key in {*there, *wanted} if there.get(key, ...) != wanted.get(key, ...)
+        )
+        if other:
+            raise InvalidInputError(
+                f"{self.folder} was begun with other settings ({', '.join(other)}); "
+                "expected the same as before, or another folder"
+            )
+
+    @staticmethod
+    def _read(path: Path) -> dict[str, Any]:
+        try:
+            data = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InvalidInputError(
+                f"cannot read {path}: {error}; remove it to have it made again"
+            ) from None
+        if not isinstance(data, dict):
+            raise InvalidInputError(f"{path} is no cell of an experiment; expected a JSON object")
+        return data
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file that appears whole or not at all.
+
+    Raises
+    ------
+    InvalidInputError
+        When it cannot be written.
+    """
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", encoding="utf-8", dir=path.parent, prefix=f".{path.name}", delete=False
+        ) as file:
+            file.write(text)
+        os.chmod(file.name, 0o644)
+        os.replace(file.name, path)
+    except OSError as error:
+        raise InvalidInputError(f"cannot write {path}: {error.strerror}") from None

@@ -54,7 +54,7 @@ LARGEST_MOVE = 0.2
 FAILED_LENGTH = 1e4
 """Standard deviations of noise that a point counts as which the simulator did not reach."""
 
-SCANS = (2, 4, 6, 9, 12, 16)
+SCANS = (2, 5, 9, 14)
 """After how many steps each parameter is tried over its whole range."""
 
 LEAST_SCAN_GAIN = 3.0
@@ -408,4 +408,6 @@ class JointSearch(Search):
             self._record(cost, relative_gain)
 
     def _parts(self) -> Iterator[tuple[ObservationBlock, _Fit]]:
-        yield from zip(self._blocks, self._fits, strict=True)
+        """Yield blocks, with the points that are in sight, and their fits."""
+        for block, fit in zip(self._blocks, self._fits, strict=True):
+            yield block.shortened(fit.horizons + horizons.LARGEST_ADVANCE), fit

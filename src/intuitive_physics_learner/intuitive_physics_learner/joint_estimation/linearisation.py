@@ -105,7 +105,9 @@ def linearise(
     count, d = estimate.shape
     q = block.parameters.shape[1]
     points = block.times.shape[1]
-    rows = cost.trial_residuals(trials)[:, :points].reshape(count, 1 + 2 * d + 2 * q, points, 3)
+    rows = cost.trial_residuals(trials)[:, block.columns].reshape(
+        count, 1 + 2 * d + 2 * q, points, 3
+    )
     base = rows[:, :1]
     up = np.concatenate([rows[:, 1 : 1 + d], rows[:, 1 + 2 * d : 1 + 2 * d + q]], axis=1) - base
     down = base - np.concatenate([rows[:, 1 + d : 1 + 2 * d], rows[:, 1 + 2 * d + q :]], axis=1)
@@ -153,7 +155,7 @@ def residuals_at(
         np.tile(until, count),
     )
     points = block.times.shape[1]
-    return cost.trial_residuals(trials)[:, :points].reshape(count, members, points, 3)
+    return cost.trial_residuals(trials)[:, block.columns].reshape(count, members, points, 3)
 
 
 def _trials(

@@ -20,11 +20,11 @@ from intuitive_physics_learner.learning_session import (
     LearningOptions,
     LearningResult,
     learn,
-    learn_from_store,
 )
 from intuitive_physics_learner.methods import JOINT_METHOD, METHODS
-from intuitive_physics_learner.observation_store import ObservationStore
 from intuitive_physics_learner.search import ParameterSearch
+from intuitive_physics_learner.store import ObservationStore
+from intuitive_physics_learner.stored_learning import learn_from_store
 from intuitive_physics_learner.trials import Trials
 from intuitive_physics_learner.update_rules import UPDATE_RULES, UpdateRule, make_update_rule
 

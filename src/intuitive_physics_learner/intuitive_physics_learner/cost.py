@@ -73,6 +73,11 @@ class Cost(ABC):
         )
         self.point_trajectory = np.repeat(np.arange(len(owners)), self.trajectory_points)
 
+    @property
+    def largest_share(self) -> int:
+        """Trials to ask for at once at most where one wants to be able to stop."""
+        return LARGEST_SHARE
+
     def costs(self, candidates: Sequence[StaticParameters]) -> NDArray[np.float64]:
         """J of each candidate (Eq. 8), shape (n_candidates,), in m."""
         return self.distances(candidates).mean(axis=1)
@@ -230,7 +235,7 @@ class InterruptibleCost(Cost):
         return np.concatenate([self._cost.trial_residuals(t) for t in self._shares(trials)])
 
     def _shares(self, trials: Trials) -> Iterator[Trials]:
-        for part in _chunks(np.arange(trials.size), LARGEST_SHARE):
+        for part in _chunks(np.arange(trials.size), self._cost.largest_share):
             if self._cancelled():
                 raise LearningCancelledError("learning was cancelled; nothing was stored")
             yield trials.taken(part)

@@ -1,4 +1,4 @@
-"""From stored observations to the next version of θ_s: search, judge what was found, store it."""
+"""From observations to the next version of θ_s: search, then judge what was found."""
 
 from __future__ import annotations
 
@@ -28,7 +28,6 @@ from intuitive_physics_learner.errors import LearningCancelledError, NoObservati
 from intuitive_physics_learner.identifiability import Identifiability, identify
 from intuitive_physics_learner.joint_estimation import JointSearch, judge
 from intuitive_physics_learner.methods import JOINT_METHOD, check_method
-from intuitive_physics_learner.observation_store import ObservationStore
 from intuitive_physics_learner.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.search import ParameterSearch, Search
 from intuitive_physics_learner.update_rules import make_update_rule
@@ -65,46 +64,6 @@ class LearningResult:
     search: SearchResult
 
 
-def learn_from_store(
-    store: ObservationStore,
-    simulator: Simulator,
-    options: LearningOptions,
-    *,
-    on_progress: Callable[[SearchProgress], None] | None = None,
-    cancelled: Callable[[], bool] | None = None,
-) -> LearningResult:
-    """Learn from stored observations, starting from the newest θ_s, and store the next version.
-
-    Raises
-    ------
-    NoObservationsError
-        When nothing is stored.
-    UnknownMethodError, UnknownNameError
-        When no update rule or no observation has the name given.
-    UnsupportedSceneError
-        When the simulator cannot express an observation.
-    LearningCancelledError
-        When `cancelled` returned True; nothing is stored then.
-    StorageError
-        When the store cannot be read or written.
-    """
-    check_method(options.method)
-    observations = store.observations(options.observation_ids)
-    if not observations:
-        raise NoObservationsError(
-            "no observation is stored yet; add some before learning from them"
-        )
-    result = learn(
-        observations,
-        simulator,
-        options,
-        previous=store.newest_parameters(),
-        on_progress=on_progress,
-        cancelled=cancelled,
-    )
-    return LearningResult(store.add_parameters(result.learned), result.search)
-
-
 def learn(
     observations: Sequence[Observation],
     simulator: Simulator,
@@ -132,8 +91,14 @@ def learn(
 
     Raises
     ------
-    NoObservationsError, UnknownMethodError, UnsupportedSceneError, LearningCancelledError
-        As `learn_from_store`.
+    NoObservationsError
+        When there are no observations.
+    UnknownMethodError
+        When no update rule has the name given.
+    UnsupportedSceneError
+        When the simulator cannot express an observation.
+    LearningCancelledError
+        When `cancelled` returned True.
     InvalidInputError
         When no object was seen with anything it could touch, or `resume` is of another search.
     """

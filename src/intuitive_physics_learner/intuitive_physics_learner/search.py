@@ -91,7 +91,8 @@ class Search(ABC):
 
         Parameters
         ----------
-        on_checkpoint : called with the `state_dict`, at most every `CHECKPOINT_PERIOD`
+        on_checkpoint : called with the `state_dict` at most every `CHECKPOINT_PERIOD`, and at the
+            end
         """
         began = saved = time.monotonic()
         reason = None
@@ -103,11 +104,13 @@ class Search(ABC):
             evaluated = self.step(limit, criteria.relative_gain)
             seconds = time.monotonic() - began
             if on_progress is not None and evaluated:
-                on_progress(self._progress(before, seconds, criteria))
+                on_progress(self._progress_since(before, seconds, criteria))
             if on_checkpoint is not None and time.monotonic() - saved >= CHECKPOINT_PERIOD:
                 on_checkpoint(self.state_dict())
                 saved = time.monotonic()
             reason = self._stop_reason(criteria, seconds, evaluated == 0, cancelled)
+        if on_checkpoint is not None:
+            on_checkpoint(self.state_dict())
         return SearchResult(
             self.best_parameters,
             self.best_cost,
@@ -168,7 +171,7 @@ class Search(ABC):
             return StopReason.TIME_LIMIT
         return StopReason.EXHAUSTED if exhausted else None
 
-    def _progress(
+    def _progress_since(
         self, before: int, seconds: float, criteria: ConvergenceCriteria
     ) -> SearchProgress:
         left = np.inf

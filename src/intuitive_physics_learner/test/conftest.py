@@ -5,13 +5,15 @@ import os
 os.environ["ROS_DOMAIN_ID"] = str(os.getpid() % 100 + 1)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
-from intuitive_physics.shapes import Sphere
+from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.simulation import Rollout, Simulator, WorldStatus, make_simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
@@ -67,6 +69,15 @@ def glides():
         return Observation(FLOOR, tuple(objects), start, **given)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def boxed(glides):
+    """Observe a box, which the event-driven engine does not know."""
+    seen = glides(np.random.default_rng(0), 0.5, id="boxed")
+    (ball,) = seen.objects
+    box = SceneObject("box", "ball", Box((0.1, 0.2, 0.3)))
+    return replace(seen, objects=(ObservedObject(box, ball.trajectory, ball.initial_state),))
 
 
 TRUE_PARAMETERS = StaticParameters.uniform(["ball", "floor"]).with_pair(

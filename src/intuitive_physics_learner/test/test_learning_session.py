@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.parameter_space import Bounds
@@ -14,21 +14,13 @@ from intuitive_physics_learner import (
     LearningCancelledError,
     LearningOptions,
     NoObservationsError,
-    ObservationStore,
     StopReason,
     TrajectoryCost,
     UnknownMethodError,
     cost,
     learn,
-    learn_from_store,
     search,
 )
-
-
-@pytest.fixture
-def store(tmp_path):
-    with ObservationStore(tmp_path / "learner.sqlite3") as opened:
-        yield opened
 
 
 def options(iterations=600, **others):
@@ -133,39 +125,11 @@ def test_same_seed_same_result(event_driven, throws):
     assert (first != other).any()
 
 
-def test_versions_are_stored_and_learning_goes_on_from_them(store, glide, glides):
-    generator = np.random.default_rng(0)
-    for _ in range(3):
-        store.add(glides(generator, 0.4))
-    first = learn_from_store(store, glide, options(200))
-    second = learn_from_store(store, glide, options(50, method="random"))
-    assert [first.learned.version, second.learned.version] == [1, 2]
-    assert second.search.history[0] <= first.search.cost + 1e-9
-    assert [one.to_dict() for one in store.parameters_history()] == [
-        first.learned.to_dict(),
-        second.learned.to_dict(),
-    ]
-    chosen = options(50, observation_ids=store.ids()[:2])
-    assert learn_from_store(store, glide, chosen).learned.observation_count == 2
-
-
-def test_cancelled_searches_store_nothing(store, glide, glides):
-    store.add(glides(np.random.default_rng(0), 0.4))
-    with pytest.raises(LearningCancelledError, match="nothing was stored"):
-        learn_from_store(store, glide, options(), cancelled=lambda: True)
-    assert store.newest_parameters() is None
-
-
-def test_clear_errors(store, glide, glides):
-    with pytest.raises(NoObservationsError, match="no observation is stored yet"):
-        learn_from_store(store, glide, options())
+def test_clear_errors(glide, glides):
     with pytest.raises(NoObservationsError):
         learn([], glide, options())
-    store.add(glides(np.random.default_rng(0), 0.4))
     with pytest.raises(UnknownMethodError, match="'magic'"):
-        learn_from_store(store, glide, options(method="magic"))
-    with pytest.raises(UnknownNameError, match="'nobody'"):
-        learn_from_store(store, glide, options(observation_ids=("nobody",)))
+        learn([glides(np.random.default_rng(0), 0.4)], glide, options(method="magic"))
 
 
 def test_stop_reason_is_told(glide, glides):

@@ -77,13 +77,13 @@ def _model_text(instance: Instance, time_step: float) -> str:
   <option timestep="{time_step}" gravity="{_words(instance.scene.environment.gravity)}"/>
   <default>
     <geom condim="6" friction="{friction}" density="{DENSITY}"
-      solref="{_spring(surface.restitution, time_step)}" solimp="0.99 0.99 0.001"/>
+      solref="{restitution_spring(surface.restitution, time_step)}" solimp="0.99 0.99 0.001"/>
   </default>
   <worldbody>{planes}{objects}</worldbody>
 </mujoco>"""
 
 
-def _spring(restitution: float, time_step: float) -> str:
+def restitution_spring(restitution: float, time_step: float) -> str:
     """Return MuJoCo's `solref` for a contact that rebounds with `restitution`.
 
     A damped oscillator's half period π/ω_d is the contact, over which its speed falls by the

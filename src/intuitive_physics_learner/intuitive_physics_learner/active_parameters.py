@@ -48,7 +48,7 @@ def active_parameters(
     observations: Sequence[Observation], materials: Sequence[str]
 ) -> NDArray[np.bool_]:
     """Whether J can depend on each parameter, shape (|θ_s|,), as `parameter_influence`."""
-    return parameter_influence(observations, materials).any(axis=0)
+    return np.asarray(parameter_influence(observations, materials).any(axis=0))
 
 
 class ActiveSpace:

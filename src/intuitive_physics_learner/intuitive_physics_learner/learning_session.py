@@ -166,15 +166,21 @@ class _Task:
     start: StaticParameters
 
     @property
+    def active(self) -> NDArray[np.bool_]:
+        """Parameters that any observation can depend on."""
+        return np.asarray(self.influence.any(axis=0))
+
+    @property
     def searched(self) -> ActiveSpace:
-        return ActiveSpace(self.space, self.influence.any(axis=0), self.start)
+        """The space of these."""
+        return ActiveSpace(self.space, self.active, self.start)
 
     def search(self) -> Search:
         """Return the search by the method that the options name, ready to run."""
         searched = self.searched
         begin = searched.to_unit(self.start)
         if self.options.method == JOINT_METHOD:
-            own = self.influence[:, self.influence.any(axis=0)]
+            own = self.influence[:, self.active]
             return JointSearch(self.cost, searched, own, begin)
         generator = np.random.default_rng(self.options.seed)
         rule = make_update_rule(self.options.method, searched.size, generator, begin)
@@ -187,8 +193,7 @@ class _Task:
         if isinstance(search, JointSearch):
             told = judge(search, self.cost, self.space, self.searched, self.influence, search.steps)
         else:
-            active = self.influence.any(axis=0)
-            told = identify(self.cost, self.space, found.parameters, active, cancelled)
+            told = identify(self.cost, self.space, found.parameters, self.active, cancelled)
         return _without_accidents(self.cost, found, told, self.start), told
 
     def identity(self) -> dict[str, Any]:

@@ -16,7 +16,10 @@ from numpy.typing import NDArray
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner.cost import Cost
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
-from intuitive_physics_learner.joint_estimation.normal_equations import NormalEquations
+from intuitive_physics_learner.joint_estimation.normal_equations import (
+    OUTLIER,
+    NormalEquations,
+)
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
 from intuitive_physics_learner.search import SearchSpace
 
@@ -81,13 +84,20 @@ def scanned_states(
     tried = np.broadcast_to(estimate, (len(index), count, d))
     residuals = residuals_at(cost, block, tried, candidates.parameters, index, until)
     estimates = np.empty(tried.shape)
-    state_slopes = linear.slopes[:, :d]
+    at_estimate = replace(linear, slopes=linear.slopes[:, :d])
+    inner = NormalEquations.of(block, estimate, at_estimate, until, noise).hessian
+    slopes = at_estimate.slopes.reshape(count, d, 3 * block.times.shape[1])
+    # The slopes, and so the inner matrix, are taken to be the same at all levels.
+    gains = np.linalg.solve(inner, slopes / noise**2)
+    shrinking = np.linalg.solve(inner, (estimate * block.prior_deviations**-2)[..., None])[..., 0]
+    counted = linear.valid & (block.times <= until[:, None])
+    estimates = np.empty(tried.shape)
     for k, left in enumerate(residuals):
-        reached = linear.valid & np.isfinite(left).all(axis=2)
-        moved = replace(linear, residuals=left, slopes=state_slopes, valid=reached)
-        equations = NormalEquations.of(block, estimate, moved, until, noise)
-        step = np.linalg.solve(equations.hessian, equations.gradient[..., None])[..., 0]
-        estimates[k] = estimate - step
+        reached = counted & np.isfinite(left).all(axis=2)
+        left = np.where(reached[..., None], left, 0.0)
+        weights = np.minimum(1.0, OUTLIER * noise / np.maximum(np.linalg.norm(left, axis=2), 1e-12))
+        target = (left * weights[..., None]).reshape(count, -1, 1)
+        estimates[k] = estimate - (gains @ target)[..., 0] - shrinking
     return estimates, residuals_at(cost, block, estimates, candidates.parameters, index, until)
 
 

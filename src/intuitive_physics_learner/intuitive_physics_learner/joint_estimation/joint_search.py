@@ -54,7 +54,7 @@ LARGEST_MOVE = 0.2
 FAILED_LENGTH = 1e4
 """Standard deviations of noise that a point counts as which the simulator did not reach."""
 
-SCANS = (2, 4, 6, 9, 12, 16)
+SCANS = (2, 5, 9, 14)
 """After how many steps each parameter is tried over its whole range."""
 
 LEAST_SCAN_GAIN = 3.0
@@ -80,8 +80,8 @@ LARGEST_STATE_DEVIATION = 0.3
 
 
 @dataclass(eq=False)
-class _Progress:
-    """How far the estimate of a block's W observations is.
+class _Fit:
+    """How far the fit to a block's W observations is.
 
     Parameters
     ----------
@@ -132,8 +132,8 @@ class JointSearch(Search):
         self._groups = separate_groups(influence)
         self._noise = position_noise(cost.observations)
         self._blocks = observation_blocks(cost.observations, influence)
-        self._progress = [
-            _Progress(
+        self._fits = [
+            _Fit(
                 np.zeros_like(block.prior_deviations),
                 np.minimum(block.prior_deviations, LARGEST_STATE_DEVIATION),
                 horizons.first_horizons(block),
@@ -196,9 +196,8 @@ class JointSearch(Search):
             "simulations": self._simulations,
             "steps": self.steps,
             "responsive": self.responsive.tolist(),
-            "blocks": [
-                {name: array.tolist() for name, array in vars(part).items()}
-                for part in self._progress
+            "fits": [
+                {name: array.tolist() for name, array in vars(part).items()} for part in self._fits
             ],
         }
 
@@ -210,7 +209,7 @@ class JointSearch(Search):
         self._simulations = state["simulations"]
         self.steps = state["steps"]
         self.responsive = np.array(state["responsive"])
-        for part, saved in zip(self._progress, state["blocks"], strict=True):
+        for part, saved in zip(self._fits, state["fits"], strict=True):
             for name, values in saved.items():
                 own = getattr(part, name)
                 setattr(part, name, np.array(values, dtype=own.dtype).reshape(own.shape))
@@ -370,7 +369,7 @@ class JointSearch(Search):
     def _losses(
         self,
         block: ObservationBlock,
-        part: _Progress,
+        part: _Fit,
         trying: NDArray[np.float64],
         residuals: NDArray[np.float64],
     ) -> NDArray[np.float64]:
@@ -384,7 +383,7 @@ class JointSearch(Search):
     def _advance(
         self,
         block: ObservationBlock,
-        part: _Progress,
+        part: _Fit,
         residuals: NDArray[np.float64],
         goal: NDArray[np.float64],
     ) -> bool:
@@ -408,5 +407,7 @@ class JointSearch(Search):
         while self.iterations * observations < self._simulations:
             self._record(cost, relative_gain)
 
-    def _parts(self) -> Iterator[tuple[ObservationBlock, _Progress]]:
-        yield from zip(self._blocks, self._progress, strict=True)
+    def _parts(self) -> Iterator[tuple[ObservationBlock, _Fit]]:
+        """Yield blocks, with the points that are in sight, and their fits."""
+        for block, fit in zip(self._blocks, self._fits, strict=True):
+            yield block.shortened(fit.horizons + horizons.LARGEST_ADVANCE), fit

@@ -37,7 +37,7 @@ def judge(
     influence : (n_observations, |θ_s|) bool
     steps : most steps of each fit to a half of the observations
     """
-    active = influence.any(axis=0)
+    active = np.asarray(influence.any(axis=0))
     parameters = search.best_parameters
     posterior, sided = search.posterior()
     covariance = posterior.covariance

@@ -105,14 +105,16 @@ def linearise(
     count, d = estimate.shape
     q = block.parameters.shape[1]
     points = block.times.shape[1]
-    rows = cost.trial_residuals(trials)[:, :points].reshape(count, 1 + 2 * d + 2 * q, points, 3)
+    rows = cost.trial_residuals(trials)[:, block.columns].reshape(
+        count, 1 + 2 * d + 2 * q, points, 3
+    )
     base = rows[:, :1]
     up = np.concatenate([rows[:, 1 : 1 + d], rows[:, 1 + 2 * d : 1 + 2 * d + q]], axis=1) - base
     down = base - np.concatenate([rows[:, 1 + d : 1 + 2 * d], rows[:, 1 + 2 * d + q :]], axis=1)
     state_steps = _state_steps(state_deviations)
     up_steps = np.hstack([state_steps, steps.up[block.parameters]])
     down_steps = np.hstack([state_steps, steps.down[block.parameters]])
-    valid = np.isfinite(rows).all(axis=(1, 3))
+    valid = np.asarray(np.isfinite(rows).all(axis=(1, 3)))
     up[~np.broadcast_to(valid[:, None], up.shape[:3])] = 0.0
     down[~np.broadcast_to(valid[:, None], down.shape[:3])] = 0.0
     slopes = (up + down) / (up_steps + down_steps)[:, :, None, None]
@@ -153,7 +155,7 @@ def residuals_at(
         np.tile(until, count),
     )
     points = block.times.shape[1]
-    return cost.trial_residuals(trials)[:, :points].reshape(count, members, points, 3)
+    return cost.trial_residuals(trials)[:, block.columns].reshape(count, members, points, 3)
 
 
 def _trials(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,9 @@ class ObservationBlock:
     members : (W,) index of each among all observations
     first_states : of each
     parameters : (W, q) indices of the parameters that each can depend on
-    times : (W, P) s after the start of each point, in the order of `Cost.trial_residuals`; NaN
-        beyond the last
+    times : (W, P) s after the start of each point; NaN beyond the last
+    columns : (P,) which of the points that `Cost.trial_residuals` answers these are
+    durations : (W,) s, time of the last point of each observation
     prior_deviations : (W, d) standard deviations of the first states' components
     """
 
@@ -31,12 +32,14 @@ class ObservationBlock:
     first_states: tuple[FirstStateDeviations, ...]
     parameters: NDArray[np.int64]
     times: NDArray[np.float64]
+    columns: NDArray[np.int64]
+    durations: NDArray[np.float64]
     prior_deviations: NDArray[np.float64]
 
-    @property
-    def durations(self) -> NDArray[np.float64]:
-        """Time of the last point of each observation, (W,) s."""
-        return np.nanmax(self.times, axis=1)
+    def shortened(self, until: NDArray[np.float64]) -> ObservationBlock:
+        """Return the same without the points that are later than `until` (W,) s in all of them."""
+        kept = (self.times <= until[:, None]).any(axis=0)
+        return replace(self, times=self.times[:, kept], columns=self.columns[kept])
 
     def states(self, deviations: NDArray[np.float64], objects: int) -> NDArray[np.float64]:
         """First states (W * n, objects, 13) for deviations (W, n, d)."""
@@ -81,5 +84,7 @@ def _block(
         tuple(first_states[i] for i in members),
         np.array([np.flatnonzero(influence[i]) for i in members]),
         padded,
+        np.arange(padded.shape[1]),
+        np.nanmax(padded, axis=1),
         np.array([first_states[i].standard_deviations for i in members]),
     )

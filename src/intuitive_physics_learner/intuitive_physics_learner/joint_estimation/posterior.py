@@ -37,7 +37,7 @@ class Posterior:
             part.add_to(information, np.zeros(size))
             rows, columns = part.parameters[:, :, None], part.parameters[:, None, :]
             np.add.at(scores, (rows, columns), part.scores[:, :, None] * part.scores[:, None, :])
-        return Posterior(np.linalg.inv(information), scores)
+        return Posterior(np.asarray(np.linalg.inv(information), dtype=np.float64), scores)
 
     @property
     def deviations(self) -> NDArray[np.float64]:
@@ -75,4 +75,4 @@ class Posterior:
 def _state_covariance(equations: NormalEquations) -> NDArray[np.float64]:
     """Covariance (W, d, d) of the first states, the parameters given."""
     d = equations.state_size
-    return np.linalg.inv(equations.hessian[:, :d, :d])
+    return np.asarray(np.linalg.inv(equations.hessian[:, :d, :d]), dtype=np.float64)

@@ -407,7 +407,7 @@ def test_two_processes_learn_the_same_as_one(start, caller, throws, tmp_path):
     assert node.end() == 0
     with ObservationStore(tmp_path / "alone.sqlite3") as store:
         store.add_all(throws(5, 0))
-        asked = SearchOptions(criteria=ConvergenceCriteria(300), seed=1)
+        asked = SearchOptions(method="cma_es", criteria=ConvergenceCriteria(300), seed=1)
         alone = learn_from_store(store, make_simulator("event_driven"), asked).learned
     assert learned.to_dict() == alone.to_dict()
 

@@ -13,6 +13,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import SceneObject
 from intuitive_physics.state import ObjectState
+from intuitive_physics_perception.cluster_memory import SEARCHES
 from intuitive_physics_perception.detected_solid import DetectedSolid
 from intuitive_physics_perception.detection import Detection
 from intuitive_physics_perception.environment_model import (
@@ -160,8 +161,7 @@ class PerceptionPipeline:
         except NoEnvironmentError as error:
             return self._unused(time, str(error))
         self._scene = _ModelledScene(model, self.settings, self._rng, self._next_track)
-        # What each pixel sees of the planes is found out here, so that no later frame waits.
-        self._scene.foreground.find(points)
+        self._scene.get_used_to(points)
         seconds = {"environment": self._clock() - started}
         return Perceived(
             time, model, is_new_model=True, diagnostics=FrameDiagnostics(seconds=seconds)
@@ -176,7 +176,7 @@ class PerceptionPipeline:
         instants.append(self._clock())
         spheres = scene.spheres.find(points, clusters)
         instants.append(self._clock())
-        found = all_objects(points, spheres, scene.solids if self.settings.find_solids else None)
+        found = all_objects(points, spheres, scene.solids)
         pose = scene.model.rotation, scene.model.translation
         detections = [detection.moved(*pose) for detection in found]
         instants.append(self._clock())
@@ -237,8 +237,15 @@ class _ModelledScene:
         self.model = model
         self.foreground = ForegroundFinder(model, settings)
         self.spheres = SphereFinder(model.noise, settings, rng)
-        self.solids = SolidFinder(model, settings, rng)
+        self.solids = SolidFinder(model, settings, rng) if settings.find_solids else None
         self.follow_anew(settings, first_track)
+
+    def get_used_to(self, points: NDArray[np.float32]) -> None:
+        """Find out what each pixel sees of the planes and what stands about, so that no later
+        frame waits for it."""
+        for _ in range(SEARCHES):
+            spheres = self.spheres.find(points, self.foreground.find(points))
+            all_objects(points, spheres, self.solids)
 
     def follow_anew(self, settings: PerceptionSettings, first_track: int) -> None:
         """Forget what was followed; the environment stays."""

@@ -14,6 +14,8 @@ from intuitive_physics.observation import Observation
 from intuitive_physics.scene import SceneObject
 from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import unit_vector
+from intuitive_physics_perception.cluster_memory import SEARCHES
+from intuitive_physics_perception.detected_solid import DetectedSolid
 from intuitive_physics_perception.detected_solid import DetectedSolid
 from intuitive_physics_perception.detection import Detection
 from intuitive_physics_perception.environment_check import EnvironmentCheck
@@ -178,8 +180,7 @@ class PerceptionPipeline:
         if self.settings.static_boxes:
             model = with_static_boxes(model, frames, self.settings, self._rng)
         self._scene = _ModelledScene(model, self.settings, self._rng, self._next_track)
-        # What each pixel sees of the planes is found out here, so that no later frame waits.
-        self._scene.foreground.find(points)
+        self._scene.get_used_to(points)
         seconds = {"environment": self._clock() - started}
         return Perceived(
             time, model, is_new_model=True, diagnostics=FrameDiagnostics(seconds=seconds)
@@ -198,7 +199,7 @@ class PerceptionPipeline:
         instants.append(self._clock())
         spheres = scene.spheres.find(points, clusters)
         instants.append(self._clock())
-        found = all_objects(points, spheres, scene.solids if self.settings.find_solids else None)
+        found = all_objects(points, spheres, scene.solids)
         pose = scene.model.rotation, scene.model.translation
         detections = [detection.moved(*pose) for detection in found]
         instants.append(self._clock())
@@ -260,8 +261,15 @@ class _ModelledScene:
         self.check = EnvironmentCheck(model, settings)
         self.foreground = ForegroundFinder(model, settings)
         self.spheres = SphereFinder(model.noise, settings, rng)
-        self.solids = SolidFinder(model, settings, rng)
+        self.solids = SolidFinder(model, settings, rng) if settings.find_solids else None
         self.follow_anew(settings, first_track)
+
+    def get_used_to(self, points: NDArray[np.float32]) -> None:
+        """Find out what each pixel sees of the planes and what stands about, so that no later
+        frame waits for it."""
+        for _ in range(SEARCHES):
+            spheres = self.spheres.find(points, self.foreground.find(points))
+            all_objects(points, spheres, self.solids)
 
     def follow_anew(self, settings: PerceptionSettings, first_track: int) -> None:
         """Forget what was followed; the environment stays."""

@@ -108,7 +108,10 @@ class SphereFinder:
         for cluster in clusters.indices:
             own = points.reshape(-1, 3)[cluster].astype(np.float64)
             known = self._memory.recall(own)
-            inside = self._spheres_in(points, cluster, own, thorough=known.deserves_a_search)
+            if known.deserves_a_search:
+                inside = self._spheres_in(points, cluster, own)
+            else:
+                inside = ClusterSpheres(cluster, [], 1.0)
             if not inside.spheres:
                 self._memory.keep(known, None)
             found.append(inside)
@@ -120,13 +123,11 @@ class SphereFinder:
         points: NDArray[np.float32],
         cluster: NDArray[np.int64],
         own: NDArray[np.float64],
-        *,
-        thorough: bool,
     ) -> ClusterSpheres:
         found: list[DetectedSphere] = []
         left = cluster
         while len(found) < SPHERES_IN_CLUSTER and len(own) >= self._settings.min_points:
-            sphere = self._best_sphere(points, left, own, thorough=thorough)
+            sphere = self._best_sphere(points, left, own)
             if sphere is None:
                 break
             found.append(sphere)
@@ -141,11 +142,9 @@ class SphereFinder:
         points: NDArray[np.float32],
         cluster: NDArray[np.int64],
         own: NDArray[np.float64],
-        *,
-        thorough: bool,
     ) -> DetectedSphere | None:
         fitted = self._some(own, FITTED_POINTS)
-        for hypothesis in self._hypotheses(fitted, len(own), thorough):
+        for hypothesis in self._hypotheses(fitted, len(own)):
             sphere, covariance, misfit = self._refined(points, cluster, fitted, hypothesis)
             # The fit took part of the points: the rest tells as much again.
             covariance = covariance * self._settings.correlated_readings * len(fitted) / len(own)
@@ -177,15 +176,11 @@ class SphereFinder:
                 return sphere, covariance, np.inf
         return sphere, covariance, misfit
 
-    def _hypotheses(
-        self, points: NDArray[np.float64], total: int, thorough: bool
-    ) -> Iterator[NDArray[np.float64]]:
+    def _hypotheses(self, points: NDArray[np.float64], total: int) -> Iterator[NDArray[np.float64]]:
         """The sphere the outline suggests, which mostly is right; those of known radius; then the
         best random ones."""
         yield outline_sphere(points)
         yield from spheres_of_radius(points, self._known_radii)
-        if not thorough:
-            return
         limits = self._settings.min_radius, self._settings.max_radius
         scored = self._some(points, SCORED_POINTS)
         spheres, scores = ransac_spheres(

@@ -16,7 +16,6 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import unit_vector
 from intuitive_physics_perception.cluster_memory import SEARCHES
 from intuitive_physics_perception.detected_solid import DetectedSolid
-from intuitive_physics_perception.detected_solid import DetectedSolid
 from intuitive_physics_perception.detection import Detection
 from intuitive_physics_perception.environment_check import EnvironmentCheck
 from intuitive_physics_perception.environment_model import (

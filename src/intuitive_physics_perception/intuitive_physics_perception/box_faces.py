@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-HYPOTHESES = 150
+HYPOTHESES = 80
 FACE_SIGMAS = 2.5
 SURFACE_DEVIATION = 0.001
 UPRIGHT_COSINE = float(np.cos(np.radians(82.0)))

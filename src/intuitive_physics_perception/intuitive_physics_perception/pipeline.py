@@ -32,6 +32,9 @@ from intuitive_physics_perception.spheres import DetectedSphere, SphereFinder
 from intuitive_physics_perception.static_boxes import with_static_boxes
 from intuitive_physics_perception.tracker import Tracker
 
+SEARCHES_IN_FRAME = 2
+"""Clusters that are searched for spheres at random in one frame, which bounds its time."""
+
 
 @dataclass(frozen=True)
 class PerceivedObject:
@@ -196,7 +199,7 @@ class PerceptionPipeline:
             return replace(self._unused(time, moved), observations=observations, moved=moved)
         clusters = scene.foreground.find(points)
         instants.append(self._clock())
-        spheres = scene.spheres.find(points, clusters)
+        spheres = scene.spheres.find(points, clusters, SEARCHES_IN_FRAME)
         instants.append(self._clock())
         found = all_objects(points, spheres, scene.solids)
         pose = scene.model.rotation, scene.model.translation

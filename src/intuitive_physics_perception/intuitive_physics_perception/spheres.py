@@ -27,6 +27,7 @@ REFINED_HYPOTHESES = 3
 SPHERES_IN_CLUSTER = 3
 INLIER_SIGMAS = 3.0
 STRAY_SIGMAS = 5.0
+ROUGHLY_ON = 0.6
 AROUND = 1.8
 MIN_DENSITY = 0.9
 STILLNESS = 0.2
@@ -101,20 +102,31 @@ class SphereFinder:
         self._deviation = noise.deviation
         self._noise = np.square([noise.constant, noise.quadratic, noise.limit, noise.lateral])
 
-    def find(self, points: NDArray[np.float32], clusters: Clusters) -> list[ClusterSpheres]:
+    def find(
+        self, points: NDArray[np.float32], clusters: Clusters, searches: int | None = None
+    ) -> list[ClusterSpheres]:
         """Return the spheres by cluster of a frame of points (height, width, 3), in the sensor's
-        frame."""
+        frame.
+
+        Parameters
+        ----------
+        searches : clusters, the smallest first, that are searched at random when their outline
+            suggests no sphere; the others wait for the next frame. None searches all
+        """
         found = []
-        for cluster in clusters.indices:
+        left = len(clusters.indices) if searches is None else searches
+        for cluster in reversed(clusters.indices):
             own = points.reshape(-1, 3)[cluster].astype(np.float64)
             known = self._memory.recall(own)
-            if known.deserves_a_search:
-                inside = self._spheres_in(points, cluster, own)
-            else:
-                inside = ClusterSpheres(cluster, [], 1.0)
-            if not inside.spheres:
+            if not known.deserves_a_search:
                 self._memory.keep(known, None)
+                found.append(ClusterSpheres(cluster, [], 1.0))
+                continue
+            inside = self._spheres_in(points, cluster, own, thorough=left > 0)
             found.append(inside)
+            if not inside.spheres and left > 0:
+                self._memory.keep(known, None)
+                left -= 1
         self._memory.end_frame()
         return found
 
@@ -123,11 +135,13 @@ class SphereFinder:
         points: NDArray[np.float32],
         cluster: NDArray[np.int64],
         own: NDArray[np.float64],
+        *,
+        thorough: bool,
     ) -> ClusterSpheres:
         found: list[DetectedSphere] = []
         left = cluster
         while len(found) < SPHERES_IN_CLUSTER and len(own) >= self._settings.min_points:
-            sphere = self._best_sphere(points, left, own)
+            sphere = self._best_sphere(points, left, own, thorough=thorough)
             if sphere is None:
                 break
             found.append(sphere)
@@ -142,9 +156,11 @@ class SphereFinder:
         points: NDArray[np.float32],
         cluster: NDArray[np.int64],
         own: NDArray[np.float64],
+        *,
+        thorough: bool,
     ) -> DetectedSphere | None:
         fitted = self._some(own, FITTED_POINTS)
-        for hypothesis in self._hypotheses(fitted, len(own)):
+        for hypothesis in self._hypotheses(fitted, len(own), thorough):
             sphere, covariance, misfit = self._refined(points, cluster, fitted, hypothesis)
             # The fit took part of the points: the rest tells as much again.
             covariance = covariance * self._settings.correlated_readings * len(fitted) / len(own)
@@ -176,11 +192,15 @@ class SphereFinder:
                 return sphere, covariance, np.inf
         return sphere, covariance, misfit
 
-    def _hypotheses(self, points: NDArray[np.float64], total: int) -> Iterator[NDArray[np.float64]]:
+    def _hypotheses(
+        self, points: NDArray[np.float64], total: int, thorough: bool
+    ) -> Iterator[NDArray[np.float64]]:
         """The sphere the outline suggests, which mostly is right; those of known radius; then the
         best random ones."""
         yield outline_sphere(points)
         yield from spheres_of_radius(points, self._known_radii)
+        if not thorough:
+            return
         limits = self._settings.min_radius, self._settings.max_radius
         scored = self._some(points, SCORED_POINTS)
         spheres, scores = ransac_spheres(
@@ -191,8 +211,13 @@ class SphereFinder:
         for sphere, score in zip(
             spheres[:REFINED_HYPOTHESES], scores[:REFINED_HYPOTHESES], strict=True
         ):
-            if score > needed:
+            if score > needed and self._explains(scored, sphere):
                 yield sphere
+
+    def _explains(self, points: NDArray[np.float64], sphere: NDArray[np.float64]) -> bool:
+        """Whether most points in a rough sphere's outline are on it: a fit is dear."""
+        on, against, _, _ = inspect_sphere(points, sphere, INLIER_SIGMAS, self._noise)
+        return on > ROUGHLY_ON * (on + against)
 
     def _some(self, points: NDArray[np.float64], count: int) -> NDArray[np.float64]:
         if len(points) <= count:

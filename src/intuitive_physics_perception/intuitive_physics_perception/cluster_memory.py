@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Found = TypeVar("Found")
 
 SAME_COUNT = 0.2
-SEARCHES, PERIOD = 3, 10
+SEARCHES, PERIOD = 3, 30
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,8 @@ from intuitive_physics_perception.environment_model import (
     model_environment,
 )
 from intuitive_physics_perception.episodes import EpisodeRecorder
-from intuitive_physics_perception.foreground import ForegroundFinder
+from intuitive_physics_perception.foreground import Clusters, ForegroundFinder
+from intuitive_physics_perception.furniture import Furniture
 from intuitive_physics_perception.objects import all_objects
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.solids import SolidFinder
@@ -197,7 +198,7 @@ class PerceptionPipeline:
         if moved:
             observations = self.rebuild_environment()
             return replace(self._unused(time, moved), observations=observations, moved=moved)
-        clusters = scene.foreground.find(points)
+        clusters = scene.clusters(points)
         instants.append(self._clock())
         spheres = scene.spheres.find(points, clusters, SEARCHES_IN_FRAME)
         instants.append(self._clock())
@@ -262,15 +263,20 @@ class _ModelledScene:
         self.model = model
         self.check = EnvironmentCheck(model, settings)
         self.foreground = ForegroundFinder(model, settings)
+        self.furniture = Furniture(model, settings)
         self.spheres = SphereFinder(model.noise, settings, rng)
         self.solids = SolidFinder(model, settings, rng) if settings.find_solids else None
         self.follow_anew(settings, first_track)
+
+    def clusters(self, points: NDArray[np.float32]) -> Clusters:
+        """What is neither a plane nor a static box, in clusters."""
+        return self.furniture.without(points, self.foreground.find(points))
 
     def get_used_to(self, points: NDArray[np.float32]) -> None:
         """Find out what each pixel sees of the planes and what stands about, so that no later
         frame waits for it."""
         for _ in range(SEARCHES):
-            spheres = self.spheres.find(points, self.foreground.find(points))
+            spheres = self.spheres.find(points, self.clusters(points))
             all_objects(points, spheres, self.solids)
 
     def follow_anew(self, settings: PerceptionSettings, first_track: int) -> None:

@@ -33,7 +33,7 @@ from intuitive_physics_perception.spheres import DetectedSphere, SphereFinder
 from intuitive_physics_perception.static_boxes import with_static_boxes
 from intuitive_physics_perception.tracker import Tracker
 
-SEARCHES_IN_FRAME = 2
+SEARCHES_IN_FRAME = 1
 """Clusters that are searched for spheres at random in one frame, which bounds its time."""
 
 

@@ -2,7 +2,7 @@
 
 .DEFAULT_GOAL := help
 .PHONY: help setup build lint test library-tests system-tests demo bench-simulation \
-	bench-perception clean
+	bench-prediction bench-perception clean
 
 # A ROS, or a Python, that the caller's shell has sourced must not mix with ours.
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH
@@ -61,6 +61,10 @@ demo: setup ## Perceive, learn from and predict thrown balls; write a report
 bench-simulation: setup ## Race our simulators against ODE, PyBullet and MuJoCo; options="--quick"
 	@tools/bench_packages.sh
 	@.venv/bin/python -m benchmarks.simulation $(options)
+
+bench-prediction: setup ## Race the predictor node against its clock; options="--quick"
+	@tools/bench_packages.sh || echo "benchmarks: goes on without ODE"
+	@$(run_environment) .venv/bin/python -m benchmarks.prediction $(options)
 
 bench-perception: setup ## Hold perception against the truth and against others; options="--quick"
 	@.venv/bin/python -m pip --disable-pip-version-check install -qq -r requirements/bench.txt

@@ -11,7 +11,7 @@ setup(
         ("share/" + package_name, ["package.xml"]),
     ],
     python_requires=">=3.10",
-    install_requires=["setuptools", "numpy>=1.26", "intuitive_physics"],
+    install_requires=["setuptools", "numpy>=1.26", "scipy", "scoringrules", "intuitive_physics"],
     entry_points={
         "console_scripts": ["predictor_node = intuitive_physics_predictor.predictor_node:main"]
     },

@@ -15,7 +15,6 @@ SHARE = Path(get_package_share_directory("intuitive_physics_bringup"))
 
 ARGUMENTS = {
     "params_file": (str(SHARE / "config" / "nodes.yaml"), "YAML file with parameters of the nodes"),
-    "use_sim_time": ("false", "take time from /clock, as when a bag is replayed with it"),
     "depth_image": (CAMERA_TOPICS["~/depth/image"], "topic of the depth images"),
     "camera_info": (CAMERA_TOPICS["~/depth/camera_info"], "topic of their camera's intrinsics"),
     "points": (CAMERA_TOPICS["~/points"], "topic of point clouds, where there are no images"),
@@ -23,6 +22,10 @@ ARGUMENTS = {
     "bag": ("", "bag to replay; empty: none"),
     "rate": ("1.0", "bag seconds in one real second"),
     "loop": ("false", "replay the bag again and again"),
+    "use_sim_time": (
+        PythonExpression(["'true' if '", LaunchConfiguration("bag"), "' else 'false'"]),
+        "take time from /clock, as a replayed bag wants it",
+    ),
     "rviz": ("false", "show everything in RViz"),
 }
 

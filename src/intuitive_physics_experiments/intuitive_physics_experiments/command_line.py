@@ -9,12 +9,16 @@ from collections.abc import Sequence
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_experiments.commands import (
+    calibrate_command,
     evaluate_command,
     experiment_command,
+    export_command,
+    import_command,
     learn_command,
     perceive_command,
     predict_command,
     render_command,
+    report_command,
 )
 
 INTERRUPTED = 130
@@ -58,7 +62,11 @@ def _parser() -> argparse.ArgumentParser:
         learn_command,
         predict_command,
         evaluate_command,
+        calibrate_command,
+        import_command,
+        export_command,
         experiment_command,
+        report_command,
     ):
         command.add_to(commands)
     return parser

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment
+from intuitive_physics_experiments.prediction_case import PredictionCase
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +125,8 @@ class DemoResult:
     learning : what was learned
     throws : one entry a throw
     prediction : the throw that was predicted
+    cases : the throws that were learned from, each predicted from its first state
+    point_noise : m, standard deviation on each axis of where a ball was seen
     summary : the numbers the demo ends with, by name
     about : how it was made (seed, versions, times …), shown as text
     """
@@ -132,5 +135,7 @@ class DemoResult:
     learning: LearningOutcome
     throws: tuple[ThrowErrors, ...]
     prediction: PredictionOutcome
+    cases: tuple[PredictionCase, ...] = ()
+    point_noise: float = 0.0
     summary: Mapping[str, float] = field(default_factory=dict)
     about: Mapping[str, str] = field(default_factory=dict)

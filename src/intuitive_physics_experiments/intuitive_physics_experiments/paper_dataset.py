@@ -22,6 +22,7 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_experiments.dataset_engines import dataset_parameters, dataset_simulator
 from intuitive_physics_experiments.noisy_flight import fit_noisy_flight, flight_length
 from intuitive_physics_experiments.paper_room import (
+    SHAPE_KINDS,
     SPIN_DEVIATION,
     draw_first_states,
     draw_pool,
@@ -117,6 +118,7 @@ def make_paper_dataset(
     *,
     engine: str = "auto",
     first_states: str = "three_points",
+    kinds: Sequence[str] = SHAPE_KINDS,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> PaperDataset:
     """Draw a pool of objects and throw them until each has enough trajectories.
@@ -131,6 +133,7 @@ def make_paper_dataset(
     rng : of all randomness; the same generator state makes the same set
     engine : one of `dataset_engines.DATASET_ENGINES`
     first_states : one of `FIRST_STATES`
+    kinds : of shapes in the pool, some of `paper_room.SHAPE_KINDS`
     on_progress : is told how many trajectories of how many are there
 
     Raises
@@ -138,13 +141,13 @@ def make_paper_dataset(
     InvalidInputError
         When a number is too small or a simulation fails.
     UnknownNameError
-        When there is no such engine or source of first states.
+        When there is no such engine, source of first states or kind of shapes.
     """
     _check_source(first_states)
     if samples < 1:
         raise InvalidInputError(f"samples of each object are {samples}; expected at least 1")
     simulator = dataset_simulator(engine)
-    pool = draw_pool(objects, rng)
+    pool = draw_pool(objects, rng, kinds)
     parameters = dataset_parameters(engine, pool, rng)
     lacking = np.full(objects, samples)
     runs = []

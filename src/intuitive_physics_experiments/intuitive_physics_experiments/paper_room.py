@@ -18,7 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import Bounds, ParameterSpace
 from intuitive_physics.scene import Environment, Plane, SceneObject
@@ -29,6 +29,7 @@ ROOM_MATERIAL = "room"
 HALF_ROOM = 5.0
 """m from the room's middle to each wall."""
 
+SHAPE_KINDS = (Sphere.kind, Box.kind, Capsule.kind)
 DIMENSIONS = (0.1, 0.7)
 CIRCLE_CENTER = (0.0, 0.0, 2.0)
 CIRCLE_RADIUS = 3.0
@@ -63,11 +64,18 @@ def paper_room() -> Environment:
     return Environment([Plane("floor", ROOM_MATERIAL, (0.0, 0.0, 1.0), 0.0), *walls])
 
 
-def draw_pool(count: int, rng: np.random.Generator) -> tuple[SceneObject, ...]:
-    """Draw objects of random shape and size, each with a material of its own."""
+def draw_pool(
+    count: int, rng: np.random.Generator, kinds: Sequence[str] = SHAPE_KINDS
+) -> tuple[SceneObject, ...]:
+    """Draw objects of random shape, of these kinds, and size, each with a material of its own."""
     if count < 1:
         raise InvalidInputError(f"pool has {count} objects; expected at least 1")
-    shapes = [_draw_shape(rng) for _ in range(count)]
+    unknown = [kind for kind in kinds if kind not in SHAPE_KINDS]
+    if unknown or not kinds:
+        raise UnknownNameError(
+            f"kinds of shapes are {list(kinds)}; expected some of {', '.join(SHAPE_KINDS)}"
+        )
+    shapes = [_draw_shape(kinds[int(rng.integers(len(kinds)))], rng) for _ in range(count)]
     return tuple(
         SceneObject(f"{shape.kind}_{i}", f"material_{i}", shape) for i, shape in enumerate(shapes)
     )
@@ -109,11 +117,11 @@ def draw_first_states(
     return tuple(states)
 
 
-def _draw_shape(rng: np.random.Generator) -> Shape:
-    match rng.integers(3):
-        case 0:
+def _draw_shape(kind: str, rng: np.random.Generator) -> Shape:
+    match kind:
+        case Sphere.kind:
             return Sphere(rng.uniform(*DIMENSIONS) / 2.0)
-        case 1:
+        case Box.kind:
             x, y, z = rng.uniform(*DIMENSIONS, size=3)
             return Box((x, y, z))
         case _:

@@ -24,7 +24,7 @@ def parameter_table(learned: LearnedParameters) -> str:
     names = parameter_names(learned.materials)
     values = parameter_vector(learned.parameters)
     defaults = parameter_vector(StaticParameters.uniform(learned.materials))
-    on_bound = _on_bound(learned)
+    on_bound = bound_notes(learned)
     rows = [
         [
             name,
@@ -41,7 +41,7 @@ def parameter_table(learned: LearnedParameters) -> str:
     return f"{table}\nnot identified: {'; '.join(unknown)}" if unknown else table
 
 
-def _on_bound(learned: LearnedParameters) -> list[str]:
+def bound_notes(learned: LearnedParameters) -> list[str]:
     """A note for each parameter that the search pressed against a default bound."""
     unit = ParameterSpace(learned.materials).to_unit(learned.parameters)
     notes = []

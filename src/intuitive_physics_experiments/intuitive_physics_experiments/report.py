@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import html
-import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,43 +11,43 @@ from typing import Any
 import numpy as np
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.materials import parameter_names
-from intuitive_physics.parameter_space import parameter_vector
-from intuitive_physics_experiments.demo_result import DemoResult, LearningOutcome, ThrowErrors
-from intuitive_physics_experiments.figure_style import STYLE
+from intuitive_physics_experiments.demo_result import (
+    DemoResult,
+    LearningOutcome,
+    PredictionOutcome,
+    ThrowErrors,
+)
 from intuitive_physics_experiments.frame_figure import draw_frame
 from intuitive_physics_experiments.learning_figures import (
     draw_cost,
     draw_parameters,
     parameter_legend,
 )
+from intuitive_physics_experiments.prediction_case import PredictionCase
 from intuitive_physics_experiments.prediction_figures import (
     draw_prediction_3d,
     draw_prediction_error,
     draw_prediction_side,
 )
+from intuitive_physics_experiments.prediction_sections import prediction_sections
+from intuitive_physics_experiments.report_page import (
+    footer,
+    heading,
+    page,
+    parameter_section,
+    png,
+    png_figure,
+    table,
+)
+from intuitive_physics_experiments.report_plots import cost_plot, library_script, prediction_plot
 
 PAGE_NAME, PICTURE_NAME = "report.html", "demo.png"
-RESOLUTION = 150
 
-PAGE_STYLE = """
-body { font: 16px/1.55 system-ui, sans-serif; color: #111827; max-width: 62rem;
-       margin: 0 auto; padding: 2.5rem 1.5rem; }
-h1 { font-size: 1.9rem; margin: 0 0 .3rem; }
-h2 { font-size: 1.25rem; margin: 2.6rem 0 .5rem; }
-p, figcaption { color: #4b5563; max-width: 46rem; }
-figure { margin: 1rem 0; }
-img { max-width: 100%; height: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .93rem; }
-th, td { padding: .32rem .9rem .32rem 0; text-align: right; border-bottom: 1px solid #e5e7eb; }
-th { color: #6b7280; font-weight: 600; }
-th:first-child, td:first-child { text-align: left; }
-tr.unknown td { color: #9ca3af; }
-.numbers { display: flex; flex-wrap: wrap; gap: 1rem 2.4rem; margin: 1.6rem 0 0; }
-.numbers div { font-size: 1.5rem; font-weight: 650; }
-.numbers span { display: block; font-size: .82rem; font-weight: 400; color: #6b7280; }
-footer { margin-top: 3rem; font-size: .85rem; color: #6b7280; }
-"""
+TITLE = "Balls thrown, seen, learned from and predicted"
+INTRODUCTION = (
+    "A rendered depth camera watched balls thrown into a corner. From what it saw, the material "
+    "parameters were learned that make a simulation do the same; then one more throw was predicted."
+)
 
 
 @dataclass(frozen=True)
@@ -77,7 +75,7 @@ def write_report(result: DemoResult, folder: Path) -> ReportPaths:
     paths = ReportPaths(folder / PAGE_NAME, folder / PICTURE_NAME)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        paths.picture.write_bytes(_png((13.0, 9.4), lambda figure: _draw_picture(figure, result)))
+        paths.picture.write_bytes(png((13.0, 9.4), lambda figure: _draw_picture(figure, result)))
         paths.page.write_text(_page(result), encoding="utf-8")
     except OSError as error:
         raise InvalidInputError(f"cannot write the report into {folder}: {error}") from None
@@ -85,171 +83,103 @@ def write_report(result: DemoResult, folder: Path) -> ReportPaths:
 
 
 def _page(result: DemoResult) -> str:
-    prediction = result.prediction
+    prediction, learning = result.prediction, result.learning
+    levels = {
+        "default parameters": learning.default_cost,
+        "true parameters": learning.oracle_cost,
+    }
     sections = [
-        _heading(result),
+        heading(TITLE, INTRODUCTION, result.summary),
         "<h2>What the camera saw</h2>",
-        _figure(
+        png_figure(
             (9.0, 7.0),
             lambda figure: draw_frame(figure.add_subplot(), result.example),
             "A depth frame (missing readings are white) with the planes that were found, the ball, "
             "its track over the whole throw, and the direction of gravity.",
         ),
         "<h2>What was learned</h2>",
-        _figure(
+        png_figure(
             (11.0, 3.2),
-            lambda figure: _draw_parameters(figure, result.learning),
+            lambda figure: _draw_parameters(figure, learning),
             "Coefficients of each pair of materials that touched.",
         ),
-        _figure(
-            (9.0, 3.6),
-            lambda figure: draw_cost(figure.add_subplot(), result.learning),
-            "Cost J, the mean distance between simulated and observed trajectories. Below the line "
-            "of the true parameters there is only noise to be learned.",
-        ),
-        _parameter_table(result.learning),
-        "<h2>What was predicted, and what then happened</h2>",
-        _figure(
-            (9.0, 6.6),
-            lambda figure: draw_prediction_3d(figure.add_subplot(projection="3d"), prediction),
-            f"A {html.escape(prediction.material)} ball of {100.0 * prediction.radius:.0f} cm "
-            "radius that was not learned from: simulations from noisy copies of its perceived "
-            "state, and where it then was seen.",
-        ),
-        _figure(
+        parameter_section(learning.learned, learning.true),
+        "<h2>How the cost fell</h2><p>J is the mean distance between simulated and observed "
+        "trajectories. Below the line of the true parameters there is only noise to be learned."
+        "</p>",
+        cost_plot("cost", learning.cost_history, levels),
+        "<h2>What was predicted, and what then happened</h2>"
+        f"<p>A {html.escape(prediction.material)} ball of {100.0 * prediction.radius:.0f} cm "
+        "radius that was not learned from: simulations from noisy copies of its perceived state, "
+        "and where it then was seen.</p>",
+        prediction_plot("unseen", _as_case(prediction)),
+        png_figure(
             (11.0, 3.6),
             lambda figure: _draw_prediction_over_time(figure, result),
             "Height, and distance of the predicted mean from the truth beside the spread that the "
             "prediction claims.",
         ),
+        *prediction_sections(
+            result.cases,
+            result.point_noise,
+            "Throws that were learned from, each simulated from its first state",
+        ),
         "<h2>Every throw</h2>",
         _throw_table(result.throws),
-        _footer(result),
+        footer(result.about),
     ]
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>Intuitive physics: demo</title><style>{PAGE_STYLE}</style></head>\n<body>\n"
-        + "\n".join(sections)
-        + "\n</body></html>\n"
+    return page("Intuitive physics: demo", library_script(), sections)
+
+
+def _as_case(prediction: PredictionOutcome) -> PredictionCase:
+    """The prediction at the times at which the ball was seen after it."""
+    times, seen_at = prediction.times, prediction.observed_times
+    inside = (seen_at >= times[0]) & (seen_at <= times[-1])
+    samples = np.stack(
+        [
+            np.column_stack([np.interp(seen_at[inside], times, axis) for axis in sample.T])
+            for sample in prediction.samples
+        ]
     )
-
-
-def _heading(result: DemoResult) -> str:
-    numbers = "".join(
-        f"<div>{value:.3g}<span>{html.escape(_spoken(name))}</span></div>"
-        for name, value in result.summary.items()
+    return PredictionCase(
+        name="the throw that was predicted",
+        environment=prediction.environment,
+        radius=prediction.radius,
+        times=seen_at[inside],
+        samples=samples,
+        observed=prediction.observed[inside],
     )
-    return (
-        "<header><h1>Balls thrown, seen, learned from and predicted</h1>"
-        "<p>A rendered depth camera watched balls thrown into a corner. From what it saw, the "
-        "material parameters were learned that make a simulation do the same; then one more throw "
-        f'was predicted.</p><div class="numbers">{numbers}</div></header>'
-    )
-
-
-def _spoken(name: str) -> str:
-    """Turn a name such as `prediction_error_m` into "prediction error (m)"."""
-    words = name.split("_")
-    if len(words) > 1 and words[-1] in ("m", "mm", "s", "hz"):
-        unit = {"hz": "Hz"}.get(words[-1], words[-1])
-        return f"{' '.join(words[:-1])} ({unit})"
-    return " ".join(words)
-
-
-def _parameter_table(learning: LearningOutcome) -> str:
-    learned = learning.learned
-    names = parameter_names(learned.materials)
-    true = parameter_vector(learning.true.extended(learned.materials))
-    default = parameter_vector(type(learning.true).uniform(learned.materials))
-    values = parameter_vector(learned.parameters)
-    known, unknown = [], []
-    for i, name in enumerate(names):
-        deviation = learned.standard_deviations[i]
-        if learned.identified[i]:
-            spread = "" if np.isnan(deviation) else f"± {deviation:.2g}"
-            cells = (name, f"{values[i]:.4g}", spread, f"{true[i]:.4g}", f"{default[i]:.4g}")
-            known.append(_row(cells))
-        else:
-            unknown.append(name)
-    rows = "".join(known)
-    note = (
-        f"<p>Not identified, since the throws cannot tell them: {html.escape(', '.join(unknown))}."
-        "</p>"
-        if unknown
-        else ""
-    )
-    head = _row(("parameter", "learned", "", "true", "default"), cell="th")
-    return f"<table>{head}{rows}</table>{note}"
 
 
 def _throw_table(throws: Sequence[ThrowErrors]) -> str:
-    head = _row(
+    header = (
+        "throw",
+        "material",
+        "radius (cm)",
+        "seen",
+        "perception RMSE (mm)",
+        "D̄ learned (mm)",
+        "D̄ true θ (mm)",
+        "D̄ defaults (mm)",
+    )
+    rows = [
         (
-            "throw",
-            "material",
-            "radius (cm)",
-            "seen",
-            "perception RMSE (mm)",
-            "D̄ learned (mm)",
-            "D̄ true θ (mm)",
-            "D̄ defaults (mm)",
-        ),
-        cell="th",
-    )
-    rows = "".join(
-        _row(
-            (
-                throw.name,
-                throw.material,
-                f"{100.0 * throw.radius:.0f}",
-                str(throw.points),
-                f"{1000.0 * throw.perception_rmse:.1f}",
-                f"{1000.0 * throw.learned_distance:.0f}",
-                f"{1000.0 * throw.oracle_distance:.0f}",
-                f"{1000.0 * throw.default_distance:.0f}",
-            )
+            throw.name,
+            throw.material,
+            f"{100.0 * throw.radius:.0f}",
+            str(throw.points),
+            f"{1000.0 * throw.perception_rmse:.1f}",
+            f"{1000.0 * throw.learned_distance:.0f}",
+            f"{1000.0 * throw.oracle_distance:.0f}",
+            f"{1000.0 * throw.default_distance:.0f}",
         )
-        for throw in throws
-    )
+        for throw in sorted(throws, key=lambda throw: -throw.learned_distance)
+    ]
     return (
-        f"<table>{head}{rows}</table><p>D̄ is the mean distance between the simulated and the "
-        "observed trajectory of a throw, under the learned, the true and the default parameters."
-        "</p>"
+        f"{table(header, rows)}<p>The worst first. D̄ is the mean distance between the simulated "
+        "and the observed trajectory of a throw, under the learned, the true and the default "
+        "parameters.</p>"
     )
-
-
-def _footer(result: DemoResult) -> str:
-    rows = "; ".join(f"{name}: {value}" for name, value in result.about.items())
-    return f"<footer>{html.escape(rows)}</footer>"
-
-
-def _row(cells: Iterable[str], cell: str = "td") -> str:
-    return "<tr>" + "".join(f"<{cell}>{html.escape(text)}</{cell}>" for text in cells) + "</tr>"
-
-
-def _figure(size: tuple[float, float], draw: Callable[[Any], None], caption: str) -> str:
-    data = base64.b64encode(_png(size, draw)).decode("ascii")
-    text = html.escape(caption, quote=False)
-    return (
-        f'<figure><img alt="{html.escape(caption)}" src="data:image/png;base64,{data}">'
-        f"<figcaption>{text}</figcaption></figure>"
-    )
-
-
-def _png(size: tuple[float, float], draw: Callable[[Any], None]) -> bytes:
-    # The figure alone, without pyplot: no display, no global state.
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=size, layout="constrained")
-        FigureCanvasAgg(figure)
-        draw(figure)
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", dpi=RESOLUTION, facecolor="white")
-    return buffer.getvalue()
 
 
 def _draw_parameters(figure: Any, learning: LearningOutcome) -> None:

@@ -28,7 +28,8 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 def errors_in_test(output: str) -> dict[str, float]:
     """J of the test by the name of what predicted."""
-    lines = output[output.index("error (m)") :].splitlines()[2:]
+    table, _, _ = output[output.index("error (m)") :].partition("\n\n")
+    lines = table.splitlines()[2:]
     return {line.split("  ")[0]: float(line.split()[-3]) for line in lines}
 
 
@@ -181,6 +182,20 @@ def test_tosses_by_the_number_learned_from(
     assert "4 tosses, 3 to fit to, 1 to test" in result.stdout
 
 
+def test_report_shows_what_was_learned_and_predicted(
+    tmp_path: Path, launch_arrays: Callable[[int], dict[str, Any]]
+) -> None:
+    np.savez(tmp_path / "set.npz", **launch_arrays(5))
+    page = tmp_path / "new" / "report.html"
+    result = run("report", tmp_path / "set.npz", page, "--iterations", 100)
+    assert result.returncode == 0, result.stderr
+    assert "4 observations learned from, 1 predicted" in result.stdout
+    text = page.read_text(encoding="utf-8")
+    assert "restitution[ball, table]" in text
+    assert "launch_" in text
+    assert text.count("Plotly.newPlot(") >= 3
+
+
 def write(path: Path, text: str = "") -> Path:
     path.write_text(text)
     return path
@@ -221,6 +236,8 @@ def write(path: Path, text: str = "") -> Path:
         (["perceive", "other.npz", "--save", "x"], "no motion to save"),
         (["perceive", "cloud.npz", "--ball", "foam"], "expected MATERIAL=RADIUS"),
         (["predict", "nowhere.json", "nowhere.json"], "cannot read nowhere.json"),
+        (["report", "nowhere.npz", "out.html"], "there is no nowhere.npz"),
+        (["report", "set.npz", "notes.txt/out.html", "--iterations", "5"], "cannot write"),
         (["render", "bag", "--throws", "0"], "expected at least 1"),
         (["render", "notes.txt"], "exists already"),
         (["render", "bag", "--seed", "-3"], "seed is -3"),

@@ -17,10 +17,16 @@ from intuitive_physics_experiments.experiments.learning_curve import (
     LearningCurveSettings,
     run_learning_curve,
 )
+from intuitive_physics_experiments.experiments.prediction import (
+    PredictionSettings,
+    run_prediction,
+)
+from intuitive_physics_experiments.experiments.rgbd import RgbdSettings, run_rgbd
 from intuitive_physics_experiments.experiments.search_methods import (
     SearchMethodsSettings,
     run_search_methods,
 )
+from intuitive_physics_experiments.paper_dataset import make_paper_dataset
 from intuitive_physics_learner.update_rules import UPDATE_RULES
 
 SMALL_CURVE = LearningCurveSettings((1, 2), (5,), repetitions=2, iterations=120)
@@ -119,6 +125,36 @@ def test_all_rules_search_the_same_set(tmp_path: Path) -> None:
     grid = [r["J"] for r in final if r["method"] == "grid"]
     # A grid has not left its corner after 40 of 20^14 points.
     assert all(a < b for a, b in zip(random, grid, strict=True))
+
+
+def test_predictions_of_test_runs(tmp_path: Path) -> None:
+    settings = PredictionSettings(2, 5, iterations=60)
+    rows = run_prediction(tmp_path, settings, "test")
+    # A fifth of the runs, with all their objects.
+    assert len({row["case"].split(":")[0] for row in rows}) == max(1, round(0.2 * _runs(2, 5)))
+    with (tmp_path / "coverage.csv").open() as file:
+        shares = [float(row["seen"]) for row in csv.DictReader(file)]
+    assert shares == sorted(shares)
+    assert all(0.0 <= share <= 1.0 for share in shares)
+    for name in ("predictions.png", "error_over_time.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+    assert run_prediction(tmp_path, settings, "test") == rows
+
+
+def _runs(objects: int, samples: int) -> int:
+    made = make_paper_dataset(objects, samples, np.random.default_rng(0))
+    return len(made.training) + len(made.test)
+
+
+def test_thrown_balls_through_the_whole_pipeline(tmp_path: Path, needs_open3d: None) -> None:
+    pytest.importorskip("pybullet")
+    rows = run_rgbd(tmp_path, RgbdSettings(throws=2, duration=1.2, iterations=150), "test")
+    assert {row["radius"] for row in rows} == {0.03, 0.05, 0.07}
+    assert sum(row["observations"] for row in rows) >= 5
+    by_way = {name: np.mean([row[name] for row in rows]) for name in ("learned", "true_parameters")}
+    # Fitted to what was seen: as good as the truth, up to what the search left; 3 mm is the camera.
+    assert by_way["learned"] < 1.2 * by_way["true_parameters"] + 0.003
+    assert np.mean([row["default"] for row in rows]) > 2.0 * by_way["learned"]
 
 
 def test_dataset_command_writes_what_learn_reads(tmp_path: Path, capsys) -> None:

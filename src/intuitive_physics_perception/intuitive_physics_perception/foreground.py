@@ -17,7 +17,6 @@ from intuitive_physics_perception.noise import RangeNoise
 from intuitive_physics_perception.planes import DetectedPlane
 from intuitive_physics_perception.settings import PerceptionSettings
 
-OUTLINE_MARGIN = 0.03
 ITERATIONS = 8
 
 
@@ -125,7 +124,7 @@ def free_ranges(
         cosine = -(unit @ plane.normal.astype(unit.dtype))
         meets = np.flatnonzero(cosine > 1e-6)
         cosine = cosine[meets]
-        inside = _inside_outline(plane, unit[meets] * (-plane.offset / cosine)[:, None])
+        inside = plane.outlines(unit[meets] * (-plane.offset / cosine)[:, None])
         meets, cosine = meets[inside], cosine[inside]
         begins = -plane.offset / cosine
         # A contraction: what the noise lets pass grows far slower with range than the distance.
@@ -135,23 +134,6 @@ def free_ranges(
             begins = np.maximum((-plane.offset - margin) / cosine, 0.0)
         free[meets] = np.minimum(free[meets], begins)
     return free
-
-
-def _inside_outline(plane: DetectedPlane, places: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Which places (n, 3) on a plane lie in what was seen of it, or hardly out of it."""
-    margin = OUTLINE_MARGIN * np.linalg.norm(places, axis=1)
-    inside = np.ones(len(places), dtype=bool)
-    for outward, bound in zip(*_edges(plane), strict=True):
-        inside &= places @ outward.astype(places.dtype) <= bound + margin
-    return inside
-
-
-def _edges(plane: DetectedPlane) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Half spaces outward · p ≤ bound that together are the plane's convex outline."""
-    along = np.roll(plane.corners, -1, axis=0) - plane.corners
-    outward = np.cross(along, plane.normal)
-    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    return outward, (outward * plane.corners).sum(axis=1)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

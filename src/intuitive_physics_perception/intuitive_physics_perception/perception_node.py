@@ -246,6 +246,8 @@ class PerceptionNode(Node):
         }
         if diagnostics.problem:
             return Status(Level.WARN, diagnostics.problem, values)
+        if not self._frames:
+            return Status(Level.OK, "no frame was handled yet", values)
         took = 1e3 * sum(diagnostics.seconds.values())
         return Status(Level.OK, f"the last frame took {took:.0f} ms", values)
 

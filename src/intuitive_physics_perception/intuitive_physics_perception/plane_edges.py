@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.polygons import clip_polygon, plane_square
 from intuitive_physics_perception.noise import GAUSSIAN_MAD
+from intuitive_physics_perception.plane_parts import DEEP
 from intuitive_physics_perception.planes import DetectedPlane
 from intuitive_physics_perception.range_cloud import (
     RangeCloud,
@@ -40,14 +41,11 @@ GAP_SPACINGS = 3.0
 OUTLIERS = 0.01
 MIN_DEEP = 2
 FIT_ROUNDS = 4
-MIN_INSIDE = 0.95
+MIN_INSIDE = 0.98
 
 MIN_SURFACE = 30
 SURFACE_DEVIATIONS = 3.0
 SMALLEST_SCATTER = 0.2
-DEEP = 2.0
-GRAZING = 0.02
-"""Cosine below which it is unsure where a ray meets a plane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,29 +73,20 @@ def with_edges(
 ) -> list[DetectedPlane]:
     """Return planes with the boundaries that the cloud shows of them."""
     angle = angle_between_readings(cloud, rng)
-    numbers = [np.append(plane.normal, plane.offset) for plane in planes]
     return [
-        replace(
-            plane,
-            boundary=plane_boundary(cloud, numbers[k], [*numbers[:k], *numbers[k + 1 :]], angle),
-        )
-        for k, plane in enumerate(planes)
+        replace(plane, boundary=plane_boundary(cloud, plane, planes, angle)) for plane in planes
     ]
 
 
 def plane_boundary(
-    cloud: RangeCloud,
-    plane: NDArray[np.float64],
-    others: Sequence[NDArray[np.float64]],
-    angle: float,
+    cloud: RangeCloud, plane: DetectedPlane, planes: Sequence[DetectedPlane], angle: float
 ) -> NDArray[np.float64] | None:
     """Return the convex polygon that bounds a plane, None where no edge of it was seen.
 
     Parameters
     ----------
     cloud : what was read
-    plane : (4,) normal and offset in m
-    others : the other planes of the scene
+    planes : all planes of the scene
     angle : rad between neighbouring readings
 
     Returns
@@ -106,39 +95,45 @@ def plane_boundary(
         (k, 3) m, counter-clockwise seen against the normal. Sides that are no seen edges lie
         `REACH` away.
     """
-    first, second = plane_axes(plane[:3])
-    axes = np.column_stack([first, second])
-    seen = _seen_around(cloud, plane, others, axes, angle)
+    axes = np.column_stack(plane_axes(plane.normal))
+    seen = _seen_around(cloud, plane, planes, axes, angle)
     if len(seen.surface) < MIN_SURFACE:
         return None
     outline = convex_hull(seen.surface)
     polygon = None if outline is None else bounded_polygon(seen, outline)
-    return None if polygon is None else polygon @ axes.T + plane[3] * plane[:3]
+    return None if polygon is None else polygon @ axes.T + plane.offset * plane.normal
 
 
 def _seen_around(
     cloud: RangeCloud,
-    plane: NDArray[np.float64],
-    others: Sequence[NDArray[np.float64]],
+    plane: DetectedPlane,
+    planes: Sequence[DetectedPlane],
     axes: NDArray[np.float64],
     angle: float,
 ) -> SeenAround:
-    part = cloud.connected(plane, others)
-    scaled = cloud.scaled_distances(plane)
+    numbers = plane.numbers
+    scaled = cloud.scaled_distances(numbers)
+    on = np.abs(scaled) < 1.0
+    for other in planes:
+        # Two surfaces at one height have one plane.
+        if not np.array_equal(other.numbers, numbers):
+            on &= ~cloud.near(other.numbers)
+    part = np.flatnonzero(on)
+    part = part[plane.outlines(cloud.points[part])]
     # How far the plane's own readings scatter is far less than what noise might make of them.
     median = float(np.median(np.abs(scaled[part]))) if part.size else 0.0
     usual = SURFACE_DEVIATIONS * GAUSSIAN_MAD * median
     usual = min(max(usual, SMALLEST_SCATTER), 1.0)
     part = part[np.abs(scaled[part]) < usual]
-    meets = np.flatnonzero(cloud.points @ plane[:3] < -GRAZING * cloud.ranges)
+    meets = cloud.meeting(numbers)
     below, before = (meets[side] for side in (scaled[meets] < -usual, scaled[meets] > 1.0))
-    spacing = angle * cloud.ranges[part] ** 2 / max(abs(plane[3]), 1e-6)
-
-    def feet(which: NDArray[np.intp]) -> NDArray[np.float64]:
-        points = cloud.points[which]
-        return (points @ axes) * (plane[3] / (points @ plane[:3]))[:, None]
-
-    return SeenAround(feet(part), spacing, feet(below), scaled[below] < -DEEP, feet(before))
+    return SeenAround(
+        cloud.feet(numbers, axes, part),
+        angle * cloud.ranges[part] ** 2 / max(abs(plane.offset), 1e-6),
+        cloud.feet(numbers, axes, below),
+        scaled[below] < -DEEP,
+        cloud.feet(numbers, axes, before),
+    )
 
 
 def bounded_polygon(seen: SeenAround, outline: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -150,18 +145,24 @@ def bounded_polygon(seen: SeenAround, outline: NDArray[np.float64]) -> NDArray[n
     """
     corners = _simplified(outline, CORNER_TOLERANCE * float(np.median(seen.spacing)))
     sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
-    edges = [edge for side in sides if (edge := _seen_edge(seen, *side)) is not None]
+    edges = [
+        edge
+        for side in sides
+        if (edge := _seen_edge(seen, *side)) is not None and _inside(seen, edge) > MIN_INSIDE
+    ]
     if not edges:
-        return None
-    inside = np.all([seen.surface @ outward <= bound + GAP for outward, bound in edges], axis=0)
-    if inside.mean() < MIN_INSIDE:
-        # Edges that cut off much of what was seen: the surface is not convex, or not one.
         return None
     centre = np.append(outline.mean(axis=0), 0.0)
     polygon = plane_square(np.array([0.0, 0.0, 1.0]), 0.0, centre, REACH)
     for outward, bound in edges:
         polygon = clip_polygon(polygon, np.append(-outward, 0.0), -bound)
     return polygon[:, :2] if len(polygon) >= 3 else None
+
+
+def _inside(seen: SeenAround, edge: tuple[NDArray[np.float64], float]) -> float:
+    """Part of the surface that an edge leaves; one that cuts off more was fitted to a corner."""
+    outward, bound = edge
+    return float((seen.surface @ outward <= bound + GAP).mean())
 
 
 def _simplified(corners: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics_perception.noise import RangeNoise
+from intuitive_physics_perception.plane_parts import surfaces
 from intuitive_physics_perception.range_cloud import RangeCloud, convex_hull, plane_axes
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -18,6 +20,7 @@ REFINEMENTS = 6
 MERGE_ANGLE_COSINE = float(np.cos(np.radians(4.0)))
 MERGE_WIDENING = 2.0
 BULGE_TOLD, BULGE_RADII = 0.2, 5.0
+OUTLINE_MARGIN = 0.03
 LARGE_PART, WIDE_RADII = 0.02, 3.0
 
 
@@ -40,6 +43,22 @@ class DetectedPlane:
     corners: NDArray[np.float64]
     support: int
     boundary: NDArray[np.float64] | None = None
+
+    @property
+    def numbers(self) -> NDArray[np.float64]:
+        """Normal and offset in one array (4,)."""
+        return np.append(self.normal, self.offset)
+
+    def outlines(self, places: NDArray[Any]) -> NDArray[np.bool_]:
+        """Which places (n, 3) on the plane lie in its outline, or hardly out of it."""
+        along = np.roll(self.corners, -1, axis=0) - self.corners
+        outward = np.cross(along, self.normal)
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+        margin = OUTLINE_MARGIN * np.linalg.norm(places, axis=1)
+        inside = np.ones(len(places), dtype=bool)
+        for direction, bound in zip(outward, (outward * self.corners).sum(axis=1), strict=True):
+            inside &= places @ direction.astype(places.dtype) <= bound + margin
+        return inside
 
 
 def detect_planes(
@@ -70,11 +89,13 @@ def detect_planes(
     merged = _merge(cloud, found)
     smallest = WIDE_RADII * settings.max_radius
     planes = [
-        _bounded(cloud, plane, [*merged[:k], *merged[k + 1 :]], needed, smallest)
+        outlined
         for k, plane in enumerate(merged)
+        for surface in surfaces(cloud, plane, [*merged[:k], *merged[k + 1 :]], needed)
+        if (outlined := _outlined(cloud, plane, surface, smallest)) is not None
     ]
-    planes.sort(key=lambda plane: -plane.support if plane else 0)
-    return [plane for plane in planes if plane][: settings.max_planes]
+    planes.sort(key=lambda plane: -plane.support)
+    return planes[: settings.max_planes]
 
 
 def _best_plane(
@@ -190,29 +211,22 @@ def _merge(cloud: RangeCloud, planes: list[NDArray[np.float64]]) -> list[NDArray
     return merged
 
 
-def _bounded(
-    cloud: RangeCloud,
-    plane: NDArray[np.float64],
-    others: list[NDArray[np.float64]],
-    needed: int,
-    smallest: float,
+def _outlined(
+    cloud: RangeCloud, plane: NDArray[np.float64], surface: NDArray[np.intp], smallest: float
 ) -> DetectedPlane | None:
-    """Give a plane the outline of its largest connected part, None if that is no plane of a room.
+    """Give a surface its outline, None if it is no plane of a room.
 
     A small part of the scene that is not wide either may be the side of an object, or cut through
     one: what moves must not be taken for it.
     """
-    part = cloud.connected(plane, others)
-    if part.size < needed:
-        return None
     normal, offset = plane[:3], float(plane[3])
-    corners = _outline(cloud.points[part], normal, offset)
+    corners = _outline(cloud.points[surface], normal, offset)
     if corners is None:
         return None
     width = np.linalg.norm(corners[:, None] - corners, axis=2).max()
-    if part.size < LARGE_PART * len(cloud.points) and width < smallest:
+    if surface.size < LARGE_PART * len(cloud.points) and width < smallest:
         return None
-    return DetectedPlane(normal, offset, corners, int(part.size))
+    return DetectedPlane(normal, offset, corners, int(surface.size))
 
 
 def _outline(

@@ -14,6 +14,8 @@ DIRECTION_CELL = 0.05
 """Edge length of the cells of directions, unit vectors, that hang together when both are filled."""
 
 ANGLES_ASKED = 500
+GRAZING = 0.02
+"""Cosine of the angle between ray and normal below which it is unsure where they meet."""
 
 
 class RangeCloud:
@@ -55,7 +57,13 @@ class RangeCloud:
     def connected(
         self, plane: NDArray[np.float64], others: Sequence[NDArray[np.float64]] = ()
     ) -> NDArray[np.intp]:
-        """Indices of the points near a plane that are seen as one part, the largest.
+        """Indices of the points near a plane that are seen as one part, the largest."""
+        return self.connected_parts(plane, others)[0]
+
+    def connected_parts(
+        self, plane: NDArray[np.float64], others: Sequence[NDArray[np.float64]] = ()
+    ) -> list[NDArray[np.intp]]:
+        """Indices of the points near a plane, those seen as one part together, largest part first.
 
         Those near one of the other planes too are left out: where two planes cross, a strip of the
         one lies near the other without being part of it.
@@ -65,13 +73,25 @@ class RangeCloud:
             near &= ~self.near(other)
         inliers = np.flatnonzero(near)
         if not inliers.size:
-            return inliers
-        directions = self.points[inliers] / self.ranges[inliers, None]
-        return inliers[_largest_part(directions)]
+            return [inliers]
+        labels = _connected_labels(self.points[inliers] / self.ranges[inliers, None])
+        order = np.argsort(-np.bincount(labels), kind="stable")
+        return [inliers[labels == label] for label in order if (labels == label).any()]
+
+    def feet(
+        self, plane: NDArray[np.float64], axes: NDArray[np.float64], which: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        """Where the rays of readings meet a plane, (n, 2) m in two axes (3, 2) of it."""
+        points = self.points[which]
+        return np.asarray((points @ axes) * (plane[3] / (points @ plane[:3]))[:, None])
+
+    def meeting(self, plane: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Indices of the readings whose rays meet a plane (4,) at no grazing angle."""
+        return np.flatnonzero(self.points @ plane[:3] < -GRAZING * self.ranges)
 
 
-def _largest_part(directions: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which of the unit vectors (n, 3) belong to the largest region of neighbouring directions."""
+def _connected_labels(directions: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Number of the region of neighbouring directions that each unit vector (n, 3) belongs to."""
     from scipy.ndimage import label
 
     cells = ((directions + 1.0) / DIRECTION_CELL).astype(np.intp) + 1
@@ -79,8 +99,7 @@ def _largest_part(directions: NDArray[np.float64]) -> NDArray[np.bool_]:
     filled = np.zeros((side, side, side), dtype=bool)
     filled[tuple(cells.T)] = True
     parts, _ = label(filled, structure=np.ones((3, 3, 3), dtype=bool))
-    own = parts[tuple(cells.T)]
-    return own == np.bincount(own).argmax()
+    return np.asarray(parts[tuple(cells.T)], dtype=np.int64)
 
 
 def plane_axes(normal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

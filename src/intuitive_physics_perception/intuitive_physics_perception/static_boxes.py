@@ -9,12 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.scene import Environment, StaticBox
-from intuitive_physics_perception.environment_model import (
-    MAX_EDGE_POINTS,
-    EnvironmentModel,
-    fused_frame,
-)
+from intuitive_physics_perception.environment_model import EnvironmentModel
 from intuitive_physics_perception.foreground import Clusters, ForegroundFinder
+from intuitive_physics_perception.fusion import MAX_EDGE_POINTS, fused_frame
 from intuitive_physics_perception.range_cloud import convex_hull
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.spheres import SphereFinder

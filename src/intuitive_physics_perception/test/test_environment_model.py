@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from intuitive_physics_perception.depth import Intrinsics, points_from_depth
 from intuitive_physics_perception.environment_model import (
     NoEnvironmentError,
-    fuse,
     model_environment,
 )
+from intuitive_physics_perception.fusion import fuse
 from intuitive_physics_perception.noise import RangeNoise
 from intuitive_physics_perception.planes import detect_planes
 from intuitive_physics_perception.settings import PerceptionSettings

@@ -22,10 +22,14 @@ EDGE_TOLERANCE = 0.015
 edge is a line through many of them; what noise and unevenness let pass for the table adds 5 mm."""
 
 
-def perceived(room, *boxes, frames=6):
+def modelled(room, *boxes, frames=6):
     rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
     seen = [points_from_depth(room.depth(extra=boxes), rays) for _ in range(frames)]
-    return model_environment(seen, PerceptionSettings(), np.random.default_rng(1)).environment
+    return model_environment(seen, PerceptionSettings(), np.random.default_rng(1))
+
+
+def perceived(room, *boxes):
+    return modelled(room, *boxes).environment
 
 
 def top_of(environment, height):
@@ -155,3 +159,24 @@ def test_a_boundary_is_convex_turns_left_and_holds_the_rectangle(
     assert (turns > -1e-9).all()
     # Never smaller than the rectangle by more than the places of readings leave open.
     assert area(polygon) > (width - 3 * SPACING) * (depth - 3 * SPACING)
+
+
+def test_two_tables_of_one_height_are_two(table_room, shapes) -> None:
+    edges = (0.6, 0.5, 0.6)
+    tables = [shapes["box"]((1.5, y, 0.3), edges, 0.0) for y in (-0.45, 0.45)]
+    environment = perceived(table_room, *tables)
+    tops = [plane for plane in environment.planes if plane.normal[2] > 0.99 and plane.offset > 0.5]
+    assert len(tops) == 2
+    middles = sorted(float(top.boundary.mean(axis=0)[1]) for top in tops)
+    assert middles == pytest.approx([-0.45, 0.45], abs=EDGE_TOLERANCE)
+
+
+def test_a_floor_that_something_cuts_in_two_is_one(table_room, shapes) -> None:
+    pillar = shapes["box"]((0.6, 0.0, 0.9), (0.1, 0.2, 1.8), 0.0)
+    model = modelled(table_room, pillar)
+    (floor,) = [k for k, p in enumerate(model.environment.planes) if p.normal[2] > 0.99]
+    assert model.environment.planes[floor].boundary is None
+    # What was seen of it reaches to both sides of the pillar and of its shadow.
+    across = model.outlines()[floor][:, 1]
+    assert across.min() < -0.5
+    assert across.max() > 0.5

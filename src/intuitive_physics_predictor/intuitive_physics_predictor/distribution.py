@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics_predictor.moments import weighted_moments
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,15 +22,18 @@ class TrajectoryDistribution:
     Parameters
     ----------
     object_ids : n_objects names
-    times : (n_times,) s after the states it was predicted from
+    times : (n_times,) s after the time the prediction begins at
     positions : (n_samples, n_objects, n_times, 3) m
     weights : (n_samples,), summing to one
+    orientations : (n_samples, n_objects, n_times, 4) unit quaternions (x, y, z, w); None when
+        they were not asked for
     """
 
     object_ids: tuple[str, ...]
     times: NDArray[np.float64]
     positions: NDArray[np.float64]
     weights: NDArray[np.float64]
+    orientations: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         expected = (self.weights.size, len(self.object_ids), self.times.size, 3)
@@ -37,23 +41,25 @@ class TrajectoryDistribution:
             raise InvalidInputError(
                 f"positions have the shape {self.positions.shape}; expected {expected}"
             )
+        turned = (*expected[:-1], 4)
+        if self.orientations is not None and self.orientations.shape != turned:
+            raise InvalidInputError(
+                f"orientations have the shape {self.orientations.shape}; expected {turned}"
+            )
 
-    @cached_property
+    @property
     def mean(self) -> NDArray[np.float64]:
         """Mean position, shape (n_objects, n_times, 3), in m."""
-        return np.tensordot(self.weights, self.positions, axes=1)
+        return self._moments[0]
 
-    @cached_property
+    @property
     def covariance(self) -> NDArray[np.float64]:
         """Covariance of the position, shape (n_objects, n_times, 3, 3), in m²."""
-        deviations = self.positions - self.mean
-        weighted = deviations * self.weights[:, None, None, None]
-        covariance = np.empty((*self.mean.shape, 3))
-        for i in range(3):
-            for j in range(i, 3):
-                shared = np.einsum("sot,sot->ot", weighted[..., i], deviations[..., j])
-                covariance[..., i, j] = covariance[..., j, i] = shared
-        return covariance
+        return self._moments[1]
+
+    @cached_property
+    def _moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return weighted_moments(self.positions, self.weights)
 
     def index(self, object_id: str) -> int:
         """Position of an object on the axes.

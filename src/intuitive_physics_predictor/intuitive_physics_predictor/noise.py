@@ -1,4 +1,4 @@
-"""Draws of θ_d: states that are as uncertain as they were perceived."""
+"""Draws of θ_d: states, and sizes, that are as uncertain as they were perceived."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.state import (
     ANGULAR_VELOCITY,
     ERROR_SIZE,
@@ -17,14 +16,16 @@ from intuitive_physics.state import (
     ROTATION,
     ObjectState,
 )
+from intuitive_physics.validation import non_negative_float
 
 
 @dataclass(frozen=True)
 class StateNoise:
     """What is added to a perceived state (Sec. III-E).
 
-    The noise has the covariance the state was perceived with, plus fixed Gaussian noise of these
-    standard deviations on each axis; the paper's setting is fixed noise alone.
+    The noise has the covariance the state was perceived with, its standard deviations scaled, plus
+    fixed Gaussian noise of the standard deviations below on each axis; the paper's setting is fixed
+    noise alone.
 
     Parameters
     ----------
@@ -33,6 +34,8 @@ class StateNoise:
     rotation : rad
     linear_velocity : m/s
     angular_velocity : rad/s
+    scale : factor on the perceived standard deviations of pose and linear velocity
+    spin_scale : factor on those of the angular velocity, which is often a guess
     """
 
     perceived: bool = True
@@ -40,12 +43,14 @@ class StateNoise:
     rotation: float = 0.0
     linear_velocity: float = 0.0
     angular_velocity: float = 0.0
+    scale: float = 1.0
+    spin_scale: float = 1.0
 
     def __post_init__(self) -> None:
         for name in ("position", "rotation", "linear_velocity", "angular_velocity"):
-            value = getattr(self, name)
-            if not 0.0 <= value < np.inf:
-                raise InvalidInputError(f"{name} noise is {value}; expected a number, 0 or more")
+            non_negative_float(getattr(self, name), f"{name} noise")
+        for name in ("scale", "spin_scale"):
+            non_negative_float(getattr(self, name), f"{name} of perceived noise")
 
     def covariance(self, state: ObjectState) -> NDArray[np.float64]:
         """Return the covariance of the noise on one state, shape (12, 12)."""
@@ -55,7 +60,11 @@ class StateNoise:
         variances[LINEAR_VELOCITY] = self.linear_velocity**2
         variances[ANGULAR_VELOCITY] = self.angular_velocity**2
         fixed = np.diag(variances)
-        return fixed + state.covariance if self.perceived else fixed
+        if not self.perceived:
+            return fixed
+        factors = np.full(ERROR_SIZE, self.scale)
+        factors[ANGULAR_VELOCITY] = self.spin_scale
+        return fixed + factors[:, None] * state.covariance * factors
 
 
 def sample_states(
@@ -81,6 +90,19 @@ def sample_states(
     drawn[..., 7:10] += errors[..., LINEAR_VELOCITY]
     drawn[..., 10:13] += errors[..., ANGULAR_VELOCITY]
     return drawn
+
+
+def draw_sizes(
+    shape: tuple[int, int], deviation: float, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Draw factors on the dimensions of objects, log-normal, so that none is below zero.
+
+    Parameters
+    ----------
+    shape : (count, n_objects)
+    deviation : relative standard deviation of a dimension
+    """
+    return np.exp(non_negative_float(deviation, "size noise") * rng.standard_normal(shape))
 
 
 def _turned(quaternions: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -9,8 +11,10 @@ from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation import Simulator, WorldStatus, make_simulator, pack_worlds
+from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
-from intuitive_physics_predictor.noise import StateNoise, sample_states
+from intuitive_physics_predictor.noise import StateNoise, draw_sizes, sample_states
+from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 DEFAULT_SAMPLE_COUNT = 20
 """Samples a prediction, as in the paper (Sec. IV-D)."""
@@ -22,25 +26,29 @@ class PredictionFailedError(IntuitivePhysicsError):
 
 def predict(
     scene: Scene,
-    static_parameters: StaticParameters,
+    static_parameters: StaticParameters | UncertainParameters,
     times: ArrayLike,
     *,
     rng: np.random.Generator,
     sample_count: int = DEFAULT_SAMPLE_COUNT,
     noise: StateNoise | None = None,
+    size_noise: float = 0.0,
     simulator: Simulator | None = None,
+    orientations: bool = False,
 ) -> TrajectoryDistribution:
     """Predict where the objects of a scene will be.
 
     Parameters
     ----------
     scene : environment and objects with their perceived states and covariances
-    static_parameters : θ_s of at least the scene's materials
+    static_parameters : θ_s of at least the scene's materials, known or drawn for each sample
     times : (n_times,) s after the states, strictly increasing, none negative
     rng : source of the noise; the same state of it gives the same answer
     sample_count : simulations, all in one call of the simulator
     noise : on the states; default: that of the perceived covariances
+    size_noise : relative standard deviation of the objects' dimensions, one factor an object
     simulator : engine; default: auto
+    orientations : whether to predict them too, which takes longer
 
     Returns
     -------
@@ -57,19 +65,50 @@ def predict(
     if sample_count < 1:
         raise InvalidInputError(f"sample count is {sample_count}; expected at least 1")
     engine = simulator or make_simulator("auto")
-    states = sample_states(scene.states, noise or StateNoise(), sample_count, rng)
-    worlds = pack_worlds([scene], static_parameters).repeated(states)
-    rollout = engine.rollout_batch(worlds, times, orientations=False)
+    worlds = _sampled_worlds(
+        scene, static_parameters, sample_count, noise or StateNoise(), size_noise, rng
+    )
+    rollout = engine.rollout_batch(worlds, times, orientations=orientations)
     ended = rollout.status == WorldStatus.OK
     if not ended.any():
         raise PredictionFailedError(
             f"none of {sample_count} samples could be simulated to the end; "
             "check the objects' states, their speeds above all"
         )
-    positions = rollout.positions if ended.all() else rollout.positions[ended]
+    positions, turned = rollout.positions, rollout.orientations
+    if not ended.all():
+        positions, turned = positions[ended], None if turned is None else turned[ended]
     return TrajectoryDistribution(
         object_ids=tuple(thing.id for thing in scene.objects),
         times=np.array(times, dtype=np.float64),
         positions=positions,
         weights=np.full(len(positions), 1.0 / len(positions)),
+        orientations=turned,
     )
+
+
+def _sampled_worlds(
+    scene: Scene,
+    static_parameters: StaticParameters | UncertainParameters,
+    count: int,
+    noise: StateNoise,
+    size_noise: float,
+    rng: np.random.Generator,
+) -> WorldBatch:
+    """Pack `count` copies of a scene, each with its own draw of all that is uncertain."""
+    changes: dict[str, Any] = {"states": sample_states(scene.states, noise, count, rng)}
+    if isinstance(static_parameters, UncertainParameters):
+        known = static_parameters.learned.parameters
+        changes["density"], changes["coefficients"] = static_parameters.draw(count, rng)
+        changes["parameter_index"] = np.arange(count, dtype=np.int64)
+    else:
+        known = static_parameters
+    one = pack_worlds([scene], known)
+    if size_noise != 0.0:
+        factors = draw_sizes((count, len(scene.objects)), size_noise, rng)[..., None]
+        changes["dimensions"] = one.dimensions * factors
+        changes["volumes"] = one.volumes * factors[..., 0] ** 3
+        changes["unit_inertias"] = one.unit_inertias * factors**5
+        # Drag grows with the silhouette, the Magnus force with the silhouette times the radius.
+        changes["air_factors"] = one.air_factors * factors ** np.array([2.0, 3.0])
+    return one.taken(np.zeros(count, dtype=np.int64), **changes)

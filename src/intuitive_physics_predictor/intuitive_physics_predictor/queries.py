@@ -7,13 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.regions import HalfSpaceRegion, Region
+from intuitive_physics.scene import Scene
+from intuitive_physics.shapes import Sphere
 from intuitive_physics.validation import finite_float, unit_vector
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
+from intuitive_physics_predictor.touching import touching
 
-TOUCH_TOLERANCE = 1e-3
-"""m. Nearer than this is touching: what gravity bends a path by within a time step of 10 ms."""
+PARTS = 8
+"""Into which the way between two output times is cut: a fast object crosses a small region."""
+
+REST_DISTANCE = 1e-3
+"""m that an object at rest, its surface included, stays within of where it ends."""
+REST_TIME = 0.2
+"""s for which it has to, else it is only just slow, as at the top of a throw."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +43,8 @@ def enters_region(
     distribution: TrajectoryDistribution, object_id: str, region: Region
 ) -> EventForecast:
     """Forecast when an object's centre is first inside a region."""
-    return _first(distribution, region.contains(distribution.of(object_id)))
+    paths, times = _finer(distribution.of(object_id)), _finer(distribution.times[None, :, None])
+    return _first(distribution, region.contains(paths), times[0, :, 0])
 
 
 def falls_below(
@@ -54,52 +62,56 @@ def falls_below(
     )
 
 
-def touches_object(
-    distribution: TrajectoryDistribution, object_id: str, other_id: str, reach: float
+def touches(
+    distribution: TrajectoryDistribution, scene: Scene, object_id: str, other_id: str
 ) -> EventForecast:
-    """Forecast when two objects first come as near as `reach` (m between their centres)."""
-    if object_id == other_id:
-        raise InvalidInputError(f"both objects are {object_id!r}; expected two different ones")
-    apart = distribution.of(object_id) - distribution.of(other_id)
-    near = _nearest_approach(apart, distribution.times) <= reach + TOUCH_TOLERANCE
-    return _first(distribution, near)
+    """Forecast when an object first touches another, a plane or a static box of its scene.
+
+    Parameters and errors as `touching`.
+    """
+    happens = touching(distribution, scene, object_id, other_id)
+    return _first(distribution, happens, distribution.times)
 
 
-def _nearest_approach(
-    apart: NDArray[np.float64], times: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Distance that two objects come near to each other until each time, since the one before.
+def comes_to_rest(
+    distribution: TrajectoryDistribution, scene: Scene, object_id: str
+) -> EventForecast:
+    """Forecast when an object begins to lie still until the horizon.
 
-    Two that bounce off each other between two output times are seen apart at both. So the motion
-    before each interval is also carried on through it, as if nothing were in the way.
+    A sphere may spin on the spot, which nobody sees.
 
     Parameters
     ----------
-    apart : (n_samples, n_times, 3) m
+    distribution : with orientations where the object is not a sphere
+    scene : it was predicted from
     """
-    nearest = np.linalg.norm(apart, axis=-1)
-    if times.size > 1:
-        moves = np.diff(apart, axis=1)
-        passing = _distance_to_path(apart[:, :-1], moves)
-        carried_on = moves[:, :-1] * (np.diff(times)[1:] / np.diff(times)[:-1])[:, None]
-        passing[:, 1:] = np.minimum(passing[:, 1:], _distance_to_path(apart[:, 1:-1], carried_on))
-        nearest[:, 1:] = np.minimum(nearest[:, 1:], passing)
-    return nearest
+    paths = distribution.of(object_id)
+    away = np.linalg.norm(paths - paths[:, -1:], axis=-1)
+    shape = scene.objects[distribution.index(object_id)].shape
+    if distribution.orientations is not None and not isinstance(shape, Sphere):
+        turned = distribution.orientations[:, distribution.index(object_id)]
+        cosine = np.abs((turned * turned[:, -1:]).sum(axis=-1))
+        away = away + shape.bounding_radius * 2.0 * np.arccos(np.minimum(cosine, 1.0))
+    still = np.logical_and.accumulate((away <= REST_DISTANCE)[:, ::-1], axis=1)[:, ::-1]
+    still &= distribution.times <= distribution.times[-1] - REST_TIME
+    return _first(distribution, still, distribution.times)
 
 
-def _distance_to_path(
-    starts: NDArray[np.float64], moves: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Distance from the origin to the straight paths start … start + move, arrays (…, 3)."""
-    squares = np.maximum((moves**2).sum(axis=-1), 1e-300)
-    part = np.clip(-(starts * moves).sum(axis=-1) / squares, 0.0, 1.0)
-    return np.asarray(np.linalg.norm(starts + part[..., None] * moves, axis=-1))
+def _finer(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values (n, n_times, …) with as many more on the straight way between each two as PARTS."""
+    starts, steps = values[:, :-1, None], np.diff(values, axis=1)[:, :, None]
+    between = starts + np.arange(PARTS)[:, None] / PARTS * steps
+    return np.concatenate([between.reshape(len(values), -1, values.shape[2]), values[:, -1:]], 1)
 
 
-def _first(distribution: TrajectoryDistribution, happens: NDArray[np.bool_]) -> EventForecast:
-    """Forecast from whether it is so, (n_samples, n_times)."""
+def _first(
+    distribution: TrajectoryDistribution,
+    happens: NDArray[np.bool_],
+    times: NDArray[np.float64],
+) -> EventForecast:
+    """Forecast from whether it is so, (n_samples, n), at `times` (n,)."""
     ever = happens.any(axis=1)
-    when = distribution.times[happens.argmax(axis=1)][ever]
+    when = times[happens.argmax(axis=1)][ever]
     order = np.argsort(when, kind="stable")
     weights = distribution.weights[ever][order]
     return EventForecast(float(weights.sum()), when[order], weights)

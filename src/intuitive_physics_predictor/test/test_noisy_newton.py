@@ -6,15 +6,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.special import ndtri
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError, UnsupportedSceneError
-from intuitive_physics.materials import StaticParameters
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import StaticParameters, parameter_count
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics_predictor.noise import StateNoise, sample_states
 from intuitive_physics_predictor.noisy_newton import PredictionFailedError, predict
+from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 G = 9.81
 THETA = StaticParameters.uniform(["ball", "floor"])
@@ -106,6 +109,49 @@ def test_same_seed_same_answer_and_other_seed_another():
 
     np.testing.assert_array_equal(run(5), run(5))
     assert (run(5) != run(6)).any()
+
+
+def test_material_uncertainty_spreads_the_rebound():
+    # Dropped from rest at height h a ball rises to e² h: x(e) is monotonous, so the quantiles of
+    # the height follow from those of e.
+    size = parameter_count(2)
+    learned = LearnedParameters(
+        THETA, np.full(size, 0.05), np.ones(size, bool), 1, 0.0, 1, "cma_es"
+    )
+    h, r, e = 1.0, 0.05, 0.5
+    fall = np.sqrt(2 * h / G)
+    time = fall * (1 + e)  # the top of the mean rebound
+    scene = flying_scene(height=h + r, velocity=(0, 0, 0))
+    heights = predict(
+        scene,
+        UncertainParameters(learned),
+        [time],
+        rng=np.random.default_rng(0),
+        sample_count=4000,
+    ).of("ball_0")[:, 0, 2]
+    restitutions = e + 0.05 * ndtri(np.array([0.1, 0.5, 0.9]))
+    since = time - fall
+    truth = r + restitutions * G * fall * since - 0.5 * G * since**2
+    # Of n draws the q-quantile is off by some sqrt(q (1 - q) / n) / density, 0.3 % of h here.
+    np.testing.assert_allclose(np.quantile(heights, [0.1, 0.5, 0.9]), truth, atol=0.01)
+
+
+def test_size_noise_spreads_where_a_ball_lies():
+    # Perceived at the height of its mean radius it comes to lie at the height of its own.
+    scene = flying_scene(height=0.5, velocity=(0, 0, 0))
+    heights = predict(
+        scene, THETA, [5.0], rng=np.random.default_rng(0), sample_count=2000, size_noise=0.1
+    ).of("ball_0")[:, 0, 2]
+    np.testing.assert_allclose(np.log(heights / 0.05).std(), 0.1, rtol=0.06)
+
+
+def test_scaled_noise_is_scaled():
+    covariance = random_covariance(1)
+    state = ObjectState((0, 0, 0), covariance=covariance)
+    scaled = StateNoise(scale=2.0, spin_scale=3.0).covariance(state)
+    np.testing.assert_allclose(scaled[:9, :9], 4 * covariance[:9, :9])
+    np.testing.assert_allclose(scaled[9:, 9:], 9 * covariance[9:, 9:])
+    np.testing.assert_allclose(scaled[:9, 9:], 6 * covariance[:9, 9:])
 
 
 def test_two_futures_stay_two():

@@ -15,6 +15,8 @@ from intuitive_physics_ros.markers import clearing_marker, trajectory_marker
 SAMPLE_COLOR = ColorRGBA(r=0.15, g=0.45, b=0.85, a=0.35)
 MEAN_COLOR = ColorRGBA(r=0.95, g=0.55, b=0.10, a=1.0)
 ELLIPSOID_COLOR = ColorRGBA(r=0.95, g=0.55, b=0.10, a=0.20)
+SAMPLE_WIDTH, MEAN_WIDTH = 0.002, 0.006
+"""m"""
 ELLIPSOIDS = 8
 """Covariance ellipsoids an object, evenly over the horizon."""
 MAX_SAMPLES = 50
@@ -40,8 +42,10 @@ def distribution_markers(
     for i in range(len(object_ids)):
         samples, middle = positions[:MAX_SAMPLES, i], mean[i : i + 1]
         markers += [
-            trajectory_marker(samples, header, SAMPLE_COLOR, namespace="samples", id=i),
-            trajectory_marker(middle, header, MEAN_COLOR, namespace="mean", id=i),
+            trajectory_marker(
+                samples, header, SAMPLE_COLOR, namespace="samples", id=i, width=SAMPLE_WIDTH
+            ),
+            trajectory_marker(middle, header, MEAN_COLOR, namespace="mean", id=i, width=MEAN_WIDTH),
         ]
         shown = np.linspace(0, mean.shape[1] - 1, ELLIPSOIDS + 1).round().astype(int)[1:]
         for k in np.unique(shown):

@@ -96,6 +96,7 @@ def trajectory_marker(
     *,
     namespace: str = "trajectories",
     id: int = 0,
+    width: float = 0.004,
     max_points: int = 1000,
 ) -> Marker:
     """Return trajectories as one bundle of lines.
@@ -103,6 +104,7 @@ def trajectory_marker(
     Parameters
     ----------
     positions : (n, n_times, 3) m; times that are not finite are left out
+    width : m, of the lines
     max_points : as many points at most, evenly over time: Python makes about 300 in a millisecond
     """
     paths = np.asarray(positions, dtype=np.float64)
@@ -117,7 +119,7 @@ def trajectory_marker(
         id=id,
         type=Marker.LINE_LIST,
         pose=Pose(),
-        scale=Vector3(x=0.004),
+        scale=Vector3(x=width),
         color=color,
         points=[point_to_message(point) for point in segments.reshape(-1, 3)],
     )

@@ -97,13 +97,14 @@ TYPE_WORDS = {
 }
 
 
-def setting_parameters(settings: type[Any]) -> list[Parameter]:
+def setting_parameters(settings: type[Any], *, read_only: bool = True) -> list[Parameter]:
     """Return a parameter for each field of a class of settings that is a number, word or choice.
 
     Parameters
     ----------
     settings : dataclass whose fields have the metadata `description`, and `lower` and `upper` or
         `choices` where their values are limited
+    read_only : of all of them, as in `Parameter`
     """
     return [
         Parameter(
@@ -114,6 +115,7 @@ def setting_parameters(settings: type[Any]) -> list[Parameter]:
             if "lower" in setting.metadata
             else None,
             setting.metadata.get("choices", ()),
+            read_only,
         )
         for setting in fields(settings)
         if isinstance(setting.default, bool | int | float | str)

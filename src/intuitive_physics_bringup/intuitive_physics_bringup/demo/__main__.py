@@ -14,6 +14,7 @@ import numpy as np
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.observation import Observation
+from intuitive_physics.simulation import make_simulator
 from intuitive_physics_bringup.demo.evaluation import (
     PerceivedFrame,
     explain_costs,
@@ -29,6 +30,7 @@ from intuitive_physics_bringup.demo.suite import Suite
 from intuitive_physics_bringup.demo.watching import Heard, listen, replay
 from intuitive_physics_experiments.demo_result import DemoResult, LearningOutcome, PredictionOutcome
 from intuitive_physics_experiments.ground_truth import GroundTruth
+from intuitive_physics_experiments.prediction_case import predict_cases
 from intuitive_physics_experiments.rendered_bag import RenderSettings, reuse_or_render_bag
 from intuitive_physics_experiments.report import write_report
 from intuitive_physics_ros.conversions import observation_from_message, seconds_from_stamp
@@ -170,6 +172,12 @@ def _result(
     costs = explain_costs(seen.observations, learned.parameters.parameters, truth.static_parameters)
     throws = throw_errors(seen.observations, costs, seen.frame)
     learned_cost, oracle_cost, default_cost = costs.mean(axis=1)
+    cases = predict_cases(
+        seen.observations,
+        learned.parameters.parameters,
+        make_simulator("auto"),
+        np.random.default_rng(options.seed),
+    )
     return DemoResult(
         example=example_frame(bag, seen.observations[1], seen.frame),
         learning=LearningOutcome(
@@ -181,6 +189,9 @@ def _result(
         ),
         throws=throws,
         prediction=prediction,
+        cases=tuple(cases),
+        # Of a distance in space each axis has a third.
+        point_noise=perception_rmse(throws) / np.sqrt(3.0),
         summary={
             "perception_rmse_mm": round(1e3 * perception_rmse(throws), 2),
             "learned_J_m": round(float(learned_cost), 5),

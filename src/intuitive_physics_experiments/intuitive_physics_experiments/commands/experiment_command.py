@@ -24,6 +24,8 @@ def add_to(commands: Any) -> None:
     _add_dataset(experiments)
     _add_learning_curve(experiments)
     _add_search_methods(experiments)
+    _add_prediction(experiments)
+    _add_rgbd(experiments)
 
 
 def _add_dataset(experiments: Any) -> None:
@@ -131,6 +133,57 @@ def _run_search_methods(options: argparse.Namespace) -> None:
     settings = SearchMethodsSettings(**given, seed=options.seed)
     with _bar("searching") as bar:
         run_search_methods(options.output, settings, _command(), options.threads, _told(bar))
+    _print_page(options.output)
+
+
+def _add_prediction(experiments: Any) -> None:
+    parser = experiments.add_parser(
+        "prediction",
+        help="noisy-Newton predictions of test runs (Figs. 1 and 5)",
+        description="Learn from runs of random objects and predict others for 5 s from their "
+        "first three points.",
+    )
+    _add_common(parser)
+    parser.add_argument("--objects", type=int, help="in the pool")
+    parser.add_argument("--samples", type=int, help="trajectories of each object")
+    parser.add_argument("--iterations", type=int, help="evaluations of J for the learning")
+    parser.set_defaults(run=_run_prediction)
+
+
+def _run_prediction(options: argparse.Namespace) -> None:
+    from intuitive_physics_experiments.experiments.prediction import (
+        QUICK,
+        PredictionSettings,
+        run_prediction,
+    )
+
+    given = _given(options, ("objects", "samples", "iterations"), QUICK)
+    settings = PredictionSettings(**given, seed=options.seed)
+    with _bar("learning") as bar:
+        run_prediction(options.output, settings, _command(), options.threads, _told(bar))
+    _print_page(options.output)
+
+
+def _add_rgbd(experiments: Any) -> None:
+    parser = experiments.add_parser(
+        "rgbd",
+        help="thrown balls, rendered, perceived, learned, predicted (Sec. VI, Figs. 7 to 9)",
+        description="Render throws of balls of 3, 5 and 7 cm radius, run the whole perception "
+        "pipeline over them, learn each ball alone and predict throws that were not learned from.",
+    )
+    _add_common(parser)
+    parser.add_argument("--throws", type=int, help="of each ball")
+    parser.add_argument("--iterations", type=int, help="evaluations of J for each learning")
+    parser.set_defaults(run=_run_rgbd)
+
+
+def _run_rgbd(options: argparse.Namespace) -> None:
+    from intuitive_physics_experiments.experiments.rgbd import QUICK, RgbdSettings, run_rgbd
+
+    given = _given(options, ("throws", "iterations"), QUICK)
+    settings = RgbdSettings(**given, seed=options.seed)
+    with _bar("working") as bar:
+        run_rgbd(options.output, settings, _command(), options.threads, _told(bar))
     _print_page(options.output)
 
 

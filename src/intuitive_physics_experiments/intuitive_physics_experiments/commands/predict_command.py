@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ def add_to(commands: Any) -> None:
         "compare the distribution with what was observed.",
     )
     parser.add_argument("observation", type=Path, help="file of a saved observation")
-    parser.add_argument("parameters", type=Path, help="file that `learn` wrote")
+    parser.add_argument("parameters", type=Path, help="file that `learn` or `calibrate` wrote")
     parser.add_argument("--samples", type=int, default=20, help="simulations (default: 20)")
     parser.add_argument("--seed", type=int, default=0, help="of the noise (default: 0)")
     parser.set_defaults(run=run)
@@ -36,16 +35,19 @@ def run(options: argparse.Namespace) -> None:
     if options.seed < 0:
         raise InvalidInputError(f"seed is {options.seed}; expected 0 or more")
     observation = load_observation(options.observation)
-    learned = _read_parameters(options.parameters)
+    learned, scales = _read_parameters(options.parameters)
+    parameters = scales.parameters(learned.extended(observation.materials))
     for number, seen in enumerate(observation.objects):
         after = seen.trajectory.times > observation.start_time
         times = seen.trajectory.times[after] - observation.start_time
         distribution = predict(
             observation.scene(),
-            learned.parameters,
+            parameters,
             times,
             rng=np.random.default_rng(options.seed),
             sample_count=options.samples,
+            noise=scales.state_noise(),
+            size_noise=scales.size,
         )
         mean = distribution.mean[number]
         spread = np.sqrt(np.trace(distribution.covariance[number], axis1=1, axis2=2))
@@ -62,11 +64,13 @@ def run(options: argparse.Namespace) -> None:
         print(f"mean error {error.mean():.4f} m, mean spread {spread.mean():.4f} m")
 
 
-def _read_parameters(path: Path) -> Any:
+def _read_parameters(path: Path) -> tuple[Any, Any]:
+    """Return θ_s and the noise scales beside it, the default ones where there are none."""
     from intuitive_physics.learned_parameters import LearnedParameters
+    from intuitive_physics_experiments.parameter_files import read_parameter_file
+    from intuitive_physics_predictor.noise_scales import SCALES_KEY, NoiseScales
 
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InvalidInputError(f"cannot read the parameters {path}: {error}") from None
-    return LearnedParameters.from_dict(data)
+    data = read_parameter_file(path)
+    learned = LearnedParameters.from_dict(data)
+    kept = data.get(SCALES_KEY)
+    return learned, NoiseScales() if kept is None else NoiseScales.from_dict(kept)

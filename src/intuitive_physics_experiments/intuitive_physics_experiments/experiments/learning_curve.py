@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -91,18 +92,17 @@ def _cells(settings: LearningCurveSettings, simulator: Simulator) -> dict[str, C
         for samples in settings.samples:
             for repetition in range(settings.repetitions):
                 name = f"{objects:02d}_objects_{samples:03d}_samples_{repetition:02d}"
-                key = (objects, samples, repetition)
-                cells[name] = lambda key=key: {"rows": _rows(settings, simulator, *key)}
+                cells[name] = partial(_cell, settings, simulator, objects, samples, repetition)
     return cells
 
 
-def _rows(
+def _cell(
     settings: LearningCurveSettings,
     simulator: Simulator,
     objects: int,
     samples: int,
     repetition: int,
-) -> list[dict[str, Any]]:
+) -> dict[str, Any]:
     rng = np.random.default_rng([settings.seed, objects, samples, repetition])
     drawn = make_paper_dataset(objects, samples, rng, engine=settings.engine)
     rows = []
@@ -129,7 +129,7 @@ def _rows(
             row[f"{name}_training"] = on_training
             row[f"{name}_test"] = on_test
         rows.append(row)
-    return rows
+    return {"rows": rows}
 
 
 def _learn(

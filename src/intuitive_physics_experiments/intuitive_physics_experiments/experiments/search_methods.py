@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -114,10 +114,7 @@ def _cells(settings: SearchMethodsSettings, simulator: Simulator) -> dict[str, C
     def cell(objects: int, samples: int, method: str, run: int) -> dict[str, Any]:
         return _search(settings, search_set(objects, samples), method, run)
 
-    return {
-        _name(*key): lambda key=key: cell(*key)  # type: ignore[misc]
-        for key in _keys(settings)
-    }
+    return {_name(*key): partial(cell, *key) for key in _keys(settings)}
 
 
 def _keys(settings: SearchMethodsSettings) -> list[tuple[int, int, str, int]]:

@@ -26,12 +26,14 @@ from intuitive_physics_ros.conversions.static_parameters import (
     static_parameters_to_message,
 )
 from intuitive_physics_ros.conversions.trajectory_distribution import (
+    DistributionWriter,
     ReceivedDistribution,
     trajectory_distribution_from_message,
     trajectory_distribution_to_message,
 )
 
 __all__ = [
+    "DistributionWriter",
     "InvalidFieldError",
     "ReceivedDistribution",
     "bounds_from_messages",

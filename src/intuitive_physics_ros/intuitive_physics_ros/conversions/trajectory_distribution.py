@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -29,10 +30,12 @@ class ReceivedDistribution:
     ----------
     frame_id : of everything below
     stamp : time that `times` count from
+    states_stamp : when the states were seen that it was made from
     object_ids : n_objects names
     times : (n_times,) s after `stamp`
     positions : (n_samples, n_objects, n_times, 3) m; NaN from where on a sample went astray
     weights : (n_samples,), summing to one
+    simulated_count : samples that mean and covariance are of; `positions` may hold but a part
     mean : (n_objects, n_times, 3) m
     covariance : (n_objects, n_times, 3, 3) m²
     static_parameters_version, environment_version : what it was made from
@@ -42,10 +45,12 @@ class ReceivedDistribution:
 
     frame_id: str
     stamp: Time
+    states_stamp: Time
     object_ids: tuple[str, ...]
     times: NDArray[np.float64]
     positions: NDArray[np.float64]
     weights: NDArray[np.float64]
+    simulated_count: int
     mean: NDArray[np.float64]
     covariance: NDArray[np.float64]
     static_parameters_version: int
@@ -54,53 +59,71 @@ class ReceivedDistribution:
     computation_time: float
 
 
-def trajectory_distribution_to_message(
-    *,
-    frame_id: str,
-    stamp: Time,
-    object_ids: Sequence[str],
-    times: ArrayLike,
-    positions: ArrayLike,
-    weights: ArrayLike,
-    mean: ArrayLike,
-    covariance: ArrayLike,
-    static_parameters_version: int,
-    environment_version: int,
-    seed: int,
-    computation_time: float,
-) -> TrajectoryDistributionMessage:
-    """Return a distribution as a message; the arrays are those of `ReceivedDistribution`.
+class DistributionWriter:
+    """Writes distributions into one message after another, in the same memory while they fit.
 
-    Raises
-    ------
-    InvalidInputError
-        When the shapes of the arrays do not fit together.
+    A message of 500 samples holds 3 MB, which setting its fields would copy three times, each time
+    into memory that is new. What `write` answered is overwritten by the next call, so publish it
+    before.
     """
-    times32, weights32 = np.asarray(times, np.float32), np.asarray(weights, np.float32)
-    n_samples, n_objects, n_times = weights32.size, len(object_ids), times32.size
-    samples = _shaped(positions, "positions", (n_samples, n_objects, n_times, 3))
-    means = _shaped(mean, "mean", (n_objects, n_times, 3))
-    covariances = _shaped(covariance, "covariance", (n_objects, n_times, 3, 3))
-    triangles = covariances[..., ROWS, COLUMNS]
-    return TrajectoryDistributionMessage(
-        header=Header(stamp=stamp, frame_id=frame_id),
-        times=float32_field(times32),
-        sample_count=n_samples,
-        weights=float32_field(weights32),
-        objects=[
-            PredictedTrajectory(
-                object_id=object_id,
-                mean=float32_field(means[i]),
-                covariance=float32_field(triangles[i]),
-                samples=float32_field(samples[:, i]),
-            )
-            for i, object_id in enumerate(object_ids)
-        ],
-        static_parameters_version=static_parameters_version,
-        environment_version=environment_version,
-        seed=seed,
-        computation_time=float(computation_time),
-    )
+
+    def __init__(self) -> None:
+        self._message = TrajectoryDistributionMessage()
+        self._shape = (0, 0, 0)
+
+    def write(
+        self,
+        *,
+        frame_id: str,
+        stamp: Time,
+        states_stamp: Time,
+        object_ids: Sequence[str],
+        times: ArrayLike,
+        positions: ArrayLike,
+        weights: ArrayLike,
+        simulated_count: int,
+        mean: ArrayLike,
+        covariance: ArrayLike,
+        static_parameters_version: int,
+        environment_version: int,
+        seed: int,
+        computation_time: float,
+    ) -> TrajectoryDistributionMessage:
+        """Return a distribution as a message; the arrays are those of `ReceivedDistribution`.
+
+        Raises
+        ------
+        InvalidInputError
+            When the shapes of the arrays do not fit together.
+        """
+        shape = (np.size(weights), len(object_ids), np.size(times))
+        n_samples, n_objects, n_times = shape
+        samples = _shaped(positions, "positions", (n_samples, n_objects, n_times, 3))
+        means = _shaped(mean, "mean", (n_objects, n_times, 3))
+        covariances = _shaped(covariance, "covariance", (n_objects, n_times, 3, 3))
+        if shape != self._shape:
+            self._message, self._shape = _room_for(*shape), shape
+        message = self._message
+        message.header = Header(stamp=stamp, frame_id=frame_id)
+        message.states_stamp = states_stamp
+        message.simulated_count = simulated_count
+        _fill(message.times, np.asarray(times))
+        _fill(message.weights, np.asarray(weights))
+        for i, (predicted, object_id) in enumerate(zip(message.objects, object_ids, strict=True)):
+            predicted.object_id = object_id
+            _fill(predicted.mean, means[i])
+            _fill(predicted.covariance, covariances[i][:, ROWS, COLUMNS])
+            _fill(predicted.samples, samples[:, i])
+        message.static_parameters_version = static_parameters_version
+        message.environment_version = environment_version
+        message.seed = seed
+        message.computation_time = float(computation_time)
+        return message
+
+
+def trajectory_distribution_to_message(**fields: Any) -> TrajectoryDistributionMessage:
+    """Return a distribution as a message of its own, as `DistributionWriter.write` does."""
+    return DistributionWriter().write(**fields)
 
 
 def trajectory_distribution_from_message(
@@ -133,10 +156,12 @@ def trajectory_distribution_from_message(
     return ReceivedDistribution(
         frame_id=message.header.frame_id,
         stamp=message.header.stamp,
+        states_stamp=message.states_stamp,
         object_ids=tuple(predicted.object_id for predicted in message.objects),
         times=times,
         positions=positions,
         weights=weights,
+        simulated_count=message.simulated_count,
         mean=mean,
         covariance=covariance,
         static_parameters_version=message.static_parameters_version,
@@ -146,8 +171,32 @@ def trajectory_distribution_from_message(
     )
 
 
-def _shaped(values: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    array = np.asarray(values, dtype=np.float32)
+def _shaped(values: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
+    array = np.asarray(values)
     if array.shape != shape:
         raise InvalidInputError(f"{name} has shape {array.shape}; expected {shape}")
     return array
+
+
+def _room_for(n_samples: int, n_objects: int, n_times: int) -> TrajectoryDistributionMessage:
+    """Return a message whose lists have the lengths they need."""
+    return TrajectoryDistributionMessage(
+        times=float32_field(np.zeros(n_times)),
+        sample_count=n_samples,
+        weights=float32_field(np.zeros(n_samples)),
+        objects=[
+            PredictedTrajectory(
+                mean=float32_field(np.zeros(3 * n_times)),
+                covariance=float32_field(np.zeros(ROWS.size * n_times)),
+                samples=float32_field(np.zeros(3 * n_samples * n_times)),
+            )
+            for _ in range(n_objects)
+        ],
+    )
+
+
+def _fill(field: Any, values: NDArray[Any]) -> None:
+    """Write an array into a `float32[]` field of as many numbers, in one copy."""
+    if values.size:
+        room = np.frombuffer(field, dtype=np.float32)
+        room.reshape(values.shape)[...] = values

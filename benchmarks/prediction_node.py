@@ -1,0 +1,190 @@
+"""The predictor node as a process beside an idle learner, watched from outside."""
+
+from __future__ import annotations
+
+import os
+import struct
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from intuitive_physics_msgs.msg import TrajectoryDistribution
+from numpy.typing import NDArray
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from benchmarks.prediction_feed import Feed
+from intuitive_physics_ros.node_process import NodeProcess
+from intuitive_physics_ros.peer import Peer
+
+PREDICTOR = "intuitive_physics_predictor.predictor_node"
+LEARNER = "intuitive_physics_learner.learner_node"
+NODE = "/predictor_node"
+RATE = 100.0
+HOLDS = 99.0
+"""1/s, at least; as of the bars."""
+
+MOST_PUBLISHED = 1000
+"""Samples in a message: 6 MB an object; two of them fill the shared memory of a participant."""
+
+SETTLING = 3.0
+"""s after the first message, or after a change, before anything counts."""
+
+QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Best effort as the publisher; deep, so that nothing is lost while this process is busy."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What was seen of the node for some time.
+
+    Parameters
+    ----------
+    seconds : for how long
+    rate : 1/s, messages that arrived
+    lost : share of the predictions made whose message did not arrive
+    latency_median, latency_p99 : ms from the tick, when the prediction was due, until its message
+        lay in the subscriber's queue
+    cpu : share of one core
+    memory, growth : MB resident at the end, and since the first tenth of the time
+    message_size : MB
+    """
+
+    seconds: float
+    rate: float
+    lost: float
+    latency_median: float
+    latency_p99: float
+    cpu: float
+    memory: float
+    growth: float
+    message_size: float
+
+
+class NodeUnderTest:
+    """Starts the nodes, feeds the predictor and hears it.
+
+    Parameters
+    ----------
+    feed : what it is fed
+    parameters : of the node, by name
+    """
+
+    def __init__(self, feed: Feed, **parameters: object) -> None:
+        self._folder = tempfile.TemporaryDirectory()
+        database = Path(self._folder.name) / "learner.sqlite3"
+        arguments = [
+            part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")
+        ]
+        self._learner = NodeProcess(LEARNER, ["-p", f"database:={database}"])
+        self._predictor = NodeProcess(PREDICTOR, arguments)
+        self.peer = Peer("bench", timeout=60.0)
+        self._heard: list[tuple[float, float, int, int]] = []
+        # Its types do not tell that a callback may have a second argument.
+        hear: Any = self._hear
+        self.peer.node.create_subscription(
+            TrajectoryDistribution, f"{NODE}/trajectory_distribution", hear, QUEUE, raw=True
+        )
+        feed.start(self.peer, NODE)
+
+    def _hear(self, message: bytes, info: dict[str, int]) -> None:
+        """Keep stamp (s), arrival (s), number of the prediction and size of a message."""
+        # CDR: four bytes that tell the byte order, then header.stamp.
+        sec, nanosec = struct.unpack_from("<iI", message, 4)
+        # The seed, which grows by one each time, and the time it took come last.
+        (number,) = struct.unpack_from("<Q", message, len(message) - 16)
+        arrival = 1e-9 * info["received_timestamp"]
+        self._heard.append((sec + 1e-9 * nanosec, arrival, number, len(message)))
+
+    def set(self, **values: object) -> None:
+        """Set parameters of the node."""
+        request = SetParameters.Request(
+            parameters=[
+                Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+            ]
+        )
+        self.peer.call(SetParameters, f"{NODE}/set_parameters", request)
+
+    def run(self, seconds: float) -> Run:
+        """Watch the node for so long, once it predicts steadily."""
+        self._heard.clear()
+        self.peer.spin_until(lambda: self._heard, "the first prediction")
+        self.peer.spin_for(SETTLING)
+        self._heard.clear()
+        pid = self._predictor.process.pid
+        begun, used, memory = time.monotonic(), _cpu_seconds(pid), []
+        while time.monotonic() - begun < seconds:
+            self.peer.spin_for(min(0.5, seconds / 20))
+            memory.append(_resident_megabytes(pid))
+        self._predictor.check_running()
+        passed = time.monotonic() - begun
+        return _run(np.array(self._heard), passed, (_cpu_seconds(pid) - used) / passed, memory)
+
+    def __enter__(self) -> NodeUnderTest:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.peer.close()
+        self._predictor.stop()
+        self._learner.stop()
+        self._folder.cleanup()
+
+
+def largest_sample_count(node: NodeUnderTest, seconds: float) -> int:
+    """Return the largest number of samples with which the node still predicts 99 times a second.
+
+    It grows by half until it is too large, then the last gap is halved twice.
+    """
+
+    def holds(count: int) -> bool:
+        node.set(sample_count=count)
+        return node.run(seconds).rate >= HOLDS
+
+    good, bad = 0, 20
+    while bad <= 10_000 and holds(bad):
+        good, bad = bad, bad * 3 // 2
+    for _ in range(2):
+        middle = (good + bad) // 2
+        if holds(middle):
+            good = middle
+        else:
+            bad = middle
+    return good
+
+
+def _run(heard: NDArray[np.float64], seconds: float, cpu: float, memory: list[float]) -> Run:
+    stamps, arrivals, numbers, sizes = heard.T
+    latencies = 1e3 * (arrivals - stamps)
+    made = numbers[-1] - numbers[0] + 1
+    return Run(
+        seconds=seconds,
+        rate=len(heard) / seconds,
+        lost=float(1.0 - len(heard) / made),
+        latency_median=float(np.median(latencies)),
+        latency_p99=float(np.quantile(latencies, 0.99)),
+        cpu=cpu,
+        memory=memory[-1],
+        growth=memory[-1] - memory[len(memory) // 10],
+        message_size=float(1e-6 * sizes.mean()),
+    )
+
+
+def _cpu_seconds(pid: int) -> float:
+    after_name = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    # utime and stime, fields 14 and 15 of the line (proc(5)).
+    return (int(after_name[11]) + int(after_name[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _resident_megabytes(pid: int) -> float:
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return 1e-6 * pages * os.sysconf("SC_PAGE_SIZE")

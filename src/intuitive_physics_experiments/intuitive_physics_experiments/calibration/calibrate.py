@@ -1,0 +1,97 @@
+"""Fit the noise to the past and score predictions, ours and baselines, of what was held out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.simulation import Simulator, make_simulator
+from intuitive_physics_experiments.calibration.baselines import (
+    FIXED_NOISE,
+    fitted_fixed_noise,
+    fixed_noise,
+    free_flights,
+    single_rollout,
+)
+from intuitive_physics_experiments.calibration.verification import Scores, score
+from intuitive_physics_predictor.highest_density import FEWEST_SAMPLES
+from intuitive_physics_predictor.noise_fit import FITTED_SCALES, NoiseFit, fit_noise_scales
+from intuitive_physics_predictor.noise_scales import NoiseScales
+from intuitive_physics_predictor.outcomes import Outcome, Prediction, noisy_prediction
+
+OURS = "noisy Newton"
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What a calibration found.
+
+    Parameters
+    ----------
+    horizons : (n_horizons,) s after the last point that was seen
+    scores : of each way to predict, by name; `OURS` and the baselines
+    fit : noise scales, fitted to the past
+    fixed_deviation : of the fixed noise that suits the past best
+    """
+
+    horizons: NDArray[np.float64]
+    scores: dict[str, Scores]
+    fit: NoiseFit
+    fixed_deviation: float
+
+    @property
+    def energy_score_vs_best_baseline(self) -> NDArray[np.float64]:
+        """Mean energy score over that of the best baseline at each horizon, (n_horizons,)."""
+        means = {name: np.nanmean(kept.energy, axis=0) for name, kept in self.scores.items()}
+        ours = means.pop(OURS)
+        return np.asarray(ours / np.min(list(means.values()), axis=0))
+
+
+def calibrate(
+    past: Sequence[Outcome],
+    held_out: Sequence[Outcome],
+    learned: LearnedParameters,
+    horizons: ArrayLike,
+    *,
+    scales_to_fit: Sequence[str] = FITTED_SCALES,
+    start: NoiseScales | None = None,
+    sample_count: int = 100,
+    seed: int = 0,
+    simulator: Simulator | None = None,
+) -> Calibration:
+    """Fit the noise to the past, then score predictions of what was held out.
+
+    Parameters
+    ----------
+    past : outcomes that θ_s was learned from, or others that are not held out
+    held_out : outcomes to score on
+    learned : θ_s
+    horizons : (n_horizons,) s, what the outcomes' times mean
+    scales_to_fit, start : as in `fit_noise_scales`
+    sample_count : of all predictions but the single rollout; fits take half of it
+    """
+    engine = simulator or make_simulator("auto")
+    few = max(sample_count // 2, FEWEST_SAMPLES)
+    fit = fit_noise_scales(
+        past,
+        learned,
+        names=scales_to_fit,
+        start=start,
+        seed=seed,
+        sample_count=few,
+        simulator=engine,
+    )
+    fixed = fitted_fixed_noise(past, learned, few, engine, seed)
+    ways: dict[str, Prediction] = {
+        OURS: noisy_prediction(learned, fit.scales, sample_count, engine),
+        "single rollout": single_rollout(learned, engine),
+        "fixed noise": fixed_noise(learned, FIXED_NOISE, sample_count, engine),
+        "fixed noise, fitted": fixed_noise(learned, fixed, sample_count, engine),
+        "free flight": free_flights(sample_count),
+    }
+    scores = {name: score(held_out, way, seed + 1) for name, way in ways.items()}
+    return Calibration(np.asarray(horizons, dtype=np.float64), scores, fit, fixed)

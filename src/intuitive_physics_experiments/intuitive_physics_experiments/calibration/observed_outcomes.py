@@ -1,0 +1,136 @@
+"""Outcomes of observations, perceived or recorded: where objects were seen, a while later."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.scene import Environment, Scene, SceneObject
+from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION, ObjectState
+from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_experiments.first_state import SMALLEST_NOISE
+from intuitive_physics_experiments.first_state_in_air import AirFactors, fit_first_state_in_air
+from intuitive_physics_experiments.noisy_flight import fit_noisy_flight, flight_length
+from intuitive_physics_predictor.outcomes import Outcome
+
+WINDOW = 7
+"""Points of a stretch that a parabola is laid through to see the noise."""
+
+SAME_TIME = 1e-3
+"""s between points of two objects that count as seen at once."""
+
+MEDIAN_OF_MEAN_SQUARE = 0.9448
+"""Median over mean of χ² with 12 degrees of freedom: three axes of seven points less three."""
+
+
+def observed_outcomes(
+    observations: Sequence[Observation],
+    points: int,
+    horizons: Sequence[float],
+    densities: Mapping[str, float] | None = None,
+) -> list[Outcome]:
+    """Return each observation as seen for its first points, and what was seen after them.
+
+    First states are fitted to those points, before the first bounce, anew: those of an observation
+    may know more of its motion. The points nearest in time to each horizon count; where an object
+    was not seen within a frame of it, what happened is not known.
+
+    Parameters
+    ----------
+    points : of each object that are seen, at least 4
+    horizons : s after the last of them, increasing, further apart than two frames
+    densities : kg/m³ by material, of objects that air acts on
+
+    Raises
+    ------
+    InvalidInputError
+        When an object was seen less often.
+    """
+    return [_outcome(seen, points, np.array(horizons), densities or {}) for seen in observations]
+
+
+def position_noise(trajectory: Trajectory) -> float:
+    """Standard deviation of the noise of seen positions, in m on each axis.
+
+    Told by how far seven points in a row lie from a parabola: the median over all sevens, of which
+    a bounce spoils few.
+    """
+    times, positions = trajectory.times, trajectory.positions
+    if len(times) < WINDOW:
+        return 0.0
+    squares = []
+    for first in range(len(times) - WINDOW + 1):
+        since = times[first : first + WINDOW] - times[first]
+        design = np.vander(since / since[-1], 3)
+        _, residuals, *_ = np.linalg.lstsq(design, positions[first : first + WINDOW], rcond=None)
+        squares.append(residuals.sum() / (3 * (WINDOW - 3)))
+    return float(np.sqrt(np.median(squares) / MEDIAN_OF_MEAN_SQUARE))
+
+
+def _outcome(
+    seen: Observation, points: int, horizons: NDArray[np.float64], densities: Mapping[str, float]
+) -> Outcome:
+    start = max(float(thing.trajectory.times[0]) for thing in seen.objects)
+    states, clock = [], seen.objects[0].trajectory.times - start
+    noises = [position_noise(thing.trajectory) for thing in seen.objects]
+    for thing, noise in zip(seen.objects, noises, strict=True):
+        if len(thing.trajectory) < points:
+            raise InvalidInputError(
+                f"object {thing.object.id} of observation {seen.id} was seen "
+                f"{len(thing.trajectory)} times; expected at least {points}"
+            )
+        states.append(_first_state(thing, start, points, noise, seen.environment, densities))
+    last = float(clock[min(int(np.searchsorted(clock, 0.0)) + points, len(clock)) - 1])
+    frame = float(np.median(np.diff(clock)))
+    nearest = np.abs(clock[:, None] - (last + horizons)).argmin(axis=0)
+    near = np.abs(clock[nearest] - (last + horizons)) <= frame
+    times = np.where(near, clock[nearest], last + horizons)
+    positions = np.full((len(seen.objects), len(times), 3), np.nan)
+    for row, thing in zip(positions, seen.objects, strict=True):
+        own = thing.trajectory.times - start
+        at = np.abs(own[:, None] - times).argmin(axis=0)
+        close = np.abs(own[at] - times) <= SAME_TIME
+        row[close] = thing.trajectory.positions[at[close]]
+    scene = Scene(seen.environment, seen.scene().objects, tuple(states))
+    return Outcome(scene, times, positions, float(np.median(noises)))
+
+
+def _first_state(
+    thing: ObservedObject,
+    start: float,
+    points: int,
+    noise: float,
+    environment: Environment,
+    densities: Mapping[str, float],
+) -> ObjectState:
+    """State at `start`; of orientation and spin, what the observation says."""
+    first = int(np.searchsorted(thing.trajectory.times, start))
+    rows = slice(first, first + points)
+    times, positions = thing.trajectory.times[rows], thing.trajectory.positions[rows]
+    known, gravity = thing.initial_state, environment.gravity
+    if thing.object.drag_coefficient:
+        density = densities[thing.object.material]
+        air = air_factors(thing.object, environment.air_density, density)
+        fitted = fit_first_state_in_air(times, positions, gravity, air)
+        position, velocity = fitted.position, fitted.linear_velocity
+        covariance = fitted.covariance.copy()
+    else:
+        sigma = max(noise, SMALLEST_NOISE)
+        free = flight_length(times, positions, gravity, sigma)
+        position, velocity, covariance = fit_noisy_flight(
+            times[:free], positions[:free], gravity, sigma
+        )
+    for part in (ROTATION, ANGULAR_VELOCITY):
+        covariance[part, part] = known.covariance[part, part]
+    return ObjectState(position, known.orientation, velocity, known.angular_velocity, covariance)
+
+
+def air_factors(thing: SceneObject, air_density: float, density: float) -> AirFactors:
+    """Return what air does to a ball of that density (kg/m³)."""
+    radius = thing.shape.bounding_radius
+    pressed = 0.5 * air_density * np.pi * radius**2 / thing.shape.mass(density)
+    return AirFactors(pressed * thing.drag_coefficient, pressed * radius * thing.magnus_coefficient)

@@ -1,0 +1,68 @@
+"""Outcomes of the paper's synthetic set: predicted from the first few noisy points of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.scene import Scene
+from intuitive_physics.simulation import Simulator
+from intuitive_physics.state import ANGULAR_VELOCITY, ObjectState
+from intuitive_physics_experiments.noisy_flight import fit_noisy_flight, flight_length
+from intuitive_physics_experiments.paper_dataset import POSITION_NOISE, PaperRun
+from intuitive_physics_experiments.paper_room import SPIN_DEVIATION
+from intuitive_physics_predictor.outcomes import Outcome
+
+HORIZONS = (0.5, 1.0, 2.0, 5.0)
+"""s after the last point that was seen."""
+
+
+def paper_outcomes(
+    runs: Sequence[PaperRun],
+    parameters: StaticParameters,
+    simulator: Simulator,
+    points: int,
+    horizons: Sequence[float] = HORIZONS,
+    rng: np.random.Generator | None = None,
+) -> list[Outcome]:
+    """Return each run as seen for its first points, and what then truly happened.
+
+    Parameters
+    ----------
+    parameters : the true θ_s, and `simulator` the engine that moved the objects
+    points : of each object that are seen, at least 3; those before the first bounce tell the state
+    horizons : s after the last of these points
+    rng : of the noise that is added to what happened, as a learner sees it; None: the truth
+    """
+    outcomes = [_outcome(run, parameters, simulator, points, np.array(horizons)) for run in runs]
+    return outcomes if rng is None else [_seen(outcome, rng) for outcome in outcomes]
+
+
+def _outcome(
+    run: PaperRun,
+    parameters: StaticParameters,
+    simulator: Simulator,
+    points: int,
+    horizons: NDArray[np.float64],
+) -> Outcome:
+    gravity = run.scene.environment.gravity
+    states = []
+    for seen, truth in zip(run.observation.objects, run.scene.states, strict=True):
+        times, positions = seen.trajectory.times[:points], seen.trajectory.positions[:points]
+        free = flight_length(times, positions, gravity, POSITION_NOISE)
+        position, velocity, covariance = fit_noisy_flight(
+            times[:free], positions[:free], gravity, POSITION_NOISE
+        )
+        covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = SPIN_DEVIATION**2 * np.eye(3)
+        states.append(ObjectState(position, truth.orientation, velocity, covariance=covariance))
+    after = run.observation.objects[0].trajectory.times[points - 1] + horizons
+    truth = simulator.rollout([run.scene], parameters, after, orientations=False).positions[0]
+    return Outcome(Scene(run.scene.environment, run.scene.objects, tuple(states)), after, truth)
+
+
+def _seen(outcome: Outcome, rng: np.random.Generator) -> Outcome:
+    noise = rng.normal(0.0, POSITION_NOISE, outcome.positions.shape)
+    return Outcome(outcome.scene, outcome.times, outcome.positions + noise, POSITION_NOISE)

@@ -1,0 +1,85 @@
+"""Scores of predictions against what then happened."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics_predictor.highest_density import (
+    FEWEST_SAMPLES,
+    coverage,
+    highest_density_levels,
+)
+from intuitive_physics_predictor.outcomes import Outcome, Prediction, predict_outcomes
+from intuitive_physics_predictor.scores import crps, energy_scores
+
+REGIONS = (0.5, 0.9)
+"""Probabilities of the regions whose coverage is reported."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """How one way to predict did, for each trajectory at each horizon.
+
+    Parameters
+    ----------
+    levels : (n, n_horizons, 2) of `highest_density_levels`; NaN where there is one sample only, or
+        the outcome is not known
+    energy : (n, n_horizons) m, energy score
+    crps : (n, n_horizons) m, mean over the axes
+    error : (n, n_horizons) m, distance of the samples' mean
+    spread : (n, n_horizons) m, root mean square distance of the samples from their mean
+    """
+
+    levels: NDArray[np.float64]
+    energy: NDArray[np.float64]
+    crps: NDArray[np.float64]
+    error: NDArray[np.float64]
+    spread: NDArray[np.float64]
+
+    def coverage(self, probability: float) -> NDArray[np.float64]:
+        """Share of outcomes inside the region of that probability, (n_horizons,)."""
+        return np.array([coverage(known(at), probability) for at in self.levels.swapaxes(0, 1)])
+
+
+def score(outcomes: Sequence[Outcome], prediction: Prediction, seed: int) -> Scores:
+    """Predict every outcome and compare.
+
+    Parameters
+    ----------
+    outcomes : at least one, all with the same number of times: the horizons
+    """
+    parts = []
+    for outcome, samples in zip(
+        outcomes, predict_outcomes(outcomes, prediction, seed), strict=True
+    ):
+        mean = samples.mean(axis=0)
+        parts.append(
+            (
+                _levels(samples, outcome.positions),
+                energy_scores(samples, outcome.positions),
+                crps(samples, outcome.positions).mean(axis=-1),
+                np.linalg.norm(mean - outcome.positions, axis=-1),
+                np.sqrt(((samples - mean) ** 2).sum(axis=-1).mean(axis=0)),
+            )
+        )
+    return Scores(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def known(levels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rows (n, 2) without those of outcomes that are not known."""
+    return levels[~np.isnan(levels).any(axis=1)]
+
+
+def _levels(samples: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    levels = np.full((*positions.shape[:2], 2), np.nan)
+    if len(samples) < FEWEST_SAMPLES:
+        return levels
+    for thing, time in np.argwhere(~np.isnan(positions).any(axis=-1)):
+        levels[thing, time] = highest_density_levels(
+            samples[:, thing, time], positions[thing, time]
+        )
+    return levels

@@ -1,0 +1,150 @@
+"""Figs. 1 and 5: noisy-Newton predictions of test runs from their first three points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.simulation import Simulator, make_simulator
+from intuitive_physics_experiments.coverage import LEVELS, coverage
+from intuitive_physics_experiments.experiments.cells import CellStore
+from intuitive_physics_experiments.experiments.outcome import (
+    markdown_table,
+    write_csv,
+    write_figure,
+    write_page,
+)
+from intuitive_physics_experiments.experiments.prediction_figure import (
+    draw_error_over_time,
+    draw_predictions,
+)
+from intuitive_physics_experiments.paper_dataset import (
+    POSITION_NOISE,
+    PaperDataset,
+    make_paper_dataset,
+)
+from intuitive_physics_experiments.prediction_case import PredictionCase, predict_cases
+from intuitive_physics_learner.cost import TrajectoryCost
+from intuitive_physics_learner.learning_session import LearningOptions, learn
+from intuitive_physics_learner.search import ConvergenceCriteria
+
+FIRST, EXAMPLES = "three_points", 6
+
+
+@dataclass(frozen=True)
+class PredictionSettings:
+    """What is predicted.
+
+    Parameters
+    ----------
+    objects : in the pool
+    samples : trajectories of each object
+    iterations : evaluations of J for the learning
+    sample_count : noisy-Newton samples of each prediction
+    seed : of all randomness
+    """
+
+    objects: int = 5
+    samples: int = 50
+    iterations: int = 2000
+    sample_count: int = 20
+    seed: int = 0
+
+
+QUICK = {"objects": 3, "samples": 10, "iterations": 200}
+
+
+def run_prediction(
+    folder: Path,
+    settings: PredictionSettings,
+    command: str,
+    threads: int = 1,
+    on_progress: Callable[[int, int, str], None] = lambda done, total, name: None,
+) -> list[dict[str, Any]]:
+    """Learn, predict the test runs, write tables and figures, return a row for each case."""
+    simulator = make_simulator("auto", threads)
+    rng = np.random.default_rng(settings.seed)
+    dataset = make_paper_dataset(settings.objects, settings.samples, rng, first_states=FIRST)
+    store = CellStore(folder, {"experiment": "prediction", **asdict(settings)})
+    found = store.run({"learned": lambda: _learned(settings, dataset, simulator)}, on_progress)
+    learned = StaticParameters.from_dict(found["learned"]["parameters"])
+    cases = predict_cases(
+        dataset.test_observations,
+        learned,
+        simulator,
+        np.random.default_rng([settings.seed, 1]),
+        settings.sample_count,
+    )
+    shares = coverage(cases, POSITION_NOISE, np.random.default_rng([settings.seed, 2]))
+    rows = [_row(case) for case in cases]
+    write_csv(folder / "predictions.csv", rows)
+    write_csv(
+        folder / "coverage.csv",
+        [
+            {"claimed": float(level), "seen": float(share)}
+            for level, share in zip(LEVELS, shares, strict=True)
+        ],
+    )
+    ordered = sorted(cases, key=lambda case: case.error)
+    shown = [ordered[k] for k in np.linspace(0, len(ordered) - 1, EXAMPLES).round().astype(int)]
+    write_figure(folder / "predictions.png", (12.0, 8.0), lambda fig: draw_predictions(fig, shown))
+    write_figure(
+        folder / "error_over_time.png",
+        (9.0, 3.6),
+        lambda fig: draw_error_over_time(fig, cases, shares),
+    )
+    test_cost = _cost(dataset, simulator, learned)
+    write_page(folder, "Predictions (Figs. 1 and 5)", command, _body(settings, cases, test_cost))
+    return rows
+
+
+def _learned(
+    settings: PredictionSettings, dataset: PaperDataset, simulator: Simulator
+) -> dict[str, Any]:
+    options = LearningOptions(
+        criteria=ConvergenceCriteria(max_iterations=settings.iterations), seed=settings.seed
+    )
+    result = learn(dataset.training_observations, simulator, options)
+    parameters = result.learned.parameters.extended(dataset.parameters.materials)
+    return {"parameters": parameters.to_dict(), "cost": result.learned.cost}
+
+
+def _cost(dataset: PaperDataset, simulator: Simulator, parameters: StaticParameters) -> float:
+    cost = TrajectoryCost(dataset.test_observations, simulator, parameters.materials)
+    return float(cost.costs([parameters])[0])
+
+
+def _row(case: PredictionCase) -> dict[str, Any]:
+    return {
+        "case": case.name,
+        "mean_error": case.error,
+        "last_error": float(case.distances[-1]),
+        "mean_spread": float(case.spread.mean()),
+    }
+
+
+def _body(settings: PredictionSettings, cases: Sequence[PredictionCase], cost: float) -> str:
+    instants = (0.5, 1.0, 2.0, 5.0)
+    rows = []
+    for instant in instants:
+        at = [int(np.abs(case.times - instant).argmin()) for case in cases]
+        errors = [case.distances[k] for case, k in zip(cases, at, strict=True)]
+        spreads = [case.spread[k] for case, k in zip(cases, at, strict=True)]
+        rows.append(
+            [f"{instant:g}", *(f"{f(v):.3f}" for v in (errors, spreads) for f in (np.mean,))]
+        )
+    header = ["time (s)", "error of the mean (m)", "spread (m)"]
+    errors_of_mean = np.mean([case.error for case in cases])
+    return (
+        f"{len(cases)} trajectories of test runs, each predicted for 5 s from its first three "
+        f"points by {settings.sample_count} samples. Mean distance of the predicted mean from "
+        f"what was seen: {errors_of_mean:.3f} m; of the single simulation from the estimated "
+        f"state (J): {cost:.3f} m. Spread: root of the mean squared distance of the samples from "
+        f"their mean.\n\n{markdown_table(header, rows)}\n\n![Predictions, from the best to the "
+        "worst](predictions.png)\n\n![Error over time and calibration](error_over_time.png)"
+    )

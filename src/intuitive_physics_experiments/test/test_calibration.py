@@ -1,0 +1,207 @@
+"""Calibration: true predictions are found true, false ones false, and the experiment tells."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
+from intuitive_physics.shapes import Sphere
+from intuitive_physics.simulation import make_simulator
+from intuitive_physics.state import ObjectState
+from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_experiments.calibration.baselines import fixed_noise, free_flights
+from intuitive_physics_experiments.calibration.calibrate import OURS
+from intuitive_physics_experiments.calibration.observed_outcomes import (
+    observed_outcomes,
+    position_noise,
+)
+from intuitive_physics_experiments.calibration.paper_calibration import (
+    PaperCalibrationOptions,
+    calibrate_on_paper_set,
+)
+from intuitive_physics_experiments.calibration.paper_outcomes import paper_outcomes
+from intuitive_physics_experiments.calibration.proper_learning import EnergyScoreCost
+from intuitive_physics_experiments.calibration.tables import reliability_rows, score_rows
+from intuitive_physics_experiments.calibration.verification import score
+from intuitive_physics_experiments.free_flight import free_flight
+from intuitive_physics_experiments.paper_dataset import POSITION_NOISE, make_paper_dataset
+from intuitive_physics_predictor.outcomes import Outcome
+
+ENGINE = make_simulator("auto")
+TIMES = np.array([0.1, 0.2])
+FLOOR = Environment([Plane("floor", "floor", (0, 0, 1), 0.0)])
+BALL = SceneObject("ball", "ball", Sphere(0.05))
+
+
+def scene(**state) -> Scene:
+    return Scene(FLOOR, (BALL,), (ObjectState((0, 0, 1), **state),))
+
+
+def normal_prediction(spread: float, samples: int = 60):
+    """Samples about the origin, whatever the scene."""
+
+    def sample(outcome, rng):
+        return spread * rng.standard_normal((samples, *outcome.positions.shape))
+
+    return sample
+
+
+def normal_outcomes(count: int) -> list[Outcome]:
+    rng = np.random.default_rng(0)
+    return [Outcome(scene(), TIMES, rng.standard_normal((1, 2, 3))) for _ in range(count)]
+
+
+@pytest.mark.parametrize(("spread", "low", "high"), [(1.0, 0.86, 0.94), (0.5, 0.2, 0.5)])
+def test_coverage_tells_true_predictions_from_too_sure_ones(spread, low, high):
+    # Of 400 outcomes a true 90 % is off by sqrt(0.9 · 0.1 / 400) = 1.5 %. Half the spread makes
+    # the 90 % ball, 2.5 σ of the samples, one of 1.25 σ of the outcomes: χ²₃ gives 33 %.
+    scores = score(normal_outcomes(400), normal_prediction(spread), seed=1)
+    assert ((scores.coverage(0.9) > low) & (scores.coverage(0.9) < high)).all()
+
+
+def test_seeing_with_noise_is_part_of_the_prediction():
+    # What happened has σ = 1, what was seen √2; the prediction knows the noise of seeing.
+    rng = np.random.default_rng(3)
+    seen = [
+        Outcome(scene(), TIMES, np.sqrt(2.0) * rng.standard_normal((1, 2, 3)), 1.0)
+        for _ in range(300)
+    ]
+    assert np.abs(score(seen, normal_prediction(1.0), seed=1).coverage(0.9) - 0.9).max() < 0.06
+
+
+def test_one_sample_has_a_score_and_no_regions():
+    outcomes = normal_outcomes(5)
+    scores = score(outcomes, normal_prediction(0.0, samples=1), seed=1)
+    assert np.isnan(scores.coverage(0.9)).all()
+    distances = [np.linalg.norm(outcome.positions[0], axis=1) for outcome in outcomes]
+    np.testing.assert_allclose(scores.energy, distances)
+    np.testing.assert_allclose(scores.error, distances)
+
+
+def test_what_is_not_known_does_not_count():
+    outcomes = normal_outcomes(3)
+    outcomes[0].positions[0, 1] = np.nan
+    scores = score(outcomes, normal_prediction(1.0), seed=1)
+    np.testing.assert_array_equal(np.isnan(scores.energy).sum(axis=0), [0, 1])
+    assert np.isfinite(scores.coverage(0.5)).all()
+
+
+def test_free_flights_stop_where_one_does():
+    outcome = Outcome(scene(linear_velocity=(1, 0, 0)), np.array([0.1, 3.0]), np.zeros((1, 2, 3)))
+    samples = free_flights(3)(outcome, np.random.default_rng(0))
+    truth = free_flight(FLOOR, 0.05, outcome.scene.states[0], outcome.times)
+    np.testing.assert_allclose(samples, np.broadcast_to(truth, (3, 1, 2, 3)), atol=1e-12)
+
+
+def test_fixed_noise_is_fixed():
+    # Whatever was perceived: after t of flight N(0, σ) on position and velocity is σ √(1 + t²).
+    outcome = Outcome(scene(covariance=np.eye(12)), TIMES, np.zeros((1, 2, 3)))
+    way = fixed_noise(LearnedParameters.defaults(("ball", "floor")), 0.01, 4000, ENGINE)
+    spread = way(outcome, np.random.default_rng(0)).std(axis=0)[0]
+    np.testing.assert_allclose(
+        spread, 0.01 * np.sqrt(1 + TIMES**2)[:, None] * np.ones(3), rtol=0.06
+    )
+
+
+@pytest.mark.parametrize("sigma", [0.001, 0.02])
+def test_noise_of_a_bouncing_track_is_seen(sigma):
+    rng = np.random.default_rng(2)
+    times = np.arange(150) / 30
+    positions = ENGINE.rollout(
+        [scene(linear_velocity=(1, 0, 0))],
+        StaticParameters.uniform(("ball", "floor"), restitution=0.8),
+        times,
+        orientations=False,
+    ).positions[0, 0]
+    track = Trajectory(times, positions + rng.normal(0.0, sigma, positions.shape))
+    # Sevens that hold a bounce, and those near the end where bounces are many, count as noise.
+    assert sigma * 0.8 < position_noise(track) < sigma * 1.5
+
+
+@pytest.fixture(scope="module")
+def sphere_set():
+    return make_paper_dataset(
+        1, 40, np.random.default_rng(4), first_states="flight", kinds=("sphere",)
+    )
+
+
+def test_paper_outcomes_are_what_truly_happened(sphere_set):
+    runs = sphere_set.test
+    outcomes = paper_outcomes(runs, sphere_set.parameters, ENGINE, 6, (0.5, 2.0))
+    for run, outcome in zip(runs, outcomes, strict=True):
+        # Points come at 30 Hz: 0.5 s and 2 s are 15 and 60 of them after the sixth.
+        np.testing.assert_allclose(outcome.positions, run.positions[:, [20, 65]], atol=1e-9)
+        np.testing.assert_allclose(outcome.times, [5 / 30 + 0.5, 5 / 30 + 2.0])
+    seen = paper_outcomes(
+        runs, sphere_set.parameters, ENGINE, 6, (0.5, 2.0), np.random.default_rng(0)
+    )
+    assert {outcome.position_noise for outcome in seen} == {POSITION_NOISE}
+
+
+def test_observed_outcomes_see_first_points_only(sphere_set):
+    runs = sphere_set.test
+    outcomes = observed_outcomes([run.observation for run in runs], 6, (0.5, 30.0))
+    for run, outcome in zip(runs, outcomes, strict=True):
+        seen = run.observation.objects[0].trajectory
+        np.testing.assert_array_equal(outcome.positions[0, 0], seen.positions[20])
+        assert np.isnan(outcome.positions[0, 1]).all()
+        # The median of some 144 windows; their noise is known to a few percent.
+        assert outcome.position_noise == pytest.approx(POSITION_NOISE, rel=0.3)
+    with pytest.raises(InvalidInputError, match="expected at least 500"):
+        observed_outcomes([runs[0].observation], 500, (0.5,))
+
+
+def test_the_energy_score_is_better_at_the_truth(sphere_set):
+    truth = sphere_set.parameters
+    cost = EnergyScoreCost(
+        sphere_set.training_observations,
+        truth.materials,
+        POSITION_NOISE,
+        ENGINE,
+        np.random.default_rng(0),
+    )
+    pair = truth.pair("material_0", "room")
+    others = [
+        truth.with_pair("material_0", "room", restitution=value)
+        for value in (0.8 * pair["restitution"], min(1.2 * pair["restitution"], 1.0))
+    ]
+    scores = cost.costs([truth, *others])
+    assert scores[0] < scores[1:].min()
+    np.testing.assert_array_equal(cost.costs([truth]), scores[:1])
+
+
+def test_calibration_on_spheres():
+    options = PaperCalibrationOptions(
+        objects=1,
+        samples=80,
+        kinds=("sphere",),
+        point_counts=(3, 10),
+        horizons=(0.5, 1.0),
+        sample_count=40,
+        iterations=500,
+        score_iterations=60,
+        seed=2,
+    )
+    found = calibrate_on_paper_set(options)
+    energy = {k: v.energy.mean() for k, v in found.calibration.scores.items()}
+    assert energy[OURS] < min(energy["single rollout"], energy["free flight"])
+    # Of 36 held-out throws 90 % is 90 ± 5 %; the noise fit adds some percent.
+    summary = found.summary()
+    assert all(0.7 < share <= 1.0 for share in summary["coverage_90"].values())
+    assert summary["energy_score_vs_best_baseline"] == pytest.approx(
+        found.calibration.energy_score_vs_best_baseline.max(), abs=1e-4
+    )
+    errors = {points: scores.error.mean() for points, scores in found.by_points.items()}
+    assert errors[10] < errors[3]
+    assert len(score_rows(found.calibration)) == 2 * len(energy)
+    assert {row["prediction"] for row in reliability_rows(found.calibration)} == set(energy) - {
+        "single rollout"
+    }
+    with pytest.raises(InvalidInputError, match="at least 10"):
+        calibrate_on_paper_set(replace(options, samples=2))

@@ -1,0 +1,84 @@
+"""What came of scenes that were predicted: the material that noise is fitted to and scored on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.scene import Scene
+from intuitive_physics.simulation import Simulator
+from intuitive_physics_predictor.noise_scales import NoiseScales
+from intuitive_physics_predictor.noisy_newton import predict
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A scene as it was perceived, and what came of it.
+
+    Parameters
+    ----------
+    scene : objects with perceived states and covariances
+    times : (n_times,) s after the states, strictly increasing
+    positions : (n_objects, n_times, 3) m, where the objects were; NaN where that is not known
+    position_noise : m, standard deviation on each axis of the noise in `positions`, 0 where they
+        are the truth
+    """
+
+    scene: Scene
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    position_noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        expected = (len(self.scene.objects), len(self.times), 3)
+        if self.positions.shape != expected:
+            raise InvalidInputError(
+                f"positions have the shape {self.positions.shape}; expected {expected}"
+            )
+
+
+Prediction = Callable[[Outcome, np.random.Generator], NDArray[np.float64]]
+"""Samples of an outcome's positions, (n_samples, n_objects, n_times, 3) m."""
+
+
+def noisy_prediction(
+    learned: LearnedParameters, scales: NoiseScales, sample_count: int, simulator: Simulator
+) -> Prediction:
+    """Return noisy Newton with all that is uncertain, as perceived, as learned and as scaled."""
+
+    def sample(outcome: Outcome, rng: np.random.Generator) -> NDArray[np.float64]:
+        return predict(
+            outcome.scene,
+            scales.parameters(learned.extended(outcome.scene.materials)),
+            outcome.times,
+            rng=rng,
+            sample_count=sample_count,
+            noise=scales.state_noise(),
+            size_noise=scales.size,
+            simulator=simulator,
+        ).positions
+
+    return sample
+
+
+def predict_outcomes(
+    outcomes: Sequence[Outcome], prediction: Prediction, seed: int
+) -> Iterator[NDArray[np.float64]]:
+    """Predict what would be seen: samples with the noise that the positions seen have.
+
+    Each outcome has random numbers of its own, the same ones whatever predicts it, so that the
+    scores of two predictions differ less by chance.
+
+    Yields
+    ------
+    (n_samples, n_objects, n_times, 3) m for each outcome
+    """
+    for number, outcome in enumerate(outcomes):
+        positions = prediction(outcome, np.random.default_rng([seed, number]))
+        noise = np.random.default_rng([seed, number, 1]).standard_normal(positions.shape)
+        yield positions + outcome.position_noise * noise

@@ -1,0 +1,69 @@
+"""A thread that does something at a steady rate and leaves out what it comes too late for."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+
+
+class Pacer:
+    """Calls `tick` at whole periods, in a thread of its own.
+
+    An executor's timer costs several times as much, and waits for every other callback.
+
+    Parameters
+    ----------
+    tick : called with the s it comes late and how many periods were left out before it because
+        the one before took too long; must not raise
+    rate : 1/s
+    """
+
+    def __init__(self, tick: Callable[[float, int], None], rate: float) -> None:
+        self._tick = tick
+        self._rate = rate
+        self._changed = threading.Condition()
+        self._stopping = False
+        self._thread = threading.Thread(target=self._run, name="pacer", daemon=True)
+
+    def start(self) -> None:
+        """Begin, with the first tick at once."""
+        self._thread.start()
+
+    def set_rate(self, rate: float) -> None:
+        """Go on at another rate (1/s), with a tick at once."""
+        with self._changed:
+            self._rate = rate
+            self._changed.notify()
+
+    def stop(self) -> None:
+        """End the thread once the tick under way is done."""
+        with self._changed:
+            self._stopping = True
+            self._changed.notify()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stopping:
+            self._run_at(1.0 / self._rate)
+
+    def _run_at(self, period: float) -> None:
+        """Tick until the rate is changed or all is over."""
+        start = time.monotonic()
+        number = 0
+        left_out = 0
+        while not self._waited_until(start + number * period, period):
+            self._tick(time.monotonic() - start - number * period, left_out)
+            behind = time.monotonic() - start - (number + 1) * period
+            left_out = max(0, math.floor(behind / period) + 1)
+            number += 1 + left_out
+
+    def _waited_until(self, due: float, period: float) -> bool:
+        """Wait; answer whether something changed, so that what was waited for is not due."""
+        with self._changed:
+            return self._changed.wait_for(
+                lambda: self._stopping or period != 1.0 / self._rate,
+                max(0.0, due - time.monotonic()),
+            )

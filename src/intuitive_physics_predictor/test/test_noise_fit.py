@@ -1,0 +1,108 @@
+"""Noise scales: fitted ones are those that the past was made with."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import StaticParameters, parameter_count
+from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
+from intuitive_physics.shapes import Sphere
+from intuitive_physics.simulation import make_simulator
+from intuitive_physics.state import ObjectState
+from intuitive_physics_predictor.noise_fit import fit_noise_scales
+from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
+from intuitive_physics_predictor.noisy_newton import predict
+from intuitive_physics_predictor.outcomes import Outcome
+
+TIMES = np.array([0.3, 0.8])
+MATERIALS = ("ball", "floor")
+ENGINE = make_simulator("event_driven")
+
+
+def known_parameters() -> LearnedParameters:
+    theta = StaticParameters.uniform(MATERIALS, restitution=0.7)
+    size = parameter_count(2)
+    return LearnedParameters(theta, np.full(size, 0.02), np.ones(size, bool), 1, 0.0, 9, "cma_es")
+
+
+def scene() -> Scene:
+    floor = Environment([Plane("floor", "floor", (0, 0, 1), 0.0)])
+    covariance = np.diag([1e-4] * 3 + [0.0] * 3 + [1e-2] * 3 + [1.0] * 3)
+    state = ObjectState((0, 0, 0.5), linear_velocity=(2, 0, 0), covariance=covariance)
+    return Scene(floor, (SceneObject("ball", "ball", Sphere(0.05)),), (state,))
+
+
+def past(scales: NoiseScales, count: int, seed: int = 5) -> list[Outcome]:
+    """Outcomes drawn from the prediction with these scales."""
+    future = predict(
+        scene(),
+        scales.parameters(known_parameters()),
+        TIMES,
+        rng=np.random.default_rng(seed),
+        sample_count=count,
+        noise=scales.state_noise(),
+        size_noise=scales.size,
+        simulator=ENGINE,
+    )
+    return [Outcome(scene(), TIMES, positions) for positions in future.positions]
+
+
+@pytest.mark.parametrize("truth", [0.5, 3.0])
+def test_the_fit_finds_how_wrong_the_perceived_noise_was(truth):
+    # A spread known from n outcomes of six coordinates is off by some 1 / sqrt(2 · 6 n) = 4 % and
+    # the score is flat about its best; 30 % tells 0.5 and 3 from 1 beyond doubt.
+    fit = fit_noise_scales(
+        past(NoiseScales(state=truth), 60),
+        known_parameters(),
+        names=("state",),
+        sample_count=30,
+        max_evaluations=15,
+        simulator=ENGINE,
+    )
+    assert fit.scales.state == pytest.approx(truth, rel=0.3)
+    assert fit.score < 1.0
+
+
+def test_the_same_seed_fits_the_same_scales():
+    outcomes = past(NoiseScales(), 10)
+    first, second = (
+        fit_noise_scales(outcomes, known_parameters(), sample_count=10, max_evaluations=8, seed=3)
+        for _ in range(2)
+    )
+    assert first == second
+
+
+def test_scales_survive_being_written():
+    scales = NoiseScales(0.5, 2.0, 3.0, 0.01, 0.02)
+    assert NoiseScales.from_dict(scales.to_dict()) == scales
+    assert NoiseScales.from_dict({"format": scales.to_dict()["format"]}) == NoiseScales()
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        ({}, "format None"),
+        ({"format": "intuitive_physics/noise_scales/1", "colour": 1.0}, "'colour'"),
+        ({"format": "intuitive_physics/noise_scales/1", "state": -1.0}, "state"),
+        ({"format": "intuitive_physics/noise_scales/1", "spin": "fast"}, "spin"),
+        ([1.0], "list"),
+    ],
+)
+def test_what_are_no_scales_is_refused(data, says):
+    with pytest.raises(InvalidInputError, match=says):
+        NoiseScales.from_dict(data)
+
+
+def test_what_cannot_be_fitted_is_refused():
+    learned = known_parameters()
+    with pytest.raises(InvalidInputError, match="0 outcomes"):
+        fit_noise_scales([], learned)
+    with pytest.raises(UnknownNameError, match=", ".join(NOISE_SCALES)):
+        fit_noise_scales(past(NoiseScales(), 2), learned, names=("colour",))
+    with pytest.raises(InvalidInputError, match="above zero"):
+        fit_noise_scales(past(NoiseScales(), 2), learned, names=("size",))
+    with pytest.raises(InvalidInputError, match="shape"):
+        Outcome(scene(), TIMES, np.zeros((2, 2, 3)))

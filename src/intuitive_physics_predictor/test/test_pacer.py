@@ -1,0 +1,90 @@
+"""A steady rate, and what is left out when a tick takes too long."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from intuitive_physics_predictor.pacer import Pacer
+
+
+class Ticks:
+    """Notes when each tick was due and what was left out before it, until there are enough."""
+
+    def __init__(self, enough, work=lambda number: None):
+        self.due, self.late, self.left_out = [], [], []
+        self._enough, self._work = enough, work
+        self._done = threading.Event()
+
+    def __call__(self, late, left_out):
+        self.due.append(time.monotonic() - late)
+        self.late.append(late)
+        self.left_out.append(left_out)
+        self._work(len(self.due))
+        if len(self.due) >= self._enough:
+            self._done.set()
+
+    def wait(self):
+        assert self._done.wait(20.0)
+
+
+@pytest.fixture
+def paced():
+    pacers = []
+
+    def start(ticks, rate):
+        pacers.append(Pacer(ticks, rate))
+        pacers[-1].start()
+        return pacers[-1]
+
+    yield start
+    for pacer in pacers:
+        pacer.stop()
+
+
+def test_ticks_are_due_at_whole_periods(paced):
+    # When a tick is due does not depend on how late the ones before came: no drift.
+    ticks = Ticks(40)
+    paced(ticks, 200.0)
+    ticks.wait()
+    periods = np.diff(ticks.due[:40]) * 200.0
+    np.testing.assert_allclose(periods, 1 + np.array(ticks.left_out[1:40]), atol=0.05)
+    assert min(ticks.late) >= 0.0
+
+
+def test_a_long_tick_leaves_out_those_it_covers(paced):
+    # At 20 a second, a tick of 0.12 s covers the two after it and the third comes at 0.15 s.
+    ticks = Ticks(4, lambda number: time.sleep(0.12) if number == 2 else None)
+    paced(ticks, 20.0)
+    ticks.wait()
+    assert ticks.left_out[:2] == [0, 0]
+    # On a machine that is busy it may be later still, never earlier.
+    assert ticks.left_out[2] >= 2
+    assert ticks.due[2] - ticks.due[1] == pytest.approx((1 + ticks.left_out[2]) / 20.0, abs=0.005)
+
+
+def test_the_rate_may_change(paced):
+    ticks = Ticks(12)
+    pacer = paced(ticks, 0.1)
+    while not ticks.due:
+        time.sleep(0.01)
+    pacer.set_rate(100.0)
+    # At a tenth of a hertz twelve ticks would take 110 s.
+    ticks.wait()
+
+
+def test_it_stops_at_once_though_the_next_tick_is_far(paced):
+    ticks = Ticks(1)
+    pacer = paced(ticks, 0.1)
+    ticks.wait()
+    start = time.monotonic()
+    pacer.stop()
+    assert time.monotonic() - start < 5.0
+    assert len(ticks.due) == 1
+
+
+def test_what_never_started_can_be_stopped():
+    Pacer(Ticks(1), 1.0).stop()

@@ -1,0 +1,137 @@
+"""Draws of θ_s: as uncertain as learned, within bounds, and nothing unlearned looks sure."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import kstest, truncnorm
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import StaticParameters, parameter_count, parameter_names
+from intuitive_physics.parameter_space import DEFAULT_BOUNDS, ParameterSpace
+from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
+
+MATERIALS = ("ball", "floor")
+SIZE = parameter_count(2)
+NAMES = parameter_names(MATERIALS)
+STATIC, DYNAMIC, ROLLING, RESTITUTION = range(4)
+
+
+def learned(deviations=np.nan, identified=False, **values) -> LearnedParameters:
+    theta = StaticParameters.uniform(MATERIALS, **values)
+    told = np.broadcast_to(identified, SIZE)
+    return LearnedParameters(theta, np.broadcast_to(deviations, SIZE), told, 1, 0.1, 5, "cma_es")
+
+
+def with_deviation(sigma: float, *names: str, **values) -> LearnedParameters:
+    """Only these parameters are identified, with this standard deviation."""
+    told = np.array([name in names for name in NAMES])
+    return learned(np.where(told, sigma, np.nan), told, **values)
+
+
+def draw(parameters, count=4000, seed=0, **options):
+    density, coefficients = UncertainParameters(parameters, **options).draw(
+        count, np.random.default_rng(seed)
+    )
+    return density, coefficients[:, :, 0, 1]
+
+
+def test_identified_parameters_are_truncated_normal():
+    name = "restitution[ball, floor]"
+    _, values = draw(with_deviation(0.1, name, restitution=0.95))
+    truth = truncnorm(-9.5, 0.5, 0.95, 0.1)
+    # Kolmogorov-Smirnov: of right draws one in a thousand has a smaller p, and the seed is fixed.
+    assert kstest(values[:, RESTITUTION], truth.cdf).pvalue > 1e-3
+
+
+def test_scale_stretches_the_deviation_of_what_was_identified():
+    name = "restitution[ball, floor]"
+    spreads = [
+        draw(with_deviation(0.02, name), scale=scale)[1][:, RESTITUTION].std()
+        for scale in (0.0, 1.0, 3.0)
+    ]
+    # The standard deviation of n draws is off by 1 / sqrt(2 n) of itself, about 1 %.
+    np.testing.assert_allclose(spreads, [0.0, 0.02, 0.06], rtol=0.04)
+
+
+def test_logarithmic_parameters_spread_in_proportion():
+    density, _ = draw(with_deviation(50.0, "density[ball]", density=1000.0))
+    logarithms = np.log(density[:, 0])
+    np.testing.assert_allclose(
+        [logarithms.mean(), logarithms.std()], [np.log(1000.0), 0.05], rtol=0.04
+    )
+
+
+def test_what_was_not_identified_is_anywhere_within_its_bounds():
+    density, values = draw(learned())
+    for column, kind in ((ROLLING, "rolling_friction"), (RESTITUTION, "restitution")):
+        bounds = DEFAULT_BOUNDS[kind]
+        ends = np.array([bounds.lower, bounds.upper])
+        drawn = values[:, column]
+        if bounds.scale == "logarithmic":
+            drawn, ends = np.log(drawn), np.log(ends)
+        assert kstest((drawn - ends[0]) / np.ptp(ends), "uniform").pvalue > 1e-3
+    low, high = np.log(DEFAULT_BOUNDS["density"].lower), np.log(DEFAULT_BOUNDS["density"].upper)
+    assert kstest((np.log(density[:, 1]) - low) / (high - low), "uniform").pvalue > 1e-3
+
+
+def test_a_known_friction_keeps_its_distribution_beside_an_unknown_one():
+    name = "dynamic_friction[ball, floor]"
+    _, values = draw(with_deviation(0.01, name, static_friction=0.5, dynamic_friction=0.3))
+    np.testing.assert_allclose(values[:, DYNAMIC].mean(), 0.3, atol=0.001)
+    np.testing.assert_allclose(values[:, DYNAMIC].std(), 0.01, rtol=0.05)
+    assert values[:, STATIC].min() >= 0.25
+    assert values[:, STATIC].max() > 0.9
+
+
+@given(
+    st.lists(st.floats(0.0, 1.0), min_size=SIZE, max_size=SIZE),
+    st.lists(st.one_of(st.just(np.nan), st.floats(0.0, 2.0)), min_size=SIZE, max_size=SIZE),
+    st.floats(0.0, 10.0),
+    st.floats(0.0, 0.5),
+    st.integers(0, 2**31),
+)
+@settings(max_examples=60, deadline=None)
+def test_every_draw_is_a_valid_theta_within_bounds(unit, deviations, scale, contact, seed):
+    space = ParameterSpace(MATERIALS)
+    theta = space.to_parameters(unit)
+    told = ~np.isnan(deviations)
+    source = LearnedParameters(theta, deviations, told, 1, 0.1, 1, "cma_es")
+    density, coefficients = UncertainParameters(source, scale=scale, contact=contact).draw(
+        7, np.random.default_rng(seed)
+    )
+    for rho, pairs in zip(density, coefficients, strict=True):
+        StaticParameters(MATERIALS, rho, pairs)  # refuses what is no θ_s, μ_d > μ_s above all
+    for values, kind in (
+        (density, "density"),
+        (coefficients[:, STATIC], "static_friction"),
+        (coefficients[:, DYNAMIC], "dynamic_friction"),
+        (coefficients[:, ROLLING], "rolling_friction"),
+        (coefficients[:, RESTITUTION], "restitution"),
+    ):
+        bounds = DEFAULT_BOUNDS[kind]
+        assert (values >= bounds.lower * (1 - 1e-12)).all()
+        assert (values <= bounds.upper * (1 + 1e-12)).all()
+
+
+def test_contact_noise_moves_what_acts_in_an_impact():
+    _, values = draw(learned(0.0, True, restitution=0.5), contact=0.03)
+    spread = values.std(axis=0)
+    np.testing.assert_allclose(spread[RESTITUTION], 0.03, rtol=0.05)
+    assert spread[STATIC] > 0.02
+    assert spread[ROLLING] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_learned_values_outside_the_bounds_are_kept():
+    parameters = learned(0.0, True, density=10_000.0)
+    density, _ = draw(parameters, count=3)
+    np.testing.assert_allclose(density, 10_000.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("options", [{"scale": -1.0}, {"contact": np.nan}])
+def test_scales_that_are_no_scales_are_refused(options):
+    with pytest.raises(InvalidInputError, match="expected"):
+        UncertainParameters(learned(), **options)

@@ -18,12 +18,8 @@ from intuitive_physics.observation import ObservedObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics_experiments.bag_reader import BagReader
 from intuitive_physics_experiments.depth_bag_writer import CAMERA_INFO_TOPIC, DEPTH_TOPIC
-from intuitive_physics_perception.depth import (
-    Intrinsics,
-    depth_from_image_data,
-    points_from_depth,
-)
 from intuitive_physics_perception.environment_model import EnvironmentModel
+from intuitive_physics_perception.frame_decoder import FrameDecoder
 from intuitive_physics_perception.pipeline import Perceived, PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.spheres import DetectedSphere
@@ -149,25 +145,25 @@ def some_frames(path: Path, recording: TrueRecording, stamps: Sequence[float]) -
     """Yield the frames of a bag with some stamps, s, in order of time."""
     wanted = set(stamps)
     with BagReader(path) as bag:
-        rays = _rays(bag)
+        decoder = _decoder(bag)
         for message in bag.messages([DEPTH_TOPIC]):
             image = bag.decode(message)
             stamp = _stamp(image)
             if stamp in wanted:
                 balls = recording.balls_at(_since(stamp, recording))
-                yield Frame(stamp, _points(image, rays), balls)
+                yield Frame(stamp, decoder.image_points(image), balls)
 
 
 def _perceived(
     path: Path, recording: TrueRecording, pipeline: PerceptionPipeline, timing: Timing
 ) -> Iterator[tuple[Frame, Perceived]]:
     with BagReader(path) as bag:
-        rays = _rays(bag)
+        decoder = _decoder(bag)
         for message in bag.messages([DEPTH_TOPIC]):
             image = bag.decode(message)
             stamp = _stamp(image)
             wall, start = time.perf_counter(), time.thread_time()
-            points = _points(image, rays)
+            points = decoder.image_points(image)
             converted = time.thread_time()
             perceived = pipeline.process(points, stamp)
             end = time.thread_time()
@@ -260,21 +256,11 @@ def _degrees(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     return float(np.degrees(2.0 * np.arcsin(min(0.5 * float(np.linalg.norm(a - b)), 1.0))))
 
 
-def _rays(bag: BagReader) -> NDArray[np.float32]:
-    info = bag.decode(next(iter(bag.messages([CAMERA_INFO_TOPIC]))))
-    return Intrinsics(info.width, info.height, info.k, info.d, info.distortion_model).rays()
-
-
-def _points(image: Any, rays: NDArray[np.float32]) -> NDArray[np.float32]:
-    depth = depth_from_image_data(
-        image.data,
-        width=image.width,
-        height=image.height,
-        encoding=image.encoding,
-        step=image.step,
-        is_bigendian=bool(image.is_bigendian),
-    )
-    return points_from_depth(depth, rays)
+def _decoder(bag: BagReader) -> FrameDecoder:
+    """The node's own way from messages to points."""
+    decoder = FrameDecoder()
+    decoder.take_camera(bag.decode(next(iter(bag.messages([CAMERA_INFO_TOPIC])))))
+    return decoder
 
 
 def _stamp(message: Any) -> float:

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 HYPOTHESES = 150
+SCORED_POINTS = 200
 FACE_SIGMAS = 2.5
 SURFACE_DEVIATION = 0.001
 UPRIGHT_COSINE = float(np.cos(np.radians(82.0)))
 LEAST_FACE_POINTS, LEAST_FACE_PART = 25, 0.08
-REFINEMENTS = 4
+REFINEMENTS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +88,9 @@ def _best_plane(
     offsets = (normals * triples[good, 0]).sum(axis=1)
     normals[offsets > 0.0] *= -1.0
     planes = np.column_stack([normals, -np.abs(offsets)])
-    scores = (np.abs(_scaled(points, deviations, planes)) < FACE_SIGMAS).sum(axis=-1)
+    every = max(len(points) // SCORED_POINTS, 1)
+    scaled = _scaled(points[::every], deviations[::every], planes)
+    scores = (np.abs(scaled) < FACE_SIGMAS).sum(axis=-1)
     best = planes[int(scores.argmax())]
     inliers = points[np.abs(_scaled(points, deviations, best)) < FACE_SIGMAS]
     return _least_squares_plane(inliers) if len(inliers) >= 3 else None
@@ -103,7 +106,8 @@ def _narrowed(chosen: NDArray[np.bool_], kept: NDArray[np.bool_]) -> NDArray[np.
 def _least_squares_plane(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Plane (4,) through points (n, 3), its normal to the sensor's side."""
     middle = points.mean(axis=0)
-    normal = np.linalg.svd(points - middle, full_matrices=False)[2][2]
+    centred = points - middle
+    normal = np.linalg.eigh(centred.T @ centred)[1][:, 0]
     normal = normal if normal @ middle < 0.0 else -normal
     return np.append(normal, normal @ middle)
 

@@ -6,17 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.shapes import Capsule
+from intuitive_physics_perception.capsule_kernels import refine_capsule
 from intuitive_physics_perception.detected_solid import DetectedSolid
 from intuitive_physics_perception.planes import plane_axes
 
-MAX_EVALUATIONS = 30
 OUTLIER_SIGMAS = 3.0
 MIN_INLIERS = 0.93
 SHORTEST_IN_RADII = 0.4
 LEAST_ON_CAP = 5
 END_UNCERTAINTY = 0.1
 LEAST_ARC = np.radians(100.0)
-SURFACE_DEVIATION = 1e-4
 
 
 def fit_capsule(
@@ -30,35 +29,11 @@ def fit_capsule(
     deviations : (n,) m, of the readings along their rays
     lateral : rad, standard deviation of the readings' directions
     """
-    from scipy.optimize import least_squares
-
-    ranges = np.linalg.norm(points, axis=1)
-    rays = points / ranges[:, None]
-
-    def residuals(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-        nearest, _ = _on_axis(points, parameters)
-        outwards = points - nearest
-        distances = np.linalg.norm(outwards, axis=1)
-        cosine = np.clip(-(outwards * rays).sum(axis=1) / np.maximum(distances, 1e-9), 0.0, 1.0)
-        sine2 = 1.0 - cosine**2
-        spread = np.sqrt(
-            np.square(deviations) * cosine**2
-            + np.square(lateral * ranges) * sine2
-            + np.square(np.square(deviations) * sine2 / max(parameters[6], 1e-3))
-            + SURFACE_DEVIATION**2
-        )
-        return (distances - parameters[6]) / spread
-
-    start = _first_guess(points)
-    found = least_squares(
-        residuals, start, loss="soft_l1", f_scale=2.0, max_nfev=MAX_EVALUATIONS, x_scale=0.05
-    )
-    parameters = np.asarray(found.x, dtype=np.float64)
-    errors = residuals(parameters)
+    parameters, normal, errors = refine_capsule(points, deviations, lateral, _first_guess(points))
     if not _is_capsule(points, parameters, errors):
         return None
     misfit = float(np.mean(np.square(errors)))
-    covariance = _covariance(found.jac, misfit)
+    covariance = _covariance(normal, misfit)
     if covariance is None or not _ends_are_told(parameters, covariance):
         return None
     half = float(np.linalg.norm(parameters[3:6]))
@@ -78,10 +53,10 @@ def fit_capsule(
     )
 
 
-def _covariance(jacobian: NDArray[np.float64], misfit: float) -> NDArray[np.float64] | None:
+def _covariance(normal: NDArray[np.float64], misfit: float) -> NDArray[np.float64] | None:
     """(7, 7) of the parameters, None where they are not told."""
     try:
-        return np.asarray(np.linalg.inv(jacobian.T @ jacobian) * max(misfit, 1.0))
+        return np.asarray(np.linalg.inv(normal) * max(misfit, 1.0))
     except np.linalg.LinAlgError:
         return None
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -11,22 +11,32 @@ from numpy.typing import NDArray
 Found = TypeVar("Found")
 
 SAME_COUNT = 0.2
-SEARCHES, PERIOD = 3, 10
+SEARCHES, PERIOD = 3, 30
 
 
 @dataclass(frozen=True, eq=False)
 class RememberedCluster(Generic[Found]):
-    """A cluster, for how many frames it has stayed as it is, and what was found in it."""
+    """A cluster, for how many frames it has stayed as it is, and what was found in it.
+
+    Parameters
+    ----------
+    centre : (3,) m, mean of its points
+    count : of its points
+    frames : for which it has stayed as it is
+    phase : in which of `PERIOD` frames it has its turn, so that not all have it in the same
+    found : what the last search found
+    """
 
     centre: NDArray[np.float64]
     count: int
     frames: int
+    phase: int
     found: Found | None
 
     @property
     def deserves_a_search(self) -> bool:
         """What stays the same is searched now and then only: it costs most of the time."""
-        return self.frames < SEARCHES or self.frames % PERIOD == 0
+        return self.frames < SEARCHES or (self.frames + self.phase) % PERIOD == 0
 
 
 class ClusterMemory(Generic[Found]):
@@ -39,6 +49,7 @@ class ClusterMemory(Generic[Found]):
 
     def __init__(self, stillness: float) -> None:
         self._stillness = stillness
+        self._turn = 0
         self._last: list[RememberedCluster[Found]] = []
         self._next: list[RememberedCluster[Found]] = []
 
@@ -50,12 +61,13 @@ class ClusterMemory(Generic[Found]):
                 abs(count - old.count) < SAME_COUNT * old.count
                 and np.linalg.norm(centre - old.centre) < self._stillness
             ):
-                return RememberedCluster(centre, count, old.frames + 1, old.found)
-        return RememberedCluster(centre, count, 0, None)
+                return RememberedCluster(centre, count, old.frames + 1, old.phase, old.found)
+        self._turn += 1
+        return RememberedCluster(centre, count, 0, self._turn, None)
 
     def keep(self, cluster: RememberedCluster[Found], found: Found | None) -> None:
         """Remember a cluster for the next frame with what was found in it."""
-        self._next.append(RememberedCluster(cluster.centre, cluster.count, cluster.frames, found))
+        self._next.append(replace(cluster, found=found))
 
     def end_frame(self) -> None:
         """Forget clusters that were not kept."""

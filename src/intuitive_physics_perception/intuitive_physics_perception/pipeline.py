@@ -14,6 +14,7 @@ from intuitive_physics.observation import Observation
 from intuitive_physics.scene import SceneObject
 from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import unit_vector
+from intuitive_physics_perception.cluster_memory import SEARCHES
 from intuitive_physics_perception.detected_solid import DetectedSolid
 from intuitive_physics_perception.detection import Detection
 from intuitive_physics_perception.environment_check import EnvironmentCheck
@@ -23,13 +24,17 @@ from intuitive_physics_perception.environment_model import (
     model_environment,
 )
 from intuitive_physics_perception.episodes import EpisodeRecorder
-from intuitive_physics_perception.foreground import ForegroundFinder
+from intuitive_physics_perception.foreground import Clusters, ForegroundFinder
+from intuitive_physics_perception.furniture import Furniture
 from intuitive_physics_perception.objects import all_objects
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.solids import SolidFinder
 from intuitive_physics_perception.spheres import DetectedSphere, SphereFinder
 from intuitive_physics_perception.static_boxes import with_static_boxes
 from intuitive_physics_perception.tracker import Tracker
+
+SEARCHES_IN_FRAME = 1
+"""Clusters that are searched for spheres at random in one frame, which bounds its time."""
 
 
 @dataclass(frozen=True)
@@ -178,8 +183,7 @@ class PerceptionPipeline:
         if self.settings.static_boxes:
             model = with_static_boxes(model, frames, self.settings, self._rng)
         self._scene = _ModelledScene(model, self.settings, self._rng, self._next_track)
-        # What each pixel sees of the planes is found out here, so that no later frame waits.
-        self._scene.foreground.find(points)
+        self._scene.get_used_to(points)
         seconds = {"environment": self._clock() - started}
         return Perceived(
             time, model, is_new_model=True, diagnostics=FrameDiagnostics(seconds=seconds)
@@ -194,11 +198,11 @@ class PerceptionPipeline:
         if moved:
             observations = self.rebuild_environment()
             return replace(self._unused(time, moved), observations=observations, moved=moved)
-        clusters = scene.foreground.find(points)
+        clusters = scene.clusters(points)
         instants.append(self._clock())
-        spheres = scene.spheres.find(points, clusters)
+        spheres = scene.spheres.find(points, clusters, SEARCHES_IN_FRAME)
         instants.append(self._clock())
-        found = all_objects(points, spheres, scene.solids if self.settings.find_solids else None)
+        found = all_objects(points, spheres, scene.solids)
         pose = scene.model.rotation, scene.model.translation
         detections = [detection.moved(*pose) for detection in found]
         instants.append(self._clock())
@@ -259,9 +263,21 @@ class _ModelledScene:
         self.model = model
         self.check = EnvironmentCheck(model, settings)
         self.foreground = ForegroundFinder(model, settings)
+        self.furniture = Furniture(model, settings)
         self.spheres = SphereFinder(model.noise, settings, rng)
-        self.solids = SolidFinder(model, settings, rng)
+        self.solids = SolidFinder(model, settings, rng) if settings.find_solids else None
         self.follow_anew(settings, first_track)
+
+    def clusters(self, points: NDArray[np.float32]) -> Clusters:
+        """What is neither a plane nor a static box, in clusters."""
+        return self.furniture.without(points, self.foreground.find(points))
+
+    def get_used_to(self, points: NDArray[np.float32]) -> None:
+        """Find out what each pixel sees of the planes and what stands about, so that no later
+        frame waits for it."""
+        for _ in range(SEARCHES):
+            spheres = self.spheres.find(points, self.clusters(points))
+            all_objects(points, spheres, self.solids)
 
     def follow_anew(self, settings: PerceptionSettings, first_track: int) -> None:
         """Forget what was followed; the environment stays."""

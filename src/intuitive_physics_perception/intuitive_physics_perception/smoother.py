@@ -15,6 +15,8 @@ from intuitive_physics_perception.attitude import Attitude
 from intuitive_physics_perception.detection import Detection
 from intuitive_physics_perception.motion import Prediction
 
+RIDGE = 1e-12
+
 
 @dataclass(frozen=True, eq=False)
 class FilterStep:
@@ -70,6 +72,6 @@ def smooth(steps: Sequence[FilterStep]) -> SmoothedPath:
 def _divided(left: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return left · covariance⁻¹; metres and metres a second differ by orders, so it is scaled."""
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-30))
-    correlation = covariance / np.outer(scale, scale)
-    solved = np.linalg.lstsq(correlation, (left / scale).T, rcond=1e-12)[0]
-    return np.asarray(solved.T / scale, dtype=np.float64)
+    # A radius that is known exactly makes rows nearly dependent.
+    correlation = covariance / np.outer(scale, scale) + RIDGE * np.eye(len(scale))
+    return np.linalg.solve(correlation, (left / scale).T).T / scale

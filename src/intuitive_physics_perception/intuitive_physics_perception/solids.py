@@ -15,8 +15,8 @@ from intuitive_physics_perception.detected_solid import DetectedSolid
 from intuitive_physics_perception.environment_model import EnvironmentModel
 from intuitive_physics_perception.settings import PerceptionSettings
 
-FITTED_POINTS = 800
-STILLNESS = 0.1
+FITTED_POINTS = 500
+STILLNESS = 0.2
 
 
 class SolidFinder:

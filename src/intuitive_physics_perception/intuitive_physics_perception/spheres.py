@@ -27,6 +27,7 @@ REFINED_HYPOTHESES = 3
 SPHERES_IN_CLUSTER = 3
 INLIER_SIGMAS = 3.0
 STRAY_SIGMAS = 5.0
+ROUGHLY_ON = 0.6
 AROUND = 1.8
 MIN_DENSITY = 0.9
 STILLNESS = 0.2
@@ -101,17 +102,31 @@ class SphereFinder:
         self._deviation = noise.deviation
         self._noise = np.square([noise.constant, noise.quadratic, noise.limit, noise.lateral])
 
-    def find(self, points: NDArray[np.float32], clusters: Clusters) -> list[ClusterSpheres]:
+    def find(
+        self, points: NDArray[np.float32], clusters: Clusters, searches: int | None = None
+    ) -> list[ClusterSpheres]:
         """Return the spheres by cluster of a frame of points (height, width, 3), in the sensor's
-        frame."""
+        frame.
+
+        Parameters
+        ----------
+        searches : clusters, the smallest first, that are searched at random when their outline
+            suggests no sphere; the others wait for the next frame. None searches all
+        """
         found = []
-        for cluster in clusters.indices:
+        left = len(clusters.indices) if searches is None else searches
+        for cluster in reversed(clusters.indices):
             own = points.reshape(-1, 3)[cluster].astype(np.float64)
             known = self._memory.recall(own)
-            inside = self._spheres_in(points, cluster, own, thorough=known.deserves_a_search)
-            if not inside.spheres:
+            if not known.deserves_a_search:
                 self._memory.keep(known, None)
+                found.append(ClusterSpheres(cluster, [], 1.0))
+                continue
+            inside = self._spheres_in(points, cluster, own, thorough=left > 0)
             found.append(inside)
+            if not inside.spheres and left > 0:
+                self._memory.keep(known, None)
+                left -= 1
         self._memory.end_frame()
         return found
 
@@ -196,8 +211,13 @@ class SphereFinder:
         for sphere, score in zip(
             spheres[:REFINED_HYPOTHESES], scores[:REFINED_HYPOTHESES], strict=True
         ):
-            if score > needed:
+            if score > needed and self._explains(scored, sphere):
                 yield sphere
+
+    def _explains(self, points: NDArray[np.float64], sphere: NDArray[np.float64]) -> bool:
+        """Whether most points in a rough sphere's outline are on it: a fit is dear."""
+        on, against, _, _ = inspect_sphere(points, sphere, INLIER_SIGMAS, self._noise)
+        return on > ROUGHLY_ON * (on + against)
 
     def _some(self, points: NDArray[np.float64], count: int) -> NDArray[np.float64]:
         if len(points) <= count:

@@ -12,6 +12,7 @@ from intuitive_physics.scene import Environment, StaticBox
 from intuitive_physics.shapes import Box, Capsule
 from intuitive_physics_perception.depth import points_from_depth
 from intuitive_physics_perception.foreground import ForegroundFinder
+from intuitive_physics_perception.furniture import Furniture
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.solids import SolidFinder
 
@@ -117,3 +118,25 @@ def test_a_static_box_of_the_environment_is_no_object(corner_model, shapes) -> N
         finder = SolidFinder(world, SETTINGS, np.random.default_rng(4))
         found = [solid for solid in finder.find(points, clusters) if solid is not None]
         assert len(found) == count
+
+
+def test_a_crate_is_furniture_and_a_ball_before_it_or_on_it_is_not(corner_model, shapes) -> None:
+    room, rays, model = corner_model
+    place, edges = np.array([1.6, 0.0, 0.1]), (0.3, 0.3, 0.2)
+    turn = Rotation.from_matrix(model.rotation @ room.rotation.T) * Rotation.from_euler("z", 0.5)
+    crate = StaticBox(
+        "crate", "wood", model.to_environment(room.to_camera(place)), turn.as_quat(), edges
+    )
+    known = model.environment
+    furnished = replace(model, environment=Environment(known.planes, [crate], known.gravity))
+    foreground = ForegroundFinder(furnished, SETTINGS)
+    furniture = Furniture(furnished, SETTINGS)
+    box = shapes["box"](place, edges, 0.5)
+    for balls in ([], [((1.25, 0.0, 0.25), 0.05)], [((1.6, 0.0, 0.25), 0.05)]):
+        points = points_from_depth(room.depth(balls, [box]), rays)
+        clusters = furniture.without(points, foreground.find(points))
+        assert len(clusters.indices) == len(balls)
+        if balls:
+            center = room.to_camera(np.array(balls[0][0]))
+            own = points.reshape(-1, 3)[clusters.indices[0]]
+            assert np.linalg.norm(own - center, axis=1).min() < 0.055

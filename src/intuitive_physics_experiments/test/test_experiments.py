@@ -155,6 +155,8 @@ def test_thrown_balls_through_the_whole_pipeline(tmp_path: Path, needs_open3d: N
     # Fitted to what was seen: as good as the truth, up to what the search left; 3 mm is the camera.
     assert by_way["learned"] < 1.2 * by_way["true_parameters"] + 0.003
     assert np.mean([row["default"] for row in rows]) > 2.0 * by_way["learned"]
+    for name in ("seen.png", "errors_by_size.png", "predictions.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
 
 
 def test_dataset_command_writes_what_learn_reads(tmp_path: Path, capsys) -> None:

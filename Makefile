@@ -1,7 +1,8 @@
 # Intuitive Physics. `make` alone lists what there is.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build lint test library-tests system-tests demo bench-simulation bench-prediction clean
+.PHONY: help setup build lint test library-tests system-tests demo bench-simulation \
+	bench-prediction bench-perception clean
 
 # A ROS, or a Python, that the caller's shell has sourced must not mix with ours.
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH
@@ -62,8 +63,13 @@ bench-simulation: setup ## Race our simulators against ODE, PyBullet and MuJoCo;
 	@.venv/bin/python -m benchmarks.simulation $(options)
 
 bench-prediction: setup ## Race the predictor node against its clock; options="--quick"
-	@tools/bench_packages.sh
+	@tools/bench_packages.sh || echo "benchmarks: goes on without ODE"
 	@$(run_environment) .venv/bin/python -m benchmarks.prediction $(options)
+
+bench-perception: setup ## Hold perception against the truth and against others; options="--quick"
+	@.venv/bin/python -m pip --disable-pip-version-check install -qq -r requirements/bench.txt
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 \
+		.venv/bin/python -m benchmarks.perception $(options)
 
 clean: ## Remove the environment and everything built
 	rm -rf .venv build log install demo_output .pytest_cache .mypy_cache .ruff_cache .hypothesis

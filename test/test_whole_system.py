@@ -65,7 +65,7 @@ def test_no_node_of_the_demo_wrote_a_traceback(demo):
 def test_what_was_learned_outlives_the_learner(demo):
     """A learner that is killed and started again publishes what it had learned."""
     folder, _ = demo
-    arguments = ["-p", f"database:={folder / 'learner.sqlite3'}"]
+    arguments = ["-p", f"database:={folder / 'learner.sqlite3'}", "-p", "online:=false"]
     versions = []
     for number in (signal.SIGKILL, signal.SIGINT):
         learner = NodeProcess(module("learner_node"), arguments)

@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# Brings ODE, the engine that `make bench-simulation` compares with; nothing else needs it.
+# Brings ODE, the engine that the benchmarks compare with; nothing else needs it.
 set -euo pipefail
 package=libode-dev
 
 installed() { printf '#include <ode/ode.h>\n' | g++ -E -x c++ - > /dev/null 2>&1; }
 
 fail() {
-    printf 'bench-simulation: %s\n' "$@" >&2
+    printf 'benchmarks: %s\n' "$@" >&2
     exit 1
 }
 
@@ -21,7 +21,7 @@ if [ "$(id -u)" -ne 0 ]; then
         "  sudo apt-get update && sudo apt-get install -y --no-install-recommends $package"
     root=(sudo -n)
 fi
-echo "bench-simulation: installing the system package $package"
+echo "benchmarks: installing the system package $package"
 "${root[@]}" apt-get update -qq
 "${root[@]}" env DEBIAN_FRONTEND=noninteractive \
     apt-get install -y -qq --no-install-recommends "$package" > /dev/null

@@ -6,6 +6,7 @@ setup(
     name=package_name,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
+    package_data={package_name: ["message_definitions/*.msg"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
@@ -26,6 +27,7 @@ setup(
         "matplotlib",
         "numpy>=1.26",
         "plotly",
+        "pyyaml",
         "rosbags",
         "scipy",
     ],

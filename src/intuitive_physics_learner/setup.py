@@ -15,7 +15,10 @@ setup(
     },
     python_requires=">=3.10",
     install_requires=["setuptools", "intuitive_physics", "numpy>=1.26", "cma"],
-    extras_require={"test": ["pytest", "hypothesis", "pyyaml"]},
+    extras_require={
+        "cluster": ["distributed"],
+        "test": ["pytest", "hypothesis", "pyyaml", "distributed", "pybullet"],
+    },
     zip_safe=False,
     maintainer="Intuitive Physics maintainers",
     maintainer_email="maintainers@intuitive-physics.example",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -63,8 +63,9 @@ DEFAULT_BOUNDS: dict[str, Bounds] = {
 class ParameterSpace:
     """Maps points of the unit cube, shape (|θ_s|,), to θ_s and back.
 
-    Every point of the cube is a valid θ_s: dynamic friction is laid out between its lower bound
-    and the smaller of its upper bound and the pair's static friction, so μ_d ≤ μ_s always.
+    Every point of the cube is a valid θ_s: static friction is laid out between the larger of its
+    lower bound and the pair's dynamic friction and its upper bound, so μ_d ≤ μ_s always. (Not the
+    other way round: motion tells of dynamic friction far more, so that has an axis of its own.)
 
     Parameters
     ----------
@@ -104,17 +105,22 @@ class ParameterSpace:
         """Name of each axis of the cube."""
         return parameter_names(self.materials)
 
+    @property
+    def _dynamic_bounds(self) -> Bounds:
+        dynamic, static = self.bounds["dynamic_friction"], self.bounds["static_friction"]
+        return replace(dynamic, upper=min(dynamic.upper, static.upper))
+
     def to_parameters(self, unit: ArrayLike) -> StaticParameters:
         """Map a point of the unit cube, shape (|θ_s|,), to θ_s; what lies outside is clipped."""
         point = np.clip(finite_array(unit, "point of the unit cube", (self.size,)), 0.0, 1.0)
         m = len(self.materials)
         density = _stretch(point[:m], self.bounds["density"])
         by_pair = point[m:].reshape(pair_count(m), len(PAIR_COEFFICIENTS))
-        static = _stretch(by_pair[:, 0], self.bounds["static_friction"])
+        dynamic = _stretch(by_pair[:, 1], self._dynamic_bounds)
         values = np.stack(
             [
-                static,
-                _stretch(by_pair[:, 1], self.bounds["dynamic_friction"], upper=static),
+                _stretch(by_pair[:, 0], self.bounds["static_friction"], lower=dynamic),
+                dynamic,
                 _stretch(by_pair[:, 2], self.bounds["rolling_friction"]),
                 _stretch(by_pair[:, 3], self.bounds["restitution"]),
             ]
@@ -134,8 +140,8 @@ class ParameterSpace:
         static, dynamic, rolling, restitution = parameters.coefficients[:, rows, columns]
         by_pair = np.stack(
             [
-                _shrink(static, self.bounds["static_friction"]),
-                _shrink(dynamic, self.bounds["dynamic_friction"], upper=static),
+                _shrink(static, self.bounds["static_friction"], lower=dynamic),
+                _shrink(dynamic, self._dynamic_bounds),
                 _shrink(rolling, self.bounds["rolling_friction"]),
                 _shrink(restitution, self.bounds["restitution"]),
             ],
@@ -158,29 +164,29 @@ def _reordered(parameters: StaticParameters, materials: Sequence[str]) -> Static
     )
 
 
-def _limits(bounds: Bounds, upper: NDArray[np.float64] | None) -> tuple[float, NDArray[np.float64]]:
-    top = np.asarray(bounds.upper) if upper is None else np.minimum(bounds.upper, upper)
-    return bounds.lower, top
+def _limits(bounds: Bounds, lower: NDArray[np.float64] | None) -> tuple[NDArray[np.float64], float]:
+    low = np.asarray(bounds.lower) if lower is None else np.clip(lower, bounds.lower, bounds.upper)
+    return low, bounds.upper
 
 
 def _stretch(
-    unit: NDArray[np.float64], bounds: Bounds, upper: NDArray[np.float64] | None = None
+    unit: NDArray[np.float64], bounds: Bounds, lower: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    low, top = _limits(bounds, upper)
+    low, top = _limits(bounds, lower)
     if bounds.scale == "logarithmic":
         return np.clip(low * (top / low) ** unit, low, top)
     return np.clip(low + unit * (top - low), low, top)
 
 
 def _shrink(
-    value: NDArray[np.float64], bounds: Bounds, upper: NDArray[np.float64] | None = None
+    value: NDArray[np.float64], bounds: Bounds, lower: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    low, top = _limits(bounds, upper)
+    low, top = _limits(bounds, lower)
     if bounds.scale == "logarithmic":
-        span = np.log(np.maximum(top, low) / low)
+        span = np.log(top / low)
         part = np.log(np.maximum(value, low) / low)
     else:
-        span = np.broadcast_to(top - low, value.shape)
+        span = top - low
         part = value - low
     span = np.broadcast_to(span, value.shape)
     unit = np.divide(part, span, out=np.zeros_like(value), where=span > 0.0)

@@ -71,6 +71,22 @@ class Plane:
         """Distance of points (..., 3) from the infinite plane, positive on the normal's side."""
         return np.asarray(points, dtype=np.float64) @ self.normal - self.offset
 
+    def covers(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Whether points (..., 3), dropped onto the plane, lie within its boundary, if it has one.
+
+        Returns
+        -------
+        array
+            (...) of bool
+        """
+        places = np.asarray(points, dtype=np.float64)
+        if self.boundary is None:
+            return np.ones(places.shape[:-1], dtype=bool)
+        sides = np.roll(self.boundary, -1, axis=0) - self.boundary
+        outward = np.cross(sides, self.normal)
+        bounds = (outward * self.boundary).sum(axis=1)
+        return np.asarray((places @ outward.T <= bounds).all(axis=-1))
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data that `Environment.from_dict` reads back."""
         return {

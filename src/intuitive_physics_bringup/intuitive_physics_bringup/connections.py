@@ -23,6 +23,7 @@ CAMERA_TOPICS: dict[str, str] = {
     "~/depth/image": "/camera/depth/image_rect_raw",
     "~/depth/camera_info": "/camera/depth/camera_info",
     "~/points": "/camera/depth/color/points",
+    "~/imu": "/camera/imu",
 }
 """Topics of the perception node's inputs; these are what common depth cameras publish."""
 

@@ -18,6 +18,7 @@ ARGUMENTS = {
     "depth_image": (CAMERA_TOPICS["~/depth/image"], "topic of the depth images"),
     "camera_info": (CAMERA_TOPICS["~/depth/camera_info"], "topic of their camera's intrinsics"),
     "points": (CAMERA_TOPICS["~/points"], "topic of point clouds, where there are no images"),
+    "imu": (CAMERA_TOPICS["~/imu"], "topic of an IMU, heard with gravity_source: imu only"),
     "bag": ("", "bag to replay; empty: none"),
     "rate": ("1.0", "bag seconds in one real second"),
     "loop": ("false", "replay the bag again and again"),
@@ -36,6 +37,7 @@ def generate_launch_description() -> LaunchDescription:
         ("~/depth/image", given["depth_image"]),
         ("~/depth/camera_info", given["camera_info"]),
         ("~/points", given["points"]),
+        ("~/imu", given["imu"]),
     ]
     nodes = [
         Node(

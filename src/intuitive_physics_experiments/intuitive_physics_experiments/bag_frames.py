@@ -11,14 +11,8 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_experiments.bag_reader import BagReader
-from intuitive_physics_perception.depth import (
-    IMAGE_TYPES,
-    Field,
-    Intrinsics,
-    depth_from_image_data,
-    points_from_cloud_data,
-    points_from_depth,
-)
+from intuitive_physics_perception.depth import IMAGE_TYPES
+from intuitive_physics_perception.frame_decoder import FrameDecoder
 
 IMAGE, CAMERA_INFO, CLOUD = (
     f"sensor_msgs/msg/{name}" for name in ("Image", "CameraInfo", "PointCloud2")
@@ -84,30 +78,22 @@ def read_frames(bag: BagReader, source: FrameSource) -> Iterator[tuple[float, ND
     InvalidInputError
         When a message is not what its type says, or an image comes before its camera info.
     """
+    decoder = FrameDecoder()
     if not source.camera_info_topic:
         for message in bag.messages([source.topic]):
             cloud = bag.decode(message)
-            yield _stamp(cloud), _cloud_points(cloud)
+            yield _stamp(cloud), decoder.cloud_points(cloud)
         return
-    rays = None
-    for message in bag.messages([source.camera_info_topic]):
-        rays = _intrinsics(bag.decode(message)).rays()
-        break
-    if rays is None:
+    infos = bag.messages([source.camera_info_topic])
+    first = next(infos, None)
+    if first is None:
         raise InvalidInputError(
             f"{source.camera_info_topic} has no message; expected the camera of {source.topic}"
         )
+    decoder.take_camera(bag.decode(first))
     for message in bag.messages([source.topic]):
         image = bag.decode(message)
-        depth = depth_from_image_data(
-            image.data,
-            width=image.width,
-            height=image.height,
-            encoding=image.encoding,
-            step=image.step,
-            is_bigendian=bool(image.is_bigendian),
-        )
-        yield _stamp(image), points_from_depth(depth, rays)
+        yield _stamp(image), decoder.image_points(image)
 
 
 def _is_depth(bag: BagReader, topic: str) -> bool:
@@ -123,22 +109,6 @@ def _camera_info_beside(topic: str, infos: list[str]) -> str | None:
 
 def _namespace(topic: str) -> str:
     return topic.rpartition("/")[0]
-
-
-def _intrinsics(info: Any) -> Intrinsics:
-    return Intrinsics(info.width, info.height, info.k, info.d, info.distortion_model)
-
-
-def _cloud_points(cloud: Any) -> NDArray[np.float32]:
-    return points_from_cloud_data(
-        cloud.data,
-        width=cloud.width,
-        height=cloud.height,
-        point_step=cloud.point_step,
-        row_step=cloud.row_step,
-        fields=[Field(f.name, f.offset, f.datatype, f.count) for f in cloud.fields],
-        is_bigendian=bool(cloud.is_bigendian),
-    )
 
 
 def _stamp(message: Any) -> float:

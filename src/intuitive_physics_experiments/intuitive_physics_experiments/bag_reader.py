@@ -12,6 +12,7 @@ from typing import Any
 from rosbags.interfaces import ConnectionExtRosbag2, QosDurability
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 
@@ -60,6 +61,7 @@ class BagReader:
     Parameters
     ----------
     path : a bag's folder, or one .mcap or .db3 file
+    typestore : message types that can be decoded; None: ROS 2 Jazzy's own
 
     Raises
     ------
@@ -67,13 +69,13 @@ class BagReader:
         When there is no bag, or it was cut short or damaged.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, typestore: Typestore | None = None) -> None:
         self.path = Path(path)
         _check_is_bag(self.path)
         with self._readable():
             self._reader = Reader(str(self.path))
             self._reader.open()
-        self._typestore = get_typestore(Stores.ROS2_JAZZY)
+        self._typestore = typestore or get_typestore(Stores.ROS2_JAZZY)
 
     def __enter__(self) -> BagReader:
         return self

@@ -12,6 +12,8 @@ from intuitive_physics_experiments.commands import (
     calibrate_command,
     evaluate_command,
     experiment_command,
+    export_command,
+    import_command,
     learn_command,
     perceive_command,
     predict_command,
@@ -61,6 +63,8 @@ def _parser() -> argparse.ArgumentParser:
         predict_command,
         evaluate_command,
         calibrate_command,
+        import_command,
+        export_command,
         experiment_command,
         report_command,
     ):

@@ -1,11 +1,12 @@
-"""Ideal depth images of a ball in front of a static background.
+"""Ideal depth images of balls in front of a static background.
 
 The background is ray-cast once by Open3D's RaycastingScene; of every frame only the rectangle
-around the ball is cast again, against the exact sphere.
+around the balls is cast again, against the exact spheres.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import ModuleType
 
@@ -13,10 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
+from intuitive_physics.polygons import clip_polygon, plane_square
+from intuitive_physics.rotation import rotation_matrix
 from intuitive_physics.scene import Environment
 from intuitive_physics.validation import finite_array
 from intuitive_physics_experiments.camera import Camera
-from intuitive_physics_experiments.polygons import clip_polygon, plane_square
 
 PLANE_EXTENT = 4.0
 """m that a plane without boundary reaches to each side of the point nearest the origin."""
@@ -38,7 +40,7 @@ class DepthImage:
 
 @dataclass(frozen=True)
 class ImageRegion:
-    """Rows and columns of an image that a ball may cover."""
+    """Rows and columns of an image that balls may cover."""
 
     rows: slice
     columns: slice
@@ -49,13 +51,30 @@ class ImageRegion:
         return self.rows.start >= self.rows.stop or self.columns.start >= self.columns.stop
 
 
+@dataclass(frozen=True, eq=False)
+class RenderedBalls:
+    """The part of an image that balls may cover.
+
+    Parameters
+    ----------
+    image : what is seen there
+    region : where that is
+    owner : (height, width) of the region; number of the ball a pixel sees, -1 for none
+    """
+
+    image: DepthImage
+    region: ImageRegion
+    owner: NDArray[np.int16]
+
+
 class DepthRenderer:
-    """Renders a ball among the planes of an environment.
+    """Renders balls in an environment.
 
     Parameters
     ----------
     camera : where it is seen from
-    environment : its planes; each reaches `PLANE_EXTENT` and ends where another plane cuts it off
+    environment : its planes and boxes; a plane reaches `PLANE_EXTENT` and ends where another cuts
+        it off
     """
 
     def __init__(self, camera: Camera, environment: Environment) -> None:
@@ -76,19 +95,41 @@ class DepthRenderer:
         InvalidInputError
             When the ball reaches behind the camera's image plane.
         """
-        optical = self.camera.to_optical(finite_array(center, "ball center", (3,)))
-        region = self._ball_region(optical, radius)
+        rendered = self.render_balls([center], [radius])
+        return rendered.image, rendered.region
+
+    def render_balls(self, centers: Sequence[ArrayLike], radii: Sequence[float]) -> RenderedBalls:
+        """Return the rectangle of the image that covers all of some balls.
+
+        Parameters
+        ----------
+        centers : of each ball (3,) m, in the world
+        radii : m
+
+        Raises
+        ------
+        InvalidInputError
+            When a ball reaches behind the camera's image plane.
+        """
+        optical = [self.camera.to_optical(finite_array(c, "ball center", (3,))) for c in centers]
+        own = [self._ball_region(c, radius) for c, radius in zip(optical, radii, strict=True)]
+        region = _union([part for part in own if not part.empty])
         crop = (region.rows, region.columns)
-        depth, cosine = (
-            self.background.depth[crop].copy(),
-            self.background.incidence_cosine[crop].copy(),
-        )
-        if not region.empty:
-            ball_depth, ball_cosine = _cast_sphere(self._rays[crop], optical, radius)
-            nearer = (ball_depth > 0.0) & ((depth == 0.0) | (ball_depth < depth))
-            depth[nearer] = ball_depth[nearer]
-            cosine[nearer] = ball_cosine[nearer]
-        return DepthImage(depth, cosine), region
+        depth = self.background.depth[crop].copy()
+        cosine = self.background.incidence_cosine[crop].copy()
+        owner = np.full(depth.shape, -1, dtype=np.int16)
+        for k, (center, radius, part) in enumerate(zip(optical, radii, own, strict=True)):
+            if part.empty:
+                continue
+            inside = _relative(part, region)
+            ball_depth, ball_cosine = _cast_sphere(
+                self._rays[part.rows, part.columns], center, radius
+            )
+            nearer = (ball_depth > 0.0) & ((depth[inside] == 0.0) | (ball_depth < depth[inside]))
+            depth[inside][nearer] = ball_depth[nearer]
+            cosine[inside][nearer] = ball_cosine[nearer]
+            owner[inside][nearer] = k
+        return RenderedBalls(DepthImage(depth, cosine), region, owner)
 
     def full_image(self, center: ArrayLike, radius: float) -> DepthImage:
         """Return the whole image with a ball in it."""
@@ -110,6 +151,28 @@ class DepthRenderer:
         return ImageRegion(
             slice(*np.clip(rows, 0, camera.height)), slice(*np.clip(columns, 0, camera.width))
         )
+
+
+def _union(regions: Sequence[ImageRegion]) -> ImageRegion:
+    """Return the smallest region that holds all others, an empty one for none."""
+    if not regions:
+        return ImageRegion(slice(0, 0), slice(0, 0))
+    rows, columns = [part.rows for part in regions], [part.columns for part in regions]
+    return ImageRegion(
+        *(
+            slice(min(part.start for part in parts), max(part.stop for part in parts))
+            for parts in (rows, columns)
+        )
+    )
+
+
+def _relative(part: ImageRegion, whole: ImageRegion) -> tuple[slice, slice]:
+    """Return where a region lies in another that holds it."""
+    top, left = whole.rows.start, whole.columns.start
+    return (
+        slice(part.rows.start - top, part.rows.stop - top),
+        slice(part.columns.start - left, part.columns.stop - left),
+    )
 
 
 def _tangent_bounds(
@@ -142,7 +205,7 @@ def _cast_background(
 ) -> DepthImage:
     open3d = _open3d()
     scene = open3d.t.geometry.RaycastingScene()
-    for vertices, triangles in _plane_meshes(environment):
+    for vertices, triangles in (*_plane_meshes(environment), *_box_meshes(environment)):
         scene.add_triangles(
             open3d.core.Tensor(vertices.astype(np.float32)),
             open3d.core.Tensor(triangles.astype(np.uint32)),
@@ -172,6 +235,20 @@ def _plane_meshes(environment: Environment) -> list[tuple[NDArray, NDArray]]:
             fan = [(0, i, i + 1) for i in range(1, len(corners) - 1)]
             meshes.append((np.asarray(corners), np.array(fan)))
     return meshes
+
+
+def _box_meshes(environment: Environment) -> list[tuple[NDArray, NDArray]]:
+    # Corner k has the sign of bit b of k along axis b; each face is two triangles.
+    signs = np.array([[1.0 if k >> b & 1 else -1.0 for b in range(3)] for k in range(8)])
+    faces = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
+    triangles = np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))])
+    return [
+        (
+            box.center + 0.5 * signs * box.edge_lengths @ rotation_matrix(box.orientation).T,
+            triangles,
+        )
+        for box in environment.boxes
+    ]
 
 
 def _open3d() -> ModuleType:

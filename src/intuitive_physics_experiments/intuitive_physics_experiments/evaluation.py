@@ -16,12 +16,12 @@ from intuitive_physics.observation import Observation
 from intuitive_physics.simulation import pack_worlds
 from intuitive_physics_experiments.experiment_engines import make_experiment_simulator
 from intuitive_physics_experiments.free_flight import free_flight
+from intuitive_physics_learner.convergence import SearchProgress
 from intuitive_physics_learner.learning_session import (
     LearningOptions,
     LearningResult,
     learn,
 )
-from intuitive_physics_learner.search import SearchProgress
 
 Seen = TypeVar("Seen")
 

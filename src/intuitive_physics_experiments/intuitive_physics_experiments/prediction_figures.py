@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.polygons import clip_polygon, plane_square
 from intuitive_physics.scene import Environment
 from intuitive_physics_experiments.demo_result import PredictionOutcome
 from intuitive_physics_experiments.figure_style import (
@@ -16,7 +17,6 @@ from intuitive_physics_experiments.figure_style import (
     PREDICTED,
     TRUE,
 )
-from intuitive_physics_experiments.polygons import clip_polygon, plane_square
 
 MOST_SAMPLES_DRAWN = 60
 

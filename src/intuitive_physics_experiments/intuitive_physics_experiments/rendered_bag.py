@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.validation import positive_float
@@ -78,9 +79,6 @@ def render_bag(
     InvalidInputError
         When the folder exists or cannot be written.
     """
-    target = Path(path)
-    if target.exists():
-        raise InvalidInputError(f"{target} exists already; expected a new folder for the bag")
     throw_rng, noise_rng = map(
         np.random.default_rng, np.random.SeedSequence(settings.seed).spawn(2)
     )
@@ -98,6 +96,35 @@ def render_bag(
     truth = GroundTruth(
         asdict(settings), START_TIME, camera, environment, parameters, tuple(throws)
     )
+    render_truth(path, truth, settings, noise_rng, report_progress)
+    return truth
+
+
+def render_truth(
+    path: str | os.PathLike[str],
+    truth: GroundTruth,
+    settings: RenderSettings,
+    rng: np.random.Generator,
+    report_progress: Callable[[int, int], None] = lambda done, total: None,
+) -> None:
+    """Render what is known to happen, any number of balls at once, as a bag.
+
+    Parameters
+    ----------
+    path : folder to make; it must not exist
+    truth : camera, environment and throws
+    settings : frame rate, pause after the last throw, and the camera's faults
+    rng : where the noise comes from
+    report_progress : called with the frames done and the frames in all
+
+    Raises
+    ------
+    InvalidInputError
+        When the folder exists or cannot be written.
+    """
+    target = Path(path)
+    if target.exists():
+        raise InvalidInputError(f"{target} exists already; expected a new folder for the bag")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         partial = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
@@ -105,14 +132,13 @@ def render_bag(
         raise InvalidInputError(f"cannot write {target}: {error.strerror}") from None
     try:
         bag = partial / target.name
-        _write_frames(bag, truth, settings, noise_rng, report_progress)
+        _write_frames(bag, truth, settings, rng, report_progress)
         truth.save(bag)
         bag.rename(target)
     except OSError as error:
         raise InvalidInputError(f"cannot write {target}: {error.strerror}") from None
     finally:
         shutil.rmtree(partial, ignore_errors=True)
-    return truth
 
 
 def reuse_or_render_bag(
@@ -152,23 +178,22 @@ def _write_frames(
     camera: Camera = truth.camera
     renderer = DepthRenderer(camera, truth.environment)
     sensor = NoisyDepthCamera(renderer.background, camera.focal_length, settings.noise, rng)
-    end = truth.throws[-1].end_time + settings.pause
+    end = max(throw.end_time for throw in truth.throws) + settings.pause
     frames = int(np.floor(end * settings.frame_rate)) + 1
     with DepthBagWriter(bag, camera) as writer:
         for frame in range(frames):
             time = frame / settings.frame_rate
-            throw = _throw_at(truth.throws, time)
-            if throw is None:
-                image = sensor.read()
-            else:
-                center = throw.positions_at(np.array([time]))[0]
-                image = sensor.read(*renderer.render(center, throw.radius))
+            centers, radii = balls_at(truth.throws, time)
+            rendered = renderer.render_balls(centers, radii)
+            image = sensor.read(rendered.image, rendered.region)
             writer.write(truth.start_time + round(time * 1e9), image)
             report_progress(frame + 1, frames)
 
 
-def _throw_at(throws: tuple[Throw, ...], time: float) -> Throw | None:
-    for throw in throws:
-        if throw.start_time <= time <= throw.end_time:
-            return throw
-    return None
+def balls_at(throws: Sequence[Throw], time: float) -> tuple[list[NDArray[np.float64]], list[float]]:
+    """Return centres, each (3,) m in the world, and radii of the balls there are at a time, s."""
+    there = [throw for throw in throws if throw.start_time <= time <= throw.end_time]
+    return (
+        [throw.positions_at(np.array([time]))[0] for throw in there],
+        [throw.radius for throw in there],
+    )

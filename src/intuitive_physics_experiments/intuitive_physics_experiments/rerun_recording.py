@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.observation import Observation
+from intuitive_physics.polygons import plane_square
 from intuitive_physics.scene import Environment
-from intuitive_physics_experiments.polygons import plane_square
 from intuitive_physics_experiments.prediction_case import PredictionCase
 from intuitive_physics_perception.pipeline import Perceived
 

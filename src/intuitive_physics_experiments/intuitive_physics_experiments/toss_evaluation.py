@@ -17,8 +17,9 @@ from intuitive_physics_experiments.evaluation import split
 from intuitive_physics_experiments.experiment_engines import make_experiment_simulator
 from intuitive_physics_experiments.toss_errors import TossBatch, TossErrors
 from intuitive_physics_experiments.tumbling_flight import tumbling_flight
+from intuitive_physics_learner.convergence import SearchProgress, SearchResult
 from intuitive_physics_learner.learning_session import LearningOptions
-from intuitive_physics_learner.search import ParameterSearch, SearchProgress, SearchResult
+from intuitive_physics_learner.search import ParameterSearch
 from intuitive_physics_learner.update_rules import make_update_rule
 
 DEFAULT_FRICTION, DEFAULT_RESTITUTION = 0.4, 0.5

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.scene import Environment, StaticBox
 from intuitive_physics_experiments.corner_room import corner_environment
 from intuitive_physics_experiments.depth_renderer import DepthRenderer
 
@@ -79,3 +81,39 @@ def test_a_ball_outside_the_view_leaves_the_background(renderer: DepthRenderer) 
 def test_a_ball_behind_the_camera_is_refused(renderer: DepthRenderer) -> None:
     with pytest.raises(InvalidInputError, match="before the camera"):
         renderer.render((-2.0, -2.0, 2.0), 0.07)
+
+
+def test_a_ball_before_another_hides_it(renderer: DepthRenderer) -> None:
+    camera = renderer.camera
+    ahead, sideways = camera.rotation[:, 2], camera.rotation[:, 0]
+    near, far = camera.position + 1.0 * ahead, camera.position + 1.4 * ahead
+    aside = camera.position + 1.2 * ahead + 0.4 * sideways
+    radii = [0.05, 0.07, 0.03]
+    rendered = renderer.render_balls([near, far, aside], radii)
+    counts = [int((rendered.owner == k).sum()) for k in range(3)]
+    alone = [
+        int((renderer.render_balls([center], [radius]).owner == 0).sum())
+        for center, radius in zip([near, far, aside], radii, strict=True)
+    ]
+    # The disc of radius f r / z: 5 cm at 1 m and 7 cm at 1.4 m look alike.
+    assert counts[0] == alone[0]
+    assert counts[1] < 0.1 * alone[1]
+    assert counts[2] == alone[2] > 0
+    nothing = renderer.render_balls([], [])
+    assert nothing.region.empty
+
+
+def test_a_static_box_is_part_of_the_background(renderer: DepthRenderer) -> None:
+    camera = renderer.camera
+    planes = corner_environment().planes
+    # Its front face is square to the optical axis, 1 m ahead.
+    orientation = Rotation.from_matrix(camera.rotation).as_quat()
+    center = camera.position + 1.1 * camera.rotation[:, 2]
+    box = StaticBox("box", "wood", center, orientation, (0.3, 0.4, 0.2))
+    depth = DepthRenderer(camera, Environment(planes, [box])).background.depth
+    front = np.abs(depth - 1.0) < 1e-5
+    # f times 0.3 m and 0.4 m, at 1 m.
+    rows, columns = np.flatnonzero(front.any(axis=1)), np.flatnonzero(front.any(axis=0))
+    assert np.ptp(columns) + 1 == pytest.approx(0.3 * camera.focal_length, abs=1.1)
+    assert np.ptp(rows) + 1 == pytest.approx(0.4 * camera.focal_length, abs=1.1)
+    assert front.sum() == pytest.approx((np.ptp(rows) + 1) * (np.ptp(columns) + 1), rel=0.01)

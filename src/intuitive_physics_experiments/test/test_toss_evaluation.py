@@ -17,8 +17,8 @@ from intuitive_physics_experiments.toss_evaluation import (
     toss_cost,
 )
 from intuitive_physics_experiments.toss_table import toss_table
+from intuitive_physics_learner.convergence import ConvergenceCriteria
 from intuitive_physics_learner.learning_session import LearningOptions
-from intuitive_physics_learner.search import ConvergenceCriteria
 
 TossArrays = Callable[..., dict[str, Any]]
 OPTIONS = LearningOptions(criteria=ConvergenceCriteria(max_iterations=80), seed=2)

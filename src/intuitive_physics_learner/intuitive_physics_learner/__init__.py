@@ -1,7 +1,13 @@
 """Learning θ_s from observations: cost J, update rules, search, what the data can tell, storage."""
 
 from intuitive_physics_learner.active_parameters import ActiveSpace, active_parameters
-from intuitive_physics_learner.cost import TrajectoryCost
+from intuitive_physics_learner.convergence import (
+    ConvergenceCriteria,
+    SearchProgress,
+    SearchResult,
+    StopReason,
+)
+from intuitive_physics_learner.cost import Cost, TrajectoryCost
 from intuitive_physics_learner.errors import (
     LearningCancelledError,
     MissingDependencyError,
@@ -14,22 +20,21 @@ from intuitive_physics_learner.learning_session import (
     LearningOptions,
     LearningResult,
     learn,
-    learn_from_store,
 )
-from intuitive_physics_learner.observation_store import ObservationStore
-from intuitive_physics_learner.search import (
-    ConvergenceCriteria,
-    ParameterSearch,
-    SearchProgress,
-    SearchResult,
-    StopReason,
-)
+from intuitive_physics_learner.methods import JOINT_METHOD, METHODS
+from intuitive_physics_learner.search import ParameterSearch
+from intuitive_physics_learner.store import ObservationStore
+from intuitive_physics_learner.stored_learning import learn_from_store
+from intuitive_physics_learner.trials import Trials
 from intuitive_physics_learner.update_rules import UPDATE_RULES, UpdateRule, make_update_rule
 
 __all__ = [
+    "JOINT_METHOD",
+    "METHODS",
     "UPDATE_RULES",
     "ActiveSpace",
     "ConvergenceCriteria",
+    "Cost",
     "Identifiability",
     "LearningCancelledError",
     "LearningOptions",
@@ -43,6 +48,7 @@ __all__ = [
     "StopReason",
     "StorageError",
     "TrajectoryCost",
+    "Trials",
     "UnknownMethodError",
     "UpdateRule",
     "active_parameters",

@@ -17,28 +17,38 @@ from intuitive_physics.observation import Observation
 from intuitive_physics.parameter_space import ParameterSpace
 
 
-def active_parameters(
+def parameter_influence(
     observations: Sequence[Observation], materials: Sequence[str]
 ) -> NDArray[np.bool_]:
-    """Whether J can depend on each parameter, shape (|θ_s|,), in the order of `parameter_names`.
+    """Whether each observation can depend on each parameter, shape (n_observations, |θ_s|).
 
     A pair can matter where an object of one material is in a scene with an object or a static part
     of the other. A density can matter where an object is not alone: that of a lone object cancels
-    from its equation of motion, as static parts do not move.
+    from its equation of motion, as static parts do not move. (Air acts on a lone object as well,
+    the more the lighter it is.)
+
+    The parameters are in the order of `parameter_names`.
     """
-    meeting: set[frozenset[str]] = set()
-    together: set[str] = set()
-    for seen in observations:
-        own = [thing.object.material for thing in seen.objects]
-        for i, material in enumerate(own):
-            others = own[:i] + own[i + 1 :]
-            meeting |= {frozenset((material, other)) for other in others}
-            meeting |= {frozenset((material, other)) for other in seen.environment.materials}
-        if len(own) > 1:
-            together |= set(own)
-    pairs = [frozenset(pair) in meeting for pair in material_pairs(materials)]
-    densities = [name in together for name in materials]
-    return np.array([*densities, *np.repeat(pairs, len(PAIR_COEFFICIENTS))], dtype=bool)
+    place = {frozenset(pair): k for k, pair in enumerate(material_pairs(materials))}
+    index = {name: i for i, name in enumerate(materials)}
+    pairs = np.zeros((len(observations), len(place)), dtype=bool)
+    densities = np.zeros((len(observations), len(materials)), dtype=bool)
+    for row, seen in enumerate(observations):
+        things = [observed.object for observed in seen.objects]
+        for i, thing in enumerate(things):
+            near = [other.material for other in things[:i] + things[i + 1 :]]
+            for material in (*near, *seen.environment.materials):
+                pairs[row, place[frozenset((thing.material, material))]] = True
+            in_air = thing.drag_coefficient > 0.0 or thing.magnus_coefficient > 0.0
+            densities[row, index[thing.material]] |= bool(near) or in_air
+    return np.hstack([densities, np.repeat(pairs, len(PAIR_COEFFICIENTS), axis=1)])
+
+
+def active_parameters(
+    observations: Sequence[Observation], materials: Sequence[str]
+) -> NDArray[np.bool_]:
+    """Whether J can depend on each parameter, shape (|θ_s|,), as `parameter_influence`."""
+    return parameter_influence(observations, materials).any(axis=0)
 
 
 class ActiveSpace:
@@ -62,6 +72,11 @@ class ActiveSpace:
     def size(self) -> int:
         """Number of active parameters."""
         return int(self._active.sum())
+
+    @property
+    def names(self) -> list[str]:
+        """Name of each axis, as `parameter_names`."""
+        return [n for n, active in zip(self._space.names, self._active, strict=True) if active]
 
     def to_parameters(self, unit: ArrayLike) -> StaticParameters:
         """Map a point of the cube, shape (size,), to θ_s."""

@@ -1,6 +1,11 @@
 """What can go wrong in learning, beyond the errors of the core library."""
 
-from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError, UnknownNameError
+from intuitive_physics.errors import (
+    IntuitivePhysicsError,
+    InvalidInputError,
+    UnknownNameError,
+    UnsupportedSceneError,
+)
 
 
 class NoObservationsError(InvalidInputError):
@@ -21,3 +26,11 @@ class StorageError(IntuitivePhysicsError):
 
 class LearningCancelledError(IntuitivePhysicsError):
     """Learning was told to stop before its end; nothing was stored."""
+
+
+class IncompatibleEnvironmentError(UnsupportedSceneError):
+    """The simulator cannot express the environment in which an observation was made."""
+
+
+class ClusterError(IntuitivePhysicsError):
+    """The processes or machines that evaluate J cannot be reached, or failed."""

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace
-from intuitive_physics_learner.cost import FAILED_DISTANCE, TrajectoryCost
+from intuitive_physics_learner.cost import FAILED_DISTANCE, Cost
 from intuitive_physics_learner.errors import LearningCancelledError
 from intuitive_physics_learner.parameter_axes import ParameterAxes
 from intuitive_physics_learner.search import LARGEST_BATCH
@@ -74,7 +74,7 @@ class Identifiability:
 
 
 def identify(
-    cost: TrajectoryCost,
+    cost: Cost,
     space: ParameterSpace,
     parameters: StaticParameters,
     active: NDArray[np.bool_] | None = None,
@@ -160,7 +160,7 @@ def _autocorrelation_time(parts: list[NDArray[np.float64]]) -> float:
 
 
 def _cost_changes(
-    cost: TrajectoryCost,
+    cost: Cost,
     axes: ParameterAxes,
     chosen: NDArray[np.int64],
     parameters: StaticParameters,
@@ -181,7 +181,7 @@ def _cost_changes(
 
 
 def _jacobian(
-    cost: TrajectoryCost,
+    cost: Cost,
     axes: ParameterAxes,
     chosen: NDArray[np.int64],
     cancelled: Callable[[], bool] | None,

@@ -2,62 +2,45 @@
 
 from __future__ import annotations
 
-from array import array
+import os
 from collections.abc import Sequence
-from contextlib import suppress
-from typing import Any
 
-from intuitive_physics_msgs.action import LearnParameters
-from intuitive_physics_msgs.msg import LearningOptions as LearningOptionsMessage
 from intuitive_physics_msgs.msg import Observation as ObservationMessage
-from intuitive_physics_msgs.msg import ParameterBounds, ResultCode
+from intuitive_physics_msgs.msg import ResultCode
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
-from intuitive_physics_msgs.srv import (
-    AddObservation,
-    GetStaticParameters,
-    Learn,
-    SetStaticParameters,
-)
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.action.server import ServerGoalHandle
-from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.exceptions import InvalidHandle
+from intuitive_physics_msgs.srv import AddObservation, GetStaticParameters, SetStaticParameters
 from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.task import Future
 
-from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
+from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.observation import Observation, observation_materials
-from intuitive_physics.parameter_space import Bounds, ParameterSpace
-from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS, make_simulator
-from intuitive_physics_learner.database_path import default_database_path
-from intuitive_physics_learner.errors import (
-    LearningCancelledError,
-    MissingDependencyError,
-    NoObservationsError,
-    StorageError,
-    UnknownMethodError,
+from intuitive_physics.simulation import make_simulator
+from intuitive_physics_learner.cluster import CostMaker
+from intuitive_physics_learner.errors import StorageError
+from intuitive_physics_learner.learning_job import Work
+from intuitive_physics_learner.learning_session import LearningOptions
+from intuitive_physics_learner.online.background_learning import BackgroundLearning
+from intuitive_physics_learner.online.worker import FAILED, SEARCHING
+from intuitive_physics_learner.parameters_of_learner_node import (
+    ONLINE_PREFIX,
+    node_parameters,
+    online_options,
 )
-from intuitive_physics_learner.learning_job import JobProgress, LearningJob
-from intuitive_physics_learner.learning_session import (
-    LearningOptions,
-    learn_from_store,
-)
-from intuitive_physics_learner.observation_store import ObservationStore
-from intuitive_physics_learner.search import ConvergenceCriteria
-from intuitive_physics_learner.update_rules import UPDATE_RULES
+from intuitive_physics_learner.searches_of_learner_node import CODES, AskedSearches
+from intuitive_physics_learner.store import ObservationStore
+from intuitive_physics_learner.stored_learning import learn_from_store
 from intuitive_physics_ros.conversions import (
-    bounds_from_messages,
     observation_from_message,
     static_parameters_from_message,
     static_parameters_to_message,
 )
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
 from intuitive_physics_ros.input_monitor import InputMonitor
-from intuitive_physics_ros.parameters import Parameter, declare_parameters
+from intuitive_physics_ros.parameters import declare_parameters
 from intuitive_physics_ros.qos import LATCHED
-from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_result
+from intuitive_physics_ros.result_codes import error_result, ok_result
 from intuitive_physics_ros.run_node import run_node
 
 OBSERVATIONS = QoSProfile(
@@ -67,123 +50,53 @@ OBSERVATIONS = QoSProfile(
 )
 """A learner that starts late, or again, still gets the newest observations."""
 
-CODES: dict[type[BaseException], int] = {
-    NoObservationsError: ResultCode.NO_OBSERVATIONS,
-    UnknownMethodError: ResultCode.UNKNOWN_METHOD,
-    MissingDependencyError: ResultCode.UNKNOWN_METHOD,
-    LearningCancelledError: ResultCode.CANCELLED,
-    StorageError: ResultCode.STORAGE_FAILED,
-}
-
 STOP_PATIENCE = 2.0
 """s to wait at the end for a search to stop; it is asked after every batch of candidates."""
 
 
-def node_parameters() -> tuple[Parameter, ...]:
-    """Parameters of the node; those that are not read-only count from the next search on."""
-    return (
-        Parameter(
-            "database",
-            str(default_database_path()),
-            "SQLite file of observations and learned parameters; made where it does not exist",
-        ),
-        Parameter(
-            "simulator",
-            "auto",
-            f"engine that simulates candidates. {ENGINE_GUIDE}",
-            choices=tuple(SIMULATORS),
-        ),
-        Parameter("method", "cma_es", "update rule", choices=tuple(UPDATE_RULES), read_only=False),
-        Parameter(
-            "max_iterations",
-            2000,
-            "evaluations of the cost J at most",
-            range=(1, 10_000_000),
-            read_only=False,
-        ),
-        Parameter(
-            "max_iterations_without_gain",
-            0,
-            "stop after so many evaluations of J without gain; 0: never for that reason",
-            range=(0, 10_000_000),
-            read_only=False,
-        ),
-        Parameter(
-            "cost_threshold",
-            0.0,
-            "m, stop when J falls below this",
-            range=(0.0, 1000.0),
-            read_only=False,
-        ),
-        Parameter(
-            "time_limit",
-            0.0,
-            "s of wall time for a search at most; 0: no limit",
-            range=(0.0, 1e6),
-            read_only=False,
-        ),
-        Parameter("seed", 0, "of the search's random numbers", range=(0, 2**62), read_only=False),
-    )
-
-
-class WorkerSignal:
-    """Lets callbacks of a node wait, without blocking it, for what happens in another thread."""
-
-    def __init__(self, node: Node) -> None:
-        self._node = node
-        self._future = Future()
-
-    def next(self) -> Future:
-        """Return what to await; take it before looking at the state that may change."""
-        return self._future
-
-    def set(self) -> None:
-        """Wake all that wait; from any thread."""
-        happened, self._future = self._future, Future()
-        happened.set_result(None)
-        executor = self._node.executor
-        if executor is not None:
-            # An executor that is just shutting down has nobody left to wake.
-            with suppress(InvalidHandle):
-                executor.wake()
-
-
 class LearnerNode(Node):
-    """Stores observations, learns from them when asked, publishes what it knows."""
+    """Stores observations, learns from them when asked and in the background, publishes θ_s."""
 
     def __init__(self) -> None:
         super().__init__("learner_node")
         values = declare_parameters(self, node_parameters())
-        self._simulator = make_simulator(values["simulator"])
+        # A cluster shares the work itself.
+        cores = 1 if values["cluster"] else values["cores"] or len(os.sched_getaffinity(0))
+        self._simulator = make_simulator(values["simulator"], threads=cores)
+        self._make_cost = CostMaker(values["cluster"])
         self._store = ObservationStore(values["database"])
         self._materials = observation_materials(self._store.observations())
         self._newest = self._store.newest_parameters()
-        self._job: LearningJob | None = None
-        self._job_changed = WorkerSignal(self)
         self._input = InputMonitor(self, "~/observation", timeout=None)
         self._publisher = self.create_publisher(
             StaticParametersMessage, "~/static_parameters", LATCHED
         )
+        # Triggered from the thread that watches the background, it calls back in this node's.
+        improved = self.create_guard_condition(self._read_newest)
+        self._background = BackgroundLearning(
+            self._store.path, values["simulator"], improved.trigger
+        )
+        self._searches = AskedSearches(
+            self, self._work, self._message, self._background.stop, self._on_search_ended
+        )
         self._offer()
         self._publish()
-        diagnostics = Diagnostics(self)
-        diagnostics.add("observation input", self._input.check)
-        diagnostics.add("learning", self._check_learning)
         self.get_logger().info(
             f"{self._store.path} holds {self._store.count()} observations and "
             f"version {self._newest.version if self._newest else 0} of the static parameters"
         )
+        self._run_background()
 
     def destroy_node(self) -> None:
-        """Stop a search that runs and close the database."""
-        if self._job is not None and not self._job.stop(STOP_PATIENCE):
+        """Stop what learns and close the database."""
+        self._background.stop()
+        if not self._searches.stop(STOP_PATIENCE):
             self.get_logger().warning("the search did not stop in time and is left behind")
+        self._make_cost.close()
         self._store.close()
         super().destroy_node()
 
     def _offer(self) -> None:
-        # While a search waits in a callback, others of its group must go on.
-        together = ReentrantCallbackGroup()
         self.create_subscription(
             ObservationMessage, "~/observation", self._on_observation, OBSERVATIONS
         )
@@ -194,15 +107,11 @@ class LearnerNode(Node):
         self.create_service(
             SetStaticParameters, "~/set_static_parameters", self._on_set_static_parameters
         )
-        self.create_service(Learn, "~/learn", self._on_learn, callback_group=together)
-        self._action = ActionServer(
-            self,
-            LearnParameters,
-            "~/learn_parameters",
-            self._on_learn_parameters,
-            callback_group=together,
-            cancel_callback=self._on_cancel,
-        )
+        self.add_post_set_parameters_callback(self._on_parameters_set)
+        diagnostics = Diagnostics(self)
+        diagnostics.add("observation input", self._input.check)
+        diagnostics.add("learning", self._check_learning)
+        diagnostics.add("learning in the background", self._check_background)
 
     def _on_observation(self, message: ObservationMessage) -> None:
         try:
@@ -244,108 +153,40 @@ class LearnerNode(Node):
             given = static_parameters_from_message(request.static_parameters)
             stored = self._store.add_parameters(given)
             self._take_over(stored)
+            self._background.look()
             response.version = stored.version
             response.result = ok_result()
         except IntuitivePhysicsError as error:
             response.result = error_result(error, CODES)
         return response
 
-    async def _on_learn(self, request: Learn.Request, response: Learn.Response) -> Learn.Response:
-        try:
-            job = self._start_job(self._options(request.options))
-            await self._watched(job)
-            self._fill(response, job)
-        except Exception as error:
-            response.result = self._refusal(error)
-        return response
+    def _on_parameters_set(self, parameters: Sequence[RosParameter]) -> None:
+        if any(one.name.startswith(ONLINE_PREFIX) for one in parameters):
+            self._run_background()
 
-    async def _on_learn_parameters(self, goal: ServerGoalHandle) -> LearnParameters.Result:
-        answer = LearnParameters.Result()
-        try:
-            options = self._options(goal.request.options)
-            job = self._start_job(options)
-            answer.cost_history = await self._watched(job, goal, options)
-            self._fill(answer, job)
-        except Exception as error:
-            answer.result = self._refusal(error)
-            goal.canceled() if goal.is_cancel_requested else goal.abort()
-        else:
-            goal.succeed()
-        return answer
-
-    def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
-        # Whoever watches the job sees the request and passes it on.
-        self._job_changed.set()
-        return CancelResponse.ACCEPT
-
-    async def _watched(
-        self,
-        job: LearningJob,
-        goal: ServerGoalHandle | None = None,
-        options: LearningOptions | None = None,
-    ) -> array[float]:
-        """Wait for the end of a job, tell a goal of its progress, return its cost history."""
-        history = array("d")
-        while True:
-            change = self._job_changed.next()
-            done = job.done
-            progress = job.take_progress()
-            history.extend(progress.new_costs)
-            if goal is not None and options is not None and progress.new_costs:
-                goal.publish_feedback(_feedback(progress, options))
-            if goal is not None and goal.is_cancel_requested:
-                job.cancel()
-            if done:
-                return history
-            await change
-
-    def _start_job(self, options: LearningOptions) -> LearningJob:
-        if self._job is not None and not self._job.done:
-            raise RefusedError(
-                ResultCode.BUSY,
-                f"a search runs already and is at iteration {self._job.iteration}; "
-                "wait for its end or cancel it",
-            )
-        store, simulator = self._store, self._simulator
-        self._job = LearningJob(
-            lambda on_progress, cancelled: learn_from_store(
-                store, simulator, options, on_progress=on_progress, cancelled=cancelled
-            ),
-            self._job_changed.set,
+    def _work(self, options: LearningOptions) -> Work:
+        return lambda on_progress, cancelled: learn_from_store(
+            self._store,
+            self._simulator,
+            options,
+            on_progress=on_progress,
+            cancelled=cancelled,
+            make_cost=self._make_cost,
         )
-        return self._job
 
-    def _fill(self, answer: Learn.Response | LearnParameters.Result, job: LearningJob) -> None:
-        answer.iterations = job.iteration
-        answer.computation_time = job.seconds
-        learned = job.result().learned
-        self._take_over(learned)
-        answer.static_parameters = self._message(learned)
-        answer.result = ok_result()
+    def _on_search_ended(self, learned: LearnedParameters | None) -> None:
+        if learned is not None:
+            self._take_over(learned)
+        self._run_background()
 
-    def _refusal(self, error: Exception) -> ResultCode:
-        if not isinstance(error, IntuitivePhysicsError):
-            self.get_logger().error(f"learning failed: {type(error).__name__}: {error}")
-        return error_result(error, CODES)
-
-    def _options(self, message: LearningOptionsMessage) -> LearningOptions:
-        """What a caller asked for; what it left at zero is that of the node."""
-
-        def chosen(name: str) -> Any:
-            return getattr(message, name) or self.get_parameter(name).value
-
-        return LearningOptions(
-            method=chosen("method"),
-            criteria=ConvergenceCriteria(
-                max_iterations=chosen("max_iterations"),
-                max_iterations_without_gain=chosen("max_iterations_without_gain") or None,
-                cost_threshold=chosen("cost_threshold") or None,
-                time_limit=chosen("time_limit") or None,
-            ),
-            seed=chosen("seed"),
-            bounds=_bounds(message.bounds),
-            observation_ids=tuple(message.observation_ids),
-        )
+    def _run_background(self) -> None:
+        """Learn in the background, or not, as the parameters say and nothing else runs."""
+        self._background.stop()
+        self._read_newest()
+        if self.get_parameter(ONLINE_PREFIX).value and self._searches.running is None:
+            cores = self.get_parameter(f"{ONLINE_PREFIX}_cores").value
+            priority = self.get_parameter(f"{ONLINE_PREFIX}_priority").value
+            self._background.start(online_options(self), cores, priority)
 
     def _add(self, observation: Observation) -> bool:
         added = self._store.add(observation)
@@ -353,7 +194,15 @@ class LearnerNode(Node):
         self._materials = tuple(dict.fromkeys((*self._materials, *observation.materials)))
         if len(self._materials) > known:
             self._publish()
+        if added:
+            self._background.look()
         return added
+
+    def _read_newest(self) -> None:
+        """Take over what the background has stored."""
+        newest = self._store.newest_parameters()
+        if newest is not None and (self._newest is None or newest.version > self._newest.version):
+            self._take_over(newest)
 
     def _take_over(self, learned: LearnedParameters) -> None:
         self._newest = learned
@@ -385,29 +234,26 @@ class LearnerNode(Node):
             "version": newest.version if newest else 0,
             "cost": newest.cost if newest else "",
         }
-        if self._job is not None and not self._job.done:
-            return Status(Level.OK, f"searching, at iteration {self._job.iteration}", values)
+        job = self._searches.running
+        if job is not None:
+            return Status(Level.OK, f"searching, at iteration {job.iteration}", values)
         return Status(Level.OK, "waiting to be asked", values)
 
-
-def _feedback(progress: JobProgress, options: LearningOptions) -> LearnParameters.Feedback:
-    return LearnParameters.Feedback(
-        iteration=progress.iteration,
-        max_iterations=options.criteria.max_iterations,
-        best_cost=progress.best_cost,
-        cost_history=array("d", progress.new_costs),
-        time_left=progress.seconds_left,
-    )
-
-
-def _bounds(messages: Sequence[ParameterBounds]) -> dict[str, Bounds]:
-    try:
-        bounds = bounds_from_messages(messages)
-        # What kinds must be to one another does not depend on the materials.
-        ParameterSpace(("any",), bounds)
-    except InvalidInputError as error:
-        raise RefusedError(ResultCode.INVALID_BOUNDS, str(error)) from None
-    return bounds
+    def _check_background(self) -> Status:
+        if not self.get_parameter(ONLINE_PREFIX).value:
+            return Status(Level.OK, f"off; the parameter {ONLINE_PREFIX} turns it on")
+        if not self._background.running:
+            return Status(Level.OK, "waits for the end of the search that was asked for")
+        report = self._background.report
+        values = {
+            "iteration": report.iteration,
+            "best cost": "" if report.best_cost is None else report.best_cost,
+            "newest improvement": f"version {report.version}" if report.version else "none yet",
+        }
+        if report.state == FAILED:
+            return Status(Level.ERROR, report.message, values)
+        sentence = "searching" if report.state == SEARCHING else "waiting for observations"
+        return Status(Level.OK, sentence, values)
 
 
 def main() -> int:

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics_learner.convergence import SearchProgress
 from intuitive_physics_learner.learning_session import LearningResult
-from intuitive_physics_learner.search import SearchProgress
 
 TELL_PERIOD = 0.1
 """s between two calls of `on_change` at least, except for the last."""
@@ -95,6 +96,12 @@ class LearningJob:
     def result(self) -> LearningResult:
         """Wait for the end and return what was learned, or raise what the work raised."""
         return self._outcome.result()
+
+    def learned(self) -> LearnedParameters | None:
+        """Return what was learned; None as long as it has not ended, or when it failed."""
+        if not self.done or self._outcome.exception() is not None:
+            return None
+        return self._outcome.result().learned
 
     def _run(self) -> None:
         try:

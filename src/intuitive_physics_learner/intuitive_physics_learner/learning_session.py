@@ -1,9 +1,10 @@
-"""From stored observations to the next version of θ_s: search, judge what was found, store it."""
+"""From observations to the next version of θ_s: search, then judge what was found."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,20 +15,22 @@ from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters, par
 from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
 from intuitive_physics.simulation import Simulator
-from intuitive_physics_learner.active_parameters import ActiveSpace, active_parameters
-from intuitive_physics_learner.cost import TrajectoryCost
-from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
-from intuitive_physics_learner.identifiability import Identifiability, identify
-from intuitive_physics_learner.observation_store import ObservationStore
-from intuitive_physics_learner.parameter_axes import parameters_of_vector
-from intuitive_physics_learner.search import (
+from intuitive_physics_learner.active_parameters import ActiveSpace, parameter_influence
+from intuitive_physics_learner.cached_cost import CachedCost
+from intuitive_physics_learner.convergence import (
     ConvergenceCriteria,
-    ParameterSearch,
     SearchProgress,
     SearchResult,
     StopReason,
 )
-from intuitive_physics_learner.update_rules import check_method, make_update_rule
+from intuitive_physics_learner.cost import Cost, InterruptibleCost, MakeCost, TrajectoryCost
+from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
+from intuitive_physics_learner.identifiability import Identifiability, identify
+from intuitive_physics_learner.joint_estimation import JointSearch, judge
+from intuitive_physics_learner.methods import JOINT_METHOD, check_method
+from intuitive_physics_learner.parameter_axes import parameters_of_vector
+from intuitive_physics_learner.search import ParameterSearch, Search
+from intuitive_physics_learner.update_rules import make_update_rule
 
 NEGLIGIBLE_COST = 1e-6
 """m of J that putting back what the data cannot tell may cost."""
@@ -39,14 +42,14 @@ class LearningOptions:
 
     Parameters
     ----------
-    method : name of an update rule
+    method : one of `METHODS`
     criteria : when to stop
     seed : of all randomness; the same seed and observations give the same search
     bounds : of the search by kind of parameter; what is left out has its default
     observation_ids : to learn from; none: all that are stored
     """
 
-    method: str = "cma_es"
+    method: str = JOINT_METHOD
     criteria: ConvergenceCriteria = field(default_factory=ConvergenceCriteria)
     seed: int = 0
     bounds: Mapping[str, Bounds] = field(default_factory=dict)
@@ -61,46 +64,6 @@ class LearningResult:
     search: SearchResult
 
 
-def learn_from_store(
-    store: ObservationStore,
-    simulator: Simulator,
-    options: LearningOptions,
-    *,
-    on_progress: Callable[[SearchProgress], None] | None = None,
-    cancelled: Callable[[], bool] | None = None,
-) -> LearningResult:
-    """Learn from stored observations, starting from the newest θ_s, and store the next version.
-
-    Raises
-    ------
-    NoObservationsError
-        When nothing is stored.
-    UnknownMethodError, UnknownNameError
-        When no update rule or no observation has the name given.
-    UnsupportedSceneError
-        When the simulator cannot express an observation.
-    LearningCancelledError
-        When `cancelled` returned True; nothing is stored then.
-    StorageError
-        When the store cannot be read or written.
-    """
-    check_method(options.method)
-    observations = store.observations(options.observation_ids)
-    if not observations:
-        raise NoObservationsError(
-            "no observation is stored yet; add some before learning from them"
-        )
-    result = learn(
-        observations,
-        simulator,
-        options,
-        previous=store.newest_parameters(),
-        on_progress=on_progress,
-        cancelled=cancelled,
-    )
-    return LearningResult(store.add_parameters(result.learned), result.search)
-
-
 def learn(
     observations: Sequence[Observation],
     simulator: Simulator,
@@ -109,6 +72,9 @@ def learn(
     previous: LearnedParameters | None = None,
     on_progress: Callable[[SearchProgress], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
+    resume: Mapping[str, Any] | None = None,
+    on_checkpoint: Callable[[dict[str, Any]], None] | None = None,
+    make_cost: MakeCost = TrajectoryCost,
 ) -> LearningResult:
     """Learn from observations without a store.
 
@@ -118,13 +84,23 @@ def learn(
     ----------
     previous : θ_s to start from; None starts from the defaults. Its materials that were not
         observed keep their values, and so do parameters that J does not depend on.
+    resume : what `on_checkpoint` was given by a search with the same observations, options and
+        previous θ_s, which goes on exactly as if it had not stopped
+    on_checkpoint : called about once a second with the state of the search, as plain JSON data
+    make_cost : what evaluates J; by default this process
 
     Raises
     ------
-    NoObservationsError, UnknownMethodError, UnsupportedSceneError, LearningCancelledError
-        As `learn_from_store`.
+    NoObservationsError
+        When there are no observations.
+    UnknownMethodError
+        When no update rule has the name given.
+    UnsupportedSceneError
+        When the simulator cannot express an observation.
+    LearningCancelledError
+        When `cancelled` returned True.
     InvalidInputError
-        When no object was seen with anything it could touch.
+        When no object was seen with anything it could touch, or `resume` is of another search.
     """
     check_method(options.method)
     if not observations:
@@ -135,26 +111,32 @@ def learn(
     previous = previous.extended(tuple(dict.fromkeys((*previous.materials, *seen))))
     # In the order of all known materials, so that a pair has the same name in both.
     materials = tuple(name for name in previous.materials if name in seen)
-    cost = TrajectoryCost(observations, simulator, materials)
-    space = ParameterSpace(materials, options.bounds)
+    cost = make_cost(observations, simulator, materials)
+    if cancelled is not None:
+        cost = InterruptibleCost(cost, cancelled)
     start = previous.parameters.extended(materials)
-    active = active_parameters(observations, materials)
-    if not active.any():
+    influence = parameter_influence(observations, materials)
+    if not influence.any():
         raise InvalidInputError(
             "no object was seen with anything it could touch; expected observations with planes, "
             "boxes or several objects"
         )
-    searched = ActiveSpace(space, active, start)
-    rule = make_update_rule(
-        options.method, searched.size, np.random.default_rng(options.seed), searched.to_unit(start)
-    )
-    found = ParameterSearch(cost.costs, searched, rule).run(
-        options.criteria, on_progress=on_progress, cancelled=cancelled
+    space = ParameterSpace(materials, options.bounds)
+    task = _Task(options, cost, space, influence, start)
+    search = task.search()
+    same = task.identity()
+    if resume is not None:
+        _check_same_task(resume, same)
+        search.load_state(resume["search"])
+    found = search.run(
+        options.criteria,
+        on_progress=on_progress,
+        cancelled=cancelled,
+        on_checkpoint=on_checkpoint and (lambda state: on_checkpoint({**same, "search": state})),
     )
     if found.stop_reason is StopReason.CANCELLED:
         raise LearningCancelledError("learning was cancelled; nothing was stored")
-    told = identify(cost, space, found.parameters, active, cancelled)
-    parameters = _without_accidents(cost, found, told, start)
+    parameters, told = task.judge(search, found, cancelled)
     return LearningResult(
         LearnedParameters(
             *_merged(previous, parameters, told),
@@ -167,8 +149,71 @@ def learn(
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """One θ_s to learn.
+
+    Parameters
+    ----------
+    influence : as `parameter_influence`
+    start : θ_s to begin from
+    """
+
+    options: LearningOptions
+    cost: Cost
+    space: ParameterSpace
+    influence: NDArray[np.bool_]
+    start: StaticParameters
+
+    @property
+    def searched(self) -> ActiveSpace:
+        return ActiveSpace(self.space, self.influence.any(axis=0), self.start)
+
+    def search(self) -> Search:
+        """Return the search by the method that the options name, ready to run."""
+        searched = self.searched
+        begin = searched.to_unit(self.start)
+        if self.options.method == JOINT_METHOD:
+            own = self.influence[:, self.influence.any(axis=0)]
+            return JointSearch(self.cost, searched, own, begin)
+        generator = np.random.default_rng(self.options.seed)
+        rule = make_update_rule(self.options.method, searched.size, generator, begin)
+        return ParameterSearch(CachedCost(self.cost).costs, searched, rule)
+
+    def judge(
+        self, search: Search, found: SearchResult, cancelled: Callable[[], bool] | None
+    ) -> tuple[StaticParameters, Identifiability]:
+        """Return what was learned and what the observations tell of it."""
+        if isinstance(search, JointSearch):
+            told = judge(search, self.cost, self.space, self.searched, self.influence, search.steps)
+        else:
+            active = self.influence.any(axis=0)
+            told = identify(self.cost, self.space, found.parameters, active, cancelled)
+        return _without_accidents(self.cost, found, told, self.start), told
+
+    def identity(self) -> dict[str, Any]:
+        """What must be the same for a search to go on, as plain JSON data."""
+        bounds = self.space.bounds
+        return {
+            "method": self.options.method,
+            "seed": self.options.seed,
+            "bounds": {kind: [b.lower, b.upper, b.scale] for kind, b in bounds.items()},
+            "observations": [seen.id for seen in self.cost.observations],
+            "start": self.start.to_dict(),
+        }
+
+
+def _check_same_task(resume: Mapping[str, Any], task: Mapping[str, Any]) -> None:
+    for key, expected in task.items():
+        if resume.get(key) != expected:
+            raise InvalidInputError(
+                f"saved state is of a search with other {key}; expected one with the same "
+                f"{', '.join(task)}; learn without it to begin anew"
+            )
+
+
 def _without_accidents(
-    cost: TrajectoryCost, found: SearchResult, told: Identifiability, start: StaticParameters
+    cost: Cost, found: SearchResult, told: Identifiability, start: StaticParameters
 ) -> StaticParameters:
     """Put back to its start what J does not depend on: a search moves it about at random."""
     values = np.where(told.responsive, parameter_vector(found.parameters), parameter_vector(start))

@@ -5,13 +5,15 @@ import os
 os.environ["ROS_DOMAIN_ID"] = str(os.getpid() % 100 + 1)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
-from intuitive_physics.shapes import Sphere
+from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.simulation import Rollout, Simulator, WorldStatus, make_simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
@@ -69,6 +71,15 @@ def glides():
     return make
 
 
+@pytest.fixture(scope="session")
+def boxed(glides):
+    """Observe a box, which the event-driven engine does not know."""
+    seen = glides(np.random.default_rng(0), 0.5, id="boxed")
+    (ball,) = seen.objects
+    box = SceneObject("box", "ball", Box((0.1, 0.2, 0.3)))
+    return replace(seen, objects=(ObservedObject(box, ball.trajectory, ball.initial_state),))
+
+
 TRUE_PARAMETERS = StaticParameters.uniform(["ball", "floor"]).with_pair(
     "ball",
     "floor",
@@ -103,8 +114,10 @@ def _throw(simulator, generator, noise, state_noise, count):
     times = np.arange(count) / 30.0
     rollout = simulator.rollout([Scene(FLOOR, (ball,), (state,))], TRUE_PARAMETERS, times)
     seen = rollout.positions[0, 0] + generator.normal(0.0, noise, (count, 3))
+    covariance = np.diag(np.repeat([1.0, 0.0, 25.0, 0.0], 3)) * state_noise**2
     believed = ObjectState(
         position + generator.normal(0.0, state_noise, 3),
         linear_velocity=velocity + generator.normal(0.0, 5.0 * state_noise, 3),
+        covariance=covariance,
     )
     return Observation(FLOOR, (ObservedObject(ball, Trajectory(times, seen), believed),), 0.0)

@@ -64,13 +64,13 @@ def test_the_space_of_active_parameters_moves_only_those():
     space = ParameterSpace(("a", "b"))
     theta = StaticParameters.uniform(("a", "b"))
     active = np.zeros(space.size, dtype=bool)
-    active[[3, 9]] = True
+    active[[4, 9]] = True
     searched = ActiveSpace(space, active, theta)
     assert searched.size == 2
     moved = searched.to_parameters([0.25, 0.75])
     np.testing.assert_allclose(searched.to_unit(moved), [0.25, 0.75])
     changed = ~np.isclose(parameter_vector(moved), parameter_vector(theta))
-    assert set(np.flatnonzero(changed)) == {3, 9}
+    assert set(np.flatnonzero(changed)) == {4, 9}
 
 
 def test_objects_in_empty_space_teach_nothing(glide, glides):

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,16 +30,19 @@ from intuitive_physics_msgs.srv import (
     Learn,
     SetStaticParameters,
 )
+from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import parameter_names
-from intuitive_physics.observation import ObservedObject
-from intuitive_physics.scene import SceneObject
-from intuitive_physics.shapes import Box
+from intuitive_physics.scene import Environment, Plane
+from intuitive_physics.simulation import make_simulator
+from intuitive_physics_learner import ConvergenceCriteria, ObservationStore, learn_from_store
+from intuitive_physics_learner import LearningOptions as SearchOptions
 from intuitive_physics_ros.conversions import (
     observation_to_message,
     static_parameters_from_message,
@@ -49,6 +53,9 @@ PATIENCE = 20.0
 """Seconds to wait for what takes well under one, on a machine that is busy with other things."""
 
 LATCHED = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+SOON = "from intuitive_physics_learner import cluster; cluster.CONNECT_TIMEOUT = 0.5"
+"""Done before a node's start: it does not wait long for a cluster."""
 
 ENDLESS = LearningOptions(method="random", max_iterations=10**7)
 
@@ -67,17 +74,24 @@ GREETINGS = {
 
 
 class NodeProcess:
-    """The learner node, running on a database of the test's, and what it has written so far."""
+    """The learner node, running on a database of the test's, and what it has written so far.
 
-    def __init__(self, database, *parameters):
-        arguments = [f"database:={database}", *parameters]
+    It learns by CMA-ES, whose iterations are easily counted, and in the background only where a
+    test says so. `first` is done before its start.
+    """
+
+    def __init__(self, database, *parameters, first=""):
+        arguments = [f"database:={database}", "method:=cma_es", "online:=false", *parameters]
         ros_arguments = [word for one in arguments for word in ("-p", one)]
-        main = "from intuitive_physics_learner.learner_node import main; raise SystemExit(main())"
+        main = f"""{first}
+from intuitive_physics_learner.learner_node import main
+raise SystemExit(main())"""
         self.process = subprocess.Popen(
             [sys.executable, "-u", "-c", main, "--ros-args", *ros_arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
+            start_new_session=True,
         )
         self.text = ""
         self._reader = threading.Thread(target=self._read)
@@ -130,6 +144,7 @@ class Caller:
                 (Learn, "learn"),
             )
         }
+        self.set_parameters = self.node.create_client(SetParameters, "/learner_node/set_parameters")
         self.action = ActionClient(self.node, LearnParameters, "/learner_node/learn_parameters")
         self.greeted = set()
 
@@ -165,6 +180,13 @@ class Caller:
             self.spin_until(client.service_is_ready)
             self.ask_until_answered(lambda: client.call_async(GREETINGS[kind]))
             self.greeted.add(kind)
+
+    def set_parameter(self, name, value):
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        self.spin_until(self.set_parameters.service_is_ready)
+        request = SetParameters.Request(parameters=[parameter])
+        answer = self.ask_until_answered(lambda: self.set_parameters.call_async(request))
+        assert answer.results[0].successful, answer.results[0].reason
 
     def greet_action(self):
         """Make sure that the answers to goals and to questions for their results arrive."""
@@ -203,20 +225,41 @@ class Caller:
         return future.result()
 
 
+def state_and_parent(pid):
+    """State letter and parent of a process; of one that has gone, what a zombie has."""
+    try:
+        state, parent = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[:2]
+    except OSError:
+        return "Z", 0
+    return state, int(parent)
+
+
+def children_of(node):
+    """Process ids of what a node has started and what still runs."""
+    pids = [int(path.name) for path in Path("/proc").glob("[0-9]*")]
+    parent = node.process.pid
+    return [pid for pid in pids if alive(pid) and state_and_parent(pid)[1] == parent]
+
+
+def alive(pid):
+    return state_and_parent(pid)[0] != "Z"
+
+
 @pytest.fixture
 def start(tmp_path):
     """Start learner nodes on one database; none outlives its test."""
     started = []
 
-    def start_one(*parameters, database=tmp_path / "learner.sqlite3"):
-        started.append(NodeProcess(database, *parameters))
+    def start_one(*parameters, database=tmp_path / "learner.sqlite3", first=""):
+        started.append(NodeProcess(database, *parameters, first=first))
         return started[-1]
 
+    start_one.nodes = started
     yield start_one
     for node in started:
         if node.process.poll() is None:
             node.stop(signal.SIGKILL)
-        assert "Traceback" not in node.text
+        assert "Traceback" not in node.text, node.text
 
 
 @pytest.fixture
@@ -268,7 +311,7 @@ def test_learns_what_made_the_observations(start, caller, throws, true_parameter
     late.close()
 
 
-def test_wrong_requests_get_their_codes(start, caller, glides):
+def test_wrong_requests_get_their_codes(start, caller, glides, boxed):
     start("max_iterations:=10", "simulator:=event_driven")
     observation = glides(np.random.default_rng(0), 0.5)
     assert caller.add(observation).result.value == ResultCode.OK
@@ -298,14 +341,75 @@ def test_wrong_requests_get_their_codes(start, caller, glides):
     assert "positions" in answer.result.message
     answer = caller.call(SetStaticParameters, static_parameters=StaticParameters(materials=["a"]))
     assert answer.result.value == ResultCode.INVALID_INPUT
-    seen = observation.objects[0]
-    box = SceneObject("box", "ball", Box((0.1, 0.2, 0.3)))
-    boxed = ObservedObject(box, seen.trajectory, seen.initial_state)
-    assert caller.add(replace(observation, id="boxed", objects=(boxed,))).added
+    assert caller.add(boxed).added
     assert code(observation_ids=["boxed"]).value == ResultCode.UNSUPPORTED_SCENE
     _, result = caller.start_goal(LearningOptions(method="magic"))
     assert caller.result_of(result).status == GoalStatus.STATUS_ABORTED
     assert caller.result_of(result).result.result.value == ResultCode.UNKNOWN_METHOD
+
+
+def test_environment_that_the_engine_cannot_simulate(start, caller, glides):
+    start("simulator:=bullet")
+    corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    table = Environment([Plane("table", "floor", [0, 0, 1], 0.0, boundary=corners)])
+    seen = glides(np.random.default_rng(0), 0.5)
+    assert caller.add(replace(seen, environment=table)).added
+    result = caller.call(Learn).result
+    assert result.value == ResultCode.INCOMPATIBLE_ENVIRONMENT
+    assert "plane table has a boundary" in result.message
+
+
+def test_packages_that_are_not_installed(start, caller, glides):
+    start(first="import sys; sys.modules['cma'] = None")
+    caller.add(glides(np.random.default_rng(0), 0.5))
+    result = caller.call(Learn, options=LearningOptions(method="cma_es")).result
+    assert result.value == ResultCode.MISSING_DEPENDENCY
+    assert "pip install cma" in result.message
+
+
+def test_a_cluster_without_its_package_stops_it_with_one_line(start):
+    node = start("cluster:=local:2", first="import sys; sys.modules['distributed'] = None")
+    assert node.end() == 1
+    (told,) = [line for line in node.text.splitlines() if "error" in line]
+    assert "pip install distributed" in told
+
+
+def test_a_cluster_that_is_not_there(start, caller, glides):
+    start("cluster:=127.0.0.1:9", first=SOON)
+    caller.add(glides(np.random.default_rng(0), 0.5))
+    result = caller.call(Learn).result
+    assert result.value == ResultCode.CLUSTER_FAILED
+    assert "does not answer" in result.message
+
+
+def test_a_mistake_of_ours_is_an_internal_error(start, caller, glides):
+    broken = "from intuitive_physics_learner import learning_session; learning_session.identify = 0"
+    start("max_iterations:=5", first=broken)
+    caller.add(glides(np.random.default_rng(0), 0.5))
+    result = caller.call(Learn).result
+    assert result.value == ResultCode.INTERNAL_ERROR
+    assert "TypeError" in result.message
+
+
+def test_two_processes_learn_the_same_as_one(start, caller, throws, tmp_path):
+    node = start("simulator:=event_driven", "cluster:=local:2")
+    for one in throws(5, 0):
+        caller.add(one)
+    options = LearningOptions(max_iterations=300, seed=1)
+    future = caller.start_call(Learn, options=options)
+    # Two processes start first.
+    caller.spin_until(future.done, 60.0)
+    spread = future.result()
+    assert spread.result.value == ResultCode.OK, spread.result.message
+    learned = static_parameters_from_message(spread.static_parameters)
+    # As Ctrl-C does, which reaches the processes of the cluster too.
+    os.killpg(node.process.pid, signal.SIGINT)
+    assert node.end() == 0
+    with ObservationStore(tmp_path / "alone.sqlite3") as store:
+        store.add_all(throws(5, 0))
+        asked = SearchOptions(criteria=ConvergenceCriteria(300), seed=1)
+        alone = learn_from_store(store, make_simulator("event_driven"), asked).learned
+    assert learned.to_dict() == alone.to_dict()
 
 
 def test_observations_of_the_topic_that_are_wrong_are_told_of(start, caller, glides):
@@ -407,6 +511,86 @@ def test_nothing_is_lost_by_kill_9(start, caller, throws):
     assert after.to_dict() == static_parameters_from_message(before).to_dict()
     assert again.add(throws(1, 10)[0]).observation_count == 5
     again.close()
+
+
+def test_a_search_that_was_killed_goes_on(start, caller, throws, tmp_path):
+    options = LearningOptions(method="random", max_iterations=30_000, seed=4)
+    node = start("simulator:=event_driven")
+    observed = throws(8, 0)
+    for one in observed:
+        caller.add(one)
+    feedback = []
+    caller.start_goal(options, feedback)
+    # It says where it stands once a second, for the first time after one.
+    began = time.monotonic()
+    caller.spin_until(lambda: feedback and time.monotonic() > began + 1.5)
+    assert node.stop(signal.SIGKILL) == -signal.SIGKILL
+    assert feedback[-1].iteration < 30_000
+    caller.close()
+
+    start("simulator:=event_driven")
+    again = Caller()
+    again.greet(GetStaticParameters)
+    feedback = []
+    _, result = again.start_goal(options, feedback)
+    answer = again.result_of(result).result
+    assert answer.result.value == ResultCode.OK, answer.result.message
+    assert answer.iterations == 30_000
+    # Only what was done after the kill is new.
+    assert 0 < len(answer.cost_history) < 30_000
+    with ObservationStore(tmp_path / "whole.sqlite3") as store:
+        store.add_all(observed)
+        asked = SearchOptions("random", ConvergenceCriteria(30_000), seed=4)
+        whole = learn_from_store(store, make_simulator("event_driven"), asked).learned
+    assert static_parameters_from_message(answer.static_parameters).to_dict() == whole.to_dict()
+    again.close()
+
+
+def background_told(caller):
+    """What the newest diagnostics say about learning in the background."""
+    for message in reversed(caller.diagnostics):
+        for status in message.status:
+            if status.name.endswith("learning in the background"):
+                return status.message
+    return ""
+
+
+def test_learns_in_the_background_as_observations_arrive(start, caller, throws, true_parameters):
+    start("online:=true", "online_seconds:=4.0", "online_priority:=normal")
+    caller.spin_until(lambda: caller.observations.get_subscription_count() == 1)
+    for one in throws(6, 0, noise=0.003):
+        caller.observations.publish(observation_to_message(one))
+    caller.spin_until(lambda: caller.published and caller.published[-1].version >= 1, 60.0)
+    caller.spin_until(lambda: background_told(caller) == "searching")
+    caller.spin_until(lambda: background_told(caller) == "waiting for observations", 60.0)
+    newest = caller.call(GetStaticParameters).static_parameters
+    assert caller.published[-1].version == newest.version
+    on_the_same = [one.cost for one in caller.published if one.observation_count == 6]
+    assert on_the_same == sorted(on_the_same, reverse=True)
+    learned = static_parameters_from_message(newest)
+    got = learned.parameters.pair("ball", "floor")["restitution"]
+    assert got == pytest.approx(true_parameters.pair("ball", "floor")["restitution"], abs=0.02)
+
+
+def test_the_background_gives_way_and_can_be_turned_off_and_on(start, caller, throws):
+    endless = ("online_seconds:=100000.0", "online_method:=random", "online_priority:=normal")
+    start("online:=true", *endless)
+    for one in throws(6, 0):
+        caller.add(one)
+    caller.spin_until(lambda: background_told(caller) == "searching", 60.0)
+    _, result = caller.start_goal(LearningOptions(method="random", max_iterations=20_000))
+    caller.spin_until(lambda: background_told(caller).startswith("waits for the end"))
+    assert caller.result_of(result).result.result.value == ResultCode.OK
+    caller.spin_until(lambda: background_told(caller) == "searching", 60.0)
+    workers = children_of(start.nodes[0])
+    assert len(workers) == 1
+    caller.set_parameter("online", False)
+    caller.spin_until(lambda: not children_of(start.nodes[0]), 1.0)
+    caller.spin_until(lambda: background_told(caller).startswith("off"))
+    caller.set_parameter("online", True)
+    caller.spin_until(lambda: background_told(caller) == "searching", 60.0)
+    assert start.nodes[0].stop() == 0
+    caller.spin_until(lambda: not any(map(alive, workers)))
 
 
 def test_full_disk(start, caller, glides):

@@ -1,9 +1,11 @@
 """From observations to a version of θ_s."""
 
+import json
+
 import numpy as np
 import pytest
 
-from intuitive_physics.errors import UnknownNameError
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.parameter_space import Bounds
@@ -12,19 +14,13 @@ from intuitive_physics_learner import (
     LearningCancelledError,
     LearningOptions,
     NoObservationsError,
-    ObservationStore,
     StopReason,
     TrajectoryCost,
     UnknownMethodError,
+    cost,
     learn,
-    learn_from_store,
+    search,
 )
-
-
-@pytest.fixture
-def store(tmp_path):
-    with ObservationStore(tmp_path / "learner.sqlite3") as opened:
-        yield opened
 
 
 def options(iterations=600, **others):
@@ -37,7 +33,9 @@ def known(parameters):
     return LearnedParameters(parameters, np.full(size, 0.1), np.ones(size, bool), 7, 0.1, 3, "x")
 
 
-@pytest.mark.parametrize("method", ["cma_es", "hybrid_random", "adaptive_random"])
+@pytest.mark.parametrize(
+    "method", ["levenberg_marquardt", "cma_es", "hybrid_random", "adaptive_random"]
+)
 def test_recovers_what_made_the_observations(event_driven, throws, true_parameters, method):
     observed = throws(8, 3)
     learned = learn(observed, event_driven, options(1500, method=method)).learned
@@ -120,45 +118,18 @@ def test_bounds_are_kept(glide, glides):
 def test_same_seed_same_result(event_driven, throws):
     observed = throws(3, 0, noise=0.01)
     first, again, other = (
-        learn(observed, event_driven, options(100, seed=seed)).search.history for seed in (1, 1, 2)
+        learn(observed, event_driven, options(100, seed=seed, method="cma_es")).search.history
+        for seed in (1, 1, 2)
     )
     assert (first == again).all()
     assert (first != other).any()
 
 
-def test_versions_are_stored_and_learning_goes_on_from_them(store, glide, glides):
-    generator = np.random.default_rng(0)
-    for _ in range(3):
-        store.add(glides(generator, 0.4))
-    first = learn_from_store(store, glide, options(200))
-    second = learn_from_store(store, glide, options(50, method="random"))
-    assert [first.learned.version, second.learned.version] == [1, 2]
-    assert second.search.history[0] <= first.search.cost + 1e-9
-    assert [one.to_dict() for one in store.parameters_history()] == [
-        first.learned.to_dict(),
-        second.learned.to_dict(),
-    ]
-    chosen = options(50, observation_ids=store.ids()[:2])
-    assert learn_from_store(store, glide, chosen).learned.observation_count == 2
-
-
-def test_cancelled_searches_store_nothing(store, glide, glides):
-    store.add(glides(np.random.default_rng(0), 0.4))
-    with pytest.raises(LearningCancelledError, match="nothing was stored"):
-        learn_from_store(store, glide, options(), cancelled=lambda: True)
-    assert store.newest_parameters() is None
-
-
-def test_clear_errors(store, glide, glides):
-    with pytest.raises(NoObservationsError, match="no observation is stored yet"):
-        learn_from_store(store, glide, options())
+def test_clear_errors(glide, glides):
     with pytest.raises(NoObservationsError):
         learn([], glide, options())
-    store.add(glides(np.random.default_rng(0), 0.4))
     with pytest.raises(UnknownMethodError, match="'magic'"):
-        learn_from_store(store, glide, options(method="magic"))
-    with pytest.raises(UnknownNameError, match="'nobody'"):
-        learn_from_store(store, glide, options(observation_ids=("nobody",)))
+        learn([glides(np.random.default_rng(0), 0.4)], glide, options(method="magic"))
 
 
 def test_stop_reason_is_told(glide, glides):
@@ -169,3 +140,58 @@ def test_stop_reason_is_told(glide, glides):
         LearningOptions(criteria=ConvergenceCriteria(10_000, cost_threshold=0.01)),
     )
     assert result.search.stop_reason is StopReason.COST_THRESHOLD
+
+
+@pytest.mark.parametrize("method", ["levenberg_marquardt", "cma_es", "hybrid_random"])
+def test_resumes_as_if_it_had_not_stopped(event_driven, throws, method, monkeypatch):
+    monkeypatch.setattr(search, "CHECKPOINT_PERIOD", 0.0)
+    observed = throws(3, 0, noise=0.01)
+    states = []
+    whole = learn(observed, event_driven, options(700, method=method), on_checkpoint=states.append)
+    assert len(states) > 5
+    state = json.loads(json.dumps(states[len(states) // 2], allow_nan=False))
+    again = learn(observed, event_driven, options(700, method=method), resume=state)
+    assert (again.search.history == whole.search.history).all()
+    assert again.learned.to_dict() == whole.learned.to_dict()
+
+
+def test_states_of_other_searches_are_refused(event_driven, throws, monkeypatch):
+    monkeypatch.setattr(search, "CHECKPOINT_PERIOD", 0.0)
+    observed = throws(3, 0, noise=0.01)
+    states = []
+    learn(observed, event_driven, options(60), on_checkpoint=states.append)
+    for others, message in (
+        ({"method": "random"}, "method"),
+        ({"seed": 1}, "seed"),
+        ({"bounds": {"restitution": Bounds(0.1, 0.6)}}, "bounds"),
+    ):
+        with pytest.raises(InvalidInputError, match=f"other {message}"):
+            learn(observed, event_driven, options(60, **others), resume=states[-1])
+    with pytest.raises(InvalidInputError, match="other observations"):
+        learn(observed[:2], event_driven, options(60), resume=states[-1])
+
+
+def test_stops_within_an_evaluation_when_cancelled(event_driven, throws, monkeypatch):
+    monkeypatch.setattr(cost, "LARGEST_SHARE", 2)
+    asked = []
+
+    def cancelled():
+        asked.append(None)
+        return len(asked) == 4
+
+    with pytest.raises(LearningCancelledError):
+        learn(throws(8, 0), event_driven, options(60), cancelled=cancelled)
+    assert len(asked) == 4
+
+
+def test_another_cost_can_take_the_place_of_this_process(event_driven, throws):
+    class Halves(TrajectoryCost):
+        def trial_distances(self, trials):
+            parts = np.array_split(np.arange(trials.size), 2)
+            halves = [super(Halves, self).trial_distances(trials.taken(part)) for part in parts]
+            return np.concatenate(halves)
+
+    observed = throws(3, 0, noise=0.01)
+    one = learn(observed, event_driven, options(60))
+    two = learn(observed, event_driven, options(60), make_cost=Halves)
+    assert (one.search.history == two.search.history).all()

@@ -1,12 +1,18 @@
 """Nothing that was acknowledged is lost, and every way to fail has one clear error."""
 
+import json
+import multiprocessing
+import os
 import resource
 import signal
 import sqlite3
 import subprocess
 import sys
 import threading
+import time
 from collections import deque
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +20,10 @@ import pytest
 from intuitive_physics.errors import UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics_learner import ObservationStore, StorageError
-from intuitive_physics_learner import observation_store as module
+from intuitive_physics_learner.store import SearchCheckpoint, schema
+from intuitive_physics_learner.store import database as database_module
+
+DATA = Path(__file__).parent / "data"
 
 WRITER = """
 import sys
@@ -101,6 +110,38 @@ def test_survives_kill_9(path, observation, tmp_path, written):
         assert store.add(observation("later"))
 
 
+def test_survives_kill_9_at_any_instant(path, observation):
+    generator = np.random.default_rng(0)
+    first = observation("first")
+    acknowledged = []
+
+    def write(number, pipe):
+        with ObservationStore(path) as store:
+            for n in range(10**9):
+                store.add(replace(first, id=f"{number} {n}"))
+                os.write(pipe, b".")
+
+    ObservationStore(path).close()
+    for number in range(60):
+        reader, writer = os.pipe()
+        process = multiprocessing.get_context("fork").Process(target=write, args=(number, writer))
+        process.start()
+        os.close(writer)
+        # Opening takes a few ms and a transaction about one, so kills fall into all of it.
+        time.sleep(generator.uniform(0.0, 0.04))
+        process.kill()
+        process.join()
+        with os.fdopen(reader, "rb") as told:
+            acknowledged += [f"{number} {n}" for n in range(len(told.read()))]
+    assert len(acknowledged) > 60
+    with ObservationStore(path) as store:
+        stored = store.ids()
+        assert set(acknowledged) <= set(stored)
+        # At most the one that was under way comes on top.
+        assert len(stored) <= len(acknowledged) + 60
+        assert len(store.observations()) == len(stored)
+
+
 def test_two_processes_and_two_threads_write_at_once(path, observation, tmp_path):
     with start_writer(path, observation, tmp_path) as writer, ObservationStore(path) as store:
         writer.stdout.readline()
@@ -165,23 +206,43 @@ def test_database_of_another_program(path):
 def test_newer_schema(path):
     ObservationStore(path).close()
     with sqlite3.connect(path) as newer:
-        newer.execute(f"PRAGMA user_version = {module.SCHEMA_VERSION + 1}")
+        newer.execute(f"PRAGMA user_version = {schema.latest_version() + 1}")
     newer.close()
-    with pytest.raises(StorageError, match=f"schema version {module.SCHEMA_VERSION + 1}"):
+    with pytest.raises(StorageError, match=f"schema version {schema.latest_version() + 1}"):
         ObservationStore(path)
+
+
+def test_file_of_version_1_is_migrated(path):
+    # Written by the program when its schema had version 1, dumped by sqlite3.
+    path.parent.mkdir(parents=True)
+    with sqlite3.connect(path) as old:
+        old.executescript((DATA / "database_version_1.sql").read_text(encoding="utf-8"))
+        rows = old.execute("SELECT id, json FROM observations ORDER BY rowid").fetchall()
+    old.close()
+    for _ in range(2):
+        with ObservationStore(path) as store:
+            for (name, text), seen in zip(rows, store.observations(), strict=True):
+                (kept,), (read,) = json.loads(text)["objects"], seen.objects
+                assert seen.id == name
+                assert read.trajectory.positions.tolist() == kept["positions"]
+            assert store.newest_parameters().to_dict()["materials"] == ["ball", "floor"]
+            store.save_checkpoint(SearchCheckpoint("k", 1, None, {"a": 1.5}, 2.0, 7))
+            assert store.checkpoint("k").state == {"a": 1.5}
+    with sqlite3.connect(path) as new:
+        assert new.execute("PRAGMA user_version").fetchone() == (schema.latest_version(),)
+    new.close()
 
 
 def test_older_schema_is_migrated_and_keeps_its_rows(path, observation, monkeypatch):
     with ObservationStore(path) as store:
         store.add(observation("old"))
     step = ("ALTER TABLE observations ADD COLUMN note TEXT NOT NULL DEFAULT 'none'",)
-    monkeypatch.setattr(module, "MIGRATIONS", (*module.MIGRATIONS, step))
-    monkeypatch.setattr(module, "SCHEMA_VERSION", module.SCHEMA_VERSION + 1)
+    monkeypatch.setattr(schema, "MIGRATIONS", (*schema.MIGRATIONS, step))
     with ObservationStore(path) as store:
         assert store.ids() == ["old"]
     with sqlite3.connect(path) as file:
         assert file.execute("SELECT id, note FROM observations").fetchall() == [("old", "none")]
-        assert file.execute("PRAGMA user_version").fetchone() == (module.SCHEMA_VERSION,)
+        assert file.execute("PRAGMA user_version").fetchone() == (schema.latest_version(),)
     file.close()
 
 
@@ -190,12 +251,66 @@ def test_a_migration_that_fails_changes_nothing(path, observation, monkeypatch):
         store.add(observation("old"))
     steps = ("ALTER TABLE observations ADD COLUMN note TEXT", "SELECT * FROM nowhere")
     with monkeypatch.context() as patched:
-        patched.setattr(module, "MIGRATIONS", (*module.MIGRATIONS, steps))
-        patched.setattr(module, "SCHEMA_VERSION", module.SCHEMA_VERSION + 1)
+        patched.setattr(schema, "MIGRATIONS", (*schema.MIGRATIONS, steps))
         with pytest.raises(StorageError, match="nowhere"):
             ObservationStore(path)
     with ObservationStore(path) as store:
         assert store.ids() == ["old"]
+
+
+def test_keeps_where_searches_stand(path):
+    start = LearnedParameters.defaults(["ball", "floor"])
+    state = {"history": [0.1, 1e-300, 1 / 3], "big": 2**127 - 1, "none": None}
+    with ObservationStore(path) as store:
+        assert store.checkpoint("a") is None
+        store.save_checkpoint(SearchCheckpoint("a", 0, None, {}, 0.0, 7))
+        store.save_checkpoint(SearchCheckpoint("a", 3, start, state, 1.5, 7))
+        store.save_checkpoint(SearchCheckpoint("b", 3, None, None, 9.0, 7))
+    with ObservationStore(path) as store:
+        a, b = store.checkpoint("a"), store.checkpoint("b")
+        assert (a.key, a.version, a.state, a.seconds, a.iterations) == ("a", 3, state, 1.5, 7)
+        assert a.start.to_dict() == start.to_dict()
+        assert (b.start, b.state) == (None, None)
+        store.delete_checkpoint("a")
+        store.delete_checkpoint("nobody")
+        assert store.checkpoint("a") is None
+        for n in range(100):
+            store.save_checkpoint(SearchCheckpoint(str(n), 0, None, {}, 0.0, 7))
+        assert store.checkpoint("99") is not None
+        assert store.checkpoint("0") is None
+
+
+def test_a_checkpoint_that_cannot_be_read_counts_as_none(path):
+    with ObservationStore(path) as store:
+        store.save_checkpoint(SearchCheckpoint("a", 0, None, {}, 0.0, 7))
+    with sqlite3.connect(path) as file:
+        file.execute("UPDATE searches SET json = '{\"start\": nul'")
+    file.close()
+    with ObservationStore(path) as store:
+        assert store.checkpoint("a") is None
+
+
+def test_several_observations_are_stored_together_or_not_at_all(path, observation):
+    with ObservationStore(path) as store:
+        assert store.add_all([observation(id) for id in "abcab"]) == 3
+        assert store.add_all([observation(id) for id in "bd"]) == 1
+        assert store.ids() == ["a", "b", "c", "d"]
+        store._database._connection.execute("PRAGMA max_page_count = 1")
+        with pytest.raises(StorageError, match="full"):
+            store.add_all([observation(str(n)) for n in range(100)])
+        assert store.count() == 4
+
+
+def test_an_improvement_counts_only_on_the_newest_version(path):
+    theta = LearnedParameters.defaults(["ball", "floor"])
+    with ObservationStore(path) as store:
+        assert store.newest_version() == 0
+        assert store.add_improvement(theta, on=0).version == 1
+        assert store.add_improvement(theta, on=0) is None
+        assert store.add_improvement(theta, on=1).version == store.newest_version() == 2
+        assert store.parameters(1).version == 1
+        with pytest.raises(UnknownNameError, match="version is 3; expected 1 to 2"):
+            store.parameters(3)
 
 
 def test_full_disk_loses_nothing_that_was_stored(path, observation, tmp_path):
@@ -218,7 +333,7 @@ def test_full_disk_loses_nothing_that_was_stored(path, observation, tmp_path):
 def test_sqlite_says_that_the_disk_is_full(path, observation):
     with ObservationStore(path) as store:
         store.add(observation("before"))
-        store._connection.execute("PRAGMA max_page_count = 1")
+        store._database._connection.execute("PRAGMA max_page_count = 1")
         with pytest.raises(StorageError, match="full; make room"):
             deque((store.add(observation(str(n))) for n in range(1000)), maxlen=0)
         assert store.ids()[0] == "before"
@@ -236,7 +351,7 @@ def test_path_that_is_a_folder(tmp_path):
 
 
 def test_locked_by_another_process(path, observation, monkeypatch):
-    monkeypatch.setattr(module, "BUSY_TIMEOUT", 0.05)
+    monkeypatch.setattr(database_module, "BUSY_TIMEOUT", 0.05)
     with ObservationStore(path) as store:
         other = sqlite3.connect(path, isolation_level=None)
         other.execute("BEGIN IMMEDIATE")

@@ -7,16 +7,13 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_perception.depth import (
-    Field,
-    Intrinsics,
-    points_from_cloud_data,
-    points_from_depth,
-)
+from intuitive_physics_perception.depth import Intrinsics, points_from_depth
 from intuitive_physics_perception.pipeline import PerceptionPipeline
+from intuitive_physics_perception.point_cloud import Field, points_from_cloud_data
 from intuitive_physics_perception.settings import PerceptionSettings
 
 WIDTH, HEIGHT, FOCAL_LENGTH = 80, 60, 60.0
+FIELD_DATATYPES = {"<f4": 7, "<f8": 8}
 
 
 def warm_up() -> None:
@@ -30,15 +27,12 @@ def warm_up() -> None:
     box[20:40, 20:40] = 1.2
     frames = [points_from_depth(depth, rays) for depth in (wall, _with_ball(wall, rays), box)]
     for kind, scale in ((np.uint16, 1000.0), (np.float32, 1.0)):
-        image = (scale * wall).astype(kind)
-        points_from_depth(image, rays)
-        # To the compiler an array that cannot be written to is another type.
-        image.setflags(write=False)
-        points_from_depth(image, rays)
+        points_from_depth((scale * wall).astype(kind), rays)
     pipeline = PerceptionPipeline(
         PerceptionSettings(environment_frames=1), np.random.default_rng(0)
     )
-    for k, points in enumerate([*frames, _as_cloud(frames[1])]):
+    clouds = [_as_cloud(frames[1], "<f4"), _as_cloud(frames[1], "<f8")]
+    for k, points in enumerate([*frames, *clouds]):
         pipeline.process(points, 0.1 * k)
 
 
@@ -50,14 +44,18 @@ def _with_ball(depth: NDArray[np.float32], rays: NDArray[np.float32]) -> NDArray
     return np.where(root > 0.0, ball, depth).astype(np.float32)
 
 
-def _as_cloud(points: NDArray[np.float32]) -> NDArray[np.float32]:
+def _as_cloud(points: NDArray[np.float32], kind: str) -> NDArray[np.float32]:
+    data = points.astype(kind)
+    step = 3 * data.itemsize
     return points_from_cloud_data(
-        points.tobytes(),
+        data.tobytes(),
         width=WIDTH * HEIGHT,
         height=1,
-        point_step=12,
-        row_step=12 * WIDTH * HEIGHT,
-        fields=[Field(name, 4 * k, 7, 1) for k, name in enumerate("xyz")],
+        point_step=step,
+        row_step=step * WIDTH * HEIGHT,
+        fields=[
+            Field(name, k * data.itemsize, FIELD_DATATYPES[kind], 1) for k, name in enumerate("xyz")
+        ],
         is_bigendian=False,
     )
 

@@ -1,4 +1,4 @@
-"""From raw depth images and raw PointCloud2 data to points in the sensor's frame.
+"""From raw depth images to points in the sensor's frame.
 
 A *frame of points* is a C-contiguous float32 array of shape (height, width, 3) in m in the
 sensor's frame, the sensor at the origin; a reading that is missing is NaN in all three. An
@@ -7,7 +7,6 @@ unorganised cloud has height 1.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,11 +16,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.validation import finite_array, positive_float
+from intuitive_physics_perception.raw_data import MAX_PIXELS, RawData, checked_bytes
+from intuitive_physics_perception.undistortion import (
+    DISTORTION_TERMS,
+    check_invertible,
+    undistorted,
+)
 
 MILLIMETRES = 0.001
-
-FIELD_TYPES: dict[int, np.dtype[Any]] = {7: np.dtype("<f4"), 8: np.dtype("<f8")}
-"""sensor_msgs/PointField datatypes a coordinate may have: FLOAT32 and FLOAT64."""
+CHECKED = 24
+"""Rows and columns of points at which a distortion is tried out."""
 
 IMAGE_TYPES: dict[str, np.dtype[Any]] = {
     "16UC1": np.dtype("<u2"),
@@ -29,20 +33,6 @@ IMAGE_TYPES: dict[str, np.dtype[Any]] = {
     "32FC1": np.dtype("<f4"),
 }
 """Encodings of a depth image (REP 118): uint16 in millimetres, float32 in metres."""
-
-DISTORTION_TERMS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (0, 8)}
-UNDISTORTION_STEPS = 20
-MAX_PIXELS = 50_000_000
-
-
-@dataclass(frozen=True)
-class Field:
-    """One entry of a PointCloud2's field description, named as in the message."""
-
-    name: str
-    offset: int
-    datatype: int
-    count: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +49,8 @@ class Intrinsics:
     Raises
     ------
     InvalidInputError
-        When the camera is not calibrated (focal length zero) or the model is another one.
+        When the camera is not calibrated (focal length zero), the model is another one or the
+        distortion cannot be inverted for more than a tenth of the image.
     """
 
     width: int
@@ -95,16 +86,50 @@ class Intrinsics:
         object.__setattr__(self, "matrix", k)
         object.__setattr__(self, "distortion", d if d.any() else np.zeros(0))
         object.__setattr__(self, "distortion_model", distortion_model)
+        if self.distortion.size:
+            u, v = np.meshgrid(
+                np.linspace(0, width - 1, CHECKED), np.linspace(0, height - 1, CHECKED)
+            )
+            check_invertible(*self._at_unit_depth(u, v), self.distortion)
+
+    def part(
+        self, *, left: int = 0, top: int = 0, width: int, height: int, binning: int = 1
+    ) -> Intrinsics:
+        """Return the camera of a rectangle of the image whose pixels are then joined.
+
+        Parameters
+        ----------
+        left, top, width, height : of the rectangle, in pixels of the whole image
+        binning : pixels along x, and along y, that are joined to one
+        """
+        # In pixels of the whole image a joined pixel u has its centre at left + b u + (b - 1) / 2.
+        shift = np.array([left, top]) + (binning - 1) / 2.0
+        matrix = self.matrix.copy()
+        matrix[:2, 2] -= shift
+        matrix[:2] /= binning
+        return Intrinsics(
+            width // binning, height // binning, matrix, self.distortion, self.distortion_model
+        )
 
     def rays(self) -> NDArray[np.float32]:
-        """Return (height, width, 3): where each pixel looks, scaled to z = 1."""
+        """Return (height, width, 3): where each pixel looks, scaled to z = 1.
+
+        NaN in all three where the distortion cannot be inverted.
+        """
         u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
-        y = (v - self.matrix[1, 2]) / self.matrix[1, 1]
-        x = (u - self.matrix[0, 2] - self.matrix[0, 1] * y) / self.matrix[0, 0]
+        x, y = self._at_unit_depth(u, v)
         if self.distortion.size:
-            x, y = _undistorted(x, y, self.distortion)
+            x, y = undistorted(x, y, self.distortion)
         rays = np.stack([x, y, np.ones_like(x)], axis=-1)
+        rays[np.isnan(x)] = np.nan
         return np.ascontiguousarray(rays, dtype=np.float32)
+
+    def _at_unit_depth(
+        self, u: NDArray[Any], v: NDArray[Any]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the x and y of pixels on the plane z = 1, distorted as in the image."""
+        y = (v - self.matrix[1, 2]) / self.matrix[1, 1]
+        return (u - self.matrix[0, 2] - self.matrix[0, 1] * y) / self.matrix[0, 0], y
 
 
 def points_from_depth(depth: NDArray[Any], rays: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -121,20 +146,35 @@ def points_from_depth(depth: NDArray[Any], rays: NDArray[np.float32]) -> NDArray
     InvalidInputError
         When the image and the camera differ in size, or the type is another one.
     """
-    if depth.shape != rays.shape[:2]:
+    check_size(depth.shape[1], depth.shape[0], rays.shape[1], rays.shape[0])
+    if depth.dtype not in (np.uint16, np.float32):
         raise InvalidInputError(
-            f"depth image has {depth.shape[::-1]} pixels (width, height) and the camera "
-            f"{rays.shape[1::-1]}; expected the same size"
+            f"depth image is of {depth.dtype}; expected uint16 (mm) or float32 (m)"
         )
-    if depth.dtype == np.uint16:
-        return _scaled_rays(np.ascontiguousarray(depth), rays, MILLIMETRES)
-    if depth.dtype == np.float32:
-        return _scaled_rays(np.ascontiguousarray(depth), rays, 1.0)
-    raise InvalidInputError(f"depth image is of {depth.dtype}; expected uint16 (mm) or float32 (m)")
+    scale = MILLIMETRES if depth.dtype == np.uint16 else 1.0
+    image = np.ascontiguousarray(depth).view()
+    # To the compiler an array that cannot be written to is another type.
+    image.flags.writeable = False
+    return _scaled_rays(image, rays, scale)
+
+
+def check_size(width: int, height: int, camera_width: int, camera_height: int) -> None:
+    """Refuse an image that is not of its camera's size.
+
+    Raises
+    ------
+    InvalidInputError
+        When they differ.
+    """
+    if (width, height) != (camera_width, camera_height):
+        raise InvalidInputError(
+            f"depth image has {(width, height)} pixels (width, height) and the camera "
+            f"{(camera_width, camera_height)}; expected the same size"
+        )
 
 
 def depth_from_image_data(
-    data: bytes | memoryview | NDArray[np.uint8],
+    data: RawData,
     *,
     width: int,
     height: int,
@@ -151,10 +191,10 @@ def depth_from_image_data(
     """
     if encoding not in IMAGE_TYPES:
         raise InvalidInputError(
-            f"image encoding is {encoding!r}; expected a depth image, {', '.join(IMAGE_TYPES)}"
+            f"image encoding is {encoding!r:.60}; expected a depth image, {', '.join(IMAGE_TYPES)}"
         )
     dtype = IMAGE_TYPES[encoding]
-    _check_layout(
+    view = checked_bytes(
         data,
         width=width,
         height=height,
@@ -165,128 +205,7 @@ def depth_from_image_data(
     )
     if not width or not height:
         return np.empty((height, width), dtype)
-    return np.ndarray((height, width), dtype, _buffer(data), strides=(step, dtype.itemsize))
-
-
-def points_from_cloud_data(
-    data: bytes | memoryview | NDArray[np.uint8],
-    *,
-    width: int,
-    height: int,
-    point_step: int,
-    row_step: int,
-    fields: Sequence[Field],
-    is_bigendian: bool,
-) -> NDArray[np.float32]:
-    """Return the frame of points, (height, width, 3), of the raw data of a PointCloud2 message.
-
-    Fields other than x, y, z are skipped; x, y, z may come in any order, each float32 or float64.
-    A point with a coordinate that is not finite is NaN in all three.
-
-    Raises
-    ------
-    InvalidInputError
-        When x, y or z is missing, of another type or outside the point, when the data is
-        big-endian, or when its length does not fit width, height and steps.
-    """
-    coordinates = _coordinates(fields, point_step)
-    _check_layout(
-        data,
-        width=width,
-        height=height,
-        pixel_step=point_step,
-        row_step=row_step,
-        is_bigendian=is_bigendian,
-        what="cloud",
-    )
-    points = np.empty((height, width, 3), dtype=np.float32)
-    if not points.size:
-        return points
-    with np.errstate(over="ignore", invalid="ignore"):
-        for axis, field in enumerate(coordinates):
-            points[:, :, axis] = np.ndarray(
-                (height, width),
-                FIELD_TYPES[field.datatype],
-                _buffer(data),
-                offset=field.offset,
-                strides=(row_step, point_step),
-            )
-    _blank_unreadable(points.reshape(-1, 3))
-    return points
-
-
-def _coordinates(fields: Sequence[Field], point_step: int) -> list[Field]:
-    """Return the fields of x, y and z after checking that they can be read."""
-    known = {field.name: field for field in fields}
-    missing = [name for name in "xyz" if name not in known]
-    if missing:
-        raise InvalidInputError(
-            f"cloud has the fields {sorted(known)}; expected x, y and z "
-            f"({', '.join(missing)} missing)"
-        )
-    for name in "xyz":
-        field = known[name]
-        if field.datatype not in FIELD_TYPES or field.count not in (0, 1):
-            raise InvalidInputError(
-                f"field {name} of the cloud has datatype {field.datatype} and count {field.count}; "
-                "expected one FLOAT32 (7) or FLOAT64 (8)"
-            )
-        end = field.offset + FIELD_TYPES[field.datatype].itemsize
-        if field.offset < 0 or end > point_step:
-            raise InvalidInputError(
-                f"field {name} of the cloud lies at bytes {field.offset} to {end} of a point; "
-                f"expected them within its {point_step} bytes"
-            )
-    return [known[name] for name in "xyz"]
-
-
-def _check_layout(
-    data: Any,
-    *,
-    width: int,
-    height: int,
-    pixel_step: int,
-    row_step: int,
-    is_bigendian: bool,
-    what: str,
-) -> None:
-    if width < 0 or height < 0:
-        raise InvalidInputError(f"{what} has {width} x {height} pixels; expected no negative size")
-    if is_bigendian:
-        raise InvalidInputError(
-            f"{what} is big-endian; expected little-endian data: convert it where it is published"
-        )
-    if row_step < width * pixel_step:
-        raise InvalidInputError(
-            f"{what} has rows of {row_step} bytes; expected at least {width * pixel_step} "
-            f"for {width} times {pixel_step} bytes"
-        )
-    if len(data) < height * row_step:
-        raise InvalidInputError(
-            f"{what} has {len(data)} bytes of data; expected {height * row_step} for {height} "
-            f"rows of {row_step} bytes: it is truncated"
-        )
-
-
-def _buffer(data: Any) -> memoryview:
-    return memoryview(data).cast("B")
-
-
-def _undistorted(
-    x_distorted: NDArray[np.float64],
-    y_distorted: NDArray[np.float64],
-    distortion: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Invert the Brown-Conrady model by fixed-point iteration; inputs and outputs at z = 1."""
-    k1, k2, p1, p2, k3, k4, k5, k6 = np.pad(distortion, (0, 8 - distortion.size))
-    x, y = x_distorted, y_distorted
-    for _ in range(UNDISTORTION_STEPS):
-        r2 = x * x + y * y
-        radial = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-        dx = 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-        dy = p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-        x, y = (x_distorted - dx) / radial, (y_distorted - dy) / radial
-    return x, y
+    return np.ndarray((height, width), dtype, view.data, strides=(step, dtype.itemsize))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -300,12 +219,5 @@ def _scaled_rays(depth: Any, rays: Any, scale: Any) -> Any:
                 z = np.float32(np.nan)
             points[v, u, 0] = rays[v, u, 0] * z
             points[v, u, 1] = rays[v, u, 1] * z
-            points[v, u, 2] = z
+            points[v, u, 2] = rays[v, u, 2] * z
     return points
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _blank_unreadable(points: Any) -> None:
-    for i in range(points.shape[0]):
-        if not np.isfinite(points[i, 0] + points[i, 1] + points[i, 2]):
-            points[i, :] = np.nan

@@ -10,11 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.scene import Environment, Plane
+from intuitive_physics_perception.fusion import MAX_EDGE_POINTS, fuse
 from intuitive_physics_perception.noise import RangeNoise
+from intuitive_physics_perception.plane_edges import with_edges
 from intuitive_physics_perception.planes import DetectedPlane, detect_planes
+from intuitive_physics_perception.range_cloud import RangeCloud
 from intuitive_physics_perception.settings import PerceptionSettings
 
-MAX_FUSED_POINTS = 24000
 MIN_POINTS = 50
 VERTICAL_VIEW_COSINE = float(np.cos(np.radians(10.0)))
 
@@ -27,17 +29,19 @@ class NoEnvironmentError(IntuitivePhysicsError):
 class EnvironmentModel:
     """The environment, and where the sensor stands in it.
 
-    The environment's frame has z along the normal of the supporting plane, its origin where a
-    plumb line from the sensor meets that plane, and x along the sensor's optical axis (z) dropped
-    onto the plane, or along the sensor's x axis where the optical axis is vertical within 10°.
+    The environment's frame has z against gravity, which is along the normal of the supporting
+    plane unless it was measured, its origin where a plumb line from the sensor meets that plane,
+    and x along the horizontal part of the sensor's optical axis (z), or of the sensor's x axis
+    where the optical axis is vertical within 10°.
 
     Parameters
     ----------
-    environment : Ω_e; its first plane is the support, its planes have no edges
+    environment : Ω_e; its first plane is the support, planes end where edges were seen
     detected : the same planes in the sensor's frame, with their outlines
     rotation : (3, 3) and
     translation : (3,) m: p_environment = rotation p_sensor + translation
     noise : of the range readings, measured on the planes
+    explained : part of the readings that lie on one of the planes
     """
 
     environment: Environment
@@ -45,6 +49,7 @@ class EnvironmentModel:
     rotation: NDArray[np.float64]
     translation: NDArray[np.float64]
     noise: RangeNoise
+    explained: float
 
     def to_environment(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return points (..., 3) of the sensor's frame in the environment's frame, m."""
@@ -60,6 +65,15 @@ class EnvironmentModel:
 
         return Rotation.from_matrix(self.rotation).as_quat()
 
+    def seen_environment(self) -> Environment:
+        """Return the environment with its planes cut to what was seen of them, as to be shown."""
+        planes = [
+            Plane(plane.id, plane.material, plane.normal, plane.offset, outline)
+            for plane, outline in zip(self.environment.planes, self.outlines(), strict=True)
+        ]
+        known = self.environment
+        return Environment(planes, known.boxes, known.gravity, known.frame_id)
+
     def outlines(self) -> list[NDArray[np.float64]]:
         """Return the convex outline (n, 3), m, of what was seen of each plane, in its frame."""
         return [self.to_environment(plane.corners) for plane in self.detected]
@@ -69,18 +83,23 @@ def model_environment(
     frames: Sequence[NDArray[np.float32]],
     settings: PerceptionSettings,
     rng: np.random.Generator,
+    up: ArrayLike | None = None,
 ) -> EnvironmentModel:
     """Fuse frames of points and model what is static in them (Sec. VI-B).
 
     Parameters
     ----------
     frames : each (height, width, 3) m, NaN where nothing was read, the sensor at the origin
+    up : (3,) unit vector against gravity in the sensor's frame, as an accelerometer has measured
+        it; None: what `gravity_source` says, the normal of the supporting plane or `up_hint`
 
     Raises
     ------
     NoEnvironmentError
-        When there are too few points, no plane, or none of the planes fits `up_hint`.
+        When there are too few points, no plane, or none of the planes faces up where that is known.
     """
+    if up is None and settings.gravity_source == "up_hint":
+        up = settings.up_hint
     points = fuse(frames, settings, rng)
     if len(points) < MIN_POINTS:
         raise NoEnvironmentError(
@@ -94,9 +113,14 @@ def model_environment(
             f"no plane holds {settings.plane_min_fraction:.0%} of the {len(points)} points; "
             "expected a floor or table: turn the sensor to it or lower plane_min_fraction"
         )
-    planes = _support_first(planes, settings)
+    planes = _support_first(planes, settings, settings.up_hint if up is None else up)
     noise = _measured_noise(frames[-1], planes, assumed, settings, rng)
-    rotation, translation = _gravity_aligned(planes[0])
+    planes = with_edges(
+        planes, RangeCloud(fuse(frames, settings, rng, MAX_EDGE_POINTS), noise, settings), rng
+    )
+    rotation, translation = _gravity_aligned(
+        planes[0], planes[0].normal if up is None else np.asarray(up, dtype=np.float64)
+    )
     environment = Environment(
         [
             Plane(
@@ -104,70 +128,39 @@ def model_environment(
                 settings.plane_material,
                 rotation @ plane.normal,
                 plane.offset + float(rotation @ plane.normal @ translation),
+                None if plane.boundary is None else plane.boundary @ rotation.T + translation,
             )
             for k, plane in enumerate(planes)
         ],
         gravity=(0.0, 0.0, -settings.gravity),
         frame_id=settings.environment_frame_id,
     )
-    return EnvironmentModel(environment, tuple(planes), rotation, translation, noise)
+    cloud = RangeCloud(points, noise, settings)
+    explained = float(np.mean(explained_points(cloud, planes)))
+    return EnvironmentModel(environment, tuple(planes), rotation, translation, noise, explained)
 
 
-def fuse(
-    frames: Sequence[NDArray[np.float32]],
-    settings: PerceptionSettings,
-    rng: np.random.Generator,
-) -> NDArray[np.float64]:
-    """Return points (n, 3), at most MAX_FUSED_POINTS, of all frames.
-
-    Frames of one organised size are fused by the median of each pixel, which averages noise and
-    drops what moves; others are thrown together.
-    """
-    shapes = {frame.shape for frame in frames}
-    if len(shapes) == 1 and frames[0].shape[0] > 1:
-        height, width = frames[0].shape[:2]
-        stride = max(1, int(np.ceil(np.sqrt(height * width / MAX_FUSED_POINTS))))
-        stack = np.stack([frame[::stride, ::stride] for frame in frames]).astype(np.float64)
-        points = _pixel_medians(stack.reshape(len(frames), -1, 3))
-    else:
-        points = np.concatenate([frame.reshape(-1, 3) for frame in frames]).astype(np.float64)
-    points = points[_in_range(points, settings)]
-    if len(points) > MAX_FUSED_POINTS:
-        points = points[rng.choice(len(points), MAX_FUSED_POINTS, replace=False)]
-    return points
-
-
-def _pixel_medians(stack: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Median reading of each pixel, (n_pixels, 3) of (n_frames, n_pixels, 3), seen in at least half
-    of the frames; else NaN."""
-    ranges = np.linalg.norm(stack, axis=2)
-    seen = np.isfinite(ranges).sum(axis=0)
-    # NaN sorts to the end, so the median of what was seen stands at half its count.
-    order = np.argsort(ranges, axis=0)
-    middle = np.take_along_axis(order, (seen // 2).clip(max=len(stack) - 1)[None], axis=0)[0]
-    medians = stack[middle, np.arange(stack.shape[1])]
-    medians[2 * seen < len(stack)] = np.nan
-    return medians
-
-
-def _in_range(points: NDArray[np.float64], settings: PerceptionSettings) -> NDArray[np.bool_]:
-    ranges = np.linalg.norm(points, axis=1)
-    return (ranges >= settings.min_range) & (ranges <= settings.max_range)
+def explained_points(cloud: RangeCloud, planes: Sequence[DetectedPlane]) -> NDArray[np.bool_]:
+    """Which points (n,) lie on one of the planes, wherever those end."""
+    near = [cloud.near(plane.numbers) for plane in planes]
+    return np.asarray(np.any(near, axis=0))
 
 
 def _support_first(
-    planes: list[DetectedPlane], settings: PerceptionSettings
+    planes: list[DetectedPlane], settings: PerceptionSettings, up: ArrayLike | None
 ) -> list[DetectedPlane]:
-    """Put the supporting plane first: the largest, or the largest that fits the hint."""
-    if settings.up_hint is None:
+    """Put the supporting plane first: the largest, or the largest that faces up."""
+    if up is None:
         return planes
     cosine = np.cos(np.radians(settings.up_hint_tolerance))
     for k, plane in enumerate(planes):
-        if plane.normal @ np.array(settings.up_hint) >= cosine:
+        if plane.normal @ np.asarray(up) >= cosine:
             return [plane, *planes[:k], *planes[k + 1 :]]
+    told = ", ".join(f"{x:.2f}" for x in np.asarray(up))
     raise NoEnvironmentError(
-        f"none of {len(planes)} planes faces up_hint {settings.up_hint} within "
-        f"{settings.up_hint_tolerance:g}°; expected a floor or table: correct the hint"
+        f"none of {len(planes)} planes faces up, ({told}) in the sensor's frame, within "
+        f"{settings.up_hint_tolerance:g}°; expected a floor or table: correct up_hint, or the "
+        "orientation of the IMU"
     )
 
 
@@ -200,13 +193,13 @@ def _measured_noise(
 
 
 def _gravity_aligned(
-    support: DetectedPlane,
+    support: DetectedPlane, up: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Rotation and translation from the sensor's frame to the environment's."""
-    up = support.normal
     optical, sideways = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
     ahead = sideways if abs(optical @ up) > VERTICAL_VIEW_COSINE else optical
     x = ahead - (ahead @ up) * up
     x /= np.linalg.norm(x)
     rotation = np.stack([x, np.cross(up, x), up])
-    return rotation, np.array([0.0, 0.0, -support.offset])
+    # Straight down from the sensor the support is offset / (normal · up) along up.
+    return rotation, np.array([0.0, 0.0, -support.offset / float(support.normal @ up)])

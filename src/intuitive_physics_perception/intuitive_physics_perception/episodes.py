@@ -11,17 +11,20 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.scene import Environment
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_perception.initial_state import Record, state_at
-from intuitive_physics_perception.motion import RADIUS
+from intuitive_physics_perception.motion import POSITION, RADIUS
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracker import Track
+from intuitive_physics_perception.smoother import smooth
+from intuitive_physics_perception.track import Track
 
 MAX_START_TRIALS = 90
+AS_WELL = 1.5
 
 
 class EpisodeRecorder:
@@ -66,22 +69,46 @@ class EpisodeRecorder:
 def record_of(track: Track, settings: PerceptionSettings) -> Record:
     """Return what was seen of a track, given the radius its average found.
 
-    Each detection told centre and radius with their covariance; knowing the radius better moves
-    the centre: c' = c + C_cr / C_rr (r̄ - r).
+    Each sphere told centre and radius with their covariance; knowing the radius better moves the
+    centre: c' = c + C_cr / C_rr (r̄ - r).
     """
-    spheres = [point.sphere for point in track.history]
-    covariances = np.stack([sphere.covariance for sphere in spheres])
-    gains = covariances[:, :3, 3] / covariances[:, 3, 3, None]
-    off = track.mean[RADIUS] - np.array([sphere.radius for sphere in spheres])
-    positions = np.stack([sphere.center for sphere in spheres]) + gains * off[:, None]
-    left = np.maximum(covariances[:, 3, 3] - track.covariance[RADIUS, RADIUS], 0.0)
-    narrowed = covariances[:, :3, :3] - left[:, None, None] * gains[:, :, None] * gains[:, None, :]
+    steps = [step for step in track.steps if step.seen is not None]
+    seen = [step.seen for step in steps if step.seen is not None]
+    times = np.array([step.time for step in steps])
+    attitudes = tuple(step.attitude for step in steps if step.attitude is not None)
+    positions = np.stack([detection.center for detection in seen])
+    covariances = np.stack([detection.covariance for detection in seen])
+    narrowed = covariances[:, :3, :3]
+    if not attitudes:
+        gains = covariances[:, :3, 3] / covariances[:, 3, 3, None]
+        off = track.mean[RADIUS] - np.array([detection.radius for detection in seen])
+        positions = positions + gains * off[:, None]
+        left = np.maximum(covariances[:, 3, 3] - track.covariance[RADIUS, RADIUS], 0.0)
+        narrowed = narrowed - left[:, None, None] * gains[:, :, None] * gains[:, None, :]
+    path_times, path_positions = _path(track, times)
     return Record(
         track.scene_object(settings),
-        np.array([point.time for point in track.history]),
+        times,
         positions,
         narrowed,
+        attitudes or None,
+        path_times,
+        path_positions,
     )
+
+
+def _path(
+    track: Track, seen: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times and positions of the smoothed track, where it is known as well as where it was seen.
+
+    A ball that was hidden in mid-air is; one that bounced meanwhile is not.
+    """
+    path = smooth(list(track.steps))
+    deviations = np.sqrt(np.trace(path.covariances[:, POSITION, POSITION], axis1=1, axis2=2))
+    known = np.isin(path.times, seen)
+    known |= deviations <= AS_WELL * deviations[known].max()
+    return path.times[known], path.means[known, POSITION]
 
 
 def observations_of(
@@ -129,7 +156,9 @@ def _piece(
                 environment,
                 tuple(
                     ObservedObject(
-                        parts[k].object, Trajectory(parts[k].times, parts[k].positions), state
+                        parts[k].object,
+                        Trajectory(parts[k].path_times, parts[k].path_positions),
+                        state,
                     )
                     for k, state in zip(members, known, strict=True)
                 ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -10,14 +11,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from intuitive_physics_perception.clustering import grid_clusters, neighbour_labels
 from intuitive_physics_perception.environment_model import EnvironmentModel
+from intuitive_physics_perception.noise import RangeNoise
 from intuitive_physics_perception.planes import DetectedPlane
 from intuitive_physics_perception.settings import PerceptionSettings
 
-OUTLINE_MARGIN = 0.03
-JUMP_CONSTANT = 0.02
-JUMP_SIGMAS = 6.0
-CELLS_PER_GAP = 4.0
+ITERATIONS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +42,7 @@ class ForegroundFinder:
     def __init__(self, model: EnvironmentModel, settings: PerceptionSettings) -> None:
         self._settings = settings
         self._planes = model.detected
+        self._noise = model.noise
         noise = model.noise
         # Single precision halves the time of a frame and is far below the noise.
         self._limits = np.array(
@@ -51,47 +52,41 @@ class ForegroundFinder:
                 noise.constant**2,
                 noise.quadratic**2,
                 noise.limit**2,
-                settings.plane_tolerance**2,
-                settings.plane_sigmas**2,
             ],
             dtype=np.float32,
         )
-        self._coefficients = np.array(
-            [[*plane.normal, plane.offset] for plane in model.detected], dtype=np.float32
-        )
-        self._cover = np.zeros((0, 0), dtype=np.uint16)
-        self._covered = np.zeros((0, 0), dtype=bool)
+        self._free = np.zeros((0, 0), dtype=np.float32)
+        self._known = np.zeros((0, 0), dtype=bool)
 
     def find(self, points: NDArray[np.float32]) -> Clusters:
         """Cluster the foreground of a frame of points (height, width, 3)."""
-        mask, readings = _foreground(
-            points, self._cover_of(points), self._coefficients, self._limits
-        )
+        mask, readings = _foreground(points, self._free_of(points), self._limits)
         if points.shape[0] > 1:
             indices = self._organised_clusters(points, mask)
         else:
             indices = self._unorganised_clusters(points[0], mask[0])
         return Clusters(indices, int(np.count_nonzero(mask)), readings)
 
-    def _cover_of(self, points: NDArray[np.float32]) -> NDArray[np.uint16]:
-        """Bit k of each point says whether its ray meets plane k inside the plane's outline.
+    def _free_of(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Squared range at which each ray comes to a plane, (height, width) m².
 
         A pixel of an organised cloud always looks the same way, so it is asked only once.
         """
         organised = points.shape[0] > 1
-        if not organised or self._cover.shape != points.shape[:2]:
-            self._cover = np.zeros(points.shape[:2], dtype=np.uint16)
-            self._covered = np.zeros(points.shape[:2], dtype=bool)
-        new = np.isfinite(points[:, :, 2]) & ~self._covered
+        if not organised or self._free.shape != points.shape[:2]:
+            self._free = np.zeros(points.shape[:2], dtype=np.float32)
+            self._known = np.zeros(points.shape[:2], dtype=bool)
+        new = np.isfinite(points[:, :, 2]) & ~self._known
         if new.any():
-            self._cover[new] = covering_planes(points[new], self._planes)
-            self._covered |= new
-        return self._cover
+            free = free_ranges(points[new], self._planes, self._noise, self._settings)
+            self._free[new] = np.square(free)
+            self._known |= new
+        return self._free
 
     def _organised_clusters(
         self, points: NDArray[np.float32], mask: NDArray[np.uint8]
     ) -> list[NDArray[np.int64]]:
-        order, starts = _grid_clusters(points, mask, self._limits, self._settings.min_points)
+        order, starts = grid_clusters(points, mask, self._limits, self._settings.min_points)
         parts = [order[a:b] for a, b in pairwise(starts)]
         return sorted(parts, key=len, reverse=True)
 
@@ -107,172 +102,56 @@ class ForegroundFinder:
         ]
 
 
-def covering_planes(
-    directions: NDArray[Any], planes: tuple[DetectedPlane, ...]
-) -> NDArray[np.uint16]:
-    """Return (n,) bit masks: bit k is set where a ray meets plane k inside its outline.
+def free_ranges(
+    directions: NDArray[np.float32],
+    planes: Sequence[DetectedPlane],
+    noise: RangeNoise,
+    settings: PerceptionSettings,
+) -> NDArray[np.float32]:
+    """Range up to which a reading along each ray lies off and before all planes, (n,) m.
+
+    The reading at range ρ of a ray that meets a plane at an angle of cosine c, inside the plane's
+    outline, lies before it when its distance exceeds √((s σ(ρ) c)² + t²): s deviations of the noise
+    and the unevenness t.
 
     Parameters
     ----------
     directions : (n, 3) of any length, from the sensor
     """
-    cover = np.zeros(len(directions), dtype=np.uint16)
-    for k, plane in enumerate(planes):
-        along = directions @ plane.normal.astype(directions.dtype)
-        meets = np.flatnonzero(along < -1e-6)
-        reach = plane.offset / along[meets]
-        met = directions[meets] * reach[:, None]
-        margin = OUTLINE_MARGIN * np.linalg.norm(met, axis=1)
-        inside = np.ones(meets.size, dtype=bool)
-        for outward, bound in zip(*_edges(plane), strict=True):
-            inside &= met @ outward.astype(directions.dtype) <= bound + margin
-        cover[meets[inside]] |= np.uint16(1 << k)
-    return cover
-
-
-def _edges(plane: DetectedPlane) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Half spaces outward · p ≤ bound that together are the plane's convex outline."""
-    along = np.roll(plane.corners, -1, axis=0) - plane.corners
-    outward = np.cross(along, plane.normal)
-    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    return outward, (outward * plane.corners).sum(axis=1)
-
-
-def neighbour_labels(points: NDArray[np.float64], gap: float) -> NDArray[np.int64]:
-    """Label (n,) points that hang together by neighbours nearer than `gap` times their range.
-
-    The map to direction and logarithm of range keeps shapes and divides lengths by the range, so
-    one distance in it stands for a gap that grows with range as the spacing of readings does.
-    """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    if not len(points):
-        return np.zeros(0, dtype=np.int64)
-    ranges = np.linalg.norm(points, axis=1)
-    mapped = np.column_stack([points / ranges[:, None], np.log(ranges)])
-    # Where readings are denser than needed one of them stands for its cell.
-    cells = np.floor(mapped * (CELLS_PER_GAP / gap)).astype(np.int64)
-    _, first, cell_of = np.unique(cells, axis=0, return_index=True, return_inverse=True)
-    pairs = cKDTree(mapped[first]).query_pairs(gap, output_type="ndarray")
-    graph = coo_array(
-        (np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])),
-        shape=(first.size, first.size),
-    )
-    return connected_components(graph, directed=False)[1][cell_of.ravel()].astype(np.int64)
+    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    free = np.full(len(unit), settings.max_range, dtype=np.float32)
+    for plane in planes:
+        cosine = -(unit @ plane.normal.astype(unit.dtype))
+        meets = np.flatnonzero(cosine > 1e-6)
+        cosine = cosine[meets]
+        inside = plane.outlines(unit[meets] * (-plane.offset / cosine)[:, None])
+        meets, cosine = meets[inside], cosine[inside]
+        begins = -plane.offset / cosine
+        # A contraction: what the noise lets pass grows far slower with range than the distance.
+        for _ in range(ITERATIONS):
+            spread = settings.plane_sigmas * noise.deviation(begins) * cosine
+            margin = np.hypot(spread, settings.plane_tolerance)
+            begins = np.maximum((-plane.offset - margin) / cosine, 0.0)
+        free[meets] = np.minimum(free[meets], begins)
+    return free
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _foreground(points: Any, cover: Any, planes: Any, limits: Any) -> tuple[Any, int]:
-    """Mark points in range that are off all planes (n, 4) covering them, and not behind one.
+def _foreground(points: Any, free: Any, limits: Any) -> tuple[Any, int]:
+    """Mark points in range and before all planes, which begin at the squared range `free`.
 
-    Whole rows go through each step without a branch, which the compiler turns into vector code.
+    No branch, which the compiler turns into vector code.
     """
-    height, width = cover.shape
-    min_range2, max_range2, constant2, quadratic2, limit2, tolerance2, sigmas2 = limits
-    mask = np.zeros((height, width), dtype=np.uint8)
-    range2 = np.empty(width, dtype=np.float32)
-    variance = np.empty(width, dtype=np.float32)
+    height, width = free.shape
+    min_range2, max_range2 = limits[0], limits[1]
+    mask = np.empty((height, width), dtype=np.uint8)
     readings = 0
     for v in range(height):
         for u in range(width):
             x, y, z = points[v, u, 0], points[v, u, 1], points[v, u, 2]
-            range2[u] = x * x + y * y + z * z
-            grown = constant2 + quadratic2 * range2[u] * range2[u]
-            variance[u] = sigmas2 * (grown if grown < limit2 else limit2)
-            # NaN compares false with everything.
-            mask[v, u] = (range2[u] >= min_range2) & (range2[u] <= max_range2)
-            readings += mask[v, u]
-        for k in range(planes.shape[0]):
-            nx, ny, nz, offset = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
-            bit = np.uint16(1 << k)
-            for u in range(width):
-                along = points[v, u, 0] * nx + points[v, u, 1] * ny + points[v, u, 2] * nz
-                distance = along - offset
-                # Both sides times range², which spares a division for every pixel.
-                spread = tolerance2 * range2[u] + variance[u] * along * along
-                before = (distance > np.float32(0.0)) & (distance * distance * range2[u] > spread)
-                mask[v, u] &= np.uint8(before) | np.uint8((cover[v, u] & bit) == 0)
-    return mask, readings
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _grid_clusters(points: Any, mask: Any, limits: Any, min_points: int) -> tuple[Any, Any]:
-    """Connect neighbouring foreground pixels whose range does not jump; 8-connected.
-
-    Returns
-    -------
-    order : (n,) indices of pixels, those of one cluster together
-    starts : (n_clusters + 1,) where each cluster starts in `order`
-    """
-    height, width = mask.shape
-    _, _, constant2, quadratic2, limit2, _, _ = limits
-    label = np.full((height, width), -1, dtype=np.int32)
-    ranges = np.empty((2, width), dtype=np.float32)
-    parent = np.empty(height * width, dtype=np.int32)
-    count = 0
-    for v in range(height):
-        now, before = v & 1, 1 - (v & 1)
-        for u in range(width):
-            if mask[v, u] == 0:
-                continue
-            x, y, z = points[v, u, 0], points[v, u, 1], points[v, u, 2]
             range2 = x * x + y * y + z * z
-            own = np.sqrt(range2)
-            ranges[now, u] = own
-            deviation = np.sqrt(min(constant2 + quadratic2 * range2 * range2, limit2))
-            jump = JUMP_CONSTANT + JUMP_SIGMAS * deviation
-            best = -1
-            for dv, du in ((0, -1), (-1, -1), (-1, 0), (-1, 1)):
-                i, j = v + dv, u + du
-                if i < 0 or j < 0 or j >= width or mask[i, j] == 0:
-                    continue
-                other = ranges[now, j] if dv == 0 else ranges[before, j]
-                if abs(own - other) > jump:
-                    continue
-                root = _root(parent, label[i, j])
-                if best < 0:
-                    best = root
-                elif root != best:
-                    parent[max(root, best)] = min(root, best)
-                    best = min(root, best)
-            if best < 0:
-                best = count
-                parent[count] = count
-                count += 1
-            label[v, u] = best
-    return _gathered(label, parent, count, min_points)
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _root(parent: Any, i: int) -> int:
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _gathered(label: Any, parent: Any, count: int, min_points: int) -> tuple[Any, Any]:
-    """Sort pixels by cluster and leave out clusters of fewer than `min_points`."""
-    flat = label.ravel()
-    size = np.zeros(count, dtype=np.int64)
-    for i in range(flat.size):
-        if flat[i] >= 0:
-            flat[i] = _root(parent, flat[i])
-            size[flat[i]] += 1
-    place = np.full(count, -1, dtype=np.int64)
-    starts = np.zeros(count + 1, dtype=np.int64)
-    kept = 0
-    for k in range(count):
-        if size[k] >= min_points:
-            place[k] = starts[kept]
-            starts[kept + 1] = starts[kept] + size[k]
-            kept += 1
-    order = np.empty(starts[kept], dtype=np.int64)
-    for i in range(flat.size):
-        if flat[i] >= 0 and place[flat[i]] >= 0:
-            order[place[flat[i]]] = i
-            place[flat[i]] += 1
-    return order, starts[: kept + 1]
+            # NaN compares false with everything.
+            read = (range2 >= min_range2) & (range2 <= max_range2)
+            mask[v, u] = read & (range2 < free[v, u])
+            readings += read
+    return mask, readings

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.scene import Environment, SceneObject
+from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.state import (
     ANGULAR_VELOCITY,
     ERROR_SIZE,
@@ -15,8 +15,14 @@ from intuitive_physics.state import (
     POSITION,
     ObjectState,
 )
-from intuitive_physics_perception.motion import supported_acceleration, supporting_planes
+from intuitive_physics_perception.attitude import Attitude, with_attitude
+from intuitive_physics_perception.motion import (
+    downward,
+    supported_acceleration,
+    supporting_planes,
+)
 from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.spin import ROLLING_TIME, rolling_spin, unknown_spin
 
 MIN_POINTS = 3
 MAX_POINTS = 12
@@ -30,26 +36,39 @@ TOUCH_SIGMAS, TOUCH_SLACK = 3.0, 0.005
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What was seen of one ball.
+    """What was seen of one object.
 
     Parameters
     ----------
     object : what it is
     times : (n,) s, strictly increasing
     positions : (n, 3) m, of the centre in the environment's frame
-    covariances : (n, 3, 3) m²
+    covariances : (n, 3, 3) m², of each alone
+    attitudes : of each, how a box or capsule lies and turns as far as was known then; None of a
+        sphere
+    path_times, path_positions : (m,) s and (m, 3) m, the same motion in the light of all frames
     """
 
     object: SceneObject
     times: NDArray[np.float64]
     positions: NDArray[np.float64]
     covariances: NDArray[np.float64]
+    attitudes: tuple[Attitude, ...] | None
+    path_times: NDArray[np.float64]
+    path_positions: NDArray[np.float64]
 
     def between(self, start: float, end: float) -> Record:
         """Return the part with start ≤ time < end."""
         inside = (self.times >= start) & (self.times < end)
+        on_path = (self.path_times >= start) & (self.path_times < end)
         return Record(
-            self.object, self.times[inside], self.positions[inside], self.covariances[inside]
+            self.object,
+            self.times[inside],
+            self.positions[inside],
+            self.covariances[inside],
+            _chosen(self.attitudes, inside),
+            self.path_times[on_path],
+            self.path_positions[on_path],
         )
 
     @property
@@ -76,8 +95,8 @@ def state_at(
     first = int(np.searchsorted(record.times, time - 1e-9))
     best: _Stretch | None = None
     for start in range(max(first - POINTS_BEFORE, 0), min(first + 1, len(record.times))):
-        for acceleration in _accelerations(record, start, environment):
-            stretch = _longest_stretch(record, start, time, acceleration, environment)
+        for plane, acceleration in _accelerations(record, start, environment):
+            stretch = _longest_stretch(record, start, time, acceleration, plane, environment)
             if (
                 stretch is not None
                 and record.times[stretch.end - 1] >= time
@@ -91,35 +110,77 @@ def state_at(
     covariance[POSITION, LINEAR_VELOCITY] = best.covariance[:3, 3:]
     covariance[LINEAR_VELOCITY, POSITION] = best.covariance[3:, :3]
     covariance[LINEAR_VELOCITY, LINEAR_VELOCITY] = best.covariance[3:, 3:]
-    covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = settings.angular_velocity_deviation**2 * (
-        np.eye(3)
+    if record.attitudes is not None:
+        # The end of the stretch knows most of its spin, which nothing changed before.
+        last = record.attitudes[best.end - 1].after(time - float(record.times[best.end - 1]))
+        return with_attitude(best.mean[:3], best.mean[3:], covariance, last)
+    spin, covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = _spin(record, best, settings)
+    return ObjectState(
+        best.mean[:3],
+        linear_velocity=best.mean[3:],
+        angular_velocity=spin,
+        covariance=covariance,
     )
-    return ObjectState(best.mean[:3], linear_velocity=best.mean[3:], covariance=covariance)
+
+
+def _spin(
+    record: Record, stretch: _Stretch, settings: PerceptionSettings
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of a ball that keeps its speed on a plane that it rolls, else nothing."""
+    lasted = record.times[stretch.end - 1] - record.times[stretch.start]
+    if stretch.plane is None or lasted < ROLLING_TIME:
+        return unknown_spin(settings.angular_velocity_deviation)
+    return rolling_spin(
+        stretch.mean[3:],
+        stretch.covariance[3:, 3:],
+        record.object.shape.bounding_radius,
+        stretch.plane.normal,
+        settings.angular_velocity_deviation,
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class _Stretch:
-    """Points start to end (exclusive) and (position, velocity) at the time asked for."""
+    """Points start to end (exclusive), (position, velocity) at the time asked for, and the plane
+    that carried the ball; None in flight."""
 
     start: int
     end: int
     mean: NDArray[np.float64]
     covariance: NDArray[np.float64]
+    plane: Plane | None
 
 
 def _accelerations(
     record: Record, start: int, environment: Environment
-) -> list[NDArray[np.float64]]:
-    """Flight, and sliding where the ball touches planes."""
+) -> list[tuple[Plane | None, NDArray[np.float64]]]:
+    """Flight, and sliding where the ball touches planes; with the first plane that carries it."""
     noise = float(np.sqrt(np.trace(record.covariances[start])))
     touched = supporting_planes(
         environment,
         record.positions[start],
-        record.object.shape.bounding_radius,
+        _height(record, start, environment),
         TOUCH_SIGMAS * noise + TOUCH_SLACK,
     )
-    flight = [environment.gravity]
-    return [*flight, supported_acceleration(environment, touched)] if touched else flight
+    found: list[tuple[Plane | None, NDArray[np.float64]]] = [(None, environment.gravity)]
+    if touched:
+        found.append((touched[0], supported_acceleration(environment, touched)))
+    return found
+
+
+def _height(record: Record, k: int, environment: Environment) -> float:
+    """m of the centre above the lowest point, at point k."""
+    if record.attitudes is None:
+        return record.object.shape.bounding_radius
+    return record.attitudes[k].reach(downward(environment))
+
+
+def _chosen(
+    attitudes: tuple[Attitude, ...] | None, which: NDArray[np.bool_]
+) -> tuple[Attitude, ...] | None:
+    if attitudes is None:
+        return None
+    return tuple(attitudes[k] for k in np.flatnonzero(which))
 
 
 def _longest_stretch(
@@ -127,6 +188,7 @@ def _longest_stretch(
     start: int,
     time: float,
     acceleration: NDArray[np.float64],
+    plane: Plane | None,
     environment: Environment,
 ) -> _Stretch | None:
     """Grow a stretch from `start` until a point is a surprise or it is long enough.
@@ -166,7 +228,7 @@ def _longest_stretch(
         # χ² has the mean `freedom` and the variance 2 `freedom`.
         if misfit > 1.0 + MISFIT_SIGMAS * np.sqrt(2.0 / freedom):
             return grown[-1] if grown else None
-        grown.append(_Stretch(start, k + 1, mean, covariance * max(misfit, 1.0)))
+        grown.append(_Stretch(start, k + 1, mean, covariance * max(misfit, 1.0), plane))
     return grown[-1] if grown else None
 
 

@@ -5,6 +5,7 @@ The vector of a ball is (position, velocity, radius), shape (7,), in the environ
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
@@ -20,6 +21,21 @@ SUPPORT_SPEED = 0.25
 NORMAL_DOUBT, TANGENTIAL_DOUBT = 0.35, 0.3
 
 
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """A ball some time later.
+
+    Parameters
+    ----------
+    mean, covariance : (7,) and (7, 7)
+    transition : (7, 7), what a small change of the state before makes of the state then
+    """
+
+    mean: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    transition: NDArray[np.float64]
+
+
 def supporting_planes(
     environment: Environment, position: NDArray[np.float64], radius: float, tolerance: float
 ) -> list[Plane]:
@@ -29,7 +45,14 @@ def supporting_planes(
         for plane in environment.planes
         if abs(plane.signed_distances(position) - radius) < tolerance
         and plane.normal @ environment.gravity < 0.0
+        and plane.covers(position)
     ]
+
+
+def downward(environment: Environment) -> NDArray[np.float64]:
+    """Unit vector (3,) along gravity; zeros without one."""
+    strength = float(np.linalg.norm(environment.gravity))
+    return environment.gravity / strength if strength > 0.0 else np.zeros(3)
 
 
 def supported_acceleration(environment: Environment, planes: list[Plane]) -> NDArray[np.float64]:
@@ -49,32 +72,33 @@ def predicted(
     *,
     restitution: float,
     acceleration_noise: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return mean and covariance of a ball `duration` s later.
+) -> Prediction:
+    """Return a ball `duration` s later.
 
     A bounce turns the velocity with the restitution one expects and widens the covariance by what
     friction and another restitution could make of it.
     """
-    mean, covariance, left = mean.copy(), covariance.copy(), duration
+    ball, left = Prediction(mean, covariance, np.eye(SIZE)), duration
     for _ in range(MAX_BOUNCES):
-        support = [
-            plane
-            for plane in supporting_planes(
-                environment, mean[POSITION], mean[RADIUS], SUPPORT_DISTANCE
-            )
-            if abs(plane.normal @ mean[VELOCITY]) < SUPPORT_SPEED
-        ]
-        for plane in support:
-            # What is left of a bounce is a hop of millimetres: it stays on the plane.
-            mean[VELOCITY] -= (plane.normal @ mean[VELOCITY]) * plane.normal
+        ball, support = _supported(ball, environment)
         acceleration = supported_acceleration(environment, support)
-        met, until = _next_contact(mean, acceleration, left, environment, support)
-        mean, covariance = _flown(mean, covariance, until, acceleration, acceleration_noise)
+        met, until = _next_contact(ball.mean, acceleration, left, environment, support)
+        ball = _flown(ball, until, acceleration, acceleration_noise)
         left -= until
         if met is None:
             break
-        mean, covariance = _bounced(mean, covariance, met.normal, restitution)
-    return mean, covariance
+        ball = _bounced(ball, met.normal, restitution)
+    return ball
+
+
+def _supported(ball: Prediction, environment: Environment) -> tuple[Prediction, list[Plane]]:
+    """What is left of a bounce is a hop of millimetres: it stays on the plane."""
+    mean = ball.mean.copy()
+    touched = supporting_planes(environment, mean[POSITION], mean[RADIUS], SUPPORT_DISTANCE)
+    support = [plane for plane in touched if abs(plane.normal @ mean[VELOCITY]) < SUPPORT_SPEED]
+    for plane in support:
+        mean[VELOCITY] -= (plane.normal @ mean[VELOCITY]) * plane.normal
+    return Prediction(mean, ball.covariance, ball.transition), support
 
 
 def _next_contact(
@@ -90,12 +114,21 @@ def _next_contact(
         if plane in support:
             continue
         gap = float(plane.signed_distances(mean[POSITION]) - mean[RADIUS])
+        if plane.boundary is not None and gap < -2.0 * mean[RADIUS]:
+            # It is wholly behind: below a table, or beyond the front of a box.
+            continue
         speed = float(plane.normal @ mean[VELOCITY])
         pull = float(plane.normal @ acceleration)
         time = _falls_to_zero(gap, speed, pull)
-        if time < until:
+        if time < until and plane.covers(_place_at(time, mean, acceleration)):
             first, until = plane, time
     return first, until
+
+
+def _place_at(
+    time: float, mean: NDArray[np.float64], acceleration: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    return mean[POSITION] + time * (mean[VELOCITY] + 0.5 * time * acceleration)
 
 
 def _falls_to_zero(gap: float, speed: float, pull: float) -> float:
@@ -111,34 +144,26 @@ def _falls_to_zero(gap: float, speed: float, pull: float) -> float:
 
 
 def _flown(
-    mean: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    duration: float,
-    acceleration: NDArray[np.float64],
-    noise: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ball: Prediction, duration: float, acceleration: NDArray[np.float64], noise: float
+) -> Prediction:
     transition = np.eye(SIZE)
     transition[POSITION, VELOCITY] = duration * np.eye(3)
-    moved = transition @ mean
+    moved = transition @ ball.mean
     moved[POSITION] += 0.5 * duration**2 * acceleration
     moved[VELOCITY] += duration * acceleration
     # An acceleration that is constant over the step and unknown: d²/2 and d times it.
     gain = np.vstack([0.5 * duration**2 * np.eye(3), duration * np.eye(3), np.zeros((1, 3))])
-    return moved, transition @ covariance @ transition.T + noise**2 * gain @ gain.T
+    covariance = transition @ ball.covariance @ transition.T + noise**2 * gain @ gain.T
+    return Prediction(moved, covariance, transition @ ball.transition)
 
 
-def _bounced(
-    mean: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    normal: NDArray[np.float64],
-    restitution: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    speed = abs(float(normal @ mean[VELOCITY]))
+def _bounced(ball: Prediction, normal: NDArray[np.float64], restitution: float) -> Prediction:
+    speed = abs(float(normal @ ball.mean[VELOCITY]))
     across = np.outer(normal, normal)
     kept = 0.0 if speed < SUPPORT_SPEED else restitution
     turn = np.eye(SIZE)
     turn[VELOCITY, VELOCITY] -= (1.0 + kept) * across
-    turned = turn @ covariance @ turn.T
+    turned = turn @ ball.covariance @ turn.T
     turned[VELOCITY, VELOCITY] += (NORMAL_DOUBT * speed) ** 2 * across
     turned[VELOCITY, VELOCITY] += (TANGENTIAL_DOUBT * speed) ** 2 * (np.eye(3) - across)
-    return turn @ mean, turned
+    return Prediction(turn @ ball.mean, turned, turn @ ball.transition)

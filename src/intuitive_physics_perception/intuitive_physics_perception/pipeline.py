@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-import time as clock
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
-from intuitive_physics.scene import Environment, SceneObject
+from intuitive_physics.scene import SceneObject
 from intuitive_physics.state import ObjectState
+from intuitive_physics.validation import unit_vector
+from intuitive_physics_perception.detected_solid import DetectedSolid
+from intuitive_physics_perception.detection import Detection
+from intuitive_physics_perception.environment_check import EnvironmentCheck
 from intuitive_physics_perception.environment_model import (
     EnvironmentModel,
     NoEnvironmentError,
@@ -19,8 +24,11 @@ from intuitive_physics_perception.environment_model import (
 )
 from intuitive_physics_perception.episodes import EpisodeRecorder
 from intuitive_physics_perception.foreground import ForegroundFinder
+from intuitive_physics_perception.objects import all_objects
 from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.solids import SolidFinder
 from intuitive_physics_perception.spheres import DetectedSphere, SphereFinder
+from intuitive_physics_perception.static_boxes import with_static_boxes
 from intuitive_physics_perception.tracker import Tracker
 
 
@@ -42,7 +50,7 @@ class FrameDiagnostics:
     readings : points in range
     foreground : points off all planes
     clusters : groups of foreground points looked at
-    spheres : spheres found
+    spheres, solids : how many were found; solids are boxes and capsules
     seconds : time each stage took, by its name
     """
 
@@ -51,6 +59,7 @@ class FrameDiagnostics:
     foreground: int = 0
     clusters: int = 0
     spheres: int = 0
+    solids: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
 
 
@@ -64,6 +73,9 @@ class Perceived:
     model : the environment; None while it is not known
     is_new_model : whether this frame completed it
     restarted : whether time went back, so that what was followed is followed anew
+    moved : one sentence when the sensor was moved, so that the environment is modelled anew from
+        the frames that follow; else empty
+    detections : what was found in this frame alone, in the environment's frame
     objects : what is followed, in the environment's frame
     observations : those that this frame finished
     diagnostics : how it went
@@ -73,6 +85,8 @@ class Perceived:
     model: EnvironmentModel | None
     is_new_model: bool = False
     restarted: bool = False
+    moved: str = ""
+    detections: tuple[Detection, ...] = ()
     objects: tuple[PerceivedObject, ...] = ()
     observations: tuple[Observation, ...] = ()
     diagnostics: FrameDiagnostics = FrameDiagnostics()
@@ -85,15 +99,30 @@ class PerceptionPipeline:
     ----------
     settings : see there
     rng : source of all random choices
+    clock : seconds, by which stages are timed
     """
 
-    def __init__(self, settings: PerceptionSettings, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        settings: PerceptionSettings,
+        rng: np.random.Generator,
+        clock: Callable[[], float] = perf_counter,
+    ) -> None:
         self.settings = settings
         self._rng = rng
+        self._clock = clock
         self._next_track = 1
         self._last_time = -np.inf
         self._first_frames: list[NDArray[np.float32]] = []
         self._scene: _ModelledScene | None = None
+        self._up: NDArray[np.float64] | None = None
+
+    def take_up(self, up: ArrayLike) -> None:
+        """Take the measured direction against gravity, (3,) in the sensor's frame.
+
+        With `gravity_source` "imu" the environment is modelled once it is known.
+        """
+        self._up = unit_vector(up, "up")
 
     def rebuild_environment(self) -> tuple[Observation, ...]:
         """Forget the environment, which the next frames model anew; return what was under way."""
@@ -135,19 +164,23 @@ class PerceptionPipeline:
 
     def _model(self, points: NDArray[np.float32], time: float) -> Perceived:
         """Collect the first frames, then model the environment."""
+        if self.settings.gravity_source == "imu" and self._up is None:
+            return self._unused(time, "up is not known yet; expected an IMU that has rested")
         self._first_frames.append(points)
         if len(self._first_frames) < self.settings.environment_frames:
             return Perceived(time, None)
-        started = clock.perf_counter()
+        started = self._clock()
         frames, self._first_frames = self._first_frames, []
         try:
-            model = model_environment(frames, self.settings, self._rng)
+            model = model_environment(frames, self.settings, self._rng, self._up)
         except NoEnvironmentError as error:
             return self._unused(time, str(error))
+        if self.settings.static_boxes:
+            model = with_static_boxes(model, frames, self.settings, self._rng)
         self._scene = _ModelledScene(model, self.settings, self._rng, self._next_track)
         # What each pixel sees of the planes is found out here, so that no later frame waits.
         self._scene.foreground.find(points)
-        seconds = {"environment": clock.perf_counter() - started}
+        seconds = {"environment": self._clock() - started}
         return Perceived(
             time, model, is_new_model=True, diagnostics=FrameDiagnostics(seconds=seconds)
         )
@@ -155,34 +188,45 @@ class PerceptionPipeline:
     def _perceive(
         self, scene: _ModelledScene, points: NDArray[np.float32], time: float
     ) -> Perceived:
-        """Take the planes out, find spheres, follow them, close what is finished."""
-        instants = [clock.perf_counter()]
+        """Take the planes out, find objects, follow them, close what is finished."""
+        instants = [self._clock()]
+        moved = scene.check.moved(points, time)
+        if moved:
+            observations = self.rebuild_environment()
+            return replace(self._unused(time, moved), observations=observations, moved=moved)
         clusters = scene.foreground.find(points)
-        instants.append(clock.perf_counter())
-        spheres = [
-            in_environment(sphere, scene.model) for sphere in scene.spheres.find(points, clusters)
-        ]
-        instants.append(clock.perf_counter())
-        ended = scene.tracker.update(time, spheres)
+        instants.append(self._clock())
+        spheres = scene.spheres.find(points, clusters)
+        instants.append(self._clock())
+        found = all_objects(points, spheres, scene.solids if self.settings.find_solids else None)
+        pose = scene.model.rotation, scene.model.translation
+        detections = [detection.moved(*pose) for detection in found]
+        instants.append(self._clock())
+        ended = scene.tracker.update(time, detections)
         alive = scene.tracker.tracks
         objects = tuple(
-            PerceivedObject(track.scene_object(self.settings), track.object_state(self.settings))
+            PerceivedObject(
+                track.scene_object(self.settings),
+                track.object_state(scene.model.environment, self.settings),
+            )
             for track in alive
         )
-        instants.append(clock.perf_counter())
+        instants.append(self._clock())
         observations = tuple(scene.episodes.update(time, alive, ended))
-        instants.append(clock.perf_counter())
-        stages = ("planes", "spheres", "tracking", "observations")
+        instants.append(self._clock())
+        stages = ("planes", "spheres", "solids", "tracking", "observations")
         diagnostics = FrameDiagnostics(
             readings=clusters.readings,
             foreground=clusters.foreground,
             clusters=len(clusters.indices),
-            spheres=len(spheres),
+            spheres=sum(isinstance(detection, DetectedSphere) for detection in found),
+            solids=sum(isinstance(detection, DetectedSolid) for detection in found),
             seconds=dict(zip(stages, map(float, np.diff(instants)), strict=True)),
         )
         return Perceived(
             time,
             scene.model,
+            detections=tuple(detections),
             objects=objects,
             observations=observations,
             diagnostics=diagnostics,
@@ -213,57 +257,16 @@ class _ModelledScene:
         first_track: int,
     ) -> None:
         self.model = model
+        self.check = EnvironmentCheck(model, settings)
         self.foreground = ForegroundFinder(model, settings)
         self.spheres = SphereFinder(model.noise, settings, rng)
+        self.solids = SolidFinder(model, settings, rng)
         self.follow_anew(settings, first_track)
 
     def follow_anew(self, settings: PerceptionSettings, first_track: int) -> None:
         """Forget what was followed; the environment stays."""
         self.tracker = Tracker(self.model.environment, settings, first_track)
         self.episodes = EpisodeRecorder(self.model.environment, settings)
-
-
-def perceive_cloud(
-    points: ArrayLike, settings: PerceptionSettings, rng: np.random.Generator
-) -> tuple[Environment, list[DetectedSphere]]:
-    """Perceive one cloud alone: its environment, and the spheres in the environment's frame.
-
-    Parameters
-    ----------
-    points : (n, 3) or (height, width, 3) m in the sensor's frame, the sensor at the origin; NaN
-        where nothing was read
-
-    Raises
-    ------
-    InvalidInputError
-        When the points have another shape.
-    NoEnvironmentError
-        When the cloud shows no supporting plane.
-    """
-    try:
-        cloud = np.ascontiguousarray(points, dtype=np.float32)
-    except (TypeError, ValueError):
-        raise InvalidInputError(f"points are {points!r:.80}; expected numbers (n, 3)") from None
-    if cloud.ndim not in (2, 3) or cloud.shape[-1] != 3:
-        raise InvalidInputError(
-            f"points have the shape {cloud.shape}; expected (n, 3) or (height, width, 3)"
-        )
-    frame = cloud if cloud.ndim == 3 else cloud[None]
-    model = model_environment([frame], settings, rng)
-    clusters = ForegroundFinder(model, settings).find(frame)
-    spheres = SphereFinder(model.noise, settings, rng).find(frame, clusters)
-    return model.environment, [in_environment(sphere, model) for sphere in spheres]
-
-
-def in_environment(sphere: DetectedSphere, model: EnvironmentModel) -> DetectedSphere:
-    """Return a sphere of the sensor's frame in the environment's frame."""
-    turn = np.eye(4)
-    turn[:3, :3] = model.rotation
-    return replace(
-        sphere,
-        center=model.to_environment(sphere.center),
-        covariance=turn @ sphere.covariance @ turn.T,
-    )
 
 
 def _has_readings(points: NDArray[np.float32]) -> bool:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics_perception.noise import RangeNoise
+from intuitive_physics_perception.plane_parts import surfaces
+from intuitive_physics_perception.range_cloud import RangeCloud, convex_hull, plane_axes
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SCORED_POINTS = 1500
@@ -16,8 +19,8 @@ BATCH_SIZE = 64
 REFINEMENTS = 6
 MERGE_ANGLE_COSINE = float(np.cos(np.radians(4.0)))
 MERGE_WIDENING = 2.0
-DIRECTION_CELL = 0.05
 BULGE_TOLD, BULGE_RADII = 0.2, 5.0
+OUTLINE_MARGIN = 0.03
 LARGE_PART, WIDE_RADII = 0.02, 3.0
 
 
@@ -32,12 +35,30 @@ class DetectedPlane:
     corners : (n, 3) m, convex hull of the points that were seen on it, counter-clockwise seen
         against the normal
     support : how many of the points given belong to it
+    boundary : (k, 3) m, where it ends, so far as its edges were seen; None where none was
     """
 
     normal: NDArray[np.float64]
     offset: float
     corners: NDArray[np.float64]
     support: int
+    boundary: NDArray[np.float64] | None = None
+
+    @property
+    def numbers(self) -> NDArray[np.float64]:
+        """Normal and offset in one array (4,)."""
+        return np.append(self.normal, self.offset)
+
+    def outlines(self, places: NDArray[Any]) -> NDArray[np.bool_]:
+        """Which places (n, 3) on the plane lie in its outline, or hardly out of it."""
+        along = np.roll(self.corners, -1, axis=0) - self.corners
+        outward = np.cross(along, self.normal)
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+        margin = OUTLINE_MARGIN * np.linalg.norm(places, axis=1)
+        inside = np.ones(len(places), dtype=bool)
+        for direction, bound in zip(outward, (outward * self.corners).sum(axis=1), strict=True):
+            inside &= places @ direction.astype(places.dtype) <= bound + margin
+        return inside
 
 
 def detect_planes(
@@ -53,7 +74,7 @@ def detect_planes(
     points : (n, 3) m, all finite, the sensor at the origin
     rng : decides which hypotheses are tried
     """
-    cloud = _Cloud(points, noise, settings)
+    cloud = RangeCloud(points, noise, settings)
     needed = max(int(settings.plane_min_fraction * len(points)), 3)
     found: list[NDArray[np.float64]] = []
     free = np.ones(len(points), dtype=bool)
@@ -67,47 +88,18 @@ def detect_planes(
             found.append(plane)
     merged = _merge(cloud, found)
     smallest = WIDE_RADII * settings.max_radius
-    planes = [_bounded(cloud, plane, needed, smallest) for plane in merged]
-    planes.sort(key=lambda plane: -plane.support if plane else 0)
-    return [plane for plane in planes if plane][: settings.max_planes]
-
-
-class _Cloud:
-    """Points with what is needed to judge how near to a plane they are."""
-
-    def __init__(
-        self, points: NDArray[np.float64], noise: RangeNoise, settings: PerceptionSettings
-    ) -> None:
-        self.points = np.asarray(points, dtype=np.float64)
-        self.ranges = np.linalg.norm(self.points, axis=1)
-        self.deviations = noise.deviation(self.ranges)
-        self.tolerance = settings.plane_tolerance
-        self.sigmas = settings.plane_sigmas
-
-    def scaled_distances(
-        self, plane: NDArray[np.float64], which: NDArray[np.intp] | slice = slice(None)
-    ) -> NDArray[np.float64]:
-        """Distances from planes (..., 4), (..., n), in units of what noise makes likely.
-
-        Noise acts along the ray, so a grazing ray moves a point little away from the plane.
-        """
-        along = plane[..., :3] @ self.points[which].T
-        cosine = along / self.ranges[which]
-        spread = np.square(self.sigmas * self.deviations[which] * cosine) + self.tolerance**2
-        return np.abs(along - plane[..., 3:]) / np.sqrt(spread)
-
-    def near(self, plane: NDArray[np.float64]) -> NDArray[np.bool_]:
-        return self.scaled_distances(plane) < 1.0
-
-    def connected(self, plane: NDArray[np.float64]) -> NDArray[np.intp]:
-        """Indices of the points near a plane that are seen as one part, the largest."""
-        inliers = np.flatnonzero(self.near(plane))
-        directions = self.points[inliers] / self.ranges[inliers, None]
-        return inliers[_largest_part(directions)]
+    planes = [
+        outlined
+        for k, plane in enumerate(merged)
+        for surface in surfaces(cloud, plane, [*merged[:k], *merged[k + 1 :]], needed)
+        if (outlined := _outlined(cloud, plane, surface, smallest)) is not None
+    ]
+    planes.sort(key=lambda plane: -plane.support)
+    return planes[: settings.max_planes]
 
 
 def _best_plane(
-    cloud: _Cloud, free: NDArray[np.intp], needed: int, rng: np.random.Generator
+    cloud: RangeCloud, free: NDArray[np.intp], needed: int, rng: np.random.Generator
 ) -> NDArray[np.float64] | None:
     """Best plane (normal, offset) through the free points, None if it holds too few of them."""
     if free.size < needed:
@@ -163,18 +155,18 @@ def _facing_sensor(planes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _refined(
-    cloud: _Cloud, plane: NDArray[np.float64], which: NDArray[np.intp]
+    cloud: RangeCloud, plane: NDArray[np.float64], which: NDArray[np.intp]
 ) -> NDArray[np.float64]:
     """Least squares over the inliers, weighted by noise, until it stays."""
     for _ in range(REFINEMENTS):
-        inliers = which[cloud.scaled_distances(plane, which) < 1.0]
+        inliers = which[cloud.near(plane, which)]
         if inliers.size < 3:
             return plane
         plane = _least_squares(cloud, inliers)
     return plane
 
 
-def _least_squares(cloud: _Cloud, inliers: NDArray[np.intp]) -> NDArray[np.float64]:
+def _least_squares(cloud: RangeCloud, inliers: NDArray[np.intp]) -> NDArray[np.float64]:
     points = cloud.points[inliers]
     weights = 1.0 / (cloud.deviations[inliers] ** 2 + (cloud.tolerance / cloud.sigmas) ** 2)
     weights /= weights.sum()
@@ -185,7 +177,7 @@ def _least_squares(cloud: _Cloud, inliers: NDArray[np.intp]) -> NDArray[np.float
     return _facing_sensor(np.append(normal, normal @ centre))
 
 
-def _bulges(cloud: _Cloud, plane: NDArray[np.float64], radius: float) -> bool:
+def _bulges(cloud: RangeCloud, plane: NDArray[np.float64], radius: float) -> bool:
     """Whether the plane only cuts off a cap of something round of less than `radius` m.
 
     Where noise is large the tolerance takes in much of the near side of a ball.
@@ -203,7 +195,7 @@ def _bulges(cloud: _Cloud, plane: NDArray[np.float64], radius: float) -> bool:
     return bool(told > BULGE_TOLD and solution[3] < -1.0 / (2.0 * radius))
 
 
-def _merge(cloud: _Cloud, planes: list[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+def _merge(cloud: RangeCloud, planes: list[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
     """Join planes that are one: nearly parallel, and the points of one are near the other."""
     merged: list[NDArray[np.float64]] = []
     for plane in planes:
@@ -211,7 +203,7 @@ def _merge(cloud: _Cloud, planes: list[NDArray[np.float64]]) -> list[NDArray[np.
             if plane[:3] @ kept[:3] < MERGE_ANGLE_COSINE:
                 continue
             own = np.flatnonzero(cloud.near(plane))
-            if np.median(cloud.scaled_distances(kept, own)) < MERGE_WIDENING:
+            if np.median(np.abs(cloud.scaled_distances(kept, own))) < MERGE_WIDENING:
                 merged[k] = _refined(cloud, kept, np.arange(len(cloud.points)))
                 break
         else:
@@ -219,59 +211,28 @@ def _merge(cloud: _Cloud, planes: list[NDArray[np.float64]]) -> list[NDArray[np.
     return merged
 
 
-def _bounded(
-    cloud: _Cloud, plane: NDArray[np.float64], needed: int, smallest: float
+def _outlined(
+    cloud: RangeCloud, plane: NDArray[np.float64], surface: NDArray[np.intp], smallest: float
 ) -> DetectedPlane | None:
-    """Give a plane the outline of its largest connected part, None if that is no plane of a room.
+    """Give a surface its outline, None if it is no plane of a room.
 
     A small part of the scene that is not wide either may be the side of an object, or cut through
     one: what moves must not be taken for it.
     """
-    part = cloud.connected(plane)
-    if part.size < needed:
-        return None
     normal, offset = plane[:3], float(plane[3])
-    corners = _outline(cloud.points[part], normal, offset)
+    corners = _outline(cloud.points[surface], normal, offset)
     if corners is None:
         return None
     width = np.linalg.norm(corners[:, None] - corners, axis=2).max()
-    if part.size < LARGE_PART * len(cloud.points) and width < smallest:
+    if surface.size < LARGE_PART * len(cloud.points) and width < smallest:
         return None
-    return DetectedPlane(normal, offset, corners, int(part.size))
-
-
-def _largest_part(directions: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which of the unit vectors (n, 3) belong to the largest region of neighbouring directions."""
-    from scipy.ndimage import label
-
-    cells = ((directions + 1.0) / DIRECTION_CELL).astype(np.intp) + 1
-    side = int(2.0 / DIRECTION_CELL) + 3
-    filled = np.zeros((side, side, side), dtype=bool)
-    filled[tuple(cells.T)] = True
-    parts, _ = label(filled, structure=np.ones((3, 3, 3), dtype=bool))
-    own = parts[tuple(cells.T)]
-    return own == np.bincount(own).argmax()
+    return DetectedPlane(normal, offset, corners, int(surface.size))
 
 
 def _outline(
     points: NDArray[np.float64], normal: NDArray[np.float64], offset: float
 ) -> NDArray[np.float64] | None:
     """Convex hull (n, 3) of points dropped onto a plane, None where they lie on a line."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    first, second = plane_axes(normal)
-    flat = np.column_stack([points @ first, points @ second])
-    try:
-        hull = flat[ConvexHull(flat).vertices]
-    except QhullError:
-        return None
-    # Qhull's order is counter-clockwise, and (first, second, normal) is right-handed.
-    return hull[:, :1] * first + hull[:, 1:] * second + offset * normal
-
-
-def plane_axes(normal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Two unit vectors that make a right-handed frame with a unit normal as the third."""
-    helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    first = np.cross(helper, normal)
-    first /= np.linalg.norm(first)
-    return first, np.cross(normal, first)
+    axes = np.column_stack(plane_axes(normal))
+    hull = convex_hull(points @ axes)
+    return None if hull is None else hull @ axes.T + offset * normal

@@ -9,6 +9,8 @@ from typing import Any
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.validation import finite_float, name_string, positive_float, unit_vector
 
+GRAVITY_SOURCES = ("plane", "up_hint", "imu")
+
 
 @dataclass(frozen=True)
 class KnownObject:
@@ -42,6 +44,10 @@ def _number(default: float, lower: float, upper: float, description: str) -> Any
 
 def _other(default: Any, description: str) -> Any:
     return field(default=default, metadata={"description": description})
+
+
+def _choice(default: str, choices: tuple[str, ...], description: str) -> Any:
+    return field(default=default, metadata={"description": description, "choices": choices})
 
 
 @dataclass(frozen=True)
@@ -87,15 +93,35 @@ class PerceptionSettings:
         4.0, 1.0, 10.0, "points nearer to a plane than so many standard deviations belong to it"
     )
     gravity: float = _number(9.81, 0.0, 100.0, "strength of gravity, m/s^2")
+    gravity_source: str = _choice(
+        "plane",
+        GRAVITY_SOURCES,
+        "what tells where down is: the normal of the support, up_hint taken as exact, or an IMU",
+    )
     up_hint: tuple[float, float, float] | None = _other(
         None,
         "roughly upward direction in the sensor's frame; none: the plane with most points is the "
         "support",
     )
     up_hint_tolerance: float = _number(
-        20.0, 0.1, 90.0, "largest angle between the hint and the normal of the support, degrees"
+        20.0, 0.1, 90.0, "largest angle between up and the normal of the support, degrees"
     )
+    moved_fraction: float = _number(
+        0.6,
+        0.0,
+        1.0,
+        "the sensor was moved when less than this part of the readings that should lie on planes "
+        "does; 0: never",
+    )
+    moved_time: float = _number(0.5, 0.0, 60.0, "for so long, s, until planes are modelled anew")
     plane_material: str = _other("environment", "material of the planes")
+    static_boxes: bool = _other(
+        True,
+        "model what stands there from the start and is no object as boxes; false: leave it out",
+    )
+    static_box_max_size: float = _number(
+        2.0, 0.05, 100.0, "what is longer is not modelled as one box, m"
+    )
     environment_frame_id: str = _other(
         "environment", "name of the gravity-aligned frame everything is published in"
     )
@@ -121,6 +147,16 @@ class PerceptionSettings:
     )
     max_radius_uncertainty: float = _number(
         0.15, 0.001, 1.0, "standard deviation of a fitted radius, in radii, that is still a sphere"
+    )
+    find_solids: bool = _other(True, "look for boxes and capsules, too")
+    min_solid_points: int = _number(
+        120,
+        20,
+        1000000,
+        "points a box or capsule needs at least",
+    )
+    max_solid_size: float = _number(
+        0.8, 0.01, 100.0, "a box or capsule reaches no further from end to end, m"
     )
     object_material: str = _other("ball", "material of spheres that are no known object")
     known_objects: tuple[KnownObject, ...] = _other((), "objects known by their radius")
@@ -163,6 +199,11 @@ class PerceptionSettings:
         if self.up_hint is not None:
             x, y, z = map(float, unit_vector(self.up_hint, "up_hint"))
             object.__setattr__(self, "up_hint", (x, y, z))
+        elif self.gravity_source == "up_hint":
+            raise InvalidInputError(
+                "gravity_source is 'up_hint' and there is no up_hint; expected the upward "
+                "direction in the sensor's frame"
+            )
         object.__setattr__(self, "known_objects", _checked_objects(self.known_objects))
 
     def _check(self, setting: Field[Any]) -> None:
@@ -176,6 +217,11 @@ class PerceptionSettings:
                 raise InvalidInputError(f"{name} is {number:g}; expected a whole number")
             kind = int if isinstance(setting.default, int) else float
             object.__setattr__(self, name, kind(number))
+        elif "choices" in setting.metadata:
+            if value not in setting.metadata["choices"]:
+                raise InvalidInputError(
+                    f"{name} is {value!r}; expected one of {', '.join(setting.metadata['choices'])}"
+                )
         elif isinstance(setting.default, str):
             name_string(value, name)
         elif isinstance(setting.default, bool) and not isinstance(value, bool):

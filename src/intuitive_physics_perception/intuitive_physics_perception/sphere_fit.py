@@ -16,21 +16,15 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-LATTICE = 0.15
-LATTICE_REACH = 6
-LATTICE_SIDE = 2 * LATTICE_REACH + 1
-EDGE_PART = 0.9
 BEHIND_SIGMAS = 3.0
-OCCLUDER_DEPTH = 0.5
 GATES = (6.0, 4.0, 3.0, 2.0, 1.5, 1.2, 1.0)
 MAX_STEPS = 20
 STILL = 1e-7
 SURFACE_VARIANCE = 1e-8
-NEIGHBOUR_DRAWS = 12
 
 
 @njit(nogil=True, cache=True, error_model="numpy", inline="always")
-def _surface_error(
+def surface_error(
     x: float,
     y: float,
     z: float,
@@ -107,7 +101,7 @@ def refine_sphere(
         inliers, total = 0, 0.0
         for i in range(points.shape[0]):
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
-            error, variance, deviation, ahead, sine = _surface_error(x, y, z, cx, cy, cz, r, noise)
+            error, variance, deviation, ahead, sine = surface_error(x, y, z, cx, cy, cz, r, noise)
             if error * error > gate * gate * variance or ahead < -BEHIND_SIGMAS * deviation:
                 continue
             # The normal where the ray meets the sphere, and not at the reading: a weight or a
@@ -177,177 +171,11 @@ def readings_beyond(points: Any, sphere: Any, noise: Any) -> Any:
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         if not x * cx + y * cy + z * cz > 0.0:
             continue
-        _, _, deviation, ahead, sine = _surface_error(x, y, z, cx, cy, cz, r, noise)
+        _, _, deviation, ahead, sine = surface_error(x, y, z, cx, cy, cz, r, noise)
         if 0.6 < sine < 1.5 and ahead < -BEHIND_SIGMAS * deviation - 0.3 * r:
             kept[count, 0], kept[count, 1], kept[count, 2] = x, y, z
             count += 1
     return kept[:count]
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def score_spheres(points: Any, spheres: Any, sigmas: float, noise: Any) -> Any:
-    """MSAC score of each sphere (n, 4): what its inliers lie nearer than the tolerance, in its
-    squares; the larger the better."""
-    scores = np.zeros(spheres.shape[0])
-    for k in range(spheres.shape[0]):
-        cx, cy, cz, r = spheres[k, 0], spheres[k, 1], spheres[k, 2], spheres[k, 3]
-        for i in range(points.shape[0]):
-            error, variance, deviation, ahead, _ = _surface_error(
-                points[i, 0], points[i, 1], points[i, 2], cx, cy, cz, r, noise
-            )
-            if ahead > -BEHIND_SIGMAS * deviation:
-                scores[k] += max(1.0 - error * error / (sigmas * sigmas * variance), 0.0)
-    return scores
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def random_spheres(points: Any, draws: Any, min_radius: float, max_radius: float) -> Any:
-    """Spheres (m, 4) through four points each, m ≤ n: those of a possible size and bulging
-    towards the sensor.
-
-    Parameters
-    ----------
-    draws : (n, 2 + 3 NEIGHBOUR_DRAWS) uniform in [0, 1): first point, scale, and neighbours
-    """
-    n = points.shape[0]
-    spheres = np.empty((draws.shape[0], 4))
-    corners = np.empty((4, 3))
-    found = 0
-    for k in range(draws.shape[0]):
-        corners[0] = points[int(draws[k, 0] * n)]
-        # Points further apart than twice the radius are never on one sphere.
-        reach = 2.0 * min_radius * (max_radius / min_radius) ** draws[k, 1]
-        chosen = 1
-        for j in range(2, draws.shape[1]):
-            candidate = points[int(draws[k, j] * n)]
-            if np.sum((candidate - corners[0]) ** 2) < reach * reach:
-                corners[chosen] = candidate
-                chosen += 1
-                if chosen == 4:
-                    break
-        if chosen == 4 and _through(corners, spheres[found]):
-            r = spheres[found, 3]
-            if 0.8 * min_radius <= r <= 1.25 * max_radius:
-                found += 1
-    return spheres[:found]
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _through(corners: Any, sphere: Any) -> bool:
-    """Write the sphere through four points; False where they lie in a plane or see its inside."""
-    # |p - c|² equal for all: 2 (p_i - p_0) · (c - p_0) = |p_i - p_0|², by Cramer's rule.
-    ax, ay, az = corners[1] - corners[0]
-    bx, by, bz = corners[2] - corners[0]
-    dx, dy, dz = corners[3] - corners[0]
-    a2, b2 = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
-    d2 = dx * dx + dy * dy + dz * dz
-    nx, ny, nz = by * dz - bz * dy, bz * dx - bx * dz, bx * dy - by * dx
-    volume = ax * nx + ay * ny + az * nz
-    if volume * volume <= 1e-8 * a2 * b2 * d2:
-        return False
-    mx, my, mz = dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
-    lx, ly, lz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-    x = (a2 * nx + b2 * mx + d2 * lx) / (2.0 * volume)
-    y = (a2 * ny + b2 * my + d2 * ly) / (2.0 * volume)
-    z = (a2 * nz + b2 * mz + d2 * lz) / (2.0 * volume)
-    sphere[0], sphere[1], sphere[2] = corners[0, 0] + x, corners[0, 1] + y, corners[0, 2] + z
-    sphere[3] = sqrt(x * x + y * y + z * z)
-    ahead = 0.0
-    for i in range(4):
-        toward = sphere[:3] - corners[i]
-        ahead += np.sum(toward * corners[i])
-    return ahead > 0.0
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def inspect_sphere(
-    points: Any, sphere: Any, sigmas: float, noise: Any
-) -> tuple[int, int, float, float]:
-    """Judge a sphere by every reading in its outline, whatever cluster it belongs to.
-
-    What lies well before the sphere hides it and says nothing. What lies behind its surface could
-    not have been seen through it; what lies close before it is a part of something larger.
-
-    Parameters
-    ----------
-    points : (n, 3), may hold NaN
-
-    Returns
-    -------
-    on : readings on the surface
-    against : readings that contradict it
-    visible : part of the outline's disc that has a reading on the surface within LATTICE radii.
-        Two scan lines of a LiDAR, which fit a sphere on any round thing, make at most 0.4
-    density : part of the disc between readings on the surface that has any reading so near. Two
-        scan lines make at most 0.7; a sphere cut off by the image's edge makes one
-    """
-    cx, cy, cz, r = sphere[0], sphere[1], sphere[2], sphere[3]
-    across, upwards = _across(sphere)
-    seen = np.zeros((LATTICE_SIDE, LATTICE_SIDE), dtype=np.bool_)
-    read = np.zeros((LATTICE_SIDE, LATTICE_SIDE), dtype=np.bool_)
-    on, against = 0, 0
-    for i in range(points.shape[0]):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        toward = x * cx + y * cy + z * cz
-        if not toward > 0.0:
-            continue
-        error, variance, deviation, ahead, sine = _surface_error(x, y, z, cx, cy, cz, r, noise)
-        if sine > 1.0:
-            continue
-        # Where the ray passes the centre nearest, in radii across the line of sight.
-        scale = toward / ((x * x + y * y + z * z) * r)
-        a = (x * across[0] + y * across[1] + z * across[2]) * scale
-        b = (x * upwards[0] + y * upwards[1] + z * upwards[2]) * scale
-        _mark(read, a, b)
-        if error * error < sigmas * sigmas * variance and ahead > -BEHIND_SIGMAS * deviation:
-            on += 1
-            _mark(seen, a, b)
-        elif sine < EDGE_PART:
-            before = ahead - r * sqrt(1.0 - sine * sine)
-            if before < max(BEHIND_SIGMAS * deviation, OCCLUDER_DEPTH * r):
-                against += 1
-    visible, density = _marked_parts(seen, read)
-    return on, against, visible, density
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _across(sphere: Any) -> tuple[Any, Any]:
-    """Two unit vectors across the line of sight to a sphere."""
-    toward = sphere[:3] / sqrt(np.sum(sphere[:3] ** 2))
-    helper = np.zeros(3)
-    helper[np.argmin(np.abs(toward))] = 1.0
-    across = helper - np.sum(helper * toward) * toward
-    across /= sqrt(np.sum(across**2))
-    return across, np.cross(toward, across)
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _mark(seen: Any, a: float, b: float) -> None:
-    """Mark what of the lattice over the unit disc lies within LATTICE of (a, b)."""
-    i, j = round(a / LATTICE), round(b / LATTICE)
-    for k in range(max(i - 1, -LATTICE_REACH), min(i + 1, LATTICE_REACH) + 1):
-        for m in range(max(j - 1, -LATTICE_REACH), min(j + 1, LATTICE_REACH) + 1):
-            if (k * LATTICE - a) ** 2 + (m * LATTICE - b) ** 2 <= LATTICE**2:
-                seen[k + LATTICE_REACH, m + LATTICE_REACH] = True
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _marked_parts(seen: Any, read: Any) -> tuple[float, float]:
-    """Part of the disc that is seen, and part of what lies between seen places that is read."""
-    marked, total, filled, enclosed = 0, 0, 0, 0
-    for k in range(LATTICE_SIDE):
-        for m in range(LATTICE_SIDE):
-            i, j = k - LATTICE_REACH, m - LATTICE_REACH
-            if (i * i + j * j) * LATTICE**2 > EDGE_PART**2:
-                continue
-            total += 1
-            marked += seen[k, m]
-            in_row = np.any(seen[k, : m + 1]) and np.any(seen[k, m:])
-            in_column = np.any(seen[: k + 1, m]) and np.any(seen[k:, m])
-            if in_row or in_column:
-                enclosed += 1
-                filled += read[k, m]
-    return marked / total, filled / max(enclosed, 1)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

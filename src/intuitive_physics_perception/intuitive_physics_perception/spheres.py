@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics_perception.cluster_memory import ClusterMemory
 from intuitive_physics_perception.foreground import Clusters
+from intuitive_physics_perception.known_radius import with_known_radius
 from intuitive_physics_perception.noise import RangeNoise
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.sphere_fit import (
-    NEIGHBOUR_DRAWS,
-    inspect_sphere,
-    random_spheres,
-    readings_beyond,
-    refine_sphere,
-    score_spheres,
+from intuitive_physics_perception.sphere_fit import readings_beyond, refine_sphere
+from intuitive_physics_perception.sphere_inspection import inspect_sphere
+from intuitive_physics_perception.sphere_ransac import (
+    outline_sphere,
+    ransac_spheres,
+    spheres_of_radius,
 )
 
 SCORED_POINTS = 512
@@ -28,8 +29,7 @@ INLIER_SIGMAS = 3.0
 STRAY_SIGMAS = 5.0
 AROUND = 1.8
 MIN_DENSITY = 0.9
-SAME_CLUTTER = 0.2
-CLUTTER_SEARCHES, CLUTTER_PERIOD = 3, 10
+STILLNESS = 0.2
 SYSTEMATIC_ERROR = 0.0005
 
 
@@ -52,19 +52,33 @@ class DetectedSphere:
     points: int
     range: float
 
+    def moved(
+        self, rotation: NDArray[np.float64], translation: NDArray[np.float64]
+    ) -> DetectedSphere:
+        """Return it in another frame, p_other = rotation p + translation."""
+        turn = np.eye(4)
+        turn[:3, :3] = rotation
+        return replace(
+            self,
+            center=rotation @ self.center + translation,
+            covariance=turn @ self.covariance @ turn.T,
+        )
+
 
 @dataclass(frozen=True, eq=False)
-class _Clutter:
-    """A cluster without a sphere, and for how many frames it has stayed as it is."""
+class ClusterSpheres:
+    """The spheres of one cluster.
 
-    centre: NDArray[np.float64]
-    count: int
-    frames: int
+    Parameters
+    ----------
+    cluster : (n,) indices of its points
+    spheres : in it
+    rest : part of its points that lie on none of them
+    """
 
-    @property
-    def deserves_a_search(self) -> bool:
-        """What stays the same is searched now and then only: it costs most of the time."""
-        return self.frames < CLUTTER_SEARCHES or self.frames % CLUTTER_PERIOD == 0
+    cluster: NDArray[np.int64]
+    spheres: list[DetectedSphere]
+    rest: float
 
 
 class SphereFinder:
@@ -82,34 +96,24 @@ class SphereFinder:
     ) -> None:
         self._settings = settings
         self._rng = rng
-        self._clutter: list[_Clutter] = []
+        self._memory: ClusterMemory[None] = ClusterMemory(STILLNESS * settings.min_radius)
+        self._known_radii = [thing.radius for thing in settings.known_objects]
         self._deviation = noise.deviation
         self._noise = np.square([noise.constant, noise.quadratic, noise.limit, noise.lateral])
 
-    def find(self, points: NDArray[np.float32], clusters: Clusters) -> list[DetectedSphere]:
-        """Return the spheres of a frame of points (height, width, 3), in the sensor's frame."""
-        spheres: list[DetectedSphere] = []
-        clutter: list[_Clutter] = []
+    def find(self, points: NDArray[np.float32], clusters: Clusters) -> list[ClusterSpheres]:
+        """Return the spheres by cluster of a frame of points (height, width, 3), in the sensor's
+        frame."""
+        found = []
         for cluster in clusters.indices:
             own = points.reshape(-1, 3)[cluster].astype(np.float64)
-            seen = self._recalled(own)
-            found = self._spheres_in(points, cluster, own, thorough=seen.deserves_a_search)
-            spheres += found
-            if not found:
-                clutter.append(seen)
-        self._clutter = clutter
-        return _without_doubles(spheres)
-
-    def _recalled(self, own: NDArray[np.float64]) -> _Clutter:
-        """What is known of a cluster: as it is now, and for how many frames it was no sphere."""
-        centre, count = own.mean(axis=0), len(own)
-        for old in self._clutter:
-            if (
-                abs(count - old.count) < SAME_CLUTTER * old.count
-                and np.linalg.norm(centre - old.centre) < SAME_CLUTTER * self._settings.min_radius
-            ):
-                return _Clutter(centre, count, old.frames + 1)
-        return _Clutter(centre, count, 0)
+            known = self._memory.recall(own)
+            inside = self._spheres_in(points, cluster, own, thorough=known.deserves_a_search)
+            if not inside.spheres:
+                self._memory.keep(known, None)
+            found.append(inside)
+        self._memory.end_frame()
+        return found
 
     def _spheres_in(
         self,
@@ -118,18 +122,19 @@ class SphereFinder:
         own: NDArray[np.float64],
         *,
         thorough: bool,
-    ) -> list[DetectedSphere]:
+    ) -> ClusterSpheres:
         found: list[DetectedSphere] = []
+        left = cluster
         while len(found) < SPHERES_IN_CLUSTER and len(own) >= self._settings.min_points:
-            sphere = self._best_sphere(points, cluster, own, thorough=thorough)
+            sphere = self._best_sphere(points, left, own, thorough=thorough)
             if sphere is None:
                 break
             found.append(sphere)
             # Noise must not make a second sphere of the readings that stray farthest.
             reach = 1.2 * sphere.radius + STRAY_SIGMAS * self._deviation(sphere.range)
             off = np.linalg.norm(own - sphere.center, axis=1) > reach
-            cluster, own = cluster[off], own[off]
-        return found
+            left, own = left[off], own[off]
+        return ClusterSpheres(cluster, found, len(own) / len(cluster))
 
     def _best_sphere(
         self,
@@ -142,9 +147,12 @@ class SphereFinder:
         fitted = self._some(own, FITTED_POINTS)
         for hypothesis in self._hypotheses(fitted, len(own), thorough):
             sphere, covariance, misfit = self._refined(points, cluster, fitted, hypothesis)
+            # The fit took part of the points: the rest tells as much again.
+            covariance = covariance * self._settings.correlated_readings * len(fitted) / len(own)
+            sphere, covariance = with_known_radius(
+                sphere, covariance, self._known_radii, self._settings.known_object_tolerance
+            )
             if misfit < self._settings.max_misfit and self._is_plausible(sphere, covariance):
-                # The fit took part of the points: the rest tells as much again.
-                covariance *= self._settings.correlated_readings * len(fitted) / len(own)
                 detected = self._inspected(points, cluster, sphere, covariance)
                 if detected is not None:
                     return detected
@@ -172,20 +180,24 @@ class SphereFinder:
     def _hypotheses(
         self, points: NDArray[np.float64], total: int, thorough: bool
     ) -> Iterator[NDArray[np.float64]]:
-        """The sphere the outline suggests, which mostly is right; then the best random ones."""
-        yield sphere_from_outline(points)
+        """The sphere the outline suggests, which mostly is right; those of known radius; then the
+        best random ones."""
+        yield outline_sphere(points)
+        yield from spheres_of_radius(points, self._known_radii)
         if not thorough:
             return
         limits = self._settings.min_radius, self._settings.max_radius
-        draws = self._rng.random((self._settings.hypotheses, 2 + 3 * NEIGHBOUR_DRAWS))
         scored = self._some(points, SCORED_POINTS)
-        spheres = random_spheres(scored, draws, *limits)
-        scores = score_spheres(scored, spheres, INLIER_SIGMAS, self._noise)
+        spheres, scores = ransac_spheres(
+            scored, limits, INLIER_SIGMAS, self._noise, self._settings.hypotheses, self._rng
+        )
         # A sphere with enough points has a share of those scored; half allows for a rough start.
         needed = 0.5 * self._settings.min_points * len(scored) / total
-        for k in np.argsort(-scores, kind="stable")[:REFINED_HYPOTHESES]:
-            if scores[k] > needed:
-                yield spheres[k]
+        for sphere, score in zip(
+            spheres[:REFINED_HYPOTHESES], scores[:REFINED_HYPOTHESES], strict=True
+        ):
+            if score > needed:
+                yield sphere
 
     def _some(self, points: NDArray[np.float64], count: int) -> NDArray[np.float64]:
         if len(points) <= count:
@@ -226,24 +238,6 @@ class SphereFinder:
         return DetectedSphere(sphere[:3], float(sphere[3]), covariance, on, distance)
 
 
-def sphere_from_outline(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (x, y, z, r) of the sphere whose outline and nearest point the cluster has.
-
-    A sphere of radius r at distance l is seen under the half angle α, sin α = r / l, and its
-    nearest point at l - r: r = nearest sin α / (1 - sin α).
-    """
-    ranges = np.linalg.norm(points, axis=1)
-    directions = points / ranges[:, None]
-    low, high = directions.min(axis=0), directions.max(axis=0)
-    axis = 0.5 * (low + high)
-    axis /= np.linalg.norm(axis)
-    sines = np.linalg.norm(np.cross(directions, axis), axis=1)
-    sine = min(float(np.quantile(sines, 0.97)), 0.9)
-    nearest = float(np.quantile(ranges, 0.1))
-    radius = nearest * sine / (1.0 - sine)
-    return np.append(axis * (nearest + radius), radius)
-
-
 def points_around(
     points: NDArray[np.float32], cluster: NDArray[np.int64], sphere: NDArray[np.float64]
 ) -> NDArray[np.float32]:
@@ -267,7 +261,7 @@ def points_around(
     return np.ascontiguousarray(window).reshape(-1, 3)
 
 
-def _without_doubles(spheres: list[DetectedSphere]) -> list[DetectedSphere]:
+def without_doubles(spheres: list[DetectedSphere]) -> list[DetectedSphere]:
     """Of spheres that share space keep the one with more points."""
     kept: list[DetectedSphere] = []
     for sphere in sorted(spheres, key=lambda sphere: -sphere.points):

@@ -160,15 +160,18 @@ class CylinderShape:
 
 @dataclass
 class BoxShape:
-    """A box whose edges lie along turned horizontal axes and the vertical."""
+    """A box turned about the vertical by an angle, or by any rotation (3, 3) to the world."""
 
     center: Sequence[float]
     edges: Sequence[float]
-    turn: float
+    turn: float | NDArray
 
     def hit(self, origin: NDArray, rays: NDArray) -> tuple[NDArray, NDArray]:
-        c, s = np.cos(self.turn), np.sin(self.turn)
-        to_box = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        if isinstance(self.turn, np.ndarray):
+            to_box = self.turn.T
+        else:
+            c, s = np.cos(self.turn), np.sin(self.turn)
+            to_box = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         o, d = to_box @ (origin - np.asarray(self.center)), rays @ to_box.T
         half = 0.5 * np.asarray(self.edges)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -179,6 +182,36 @@ class BoxShape:
         cosine = np.abs(np.take_along_axis(d, face[..., None], axis=-1)[..., 0])
         cosine /= np.linalg.norm(d, axis=-1)
         return np.where((enter < leave) & (enter > 0.0), enter, np.inf), cosine
+
+
+@dataclass
+class CapsuleShape:
+    """All points nearer than `radius` to the axis from center - half to center + half."""
+
+    center: Sequence[float]
+    half: Sequence[float]
+    radius: float
+
+    def hit(self, origin: NDArray, rays: NDArray) -> tuple[NDArray, NDArray]:
+        center, half = np.asarray(self.center, float), np.asarray(self.half, float)
+        ends = [BallShape(center + side * half, self.radius) for side in (-1.0, 1.0)]
+        (t, cosine), (other, other_cosine) = (end.hit(origin, rays) for end in ends)
+        nearer = other < t
+        t, cosine = np.where(nearer, other, t), np.where(nearer, other_cosine, cosine)
+        axis = half / np.linalg.norm(half)
+        relative = center - origin
+        flat = rays - (rays @ axis)[..., None] * axis
+        own = relative - (relative @ axis) * axis
+        a, b = (flat**2).sum(axis=-1), flat @ own
+        root = b * b - a * (own @ own - self.radius**2)
+        safe = np.sqrt(np.maximum(root, 0.0))
+        side = (b - safe) / np.maximum(a, 1e-12)
+        along = (side[..., None] * rays - relative) @ axis
+        good = (root > 0.0) & (side > 0.0) & (np.abs(along) <= np.linalg.norm(half)) & (side < t)
+        lengths = np.linalg.norm(rays, axis=-1)
+        side_cosine = safe / (np.sqrt(np.maximum(a, 1e-12)) * self.radius)
+        side_cosine *= np.sqrt(a) / lengths
+        return np.where(good, side, t), np.where(good, side_cosine, cosine)
 
 
 @pytest.fixture
@@ -193,7 +226,7 @@ def make_room() -> type[Room]:
 
 @pytest.fixture
 def shapes() -> dict[str, type]:
-    return {"bowl": BowlShape, "cylinder": CylinderShape, "box": BoxShape}
+    return {"bowl": BowlShape, "cylinder": CylinderShape, "box": BoxShape, "capsule": CapsuleShape}
 
 
 def bouncing_ball(

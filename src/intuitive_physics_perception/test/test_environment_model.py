@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from intuitive_physics_perception.depth import Intrinsics, points_from_depth
 from intuitive_physics_perception.environment_model import (
     NoEnvironmentError,
-    fuse,
     model_environment,
 )
+from intuitive_physics_perception.fusion import fuse
 from intuitive_physics_perception.noise import RangeNoise
 from intuitive_physics_perception.planes import detect_planes
 from intuitive_physics_perception.settings import PerceptionSettings
@@ -157,7 +157,7 @@ def test_a_hint_chooses_the_support(rng) -> None:
     hinted = model_environment([frame], replace(SETTINGS, up_hint=(0.1, -1.0, 0.0)), rng)
     assert hinted.detected[0].normal == pytest.approx([0, -1, 0], abs=0.01)
     assert hinted.environment.planes[0].id == "plane_0"
-    with pytest.raises(NoEnvironmentError, match="faces up_hint"):
+    with pytest.raises(NoEnvironmentError, match="faces up,"):
         model_environment([frame], replace(SETTINGS, up_hint=(1.0, 0.0, 0.0)), rng)
 
 
@@ -167,6 +167,49 @@ def test_a_scene_without_planes_is_refused(rng) -> None:
         model_environment([cloud], replace(SETTINGS, plane_min_fraction=0.2), rng)
     with pytest.raises(NoEnvironmentError, match="expected at least 50"):
         model_environment([np.full((4, 4, 3), np.nan, np.float32)], SETTINGS, rng)
+
+
+TRUE_UP = np.array([0.0, -1.0, -0.4]) / np.linalg.norm([0.0, -1.0, -0.4])
+"""In the sensor's frame: a camera that looks 22° down."""
+
+
+def ramp(rng, degrees: float):
+    """A cloud of a ramp that rises by an angle before the camera, and its normal."""
+    angle = np.radians(degrees)
+    across = np.array([1.0, 0.0, 0.0])
+    # Turned about the camera's x axis.
+    normal = TRUE_UP * np.cos(angle) + np.cross(across, TRUE_UP) * np.sin(angle)
+    cloud = patch(rng, normal, -1.0, 1.5, 4000, noise=0.001) + [0.0, 0.3, 1.2]
+    return cloud.astype(np.float32)[None], normal
+
+
+@pytest.mark.parametrize("source", ["up_hint", "imu"])
+def test_gravity_that_is_told_need_not_be_along_the_normal(rng, source) -> None:
+    cloud, normal = ramp(rng, 12.0)
+    told = replace(SETTINGS, gravity_source=source, up_hint=tuple(TRUE_UP))
+    model = model_environment([cloud], told, rng, TRUE_UP if source == "imu" else None)
+    assert model.rotation @ TRUE_UP == pytest.approx([0, 0, 1], abs=1e-9)
+    assert model.environment.gravity == pytest.approx([0, 0, -9.81])
+    support = model.environment.planes[0]
+    assert angle_degrees(support.normal, [0, 0, 1]) == pytest.approx(12.0, abs=0.2)
+    assert angle_degrees(support.normal, model.rotation @ normal) < 0.2
+    # The origin lies on the support, straight below the camera.
+    assert support.signed_distances(np.zeros(3)) == pytest.approx(0.0, abs=1e-9)
+    camera = model.to_environment(np.zeros(3))
+    assert camera[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert camera[2] > 0.0
+
+
+def test_a_hint_only_chooses_the_support(rng) -> None:
+    cloud, normal = ramp(rng, 12.0)
+    model = model_environment([cloud], replace(SETTINGS, up_hint=tuple(TRUE_UP)), rng)
+    assert angle_degrees(model.rotation.T @ [0, 0, 1], normal) < 0.2
+
+
+def test_a_support_that_does_not_face_up_is_refused(rng) -> None:
+    cloud, _ = ramp(rng, 40.0)
+    with pytest.raises(NoEnvironmentError, match="faces up"):
+        model_environment([cloud], SETTINGS, rng, TRUE_UP)
 
 
 @settings(max_examples=40, deadline=None)

@@ -24,11 +24,15 @@ RADIUS = 0.05
 
 
 def record(rng, times, path, name="ball", noise=NOISE):
+    seen = path + noise * rng.normal(size=path.shape)
     return Record(
         SceneObject(name, "m", Sphere(RADIUS)),
         np.asarray(times),
-        path + noise * rng.normal(size=path.shape),
+        seen,
         np.tile(noise**2 * np.eye(3), (len(path), 1, 1)),
+        None,
+        np.asarray(times),
+        seen,
     )
 
 

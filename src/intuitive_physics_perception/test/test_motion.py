@@ -12,6 +12,10 @@ from intuitive_physics_perception.motion import SIZE, predicted
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
 CORNER = Environment([*FLOOR.planes, Plane("wall", "m", (-1, 0, 0), -1.0)])
+TABLE = Plane(
+    "table", "m", (0, 0, 1), 0.7, [(-1, -1, 0.7), (1, -1, 0.7), (1, 1, 0.7), (-1, 1, 0.7)]
+)
+TABLE_AND_FLOOR = Environment([TABLE, *FLOOR.planes])
 RADIUS = 0.05
 COVARIANCE = np.diag([1e-6] * 3 + [1e-2] * 3 + [1e-8])
 
@@ -21,9 +25,10 @@ def ball(position, velocity):
 
 
 def predict(mean, duration, environment=FLOOR, restitution=0.6, noise=0.0):
-    return predicted(
+    found = predicted(
         mean, COVARIANCE, duration, environment, restitution=restitution, acceleration_noise=noise
     )
+    return found.mean, found.covariance
 
 
 def test_flight_is_a_parabola() -> None:
@@ -59,6 +64,20 @@ def test_a_ball_on_the_floor_stays_on_it() -> None:
     assert mean[3:6] == pytest.approx([0.5, 0, 0])
 
 
+def test_a_ball_rolls_on_a_table_and_falls_beyond_its_edge() -> None:
+    on = predict(ball((0.5, 0, 0.7 + RADIUS), (1, 0, 0)), 0.1, TABLE_AND_FLOOR)[0]
+    assert on[:3] == pytest.approx([0.6, 0, 0.7 + RADIUS])
+    off = predict(ball((1.1, 0, 0.7 + RADIUS), (1, 0, 0)), 0.1, TABLE_AND_FLOOR)[0]
+    assert off[2] == pytest.approx(0.7 + RADIUS - 0.5 * 9.81 * 0.01)
+
+
+def test_a_ball_flies_past_a_table_and_bounces_below_it() -> None:
+    past = predict(ball((0.95, 0, 0.8), (5, 0, -1)), 0.1, TABLE_AND_FLOOR)[0]
+    assert past[5] == pytest.approx(-1 - 9.81 * 0.1)
+    below = predict(ball((0, 0, 0.3), (0, 0, -1)), 0.1, TABLE_AND_FLOOR)[0]
+    assert below[5] == pytest.approx(-1 - 9.81 * 0.1)
+
+
 def test_an_unknown_acceleration_widens_the_covariance() -> None:
     _, covariance = predict(ball((0, 0, 1), (0, 0, 0)), 0.1, noise=2.0)
     assert covariance[0, 0] == pytest.approx(1e-6 + 1e-4 + (2.0 * 0.1**2 / 2) ** 2)
@@ -79,3 +98,23 @@ def test_any_prediction_is_finite_and_its_covariance_positive(position, velocity
         before = 0.5 * np.dot(velocity, velocity) + 9.81 * position[2]
         after = 0.5 * mean[3:6] @ mean[3:6] + 9.81 * mean[2]
         assert after <= before + 1e-6
+
+
+def test_the_transition_is_the_derivative_of_the_prediction() -> None:
+    # In flight it is exact.
+    start, step = ball((0.9, 0, 0.3), (2.0, 0.5, -1.0)), 1e-6
+    found = predicted(start, COVARIANCE, 0.02, FLOOR, restitution=0.6, acceleration_noise=0.0)
+    for k in range(SIZE - 1):
+        moved = start + step * np.eye(SIZE)[k]
+        there = predicted(moved, COVARIANCE, 0.02, FLOOR, restitution=0.6, acceleration_noise=0.0)
+        assert (there.mean - found.mean) / step == pytest.approx(found.transition[:, k], abs=1e-6)
+
+
+def test_a_ball_falls_off_the_edge_of_a_table() -> None:
+    # Counter-clockwise seen from above.
+    corners = [(-1, -1, 0.5), (0, -1, 0.5), (0, 1, 0.5), (-1, 1, 0.5)]
+    table = Environment([Plane("table", "m", (0, 0, 1), 0.5, corners)])
+    on, _ = predict(ball((-0.5, 0, 0.5 + RADIUS), (0.5, 0, 0)), 0.2, table)
+    assert on[2] == pytest.approx(0.5 + RADIUS)
+    off, _ = predict(ball((0.1, 0, 0.5 + RADIUS), (0.5, 0, 0)), 0.2, table)
+    assert off[2] == pytest.approx(0.5 + RADIUS - 0.5 * 9.81 * 0.2**2)

@@ -15,9 +15,10 @@ os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Vector3
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates, Observation
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
+from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2, PointField
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -265,6 +266,63 @@ def test_an_image_without_readings_is_named_and_the_next_good_one_used(peer, roo
     )
 
 
+def corrupted(rng, message) -> Image:
+    """An image message with some of its fields as no camera would send them."""
+    sizes = [0, 1, 3, 65535, 2**31, 2**32 - 1, int(rng.integers(2**32))]
+    changes = {
+        "width": lambda: int(rng.choice(sizes)),
+        "height": lambda: int(rng.choice(sizes)),
+        "step": lambda: int(rng.choice(sizes)),
+        "encoding": lambda: str(rng.choice(["", "32FC1", "bgr8", "16UC1 ", "?" * 500])),
+        "is_bigendian": lambda: int(rng.integers(256)),
+        "data": lambda: array.array("B", rng.bytes(int(rng.integers(3000)))),
+    }
+    for name in rng.choice(list(changes), size=rng.integers(1, 4), replace=False):
+        setattr(message, name, changes[name]())
+    return message
+
+
+def test_no_image_makes_the_node_fall_or_hang(peer, node, room) -> None:
+    """Corrupted ones, named once each, and then a good one is perceived."""
+    rng = np.random.default_rng(0)
+    states = peer.listen(ObjectStates, f"{NODE}/object_states", SENSOR_DATA)
+    infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    empty = room.depth()
+    before = node.output.count("rejected")
+    for k in range(40):
+        message = image_message(empty, 350.0 + STEP * k)
+        if k % 4:
+            play(peer, images, [corrupted(rng, message)])
+        else:
+            info = info_message(room)
+            info.k = rng.choice([0.0, np.nan, -1.0, 1e300, 300.0], size=9)
+            play(peer, infos, [info])
+    states.clear()
+    play_until(
+        peer, images, lambda time: image_message(empty, 360.0 + time), lambda: states, "states"
+    )
+    # A few lines at once and then one a second, for each of two topics.
+    assert 1 <= node.output.count("rejected") - before < 25
+    assert "internal error" not in node.output
+
+
+def test_a_moved_camera_is_named_and_modelled_anew(peer, node, room) -> None:
+    environments = peer.listen(EnvironmentMessage, f"{NODE}/environment", LATCHED)
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    peer.spin_until(lambda: environments, "the environment")
+    moved = room.__class__(tilt=33.0, height=0.9, seed=6, **SMALL).depth()
+    play_until(
+        peer,
+        images,
+        lambda time: image_message(moved, 380.0 + time),
+        lambda: environments[-1].camera_pose.position.z > 0.88,
+        "the environment from where the camera stands now",
+    )
+    assert "the sensor was moved" in node.output
+    assert environments[-1].version > environments[0].version
+
+
 def test_the_environment_can_be_rebuilt(peer, room) -> None:
     environments = peer.listen(EnvironmentMessage, f"{NODE}/environment", LATCHED)
     peer.spin_until(lambda: environments, "the environment")
@@ -337,9 +395,64 @@ def test_clouds_bad_and_good(node, cloud_node, room) -> None:
     assert cloud_node.stop(signal.SIGINT) == 0
 
 
+def imu_message(up, time: float, **changes) -> Imu:
+    x, y, z = (9.81 * np.asarray(up)).tolist()
+    message = Imu(
+        header=Header(stamp=stamp_from_seconds(time), frame_id="imu"),
+        linear_acceleration=Vector3(x=x, y=y, z=z),
+    )
+    for name, value in changes.items():
+        setattr(message, name, value)
+    return message
+
+
+def test_gravity_is_that_of_the_imu(room) -> None:
+    """An IMU turned by 90° about the camera's x axis; nothing is modelled before it has rested."""
+    half = float(np.sqrt(0.5))
+    arguments = ["-p", "gravity_source:=imu", "-p", f"imu_orientation:=[{half}, 0.0, 0.0, {half}]"]
+    arguments += ["-p", f"environment_frames:={FRAMES}"]
+    up = room.rotation.T @ [0.0, np.sin(np.radians(3.0)), np.cos(np.radians(3.0))]
+    in_imu = np.array([up[0], up[2], -up[1]])
+    empty = room.depth()
+    with NodeProcess(MODULE, arguments) as process, Peer("tester") as peer:
+        heard = peer.listen(DiagnosticArray, "/diagnostics")
+        environments = peer.listen(EnvironmentMessage, f"{NODE}/environment", LATCHED)
+        infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
+        images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+        imus = peer.publisher(Imu, f"{NODE}/imu", SENSOR_DATA)
+
+        def frame(time: float) -> Image:
+            infos.publish(info_message(room))
+            return image_message(empty, 1.0 + time)
+
+        play_until(
+            peer, images, frame, lambda: says(heard, "environment", "IMU that has rested"), "a wait"
+        )
+        assert not environments
+        no_gravity = imu_message([0.0, 0.0, 0.0], 1.0)
+        play_until(
+            peer, imus, lambda _: no_gravity, lambda: says(heard, "imu", "gravity in it"), "why not"
+        )
+
+        def sample_and_frame(time: float) -> Image:
+            imus.publish(imu_message(in_imu, 5.0 + time))
+            return frame(100.0 + time)
+
+        play_until(peer, images, sample_and_frame, lambda: environments, "an environment")
+        process.check_running()
+        assert "Traceback" not in process.output
+    environment = environment_from_message(environments[-1])
+    assert environment.gravity == pytest.approx([0, 0, -9.81])
+    support = environment.planes[0].normal
+    assert np.degrees(np.arccos(support[2])) == pytest.approx(3.0, abs=0.2)
+
+
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
+        (["-p", "gravity_source:=up_hint"], "there is no up_hint"),
+        (["-p", "gravity_source:=moon"], "plane, up_hint, imu"),
+        (["-p", "gravity_source:=imu", "-p", "imu_orientation:=[1.0]"], "1 numbers"),
         (["-p", "min_radius:=0.9"], "min_radius below max_radius"),
         (["-p", "known_object_names:=[a, b]"], "[2, 1, 1] entries"),
         (["-p", "input:=radar"], "auto, depth, points"),

@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.rotation import rotation_matrix
 from intuitive_physics_perception.compile import main
 from intuitive_physics_perception.depth import Intrinsics, points_from_depth
 from intuitive_physics_perception.pipeline import PerceptionPipeline
@@ -135,3 +137,62 @@ def test_a_scene_without_planes_says_so_and_tries_again(recording) -> None:
 def test_kernels_can_be_compiled_beforehand(capsys) -> None:
     main()
     assert "kernels ready" in capsys.readouterr().out
+
+
+def solid_states(room, rays, shape_at, times):
+    """Perceived frames of eight empty frames and then a solid at each of some times."""
+    frames = [points_from_depth(room.depth(), rays) for _ in range(8)]
+    frames += [points_from_depth(room.depth(extra=[shape_at(t)]), rays) for t in times]
+    frames += [points_from_depth(room.depth(), rays) for _ in range(10)]
+    return play(frames)
+
+
+@pytest.mark.parametrize("kind", ["box", "capsule"])
+def test_a_thrown_box_or_capsule_goes_through_the_same_door(corner_model, shapes, kind) -> None:
+    room = corner_model[0].__class__(tilt=25.0, seed=12)
+    rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
+    times = np.arange(12) * STEP
+    start, v0 = np.array([1.4, -0.3, 0.6]), np.array([0.3, 0.8, 0.9])
+    spin, first = np.array([0.6, 0.0, 2.5]), Rotation.from_euler("zyx", [0.6, 0.4, 0.2])
+
+    def place(t):
+        return start + v0 * t - [0, 0, 0.5 * 9.81 * t**2]
+
+    def turned(t):
+        return (Rotation.from_rotvec(spin * t) * first).as_matrix()
+
+    def shape_at(t):
+        if kind == "box":
+            return shapes["box"](place(t), (0.14, 0.2, 0.1), turned(t))
+        return shapes["capsule"](place(t), 0.1 * turned(t)[:, 2], 0.05)
+
+    perceived = solid_states(room, rays, shape_at, times)
+    model = perceived[3].model
+    into = model.rotation @ room.rotation.T
+    (seen,) = perceived[8 + len(times) - 1].objects
+    assert seen.object.shape.kind == kind
+    truth = model.to_environment(room.to_camera(place(times[-1])))
+    assert np.linalg.norm(seen.state.position - truth) < 0.02
+    velocity = into @ (v0 - [0, 0, 9.81 * times[-1]])
+    assert np.linalg.norm(seen.state.linear_velocity - velocity) < 0.25
+    own, true = rotation_matrix(seen.state.orientation), into @ turned(times[-1])
+    if kind == "box":
+        assert np.sort(seen.object.shape.edge_lengths) == pytest.approx([0.1, 0.14, 0.2], abs=0.02)
+        assert np.abs(own.T @ true).max(axis=1) == pytest.approx(np.ones(3), abs=0.01)
+        error = seen.state.angular_velocity - into @ spin
+    else:
+        assert seen.object.shape.radius == pytest.approx(0.05, abs=0.004)
+        assert abs(own[:, 2] @ true[:, 2]) > 0.99
+        # How it turns about its own axis cannot be seen.
+        across = np.eye(3) - np.outer(true[:, 2], true[:, 2])
+        error = across @ (seen.state.angular_velocity - into @ spin)
+    spread = np.sqrt(np.trace(seen.state.covariance[9:, 9:]))
+    assert np.linalg.norm(error) < min(3.0 * spread, 2.0)
+    (observation,) = [found for p in perceived for found in p.observations]
+    (thing,) = observation.objects
+    assert thing.object.shape.kind == kind
+    begun = observation.start_time - 8 * STEP
+    there = model.to_environment(room.to_camera(place(begun)))
+    assert np.linalg.norm(thing.initial_state.position - there) < 0.02
+    axes = rotation_matrix(thing.initial_state.orientation).T @ into @ turned(begun)
+    assert np.abs(axes).max() > 0.98

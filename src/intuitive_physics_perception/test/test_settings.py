@@ -38,6 +38,8 @@ def test_numbers_outside_their_range_are_refused(setting, bad) -> None:
         ({"estimate_noise": 1}, "true or false"),
         ({"up_hint": (0.0, 0.0, 0.0)}, "up_hint"),
         ({"known_objects": (KnownObject("a", 0.1, "m"), KnownObject("a", 0.2, "m"))}, "each name"),
+        ({"gravity_source": "up_hint"}, "there is no up_hint"),
+        ({"gravity_source": "moon"}, "one of plane, up_hint, imu"),
         ({"known_objects": ("ball",)}, "expected a KnownObject"),
     ],
 )

@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from intuitive_physics_perception.clustering import neighbour_labels
 from intuitive_physics_perception.depth import points_from_depth
-from intuitive_physics_perception.foreground import ForegroundFinder, neighbour_labels
+from intuitive_physics_perception.foreground import ForegroundFinder
 from intuitive_physics_perception.noise import RangeNoise
-from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.sphere_fit import random_spheres, refine_sphere, score_spheres
-from intuitive_physics_perception.spheres import SphereFinder, sphere_from_outline
+from intuitive_physics_perception.objects import all_objects
+from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
+from intuitive_physics_perception.solids import SolidFinder
+from intuitive_physics_perception.sphere_fit import refine_sphere
+from intuitive_physics_perception.sphere_ransac import (
+    BATCH,
+    NEIGHBOUR_DRAWS,
+    outline_sphere,
+    random_spheres,
+    ransac_spheres,
+    score_spheres,
+)
+from intuitive_physics_perception.spheres import DetectedSphere, SphereFinder
 
 SETTINGS = PerceptionSettings()
 NOTHING = np.zeros((0, 3))
@@ -22,13 +36,15 @@ def find(corner_model):
     room, rays, model = corner_model
     foreground = ForegroundFinder(model, SETTINGS)
     finder = SphereFinder(model.noise, SETTINGS, np.random.default_rng(4))
+    solids = SolidFinder(model, SETTINGS, np.random.default_rng(5))
 
     def spheres(balls=(), extra=(), as_cloud=False):
         points = points_from_depth(room.depth(balls, extra), rays)
         if as_cloud:
             points = points.reshape(1, -1, 3)
-        found = finder.find(points, foreground.find(points))
-        return [(room.rotation @ s.center + room.origin, s) for s in found]
+        found = all_objects(points, finder.find(points, foreground.find(points)), solids)
+        spheres = [seen for seen in found if isinstance(seen, DetectedSphere)]
+        return [(room.rotation @ s.center + room.origin, s) for s in spheres]
 
     return spheres
 
@@ -87,9 +103,7 @@ def test_without_noise_the_fit_is_exact(rng) -> None:
     noise = np.square([1e-4, 0.0, 1.0, 1e-5])
     truth = np.array([0.3, -0.1, 1.7, 0.06])
     points = near_side(rng, truth[:3], truth[3], 500)
-    sphere, _, _, _ = refine_sphere(
-        points, NOTHING, sphere_from_outline(points), 0.015, 0.4, 3.0, noise
-    )
+    sphere, _, _, _ = refine_sphere(points, NOTHING, outline_sphere(points), 0.015, 0.4, 3.0, noise)
     assert sphere == pytest.approx(truth, abs=1e-6)
 
 
@@ -106,6 +120,45 @@ def test_the_right_sphere_scores_best_among_outliers(rng) -> None:
     assert len(spheres) > 20
     best = spheres[score_spheres(points, spheres, 3.0, noise).argmax()]
     assert best == pytest.approx(truth, abs=0.01)
+
+
+def test_batches_stop_early_where_a_sphere_explains_much(rng) -> None:
+    noise = np.square([0.002, 0.0, 1.0, 0.0008])
+    limits = 0.015, 0.4
+    ball = near_side(rng, np.array([0.0, 0.1, 1.2]), 0.05, 200, 0.001)
+    clutter = rng.uniform(-0.2, 0.2, (200, 3)) + [0, 0, 1.2]
+    drawn = {}
+    for name, points in {"ball": ball, "clutter": clutter}.items():
+        counter = np.random.default_rng(0)
+        ransac_spheres(points, limits, 3.0, noise, 1024, counter)
+        again, drawn[name] = np.random.default_rng(0), 0
+        while again.bit_generator.state != counter.bit_generator.state:
+            again.random((BATCH, 2 + 3 * NEIGHBOUR_DRAWS))
+            drawn[name] += BATCH
+    # (1 - w⁴)ⁿ < 0.001 with nearly all points on the ball needs one batch.
+    assert drawn["ball"] <= 2 * BATCH
+    assert drawn["clutter"] == 1024
+
+
+def test_a_known_radius_places_a_hidden_ball_better(corner_model, shapes) -> None:
+    room, rays, model = corner_model
+    foreground = ForegroundFinder(model, SETTINGS)
+    errors, counts = {}, {}
+    for known in ((), (KnownObject("small", 0.03, "wood"), KnownObject("large", 0.07, "foam"))):
+        settings = replace(SETTINGS, known_objects=known)
+        finder = SphereFinder(model.noise, settings, np.random.default_rng(4))
+        own = []
+        for k in range(12):
+            center = np.array([1.9, 0.05 * k - 0.3, 0.4])
+            box = shapes["box"](center - [0.4, -0.055, 0.0], (0.05, 0.1, 0.4), 0.0)
+            points = points_from_depth(room.depth([(center, 0.07)], [box]), rays)
+            found = finder.find(points, foreground.find(points))
+            for sphere in (sphere for part in found for sphere in part.spheres):
+                own.append(room.rotation @ sphere.center + room.origin - center)
+        counts[bool(known)] = len(own)
+        errors[bool(known)] = np.sqrt(np.square(own).sum(axis=1).mean())
+    assert counts[True] >= counts[False] >= 8
+    assert errors[True] < 0.9 * errors[False]
 
 
 def test_three_balls_at_once(find) -> None:
@@ -162,8 +215,38 @@ def test_what_is_no_sphere_is_not_called_one(find, shapes, seed) -> None:
         shapes["cylinder"](*at, 0.5 * size, 2.5 * size),
         shapes["cylinder"](*at, 0.5 * size, size),
         shapes["bowl"]((*at, 0.3), size),
+        shapes["capsule"]((*at, 0.3), [0.4 * size, size, 0.3 * size], 0.5 * size),
+        shapes["capsule"]((*at, 0.3), [0.7 * size, 0.7 * size, 0.0], 0.5 * size),
     ):
         assert find(extra=[shape]) == [], shape
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_hand_is_no_ball(find, shapes, seed) -> None:
+    # A palm, as a flat box, and four fingers and a thumb of rounded ends, spread and turned.
+    rng = np.random.default_rng(seed)
+    turn = Rotation.random(random_state=seed).as_matrix()
+    at = np.array([rng.uniform(1.0, 1.4), rng.uniform(-0.2, 0.2), 0.5])
+    parts = [shapes["box"](at, (0.09, 0.10, 0.03), turn)]
+    for finger in np.linspace(-0.035, 0.035, 4):
+        spread = np.array([2.0 * finger, 1.0, rng.uniform(-0.2, 0.2)])
+        half = 0.035 * spread / np.linalg.norm(spread)
+        start = np.array([finger, 0.05, 0.0])
+        parts.append(shapes["capsule"](at + turn @ (start + half), turn @ half, 0.009))
+    thumb = np.array([0.025, 0.02, 0.0])
+    parts.append(shapes["capsule"](at + turn @ ([0.045, 0.0, 0.0] + thumb), turn @ thumb, 0.01))
+    assert find(extra=parts) == []
+
+
+def test_a_ball_in_a_hand_s_fingers_is_one(find, shapes) -> None:
+    ball = np.array([1.3, 0.0, 0.5])
+    fingers = [
+        shapes["capsule"](ball + [0.0, side * 0.06, -0.02], (0.0, 0.0, 0.04), 0.009)
+        for side in (-1.0, 1.0)
+    ]
+    ((place, sphere),) = find([(ball, 0.05)], fingers)
+    assert place == pytest.approx(ball, abs=0.006)
+    assert sphere.radius == pytest.approx(0.05, abs=0.004)
 
 
 def test_an_empty_scene_has_no_spheres(find) -> None:

@@ -152,7 +152,24 @@ def test_the_state_has_a_wide_spin_and_no_doubt_in_rotation(rng) -> None:
     tracker = Tracker(FLOOR, SETTINGS)
     for k in range(4):
         tracker.update(k * STEP, [seen(rng, (0, 0, 1.0))])
-    state = tracker.tracks[0].object_state(SETTINGS)
+    state = tracker.tracks[0].object_state(FLOOR, SETTINGS)
     assert np.diag(state.covariance)[9:] == pytest.approx(100.0)
     assert np.abs(state.covariance[3:6]).max() == 0.0
     assert state.angular_velocity == pytest.approx([0, 0, 0])
+
+
+def test_balls_that_cross_behind_one_another_keep_their_names(rng) -> None:
+    # Where they cross the farther one is hidden for four frames.
+    times = np.arange(0, 0.8, STEP)
+    for trial in range(10):
+        speed, gap = rng.uniform(1.0, 3.0), rng.uniform(0.06, 0.12)
+        left = np.column_stack([speed * (times - 0.4), gap + 0 * times, 1 + 0 * times])
+        right = np.column_stack([-speed * (times - 0.4), -gap + 0 * times, 1 + 0 * times])
+        right[10:14] = np.nan
+        weightless = Environment(FLOOR.planes, gravity=(0, 0, -1e-6))
+        alive, _ = follow(Tracker(weightless, SETTINGS), rng, [left, right], times)
+        speeds = {track.number: track.mean[3] for track in alive[-1]}
+        assert speeds == {
+            1: pytest.approx(speed, abs=0.15),
+            2: pytest.approx(-speed, abs=0.15),
+        }, trial

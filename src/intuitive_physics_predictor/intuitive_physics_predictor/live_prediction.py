@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Scene, SceneObject
+from intuitive_physics.simulation import pack_worlds
+from intuitive_physics.simulation.first_states import check_overlaps
 from intuitive_physics.state import ObjectState
+from intuitive_physics.validation import increasing_times
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
 from intuitive_physics_predictor.prediction_settings import PredictionSettings
 
@@ -159,6 +163,52 @@ def predict_now(
         states_stamp=seen.stamp,
         seed=seed,
         environment_version=inputs.environment_version,
+    )
+
+
+def predict_scene(
+    scene: Scene,
+    learned: LearnedParameters | None,
+    settings: PredictionSettings,
+    times: ArrayLike,
+    *,
+    seed: int,
+    sample_count: int,
+    start: float,
+    environment_version: int = 0,
+) -> LivePrediction:
+    """Predict a scene that somebody asks about, from its states on.
+
+    Parameters
+    ----------
+    times : (n_times,) s after `start`, strictly increasing, none negative
+    start : s, which the states are taken to be of
+
+    Raises
+    ------
+    InvalidInputError
+        When objects are in one another, or a number is not what it must be.
+    PredictionFailedError, UnsupportedSceneError
+        As `noisy_newton.predict`.
+    """
+    # What is perceived may overlap by its noise; a scene that is made up should not.
+    check_overlaps([scene], pack_worlds([scene], StaticParameters.uniform(scene.materials)))
+    distribution = settings.predict(
+        scene,
+        learned,
+        increasing_times(times, "times"),
+        seed=seed,
+        sample_count=sample_count,
+    )
+    return LivePrediction(
+        distribution=distribution,
+        scene=scene,
+        learned=learned,
+        settings=settings,
+        start=start,
+        states_stamp=start,
+        seed=seed,
+        environment_version=environment_version,
     )
 
 

@@ -28,6 +28,12 @@ FIRST_STEP = np.log(0.5)
 """A scale is first tried at half its value."""
 
 SMALLEST_SCALE, LARGEST_SCALE = 1e-3, 1e3
+DOUBT = 0.2
+"""Score, over the number of objects, that a scale costs which is e times that of the start. It is
+the prior that log scales are about those of the start by ±0.5: one object tells a log scale about
+as well as six normal numbers do (curvature 6 of the log score), and there the relative energy score
+has the curvature 0.6, so the prior's 1 / (2 · 0.5²) becomes 0.2."""
+
 SMALLEST_SPREAD = 1e-3
 """m; a prediction surer than that is not weighed more."""
 
@@ -102,13 +108,15 @@ def fit_noise_scales(
     def prediction(scales: NoiseScales) -> Prediction:
         return noisy_prediction(learned, scales, sample_count, engine)
 
+    objects = sum(len(outcome.scene.objects) for outcome in outcomes)
     weights = spread_weights(outcomes, prediction(begin), seed)
     reference = weighted_energy_scores(outcomes, prediction(begin), weights, seed)
 
     def relative_score(logarithms: NDArray[np.float64]) -> float:
         way = prediction(scaled(logarithms))
         scores = weighted_energy_scores(outcomes, way, weights, seed)
-        return float(np.nanmean(scores / reference))
+        moved = float(np.square(logarithms - first).sum())
+        return float(np.nanmean(scores / reference)) + DOUBT * moved / objects
 
     found = minimize(
         relative_score,

@@ -15,6 +15,7 @@ from intuitive_physics_msgs.msg import ObjectStates, ResultCode
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
 from intuitive_physics_msgs.msg import TrajectoryDistribution as DistributionMessage
 from intuitive_physics_msgs.srv import Predict, Query
+from numpy.typing import ArrayLike
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
@@ -23,11 +24,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
-from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Scene
-from intuitive_physics.simulation import pack_worlds
-from intuitive_physics.simulation.first_states import check_overlaps
-from intuitive_physics.validation import increasing_times
 from intuitive_physics_predictor.compile import warm_up
 from intuitive_physics_predictor.live_prediction import (
     Inputs,
@@ -36,6 +33,7 @@ from intuitive_physics_predictor.live_prediction import (
     NothingToPredictError,
     SeenStates,
     predict_now,
+    predict_scene,
 )
 from intuitive_physics_predictor.noisy_newton import PredictionFailedError
 from intuitive_physics_predictor.options import PredictionOptions
@@ -57,7 +55,7 @@ from intuitive_physics_ros.conversions.geometry import point_to_message
 from intuitive_physics_ros.diagnostics import Diagnostics
 from intuitive_physics_ros.distribution_markers import distribution_markers
 from intuitive_physics_ros.input_monitor import InputMonitor
-from intuitive_physics_ros.parameters import Parameter, declare_parameters
+from intuitive_physics_ros.parameters import Parameter, declare_parameters, setting_parameters
 from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
 from intuitive_physics_ros.rate_monitor import RateMonitor
 from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_result
@@ -80,19 +78,7 @@ PARAMETERS = [
         read_only=False,
     ),
     Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0), read_only=False),
-    *(
-        Parameter(
-            option.name,
-            option.default,
-            option.metadata["description"],
-            (option.metadata["lower"], option.metadata["upper"])
-            if "lower" in option.metadata
-            else None,
-            choices=option.metadata.get("choices", ()),
-            read_only=False,
-        )
-        for option in fields(PredictionOptions)
-    ),
+    *setting_parameters(PredictionOptions, read_only=False),
 ]
 
 CODES: dict[type[BaseException], int] = {
@@ -357,30 +343,19 @@ def predict_request(
     if request.static_parameters:
         learned = static_parameters_from_message(request.static_parameters[0])
     options = settings.options
-    times = (
-        increasing_times(request.times, "times")
-        if len(request.times)
-        else output_times(
+    times: ArrayLike = request.times
+    if not len(request.times):
+        times = output_times(
             request.horizon or options.horizon, request.time_step or options.time_step
         )
-    )
-    scene = Scene(environment, tuple(objects), tuple(states))
-    check_overlaps([scene], pack_worlds([scene], StaticParameters.uniform(scene.materials)))
-    distribution = settings.predict(
-        scene,
+    return predict_scene(
+        Scene(environment, tuple(objects), tuple(states)),
         learned,
+        settings,
         times,
         seed=request.seed,
         sample_count=request.sample_count or options.sample_count,
-    )
-    return LivePrediction(
-        distribution=distribution,
-        scene=scene,
-        learned=learned,
-        settings=settings,
         start=now,
-        states_stamp=now,
-        seed=request.seed,
         environment_version=version,
     )
 

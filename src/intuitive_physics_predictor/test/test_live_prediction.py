@@ -13,7 +13,7 @@ from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.regions import BoxRegion, HalfSpaceRegion
-from intuitive_physics.scene import Environment, Plane, SceneObject
+from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.simulation.event_driven.kernel import roll_worlds
 from intuitive_physics.state import ObjectState
@@ -23,6 +23,7 @@ from intuitive_physics_predictor.live_prediction import (
     NothingToPredictError,
     SeenStates,
     predict_now,
+    predict_scene,
 )
 from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
@@ -189,6 +190,26 @@ def test_output_times_reach_the_horizon(horizon, time_step):
     assert times[0] == 0.0
     assert horizon - time_step < times[-1] <= horizon * (1 + 1e-9)
     np.testing.assert_allclose(np.diff(times), time_step)
+
+
+def test_a_scene_that_is_asked_about_begins_at_its_states():
+    made = predict_scene(
+        now(0.0).scene, learned(), SETTINGS, [0.0, 0.2], seed=1, sample_count=20, start=5.0
+    )
+    assert (made.start, made.states_stamp) == (5.0, 5.0)
+    # The noise is that of the same seed, whoever asks.
+    at_once = now(0.0).distribution.positions
+    np.testing.assert_allclose(made.distribution.positions, at_once[:, :, [0, 20]], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("height", "times", "word"),
+    [(0.01, [0.0], "overlaps plane 'floor'"), (1.0, [0.1, 0.1], "strictly increase")],
+)
+def test_a_scene_that_cannot_be_is_refused(height, times, word):
+    scene = Scene(ROOM, SEEN.objects, (ObjectState((0, 0, height)),))
+    with pytest.raises(InvalidInputError, match=word):
+        predict_scene(scene, None, SETTINGS, times, seed=0, sample_count=2, start=0.0)
 
 
 def test_questions_are_answered_from_a_prediction():

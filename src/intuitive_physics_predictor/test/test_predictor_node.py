@@ -69,7 +69,7 @@ def node():
 
 @pytest.fixture
 def peer(node):
-    with Peer("tester") as peer:
+    with Peer("tester", timeout=60.0) as peer:
         yield peer
     node.check_running()
     assert "Traceback" not in node.output
@@ -550,7 +550,7 @@ def test_a_long_request_does_not_stop_the_predictions(peer, fed):
     during = [stamp for stamp in stamps if stamp > time.time() - seconds]
     # On a busy machine it is slower, but goes on.
     assert len(during) > 10 * seconds
-    assert np.diff(during).max() < 0.5
+    assert np.diff(during).max() < 1.0
 
 
 def test_a_request_without_environment_before_any_was_heard():

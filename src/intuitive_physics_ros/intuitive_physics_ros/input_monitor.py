@@ -11,12 +11,16 @@ from intuitive_physics_ros.diagnostics import Level, Status
 REPEAT_AFTER = 10.0
 """Seconds after which the same complaint about an input is logged again."""
 
+BURST = 5
+"""Lines that an input may log at once; after that one a second."""
+
 
 class InputMonitor:
     """Counts what arrives on one input; give `check` to `Diagnostics.add`.
 
-    A complaint is logged when it is new and then at most every 10 s, so that a sensor that is
-    wrong 30 times a second does not fill the log.
+    A complaint is logged when it is new and then at most every 10 s, and after a few lines nothing
+    more often than once a second: a sensor that is wrong 30 times a second, and each time in
+    another way, does not fill the log.
 
     Parameters
     ----------
@@ -34,7 +38,9 @@ class InputMonitor:
         self._rejected = 0
         self._arrived_at: float | None = None
         self._error = ""
+        self._logged = ""
         self._logged_at = 0.0
+        self._lines, self._lines_at = float(BURST), time.monotonic()
         self._lost = False
         self._checked_at = time.monotonic()
         self._checked_count = 0
@@ -43,19 +49,30 @@ class InputMonitor:
         """Take note of a good message."""
         self._accepted += 1
         self._arrived()
-        if self._error:
+        self._error = ""
+        if self._logged and self._may_log():
             self._node.get_logger().info(f"{self._name} is good again")
-            self._error = ""
+            self._logged = ""
 
     def rejected(self, error: Exception | str) -> None:
         """Take note of a message that could not be used and log why."""
         self._rejected += 1
         self._arrived()
-        sentence, now = str(error), time.monotonic()
-        if sentence != self._error or now - self._logged_at > REPEAT_AFTER:
-            self._node.get_logger().error(f"{self._name} rejected: {sentence}")
-            self._logged_at = now
-        self._error = sentence
+        self._error, now = str(error), time.monotonic()
+        is_new = self._error != self._logged or now - self._logged_at > REPEAT_AFTER
+        if is_new and self._may_log():
+            self._node.get_logger().error(f"{self._name} rejected: {self._error}")
+            self._logged, self._logged_at = self._error, now
+
+    def _may_log(self) -> bool:
+        """Whether a line may be logged now, and count it."""
+        now = time.monotonic()
+        self._lines = min(self._lines + now - self._lines_at, float(BURST))
+        self._lines_at = now
+        if self._lines < 1.0:
+            return False
+        self._lines -= 1.0
+        return True
 
     def check(self) -> Status:
         """Say how the input does; logs when it is lost."""

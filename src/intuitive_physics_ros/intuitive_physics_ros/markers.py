@@ -19,6 +19,7 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics_ros.conversions.geometry import (
     point_to_message,
     pose_to_message,
+    rotated,
     vector_to_message,
 )
 
@@ -26,6 +27,7 @@ EDGELESS_PLANE_SIZE = 4.0
 """Edge length in m of the part of a plane without edges that is shown."""
 
 PLANE_THICKNESS = 1e-3
+GRAVITY_ARROW_LENGTH = 0.3
 """m"""
 
 
@@ -45,7 +47,7 @@ def object_markers(
     markers: list[Marker] = []
     for thing, state in zip(things, states, strict=True):
         for kind, offset, size in _solids(thing.shape):
-            center = state.position + _rotated(state.orientation, np.array([0.0, 0.0, offset]))
+            center = state.position + rotated(state.orientation, np.array([0.0, 0.0, offset]))
             markers.append(
                 Marker(
                     header=header,
@@ -70,6 +72,21 @@ def environment_markers(environment: Environment, stamp: Time | None = None) -> 
     for i, marker in enumerate(bodies):
         marker.header, marker.ns, marker.id = header, "environment", i
     return bodies
+
+
+def gravity_marker(environment: Environment, stamp: Time | None = None) -> Marker:
+    """Return an arrow that ends at the environment's origin and points along gravity."""
+    strength = max(float(np.linalg.norm(environment.gravity)), 1e-9)
+    tail = -GRAVITY_ARROW_LENGTH * environment.gravity / strength
+    return Marker(
+        header=Header(stamp=stamp or Time(), frame_id=environment.frame_id),
+        ns="gravity",
+        type=Marker.ARROW,
+        pose=pose_to_message((0.0, 0.0, 0.0)),
+        scale=vector_to_message((0.01, 0.03, 0.05)),
+        color=ColorRGBA(r=1.0, a=1.0),
+        points=[point_to_message(tail), point_to_message(np.zeros(3))],
+    )
 
 
 def trajectory_marker(
@@ -163,13 +180,6 @@ def _box_marker(box: StaticBox) -> Marker:
         scale=vector_to_message(box.edge_lengths),
         color=material_color(box.material, alpha=0.5),
     )
-
-
-def _rotated(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    axis, w = quaternion[:3], quaternion[3]
-    # v' = v + 2 w (q × v) + 2 q × (q × v)
-    across = np.cross(axis, vector)
-    return vector + 2.0 * (w * across + np.cross(axis, across))
 
 
 def _z_axis_onto(direction: NDArray[np.float64]) -> NDArray[np.float64]:

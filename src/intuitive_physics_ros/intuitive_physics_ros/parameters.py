@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -95,6 +95,31 @@ TYPE_WORDS = {
     RosParameter.Type.DOUBLE_ARRAY: "a list of numbers with a decimal point",
     RosParameter.Type.STRING_ARRAY: "a list of strings",
 }
+
+
+def setting_parameters(settings: type[Any], *, read_only: bool = True) -> list[Parameter]:
+    """Return a parameter for each field of a class of settings that is a number, word or choice.
+
+    Parameters
+    ----------
+    settings : dataclass whose fields have the metadata `description`, and `lower` and `upper` or
+        `choices` where their values are limited
+    read_only : of all of them, as in `Parameter`
+    """
+    return [
+        Parameter(
+            setting.name,
+            setting.default,
+            setting.metadata["description"],
+            (setting.metadata["lower"], setting.metadata["upper"])
+            if "lower" in setting.metadata
+            else None,
+            setting.metadata.get("choices", ()),
+            read_only,
+        )
+        for setting in fields(settings)
+        if isinstance(setting.default, bool | int | float | str)
+    ]
 
 
 def declare_parameters(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_experiments.calibration.calibrate import OURS, Calibration, calibrate
+from intuitive_physics_experiments.calibration.first_points import with_first_points
 from intuitive_physics_experiments.calibration.paper_outcomes import HORIZONS, paper_outcomes
 from intuitive_physics_experiments.calibration.proper_learning import learn_by_energy_score
 from intuitive_physics_experiments.calibration.verification import Scores, score
@@ -23,6 +24,9 @@ from intuitive_physics_predictor.outcomes import noisy_prediction
 
 LEARNED_SHARE, PAST_SHARE = 0.35, 0.2
 """Of the runs: what θ_s is learned from, and what the noise is fitted to. The rest is held out."""
+
+LEARNED_POINTS = 30
+"""Points, at most, that first states of what is learned from are fitted to."""
 
 POINT_COUNTS = (3, 5, 10, 15)
 """Points that are seen of an object before it is predicted."""
@@ -52,8 +56,8 @@ class PaperCalibrationOptions:
     point_counts: Sequence[int] = POINT_COUNTS
     horizons: Sequence[float] = HORIZONS
     sample_count: int = 100
-    iterations: int = 3000
-    score_iterations: int = 1500
+    iterations: int = 4000
+    score_iterations: int = 1000
     engine: str = "auto"
     seed: int = 0
 
@@ -124,7 +128,9 @@ def calibrate_on_paper_set(
         raise InvalidInputError(f"set has {len(runs)} runs; expected at least 10, ask for more")
     first, second = (round(s * len(runs)) for s in (LEARNED_SHARE, LEARNED_SHARE + PAST_SHARE))
     criteria = ConvergenceCriteria(max_iterations=options.iterations)
-    observations = [run.observation for run in runs[:first]]
+    observations = [
+        with_first_points(run.observation, LEARNED_POINTS, POSITION_NOISE) for run in runs[:first]
+    ]
     learned = learn(
         observations,
         simulator,

@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation import Simulator
-from intuitive_physics.state import ANGULAR_VELOCITY, ObjectState
-from intuitive_physics_experiments.noisy_flight import fit_noisy_flight, flight_length
+from intuitive_physics_experiments.calibration.first_points import first_states
 from intuitive_physics_experiments.paper_dataset import POSITION_NOISE, PaperRun
-from intuitive_physics_experiments.paper_room import SPIN_DEVIATION
 from intuitive_physics_predictor.outcomes import Outcome
 
 HORIZONS = (0.5, 1.0, 2.0, 5.0)
@@ -33,7 +31,7 @@ def paper_outcomes(
     Parameters
     ----------
     parameters : the true θ_s, and `simulator` the engine that moved the objects
-    points : of each object that are seen, at least 3; those before the first bounce tell the state
+    points : of each object that are seen, at least 3; those before the first touch tell the state
     horizons : s after the last of these points
     rng : of the noise that is added to what happened, as a learner sees it; None: the truth
     """
@@ -48,16 +46,7 @@ def _outcome(
     points: int,
     horizons: NDArray[np.float64],
 ) -> Outcome:
-    gravity = run.scene.environment.gravity
-    states = []
-    for seen, truth in zip(run.observation.objects, run.scene.states, strict=True):
-        times, positions = seen.trajectory.times[:points], seen.trajectory.positions[:points]
-        free = flight_length(times, positions, gravity, POSITION_NOISE)
-        position, velocity, covariance = fit_noisy_flight(
-            times[:free], positions[:free], gravity, POSITION_NOISE
-        )
-        covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = SPIN_DEVIATION**2 * np.eye(3)
-        states.append(ObjectState(position, truth.orientation, velocity, covariance=covariance))
+    states = first_states(run.observation, points, POSITION_NOISE)
     after = run.observation.objects[0].trajectory.times[points - 1] + horizons
     truth = simulator.rollout([run.scene], parameters, after, orientations=False).positions[0]
     return Outcome(Scene(run.scene.environment, run.scene.objects, tuple(states)), after, truth)

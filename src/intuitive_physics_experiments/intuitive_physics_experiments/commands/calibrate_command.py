@@ -45,14 +45,14 @@ def add_to(commands: Any) -> None:
         "--samples", type=int, default=100, help="simulations a prediction (default: 100)"
     )
     parser.add_argument(
-        "--iterations", type=int, default=3000, help="evaluations of J at most (default: 3000)"
+        "--iterations", type=int, default=4000, help="evaluations of J at most (default: 4000)"
     )
     parser.add_argument(
         "--score-iterations",
         type=int,
-        default=1500,
+        default=1000,
         help="evaluations of the energy score that go on from there, in the synthetic set "
-        "(default: 1500)",
+        "(default: 1000)",
     )
     parser.add_argument("--engine", default="auto", help="simulator (default: auto)")
     parser.add_argument(

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
+from intuitive_physics_experiments.commands.database_option import (
+    DATABASE_SUFFIX,
+    open_database,
+)
 
-PATH_HELP = "a folder of saved observations, or a recorded set as an .npz file"
+PATH_HELP = (
+    "a folder of saved observations, an .mcap file or bag with observations, a learner's database "
+    "(.sqlite3), or a recorded set (.npz)"
+)
 ENGINE = "auto"
 
 
@@ -42,14 +50,21 @@ def add_learning_options(
 
 
 def read_observations(path: Path) -> tuple[str, list[Observation]]:
-    """Return title and observations of a folder or a recorded set."""
+    """Return title and observations of what `PATH_HELP` tells of."""
+    from intuitive_physics_experiments.bag_reader import METADATA_FILE
+    from intuitive_physics_experiments.observation_bag import SUFFIX, read_observation_bag
     from intuitive_physics_experiments.observation_files import load_observations
     from intuitive_physics_experiments.recorded_data import load_recorded_set
 
+    if path.suffix == SUFFIX or (path / METADATA_FILE).exists():
+        return "recorded observations", read_observation_bag(path)
     if path.is_dir():
         return "saved observations", load_observations(path)
     if not path.exists():
         raise InvalidInputError(f"there is no {path}; expected {PATH_HELP}")
+    if path.suffix == DATABASE_SUFFIX:
+        with open_database(path) as store:
+            return "stored observations", store.observations()
     if path.suffix != ".npz":
         raise InvalidInputError(f"{path} is no .npz file; expected {PATH_HELP}")
     return load_recorded_set(path)
@@ -57,8 +72,8 @@ def read_observations(path: Path) -> tuple[str, list[Observation]]:
 
 def learning_options(options: argparse.Namespace) -> Any:
     """Return the library's options."""
+    from intuitive_physics_learner.convergence import ConvergenceCriteria
     from intuitive_physics_learner.learning_session import LearningOptions
-    from intuitive_physics_learner.search import ConvergenceCriteria
 
     if options.seed < 0:
         raise InvalidInputError(f"seed is {options.seed}; expected 0 or more")
@@ -70,6 +85,9 @@ def progress_to(bar: Any, options: argparse.Namespace) -> Callable[[Any], None]:
     """Return what shows the search's progress on a bar."""
 
     def show(progress: Any) -> None:
-        bar.update(progress.iteration, options.iterations, f"J {progress.best_cost:.4f} m")
+        left = progress.seconds_left
+        soon = f", {left:.0f} s left" if math.isfinite(left) else ""
+        note = f"J {progress.best_cost:.4f} m{soon}"
+        bar.update(progress.iteration, options.iterations, note)
 
     return show

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
@@ -68,12 +67,10 @@ def run(options: argparse.Namespace) -> None:
 def _read_parameters(path: Path) -> tuple[Any, Any]:
     """Return θ_s and the noise scales beside it, the default ones where there are none."""
     from intuitive_physics.learned_parameters import LearnedParameters
+    from intuitive_physics_experiments.parameter_files import read_parameter_file
     from intuitive_physics_predictor.noise_scales import SCALES_KEY, NoiseScales
 
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InvalidInputError(f"cannot read the parameters {path}: {error}") from None
+    data = read_parameter_file(path)
     learned = LearnedParameters.from_dict(data)
     kept = data.get(SCALES_KEY)
     return learned, NoiseScales() if kept is None else NoiseScales.from_dict(kept)

@@ -32,6 +32,14 @@ def pose_to_message(position: ArrayLike, orientation: ArrayLike = (0.0, 0.0, 0.0
     return Pose(position=point_to_message(position), orientation=quaternion_to_message(orientation))
 
 
+def rotated(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a vector (3,) turned by a unit quaternion (x, y, z, w)."""
+    axis, w = quaternion[:3], quaternion[3]
+    # v' = v + 2 w (q × v) + 2 q × (q × v)
+    across = np.cross(axis, vector)
+    return vector + 2.0 * (w * across + np.cross(axis, across))
+
+
 def xyz(message: Vector3 | Point) -> tuple[float, float, float]:
     """Return the numbers of a vector or point; they are not checked."""
     return message.x, message.y, message.z

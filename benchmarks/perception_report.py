@@ -1,0 +1,142 @@
+"""Turns what perception found into tables, and into the one line that machines read."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from benchmarks.perception_run import Findings, Timing
+from benchmarks.perception_score import ENOUGH_PIXELS, NEAR, Hit, Score, rms
+from benchmarks.report import table
+from intuitive_physics_experiments.corner_room import BALL_RADII
+
+BARS = {
+    "frame_ms_p50": (10.0, "below"),
+    "frame_ms_p99": (20.0, "below"),
+    "position_rmse_mm": (5.0, "below"),
+    "radius_rmse_mm": (2.0, "below"),
+    "gravity_error_deg": (0.3, "below"),
+    "recall": (0.98, "above"),
+    "false_positives_per_1000": (1.0, "below"),
+}
+"""What the perception issue asks for, by the key of the last line."""
+
+
+def figures(findings: Findings, peer_ms: Sequence[float]) -> dict[str, float]:
+    """Return what the last line tells.
+
+    Parameters
+    ----------
+    peer_ms : milliseconds that Open3D and pyRANSAC-3D took for each frame
+    """
+    hits = findings.states.near_hits()
+    p50 = 1e3 * float(np.median(findings.timing.total))
+    return {
+        "frame_ms_p50": p50,
+        "frame_ms_p99": 1e3 * float(np.quantile(findings.timing.total, 0.99)),
+        "position_rmse_mm": 1e3 * rms(hit.position_error for hit in hits),
+        "radius_rmse_mm": 1e3 * rms(hit.radius_error for hit in hits),
+        "gravity_error_deg": max(findings.gravity),
+        "recall": findings.detections.recall,
+        "false_positives_per_1000": findings.detections.false_positives_per_1000,
+        "speedup_over_open3d_pyransac": float(np.median(peer_ms)) / p50,
+    }
+
+
+def json_line(found: Mapping[str, float]) -> str:
+    """Return the last line."""
+    return json.dumps({name: float(f"{value:.4g}") for name, value in found.items()})
+
+
+def misses(found: Mapping[str, float]) -> list[str]:
+    """Return a sentence for each bar that was not reached."""
+    return [
+        f"{name} is {found[name]:.4g}; expected {side} {bar:g}"
+        for name, (bar, side) in BARS.items()
+        if not (found[name] < bar if side == "below" else found[name] > bar)
+    ]
+
+
+def accuracy_text(findings: Findings) -> str:
+    """Describe errors of places, radii and velocities, recall and false positives."""
+    rows = []
+    for name, score in (("one frame", findings.detections), ("filtered", findings.states)):
+        for size in (None, *sorted(BALL_RADII.values())):
+            near = score.near_hits(size)
+            far = [h for h in score.hits if h.distance > NEAR and size in (None, h.size)]
+            ball = "all" if size is None else f"{1e2 * size:g} cm"
+            rows.append([name, ball, *_errors(near), *_errors(far)])
+    header = ["", "radius", f"position up to {NEAR:g} m", "radius", "position beyond", "radius"]
+    detections = findings.detections
+    return "\n\n".join(
+        [
+            "## Accuracy\n\nRoot mean square errors in mm.",
+            table(header, rows),
+            f"- Trajectories of observations, smoothed, up to {NEAR:g} m: "
+            f"{1e3 * rms(findings.smoothed):.2f} mm over {len(findings.smoothed)} points.",
+            f"- Velocity of the last state before the first bounce: "
+            f"{rms(findings.first_velocities):.3f} m/s over {len(findings.first_velocities)} "
+            "balls.",
+            f"- Found in one frame: {detections.found} of {detections.visible} balls with at least "
+            f"{ENOUGH_PIXELS} visible pixels, {detections.recall:.2%}; {detections.false} false "
+            f"in {detections.frames} frames. Followed as an object: "
+            f"{findings.states.recall:.2%} (the first frames of a throw only suggest one).",
+            f"- Gravity: largest error {max(findings.gravity):.3f}°, root mean square "
+            f"{rms(findings.gravity):.3f}°, {len(findings.gravity)} scenes.",
+            f"- Planes: {len(findings.plane_angles)} found, {findings.planes_missing} missing, "
+            f"{findings.planes_false} false; {rms(findings.plane_angles):.3f}° and "
+            f"{1e3 * rms(findings.plane_offsets):.2f} mm.",
+        ]
+    )
+
+
+def timing_text(timing: Timing) -> str:
+    """Describe the time of frames by stage."""
+    rows = [[stage, *_milliseconds(seconds)] for stage, seconds in timing.stages.items()]
+    rows.append(["message to states", *_milliseconds(timing.total)])
+    rows.append(["… by the clock on the wall", *_milliseconds(timing.wall)])
+    return (
+        "## Time of a 640 × 480 frame\n\nMilliseconds of the one thread that does the work.\n\n"
+        + table(["stage", "median", "99 %", "most"], rows)
+    )
+
+
+def peers_text(
+    scores: Mapping[str, Score], milliseconds: Mapping[str, Sequence[float]], how: Sequence[str]
+) -> str:
+    """Describe how ours and others did on the same frames."""
+    rows = []
+    for name, score in scores.items():
+        near = score.near_hits()
+        rows.append(
+            [
+                name,
+                f"{np.median(milliseconds[name]):.1f}",
+                *_errors(near),
+                f"{score.recall:.1%}",
+                f"{score.false} in {score.frames} frames",
+            ]
+        )
+    header = ["", "ms a frame", f"position up to {NEAR:g} m", "radius", "recall", "false"]
+    return "\n\n".join(
+        [
+            "## Others on the same frames\n\nRoot mean square errors in mm, balls found within "
+            "their radius of the truth.",
+            table(header, rows),
+            "\n".join(f"- {line}" for line in how),
+        ]
+    )
+
+
+def _errors(hits: Sequence[Hit]) -> list[str]:
+    return [
+        f"{1e3 * rms(hit.position_error for hit in hits):.2f}",
+        f"{1e3 * rms(hit.radius_error for hit in hits):.2f}",
+    ]
+
+
+def _milliseconds(seconds: Sequence[float]) -> list[str]:
+    values = 1e3 * np.array(seconds)
+    return [f"{x:.2f}" for x in (np.median(values), np.quantile(values, 0.99), values.max())]

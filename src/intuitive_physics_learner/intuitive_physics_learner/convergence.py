@@ -1,0 +1,113 @@
+"""When a search ends (ξ of Algorithm 1), what it tells on its way, and what it found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.materials import StaticParameters
+
+
+class StopReason(str, Enum):
+    """Why a search ended."""
+
+    MAX_ITERATIONS = "max_iterations"
+    NO_GAIN = "no_gain"
+    COST_THRESHOLD = "cost_threshold"
+    TIME_LIMIT = "time_limit"
+    CANCELLED = "cancelled"
+    EXHAUSTED = "exhausted"
+
+
+@dataclass(frozen=True)
+class ConvergenceCriteria:
+    """ξ of Algorithm 1; the search ends when any of them is met. None: no such criterion.
+
+    Parameters
+    ----------
+    max_iterations : evaluations of J
+    max_iterations_without_gain : evaluations of J since it last fell by `relative_gain`
+    cost_threshold : m; J below this is good enough
+    time_limit : s of wall time
+    relative_gain : part of J by which it must fall to count as a gain
+
+    Raises
+    ------
+    InvalidInputError
+        When a number is out of its range, or nothing bounds the search.
+    """
+
+    max_iterations: int | None = 2000
+    max_iterations_without_gain: int | None = None
+    cost_threshold: float | None = None
+    time_limit: float | None = None
+    relative_gain: float = 1e-4
+
+    def __post_init__(self) -> None:
+        for name in ("max_iterations", "max_iterations_without_gain"):
+            count = getattr(self, name)
+            if count is not None and count < 1:
+                raise InvalidInputError(f"{name} is {count}; expected at least 1")
+        for name in ("cost_threshold", "time_limit"):
+            number = getattr(self, name)
+            if number is not None and not number >= 0.0:
+                raise InvalidInputError(f"{name} is {number}; expected a number ≥ 0")
+        if not 0.0 <= self.relative_gain < 1.0:
+            raise InvalidInputError(
+                f"relative gain is {self.relative_gain}; expected at least 0 and below 1"
+            )
+        limits = (self.max_iterations, self.max_iterations_without_gain, self.time_limit)
+        if all(limit is None for limit in limits):
+            raise InvalidInputError(
+                "nothing bounds the search; expected max_iterations, "
+                "max_iterations_without_gain or time_limit"
+            )
+
+
+@dataclass(frozen=True)
+class SearchProgress:
+    """What a search tells while it runs.
+
+    Parameters
+    ----------
+    iteration : evaluations of J so far
+    best_cost : lowest J so far, m
+    new_costs : lowest J after each iteration since the last progress, m
+    seconds : since the search began
+    seconds_left : until it ends at the latest, as far as known; infinite when nothing bounds it
+    """
+
+    iteration: int
+    best_cost: float
+    new_costs: tuple[float, ...]
+    seconds: float
+    seconds_left: float
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """What a search found.
+
+    Parameters
+    ----------
+    parameters : θ_s of the lowest J
+    cost : that J, m
+    history : (iterations,) lowest J after each evaluation, m
+    stop_reason : which criterion ended it
+    seconds : wall time
+    """
+
+    parameters: StaticParameters
+    cost: float
+    history: NDArray[np.float64]
+    stop_reason: StopReason
+    seconds: float
+
+    @property
+    def iterations(self) -> int:
+        """Number of evaluations of J."""
+        return int(self.history.size)

@@ -1,0 +1,12 @@
+"""Estimating θ_s and the first states of all observations together, by damped Gauss-Newton steps.
+
+The first states are nuisances: only θ_s is wanted, but the error of a first state, as three noisy
+points give it, moves a trajectory by metres. Given θ_s, the observations depend on nothing in
+common, so their states are eliminated one observation at a time (as points are in bundle
+adjustment) and what is left is a small problem in θ_s.
+"""
+
+from intuitive_physics_learner.joint_estimation.joint_search import JointSearch
+from intuitive_physics_learner.joint_estimation.judgement import judge
+
+__all__ = ["JointSearch", "judge"]

@@ -1,0 +1,112 @@
+"""Trying each parameter over its whole range, to leave an optimum that is only a local one.
+
+Coordinates are scanned side by side: parameters of one group share no observation, so one
+simulation of all observations judges a value of each of them. For each value the first states take
+the Gauss-Newton step that suits them best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics_learner.cost import Cost
+from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
+from intuitive_physics_learner.joint_estimation.normal_equations import NormalEquations
+from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
+from intuitive_physics_learner.search import SearchSpace
+
+LEVELS = (0.02, 0.14, 0.26, 0.38, 0.5, 0.62, 0.74, 0.86, 0.98)
+"""Values of each parameter on the unit interval."""
+
+
+class ScanCandidates:
+    """θ_s in which every group of parameters takes every level.
+
+    Parameters
+    ----------
+    unit : (n,) the estimate on the unit cube
+    groups : as `separate_groups`
+    space : maps the cube to θ_s
+
+    Attributes
+    ----------
+    parameters : the candidates
+    index : (n, n_levels) which candidate gives each parameter each level
+    """
+
+    def __init__(
+        self,
+        unit: NDArray[np.float64],
+        groups: Sequence[NDArray[np.int64]],
+        space: SearchSpace,
+    ) -> None:
+        self.parameters: list[StaticParameters] = []
+        self.index = np.zeros((unit.size, len(LEVELS)), dtype=np.int64)
+        for group in groups:
+            for k, level in enumerate(LEVELS):
+                self.index[group, k] = len(self.parameters)
+                moved = unit.copy()
+                moved[group] = level
+                self.parameters.append(space.to_parameters(moved))
+
+
+def scanned_states(
+    cost: Cost,
+    block: ObservationBlock,
+    estimate: NDArray[np.float64],
+    linear: Linearisation,
+    candidates: ScanCandidates,
+    until: NDArray[np.float64],
+    noise: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """First states that suit each level of each parameter of a block, and what they leave.
+
+    Parameters
+    ----------
+    estimate : (W, d) present deviations of the first states
+    linear : at the estimate
+
+    Returns
+    -------
+    estimates : (q * n_levels, W, d), the levels of one parameter after the other
+    residuals : (q * n_levels, W, P, 3) m
+    """
+    count, d = estimate.shape
+    index = candidates.index[block.parameters].reshape(count, -1).T
+    tried = np.broadcast_to(estimate, (len(index), count, d))
+    residuals = residuals_at(cost, block, tried, candidates.parameters, index, until)
+    estimates = np.empty(tried.shape)
+    state_slopes = linear.slopes[:, :d]
+    for k, left in enumerate(residuals):
+        reached = linear.valid & np.isfinite(left).all(axis=2)
+        moved = replace(linear, residuals=left, slopes=state_slopes, valid=reached)
+        equations = NormalEquations.of(block, estimate, moved, until, noise)
+        step = np.linalg.solve(equations.hessian, equations.gradient[..., None])[..., 0]
+        estimates[k] = estimate - step
+    return estimates, residuals_at(cost, block, estimates, candidates.parameters, index, until)
+
+
+def compatible_moves(
+    gains: NDArray[np.float64], influence: NDArray[np.bool_], least_gain: float
+) -> list[int]:
+    """Choose parameters to move, the most gainful first, no two of which share an observation.
+
+    Parameters
+    ----------
+    gains : (n,) loss that moving each alone takes off
+    influence : (n_observations, n) bool
+    """
+    chosen: list[int] = []
+    occupied = np.zeros(len(influence), dtype=bool)
+    for parameter in np.argsort(-gains, kind="stable"):
+        if gains[parameter] < least_gain:
+            break
+        if not (occupied & influence[:, parameter]).any():
+            chosen.append(int(parameter))
+            occupied |= influence[:, parameter]
+    return chosen

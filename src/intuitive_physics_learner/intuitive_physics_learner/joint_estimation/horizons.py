@@ -1,0 +1,102 @@
+"""Up to when each trajectory is fitted: as far as it can be foretold, a little more each time.
+
+Motion among contacts is chaotic. Where the estimate leaves open on which edge a box lands, slopes
+say nothing of what comes after, and a fit to it would settle in one of many false optima. So a fit
+begins with a few points and takes in more as what it has learned lets it see further.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
+from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
+
+FIRST_POINTS = 10
+"""Points of each object that a fit begins with."""
+
+FIRST_DURATION = 0.5
+"""s that a fit begins with at most."""
+
+LARGEST_ADVANCE = 0.2
+"""s by which a horizon advances at most in one step."""
+
+TRUSTED_SPREAD = 0.15
+"""m of standard deviation up to which a point can be foretold well enough to be taken in."""
+
+TRUSTED_BEND = 2.0
+"""Standard deviations of noise that a bend may add to what is foretold in a straight line."""
+
+TRUSTED_PART = 1.0
+"""Of the spread, that a bend may add likewise."""
+
+MISFIT = 2.3
+"""Median of neighbouring residuals' lengths, in standard deviations of noise, that is no fit; that
+of good ones is 1.5."""
+
+MISFIT_POINTS = 6
+"""Neighbouring points whose median counts."""
+
+RETREAT = 0.3
+"""s before a misfit to which a horizon goes back."""
+
+PATIENCE = 1
+"""Steps that a fit has to mend a misfit before its horizon goes back."""
+
+
+def first_horizons(block: ObservationBlock) -> NDArray[np.float64]:
+    """Where to begin, (W,) s."""
+    objects = np.array([len(first.believed) for first in block.first_states])
+    ordered = np.sort(block.times, axis=1)
+    counts = np.isfinite(ordered).sum(axis=1)
+    last = np.minimum(FIRST_POINTS * objects, counts) - 1
+    return np.minimum(ordered[np.arange(last.size), last], FIRST_DURATION)
+
+
+def advanced_horizons(
+    block: ObservationBlock,
+    linear: Linearisation,
+    spreads: NDArray[np.float64],
+    horizons: NDArray[np.float64],
+    limits: NDArray[np.float64],
+    noise: float,
+) -> NDArray[np.float64]:
+    """Take in points, in the order of time, up to the first one that cannot be foretold.
+
+    Parameters
+    ----------
+    spreads : (W, P) m, standard deviation of what is foretold
+    horizons : (W,) s, the present ones
+    limits : (W,) s, up to where `linear` was simulated
+    """
+    foretold = (spreads <= TRUSTED_SPREAD) & (
+        linear.bends <= TRUSTED_BEND * noise + TRUSTED_PART * spreads
+    )
+    blocked = ~(foretold & linear.valid) & (block.times > horizons[:, None])
+    first_blocked = np.where(blocked, block.times, np.inf).min(axis=1)
+    before = np.where(block.times < first_blocked[:, None], block.times, -np.inf).max(axis=1)
+    return np.maximum(horizons, np.minimum(before, limits))
+
+
+def misfit_starts(
+    block: ObservationBlock,
+    residuals: NDArray[np.float64],
+    horizons: NDArray[np.float64],
+    noise: float,
+) -> NDArray[np.float64]:
+    """Time (W,) s at which each fit begins to be none, infinite where it holds to its horizon.
+
+    Parameters
+    ----------
+    residuals : (W, P, 3) m
+    """
+    inside = block.times <= horizons[:, None]
+    lengths = np.linalg.norm(residuals, axis=2) / noise
+    lengths = np.where(inside, np.nan_to_num(lengths, nan=np.inf), 0.0)
+    order = np.argsort(np.where(inside, block.times, np.inf), axis=1, kind="stable")
+    window = min(MISFIT_POINTS, order.shape[1])
+    ordered = np.take_along_axis(lengths, order, axis=1)
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(ordered, window, axis=1), axis=2)
+    begins = np.take_along_axis(np.where(inside, block.times, np.inf), order, axis=1)
+    return np.where(medians > MISFIT, begins[:, : medians.shape[1]], np.inf).min(axis=1)

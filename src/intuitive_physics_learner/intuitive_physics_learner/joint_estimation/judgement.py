@@ -1,0 +1,102 @@
+"""What the observations tell of each parameter, by the joint estimate of θ_s and first states."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
+from intuitive_physics_learner.active_parameters import ActiveSpace
+from intuitive_physics_learner.cost import Cost
+from intuitive_physics_learner.identifiability import LARGEST_DEVIATION, Identifiability
+from intuitive_physics_learner.joint_estimation.halves import PartialCost, halves, widening
+from intuitive_physics_learner.joint_estimation.joint_search import JointSearch
+from intuitive_physics_learner.parameter_axes import ParameterAxes
+
+FEWEST_OBSERVATIONS = 4
+"""To part into halves."""
+
+SLOPE_STEP = 1e-5
+"""Of the unit interval, to find how θ_s changes along an axis of the cube."""
+
+
+def judge(
+    search: JointSearch,
+    cost: Cost,
+    space: ParameterSpace,
+    searched: ActiveSpace,
+    influence: NDArray[np.bool_],
+    steps: int,
+) -> Identifiability:
+    """State what is identified and how well, after a search has ended.
+
+    Parameters
+    ----------
+    search : over the space `searched`
+    space : of all parameters
+    influence : (n_observations, |θ_s|) bool
+    steps : most steps of each fit to a half of the observations
+    """
+    active = influence.any(axis=0)
+    parameters = search.best_parameters
+    posterior, sided = search.posterior()
+    covariance = posterior.covariance
+    slopes = _slopes(searched, search.unit)
+    factors = _widening(search, cost, searched, influence[:, active], steps)
+    factors *= sided / posterior.deviations
+    covariance = slopes @ (covariance * np.outer(factors, factors)) @ slopes.T
+    deviations = np.sqrt(np.diag(covariance))
+    axes = ParameterAxes(space, parameters)
+    responsive = active.copy()
+    responsive[active] = search.responsive
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sharp = deviations / axes.slopes < LARGEST_DEVIATION
+    identified = responsive & sharp & (axes.slopes > 0.0)
+    return Identifiability(responsive, identified, np.where(identified, deviations, np.nan))
+
+
+def _slopes(searched: ActiveSpace, unit: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Change (|θ_s|, n) of all parameters in SI units along each axis that was searched."""
+    columns = []
+    for axis in range(unit.size):
+        up, down = unit.copy(), unit.copy()
+        up[axis] = min(unit[axis] + SLOPE_STEP, 1.0)
+        down[axis] = max(unit[axis] - SLOPE_STEP, 0.0)
+        change = _vector(searched, up) - _vector(searched, down)
+        columns.append(change / (up[axis] - down[axis]))
+    return np.array(columns).T
+
+
+def _vector(searched: ActiveSpace, unit: NDArray[np.float64]) -> NDArray[np.float64]:
+    return parameter_vector(searched.to_parameters(unit))
+
+
+def _widening(
+    search: JointSearch,
+    cost: Cost,
+    searched: ActiveSpace,
+    influence: NDArray[np.bool_],
+    steps: int,
+) -> NDArray[np.float64]:
+    size = search.unit.size
+    if len(influence) < FEWEST_OBSERVATIONS:
+        return np.ones(size)
+    fits = []
+    for members in halves(influence):
+        part = JointSearch(PartialCost(cost, members), searched, influence[members], search.start)
+        for _ in range(steps):
+            if part.step(1) == 0:
+                break
+        fits.append(part)
+    first, second = fits
+    deviations = [part.posterior()[1] for part in fits]
+    told = (deviations[0] < LARGEST_DEVIATION) & (deviations[1] < LARGEST_DEVIATION)
+    difference = np.where(told, first.unit - second.unit, np.nan)
+    variance = deviations[0] ** 2 + deviations[1] ** 2
+    return widening(difference, variance, _families(searched.names))
+
+
+def _families(names: list[str]) -> list[NDArray[np.int64]]:
+    """Parameters of one pair belong together, and the densities."""
+    of_pair = [name.partition("[")[2] if "," in name else "density" for name in names]
+    return [np.flatnonzero([own == family for own in of_pair]) for family in dict.fromkeys(of_pair)]

@@ -1,0 +1,200 @@
+"""Residuals near an estimate of θ_s and first states: values, slopes, and how far slopes hold.
+
+Differences are taken to both sides over a part of the standard deviation that the estimate has, so
+that a slope is that of the region where the truth is believed to be, and a kink within it (a
+contact that is met or missed) shows up as a bend.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics_learner.cost import Cost
+from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
+from intuitive_physics_learner.trials import Trials
+
+STEP = 0.5
+"""Standard deviations to each side."""
+
+SMALLEST_STEP, LARGEST_STEP = 1e-6, 0.05
+"""In the unit of what is moved: of the unit interval, m, m/s, rad, rad/s."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """Of a block's W observations, with P points and k = d + q unknowns: first states, then θ_s.
+
+    Parameters
+    ----------
+    residuals : (W, P, 3) m; NaN where a point is not simulated
+    slopes : (W, k, P, 3) m by unit of each unknown; 0 where a point is not simulated in all trials
+    valid : (W, P) bool, which points are simulated in all trials
+    bends : (W, P) m by which residuals leave the straight line a standard deviation away
+    one_sided : slopes upwards and downwards, each as `slopes`, 0 where that side has no room
+    """
+
+    residuals: NDArray[np.float64]
+    slopes: NDArray[np.float64]
+    valid: NDArray[np.bool_]
+    bends: NDArray[np.float64]
+    one_sided: tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+class ParameterSteps:
+    """The θ_s of all differences: parameters of one group take their steps together.
+
+    Parameters
+    ----------
+    unit : (n,) the estimate on the unit cube
+    deviations : (n,) standard deviation of each
+    groups : as `separate_groups`
+    to_parameters : maps the cube to θ_s
+
+    Attributes
+    ----------
+    candidates : the estimate, then up and down of each group
+    up_index, down_index : (n,) which candidate moves each parameter
+    up, down : (n,) how far, not beyond the cube
+    """
+
+    def __init__(
+        self,
+        unit: NDArray[np.float64],
+        deviations: NDArray[np.float64],
+        groups: Sequence[NDArray[np.int64]],
+        to_parameters: Callable[[NDArray[np.float64]], StaticParameters],
+    ) -> None:
+        steps = np.clip(STEP * deviations, SMALLEST_STEP, LARGEST_STEP)
+        self.up = np.minimum(unit + steps, 1.0) - unit
+        self.down = unit - np.maximum(unit - steps, 0.0)
+        self.up_index = np.zeros(unit.size, dtype=np.int64)
+        self.candidates = [to_parameters(unit)]
+        for group in groups:
+            self.up_index[group] = len(self.candidates)
+            for change in (self.up, -self.down):
+                moved = unit.copy()
+                moved[group] += change[group]
+                self.candidates.append(to_parameters(moved))
+        self.down_index = self.up_index + 1
+
+
+def linearise(
+    cost: Cost,
+    block: ObservationBlock,
+    estimate: NDArray[np.float64],
+    state_deviations: NDArray[np.float64],
+    parameter_deviations: NDArray[np.float64],
+    steps: ParameterSteps,
+    until: NDArray[np.float64],
+) -> Linearisation:
+    """Take differences of the residuals of a block.
+
+    Parameters
+    ----------
+    estimate : (W, d) of the first states' deviations
+    state_deviations : (W, d) standard deviation of each
+    parameter_deviations : (n,) likewise of the parameters on the unit cube
+    until : (W,) s up to which each observation is simulated
+    """
+    trials = _trials(block, estimate, state_deviations, steps, until, _most_objects(cost))
+    count, d = estimate.shape
+    q = block.parameters.shape[1]
+    points = block.times.shape[1]
+    rows = cost.trial_residuals(trials)[:, :points].reshape(count, 1 + 2 * d + 2 * q, points, 3)
+    base = rows[:, :1]
+    up = np.concatenate([rows[:, 1 : 1 + d], rows[:, 1 + 2 * d : 1 + 2 * d + q]], axis=1) - base
+    down = base - np.concatenate([rows[:, 1 + d : 1 + 2 * d], rows[:, 1 + 2 * d + q :]], axis=1)
+    state_steps = _state_steps(state_deviations)
+    up_steps = np.hstack([state_steps, steps.up[block.parameters]])
+    down_steps = np.hstack([state_steps, steps.down[block.parameters]])
+    valid = np.isfinite(rows).all(axis=(1, 3))
+    up[~np.broadcast_to(valid[:, None], up.shape[:3])] = 0.0
+    down[~np.broadcast_to(valid[:, None], down.shape[:3])] = 0.0
+    slopes = (up + down) / (up_steps + down_steps)[:, :, None, None]
+    one_sided = (_quotients(up, up_steps), _quotients(down, down_steps))
+    spread = np.hstack([state_deviations, parameter_deviations[block.parameters]])
+    both = (up_steps > 0.0) & (down_steps > 0.0)
+    scale = np.where(both, 0.5 * np.minimum(spread, 1.0), 0.0)[:, :, None, None]
+    bends = np.sqrt((((one_sided[0] - one_sided[1]) * scale) ** 2).sum(axis=(1, 3)))
+    return Linearisation(base[:, 0], slopes, valid, bends, one_sided)
+
+
+def _quotients(changes: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    widths = np.broadcast_to(steps[:, :, None, None], changes.shape)
+    return np.divide(changes, widths, out=np.zeros_like(changes), where=widths > 0.0)
+
+
+def residuals_at(
+    cost: Cost,
+    block: ObservationBlock,
+    estimates: NDArray[np.float64],
+    candidates: Sequence[StaticParameters],
+    candidate_index: NDArray[np.int64],
+    until: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Residuals (c, W, P, 3) in m of c estimates (c, W, d).
+
+    Parameters
+    ----------
+    candidate_index : (c, W), or (c, 1) for all observations alike, which candidate each has
+    """
+    count = len(candidate_index)
+    members = block.members.size
+    trials = Trials(
+        candidates,
+        np.broadcast_to(candidate_index, (count, members)).ravel(),
+        np.tile(block.members, count),
+        np.concatenate([block.states(each[:, None], _most_objects(cost)) for each in estimates]),
+        np.tile(until, count),
+    )
+    points = block.times.shape[1]
+    return cost.trial_residuals(trials)[:, :points].reshape(count, members, points, 3)
+
+
+def _trials(
+    block: ObservationBlock,
+    estimate: NDArray[np.float64],
+    state_deviations: NDArray[np.float64],
+    steps: ParameterSteps,
+    until: NDArray[np.float64],
+    objects: int,
+) -> Trials:
+    count, d = estimate.shape
+    q = block.parameters.shape[1]
+    moves = _state_steps(state_deviations)[:, :, None] * np.eye(d)
+    still = np.zeros((count, 2 * q, d))
+    moved = estimate[:, None] + np.concatenate(list(_stacked(moves, still)), axis=1)
+    at_estimate = np.zeros((count, 1 + 2 * d), dtype=np.int64)
+    index = np.hstack(
+        [at_estimate, steps.up_index[block.parameters], steps.down_index[block.parameters]]
+    )
+    each = 1 + 2 * d + 2 * q
+    return Trials(
+        steps.candidates,
+        index.ravel(),
+        np.repeat(block.members, each),
+        block.states(moved, objects),
+        np.repeat(until, each),
+    )
+
+
+def _stacked(
+    moves: NDArray[np.float64], still: NDArray[np.float64]
+) -> Iterator[NDArray[np.float64]]:
+    yield np.zeros((len(moves), 1, moves.shape[2]))
+    yield moves
+    yield -moves
+    yield still
+
+
+def _state_steps(deviations: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.clip(STEP * deviations, SMALLEST_STEP, LARGEST_STEP)
+
+
+def _most_objects(cost: Cost) -> int:
+    return int(cost.trajectory_object.max()) + 1

@@ -1,0 +1,152 @@
+"""Normal equations of θ_s and first states, with the first states eliminated.
+
+With the residuals r of one observation divided by the noise, their slopes A = [A_s A_p] along its
+first states s and its parameters p, weights W against outliers, and the knowledge P_s of s before:
+
+    H = Aᵀ W A + diag(P_s, 0),    g = Aᵀ W r + (P_s s, 0).
+
+Eliminating s (Schur's complement) leaves H_pp - H_ps H_ss⁻¹ H_sp and g_p - H_ps H_ss⁻¹ g_s, which
+add up over the observations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
+from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
+
+OUTLIER = 3.0
+"""Lengths of a residual, in standard deviations of noise, from which on it counts less (Huber)."""
+
+
+def robust_loss(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Huber's loss of residuals of these lengths, in standard deviations of the noise."""
+    return np.where(lengths < OUTLIER, 0.5 * lengths**2, OUTLIER * (lengths - 0.5 * OUTLIER))
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Of the W observations of a block, with d components of first states and q parameters each.
+
+    Parameters
+    ----------
+    parameters : (W, q) indices
+    state_size : d
+    hessian : (W, d + q, d + q) H
+    gradient : (W, d + q) g
+    """
+
+    parameters: NDArray[np.int64]
+    state_size: int
+    hessian: NDArray[np.float64]
+    gradient: NDArray[np.float64]
+
+    @staticmethod
+    def of(
+        block: ObservationBlock,
+        estimate: NDArray[np.float64],
+        linear: Linearisation,
+        until: NDArray[np.float64],
+        noise: float,
+    ) -> NormalEquations:
+        """Set them up with the points up to `until` (W,) s.
+
+        Parameters
+        ----------
+        estimate : (W, d) of the first states' deviations
+        noise : m, standard deviation of a point on each axis
+        """
+        counted = linear.valid & (block.times <= until[:, None])
+        residuals = np.where(counted[..., None], linear.residuals, 0.0) / noise
+        lengths = np.linalg.norm(residuals, axis=2)
+        weights = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(lengths, OUTLIER))) * counted
+        count, k = linear.slopes.shape[:2]
+        weighted = linear.slopes * (weights / noise)[:, None, :, None]
+        weighted = weighted.reshape(count, k, 3 * lengths.shape[1])
+        hessian = weighted @ weighted.transpose(0, 2, 1)
+        target = (residuals * weights[..., None]).reshape(count, -1, 1)
+        gradient = (weighted @ target)[..., 0]
+        d = estimate.shape[1]
+        precision = block.prior_deviations**-2
+        diagonal = np.arange(d)
+        hessian[:, diagonal, diagonal] += precision
+        gradient[:, :d] += precision * estimate
+        return NormalEquations(block.parameters, d, hessian, gradient)
+
+    def eliminated(self, damping: float = 0.0) -> Elimination:
+        """Solve for the first states, their diagonal enlarged by the part `damping`."""
+        d = self.state_size
+        inner = self.hessian[:, :d, :d].copy()
+        diagonal = np.arange(d)
+        inner[:, diagonal, diagonal] *= 1.0 + damping
+        right = np.concatenate([self.hessian[:, :d, d:], self.gradient[:, :d, None]], axis=2)
+        solved = np.linalg.solve(inner, right)
+        gains, offsets = solved[..., :-1], solved[..., -1]
+        across = self.hessian[:, d:, :d]
+        return Elimination(
+            self.parameters,
+            gains,
+            offsets,
+            self.hessian[:, d:, d:] - across @ gains,
+            self.gradient[:, d:] - (across @ offsets[..., None])[..., 0],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Elimination:
+    """First states as a function of the parameters, and what is left of the equations.
+
+    Parameters
+    ----------
+    parameters : (W, q) indices
+    gains : (W, d, q) H_ss⁻¹ H_sp
+    offsets : (W, d) H_ss⁻¹ g_s
+    information : (W, q, q)
+    scores : (W, q)
+    """
+
+    parameters: NDArray[np.int64]
+    gains: NDArray[np.float64]
+    offsets: NDArray[np.float64]
+    information: NDArray[np.float64]
+    scores: NDArray[np.float64]
+
+    def add_to(self, information: NDArray[np.float64], scores: NDArray[np.float64]) -> None:
+        """Add what all these observations tell to the whole, (n, n) and (n,)."""
+        rows, columns = self.parameters[:, :, None], self.parameters[:, None, :]
+        np.add.at(information, (rows, columns), self.information)
+        np.add.at(scores, self.parameters, self.scores)
+
+    def state_steps(self, parameter_steps: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Steps (W, d) of the first states that go with steps (n,) of all parameters."""
+        own = parameter_steps[self.parameters][..., None]
+        return -self.offsets - (self.gains @ own)[..., 0]
+
+
+def bounded_step(
+    unit: NDArray[np.float64],
+    information: NDArray[np.float64],
+    scores: NDArray[np.float64],
+    damping: float,
+) -> NDArray[np.float64]:
+    """Newton step (n,) within the unit cube; what would leave it stays where it is.
+
+    Parameters
+    ----------
+    damping : part by which the diagonal is enlarged (Levenberg and Marquardt)
+    """
+    damped = information + damping * np.diag(np.diag(information))
+    free = np.ones(unit.size, dtype=bool)
+    step = np.zeros(unit.size)
+    while free.any():
+        step[:] = 0.0
+        step[free] = -np.linalg.solve(damped[np.ix_(free, free)], scores[free])
+        leaving = free & (((unit <= 0.0) & (step < 0.0)) | ((unit >= 1.0) & (step > 0.0)))
+        if not leaving.any():
+            break
+        free &= ~leaving
+    return np.clip(unit + step, 0.0, 1.0) - unit

@@ -1,0 +1,85 @@
+"""Observations of the same size side by side, whose small matrices are worked on at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.observation import Observation
+from intuitive_physics_learner.joint_estimation.first_state_deviations import FirstStateDeviations
+from intuitive_physics_learner.packed_observations import times_after_start
+
+
+@dataclass(frozen=True, eq=False)
+class ObservationBlock:
+    """W observations, each with d free components of first states, q parameters, up to P points.
+
+    Parameters
+    ----------
+    members : (W,) index of each among all observations
+    first_states : of each
+    parameters : (W, q) indices of the parameters that each can depend on
+    times : (W, P) s after the start of each point, in the order of `Cost.trial_residuals`; NaN
+        beyond the last
+    prior_deviations : (W, d) standard deviations of the first states' components
+    """
+
+    members: NDArray[np.int64]
+    first_states: tuple[FirstStateDeviations, ...]
+    parameters: NDArray[np.int64]
+    times: NDArray[np.float64]
+    prior_deviations: NDArray[np.float64]
+
+    @property
+    def durations(self) -> NDArray[np.float64]:
+        """Time of the last point of each observation, (W,) s."""
+        return np.nanmax(self.times, axis=1)
+
+    def states(self, deviations: NDArray[np.float64], objects: int) -> NDArray[np.float64]:
+        """First states (W * n, objects, 13) for deviations (W, n, d)."""
+        each = zip(self.first_states, deviations, strict=True)
+        return np.concatenate([first.states(some, objects) for first, some in each])
+
+
+def observation_blocks(
+    observations: Sequence[Observation], influence: NDArray[np.bool_]
+) -> list[ObservationBlock]:
+    """Put observations into blocks.
+
+    Parameters
+    ----------
+    influence : (n_observations, n_parameters) bool
+    """
+    first_states = [FirstStateDeviations.of(seen) for seen in observations]
+    times = [
+        np.concatenate([times_after_start(seen, thing) for thing in seen.objects])
+        for seen in observations
+    ]
+    times = [each[each >= 0.0] for each in times]
+    groups: dict[tuple[int, int, int], list[int]] = {}
+    for i in range(len(observations)):
+        size = times[i].size.bit_length()
+        key = (len(first_states[i].axes), int(influence[i].sum()), size)
+        groups.setdefault(key, []).append(i)
+    return [_block(groups[key], first_states, influence, times) for key in sorted(groups)]
+
+
+def _block(
+    members: list[int],
+    first_states: list[FirstStateDeviations],
+    influence: NDArray[np.bool_],
+    times: list[NDArray[np.float64]],
+) -> ObservationBlock:
+    padded = np.full((len(members), max(times[i].size for i in members)), np.nan)
+    for row, i in enumerate(members):
+        padded[row, : times[i].size] = times[i]
+    return ObservationBlock(
+        np.array(members),
+        tuple(first_states[i] for i in members),
+        np.array([np.flatnonzero(influence[i]) for i in members]),
+        padded,
+        np.array([first_states[i].standard_deviations for i in members]),
+    )

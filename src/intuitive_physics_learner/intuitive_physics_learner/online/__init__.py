@@ -1,0 +1,1 @@
+"""On-line learning: θ_s improves in the background as observations arrive."""

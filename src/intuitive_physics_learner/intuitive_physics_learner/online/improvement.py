@@ -1,0 +1,155 @@
+"""Improving θ_s a little at a time: search, judge on the same observations, keep what is better."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.observation import observation_materials
+from intuitive_physics.simulation import Simulator
+from intuitive_physics_learner.convergence import (
+    ConvergenceCriteria,
+    SearchProgress,
+    StopReason,
+)
+from intuitive_physics_learner.cost import TrajectoryCost
+from intuitive_physics_learner.learning_session import LearningOptions
+from intuitive_physics_learner.methods import JOINT_METHOD
+from intuitive_physics_learner.store import ObservationStore
+from intuitive_physics_learner.stored_learning import StoredSearch
+
+FIRST_SLICE = 100
+"""Evaluations of J before what was found is judged for the first time; twice as many each time
+after, as long as that takes no longer than `LONGEST_SLICE`."""
+
+LONGEST_SLICE = 8.0
+"""s of CPU time; observations that arrive meanwhile wait until it is over."""
+
+SMALLEST_GAIN = 1e-3
+"""Part of J by which it must fall to be worth a new version."""
+
+
+@dataclass(frozen=True)
+class OnlineOptions:
+    """How to learn in the background.
+
+    Parameters
+    ----------
+    method : one of `METHODS`
+    seed : of all randomness
+    seconds : of CPU time at most for one set of observations; the next observation makes a new set
+    iterations_without_gain : evaluations of J without gain after which a set is left alone
+    """
+
+    method: str = JOINT_METHOD
+    seed: int = 0
+    seconds: float = 30.0
+    iterations_without_gain: int = 2000
+
+    def learning_options(self) -> LearningOptions:
+        """Return the options of the search that these stand for."""
+        return LearningOptions(
+            method=self.method,
+            criteria=ConvergenceCriteria(
+                max_iterations=None,
+                max_iterations_without_gain=self.iterations_without_gain,
+            ),
+            seed=self.seed,
+        )
+
+
+class OnlineSearch:
+    """The search over all observations that a store holds now, in slices.
+
+    It starts from the newest θ_s. After each slice what was found is judged by J, on the same
+    observations, against the newest θ_s, and stored as the next version if it is better. Where it
+    stands is kept in the store, so it goes on after the process was killed, until it has converged
+    or its time is up.
+
+    Parameters
+    ----------
+    store : of the observations, at least one
+    simulator : the engine that simulates candidates
+    options : how to learn
+
+    Raises
+    ------
+    NoObservationsError, UnknownMethodError, UnsupportedSceneError, StorageError
+        As `learn_from_store`, from the methods too.
+    """
+
+    def __init__(
+        self, store: ObservationStore, simulator: Simulator, options: OnlineOptions
+    ) -> None:
+        self._store = store
+        self._options = options
+        self._observations = store.observations()
+        self._newest = store.newest_parameters()
+        self._search = StoredSearch(
+            store,
+            "online",
+            self._observations,
+            simulator,
+            options.learning_options(),
+            clock=time.process_time,
+        )
+        self._slice = FIRST_SLICE
+        known = () if self._newest is None else self._newest.materials
+        seen = observation_materials(self._observations)
+        self._materials = tuple(dict.fromkeys((*known, *seen)))
+        self._cost = TrajectoryCost(self._observations, simulator, self._materials)
+        self._newest_cost = self._judged(self._newest or LearnedParameters.defaults(seen))
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing is left to do for these observations."""
+        return self._search.finished
+
+    @property
+    def outdated(self) -> bool:
+        """Whether the store has other observations, or another newest θ_s, by now."""
+        return (self._store.count(), self._store.newest_version()) != (
+            len(self._observations),
+            self._version,
+        )
+
+    def run_slice(
+        self,
+        *,
+        on_progress: Callable[[SearchProgress], None] | None = None,
+        cancelled: Callable[[], bool] | None = None,
+    ) -> LearnedParameters | None:
+        """Search for a while; return the new version, or None when there was no improvement."""
+        before = self._search.seconds
+        criteria = ConvergenceCriteria(
+            max_iterations=self._search.iterations + self._slice,
+            max_iterations_without_gain=self._options.iterations_without_gain,
+        )
+        result = self._search.run(criteria, on_progress=on_progress, cancelled=cancelled)
+        if self._search.seconds - before < 0.5 * LONGEST_SLICE:
+            self._slice *= 2
+        improved = self._stored_if_better(result.learned)
+        converged = result.search.stop_reason is not StopReason.MAX_ITERATIONS
+        self._search.keep(
+            self._version, finished=converged or self._search.seconds >= self._options.seconds
+        )
+        return improved
+
+    @property
+    def _version(self) -> int:
+        return 0 if self._newest is None else self._newest.version
+
+    def _stored_if_better(self, found: LearnedParameters) -> LearnedParameters | None:
+        cost = self._judged(found)
+        if cost >= self._newest_cost * (1.0 - SMALLEST_GAIN):
+            return None
+        improved = self._store.add_improvement(found, on=self._version)
+        if improved is not None:
+            self._newest, self._newest_cost = improved, cost
+        return improved
+
+    def _judged(self, learned: LearnedParameters) -> float:
+        """J of a version of θ_s on these observations, m."""
+        return float(self._cost.costs([learned.parameters.extended(self._materials)])[0])

@@ -1,0 +1,6 @@
+"""The learner's database: observations, versions of θ_s, unfinished searches."""
+
+from intuitive_physics_learner.store.observation_store import ObservationStore
+from intuitive_physics_learner.store.search_checkpoint import SearchCheckpoint
+
+__all__ = ["ObservationStore", "SearchCheckpoint"]

@@ -1,0 +1,210 @@
+"""Learning from a store: what was learned becomes its next version, what was killed goes on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+from intuitive_physics.errors import UnsupportedSceneError
+from intuitive_physics.observation import Observation
+from intuitive_physics.simulation import Simulator
+from intuitive_physics_learner.convergence import ConvergenceCriteria, SearchProgress
+from intuitive_physics_learner.cost import MakeCost, TrajectoryCost
+from intuitive_physics_learner.environment_check import check_environments
+from intuitive_physics_learner.errors import NoObservationsError
+from intuitive_physics_learner.learning_session import LearningOptions, LearningResult, learn
+from intuitive_physics_learner.methods import check_method
+from intuitive_physics_learner.store import ObservationStore, SearchCheckpoint
+
+LARGEST_SAVING_SHARE = 0.05
+"""Of a search's time that may go into saving where it stands."""
+
+
+def learn_from_store(
+    store: ObservationStore,
+    simulator: Simulator,
+    options: LearningOptions,
+    *,
+    on_progress: Callable[[SearchProgress], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+    make_cost: MakeCost = TrajectoryCost,
+) -> LearningResult:
+    """Learn from stored observations, starting from the newest θ_s, and store the next version.
+
+    About once a second the store is told where the search stands. The same search, asked for
+    again after it was killed or cancelled, goes on from there and ends as if it had not stopped;
+    a version of θ_s that was stored meanwhile makes it another search.
+
+    Raises
+    ------
+    NoObservationsError
+        When nothing is stored.
+    UnknownMethodError, UnknownNameError
+        When no update rule or no observation has the name given.
+    IncompatibleEnvironmentError, UnsupportedSceneError
+        When the simulator cannot express the environment of an observation, or its objects.
+    LearningCancelledError
+        When `cancelled` returned True; no version is stored then.
+    StorageError
+        When the store cannot be read or written.
+    """
+    check_method(options.method)
+    observations = store.observations(options.observation_ids)
+    if not observations:
+        raise NoObservationsError(
+            "no observation is stored yet; add some before learning from them"
+        )
+    search = StoredSearch(store, "asked", observations, simulator, options, make_cost)
+    try:
+        result = search.run(options.criteria, on_progress=on_progress, cancelled=cancelled)
+    except UnsupportedSceneError:
+        check_environments(observations, simulator)
+        raise
+    stored = store.add_parameters(result.learned)
+    search.forget()
+    return LearningResult(stored, result.search)
+
+
+class StoredSearch:
+    """A search over stored observations that the store knows how to go on with.
+
+    Parameters
+    ----------
+    store : where it is kept
+    purpose : keeps searches apart that are otherwise the same
+    observations : to learn from
+    simulator : the engine that simulates candidates
+    options : how to learn
+    make_cost : what evaluates J
+    clock : s, by which the time of the search is told
+
+    Attributes
+    ----------
+    seconds : of search so far, with those before it was interrupted
+    iterations : evaluations of J so far, likewise
+    finished : whether it was stored as having come to its end
+    """
+
+    def __init__(
+        self,
+        store: ObservationStore,
+        purpose: str,
+        observations: Sequence[Observation],
+        simulator: Simulator,
+        options: LearningOptions,
+        make_cost: MakeCost = TrajectoryCost,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._store = store
+        self._observations = observations
+        self._simulator = simulator
+        self._options = options
+        self._make_cost = make_cost
+        self._clock = clock
+        self._key = _key(purpose, observations, simulator, options)
+        self._version = store.newest_version()
+        saved = store.checkpoint(self._key)
+        if saved is None or saved.version != self._version:
+            saved = SearchCheckpoint(
+                self._key, self._version, store.newest_parameters(), {}, 0.0, 0
+            )
+        self._start = saved.start
+        self._state = saved.state
+        self.seconds = saved.seconds
+        self.iterations = saved.iterations
+        self._next_saving = 0.0
+
+    @property
+    def finished(self) -> bool:
+        return self._state is None
+
+    def run(
+        self,
+        criteria: ConvergenceCriteria,
+        *,
+        on_progress: Callable[[SearchProgress], None] | None = None,
+        cancelled: Callable[[], bool] | None = None,
+    ) -> LearningResult:
+        """Search until a criterion is met, and return what was learned so far.
+
+        A time limit counts from the very beginning; at least one step is done. Raises what
+        `learn_from_store` raises.
+        """
+        began, before = self._clock(), self.seconds
+        if criteria.time_limit is not None:
+            criteria = replace(criteria, time_limit=max(0.0, criteria.time_limit - before))
+
+        def take_note(progress: SearchProgress) -> None:
+            self.iterations = progress.iteration
+            if on_progress is not None:
+                on_progress(progress)
+
+        def save(state: Mapping[str, Any]) -> None:
+            self.seconds = before + self._clock() - began
+            self._state = state
+            if time.monotonic() >= self._next_saving:
+                self._save()
+
+        result = learn(
+            self._observations,
+            self._simulator,
+            replace(self._options, criteria=criteria),
+            previous=self._start,
+            on_progress=take_note,
+            cancelled=cancelled,
+            resume=self._state or None,
+            on_checkpoint=save,
+            make_cost=self._make_cost,
+        )
+        self.seconds = before + self._clock() - began
+        return result
+
+    def keep(self, version: int, *, finished: bool) -> None:
+        """Store where it stands now.
+
+        Parameters
+        ----------
+        version : of the newest θ_s; with that it goes on
+        finished : whether it has come to its end
+        """
+        self._version = version
+        if finished:
+            self._state = None
+        self._save()
+
+    def forget(self) -> None:
+        """Take it out of the store."""
+        self._store.delete_checkpoint(self._key)
+
+    def _save(self) -> None:
+        began = time.monotonic()
+        self._store.save_checkpoint(
+            SearchCheckpoint(
+                self._key, self._version, self._start, self._state, self.seconds, self.iterations
+            )
+        )
+        taken = time.monotonic() - began
+        self._next_saving = began + taken / LARGEST_SAVING_SHARE
+
+
+def _key(
+    purpose: str,
+    observations: Sequence[Observation],
+    simulator: Simulator,
+    options: LearningOptions,
+) -> str:
+    """Digest of whatever decides how a search goes, apart from the θ_s it starts from."""
+    parts = {
+        "purpose": purpose,
+        "observations": [one.id for one in observations],
+        "simulator": simulator.name,
+        "method": options.method,
+        "seed": options.seed,
+        "bounds": {kind: asdict(bounds) for kind, bounds in options.bounds.items()},
+        "criteria": asdict(options.criteria),
+    }
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()

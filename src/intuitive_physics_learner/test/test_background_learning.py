@@ -1,0 +1,147 @@
+"""The process that learns in the background: started, watched, stopped, killed."""
+
+import json
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from intuitive_physics_learner import ObservationStore
+from intuitive_physics_learner.online.background_learning import BackgroundLearning
+from intuitive_physics_learner.online.improvement import OnlineOptions
+from intuitive_physics_learner.online.worker import FAILED, SEARCHING, WAITING
+
+PATIENCE = 60.0
+"""s for what takes about one, on a machine that is busy with other things."""
+
+ENDLESS = OnlineOptions("random", seconds=1e5, iterations_without_gain=10**9)
+
+
+@pytest.fixture
+def store(tmp_path):
+    with ObservationStore(tmp_path / "learner.sqlite3") as opened:
+        yield opened
+
+
+@pytest.fixture
+def background(store):
+    improved = threading.Event()
+    made = BackgroundLearning(store.path, "event_driven", improved.set)
+    made.improved = improved
+    yield made
+    made.stop()
+
+
+def wait_until(holds, patience=PATIENCE):
+    deadline = time.monotonic() + patience
+    while not holds():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.005)
+
+
+def ended(process):
+    return process.poll() is not None
+
+
+def test_learns_as_observations_arrive(store, background, throws, true_parameters):
+    background.start(
+        OnlineOptions(seconds=5.0, iterations_without_gain=400), cores=1, priority="normal"
+    )
+    assert background.running
+    for seen in throws(6, 0, noise=0.003):
+        store.add(seen)
+        background.look()
+    assert background.improved.wait(PATIENCE), background.report
+    wait_until(lambda: background.report.state == WAITING and background.report.version > 0)
+    newest = store.newest_parameters()
+    assert newest.version == background.report.version
+    assert newest.observation_count == 6
+    got = newest.parameters.pair("ball", "floor")["restitution"]
+    assert got == pytest.approx(true_parameters.pair("ball", "floor")["restitution"], abs=0.02)
+
+
+def saved_iterations(store):
+    """Evaluations of J that the stored checkpoint has behind it."""
+    with store._database.reading() as connection:
+        row = connection.execute("SELECT json FROM searches").fetchone()
+    return 0 if row is None else len(json.loads(row[0])["state"]["search"]["history"])
+
+
+def test_stops_within_a_second_and_goes_on_where_it_was(store, background, throws):
+    store.add_all(throws(10, 0))
+    background.start(ENDLESS, cores=1, priority="normal")
+    wait_until(lambda: saved_iterations(store) > 0)
+    process = background._process
+    began = time.monotonic()
+    background.stop()
+    wait_until(lambda: ended(process), 1.0)
+    assert time.monotonic() - began < 1.0
+    assert not background.running
+    saved = saved_iterations(store)
+    background.start(ENDLESS, cores=1, priority="normal")
+    wait_until(lambda: background.report.iteration > 0)
+    assert background.report.iteration > saved
+
+
+@pytest.mark.parametrize(
+    ("priority", "niceness", "policy"),
+    [("idle", 19, os.SCHED_IDLE), ("low", 19, os.SCHED_OTHER), ("normal", 0, os.SCHED_OTHER)],
+)
+def test_leaves_the_cores_to_others(background, priority, niceness, policy):
+    background.start(ENDLESS, cores=1, priority=priority)
+    pid = background._process.pid
+    assert os.getpriority(os.PRIO_PROCESS, pid) == niceness
+    assert os.sched_getscheduler(pid) == policy
+    assert len(os.sched_getaffinity(pid)) == 1
+
+
+def test_ends_with_the_process_that_started_it(store, background, throws):
+    store.add_all(throws(3, 0))
+    background.start(ENDLESS, cores=1, priority="normal")
+    wait_until(lambda: background.report.iteration > 0)
+    process = background._process
+    # What the end of this process would do.
+    process.stdin.close()
+    wait_until(lambda: ended(process))
+
+
+def test_ctrl_c_is_left_to_the_process_that_started_it(store, background, throws):
+    store.add_all(throws(3, 0))
+    background.start(ENDLESS, cores=1, priority="normal")
+    wait_until(lambda: background.report.iteration > 0)
+    background._process.send_signal(signal.SIGINT)
+    iteration = background.report.iteration
+    wait_until(lambda: background.report.iteration > iteration)
+
+
+def test_says_that_it_died_and_starts_again_with_the_next_observation(store, background, throws):
+    background.start(ENDLESS, cores=1, priority="normal")
+    store.add_all(throws(3, 0))
+    background._process.kill()
+    wait_until(lambda: background.report.state == FAILED)
+    assert "ended with code -9" in background.report.message
+    store.add_all(throws(1, 1))
+    background.look()
+    wait_until(lambda: background.report.state == SEARCHING)
+
+
+def test_says_why_it_cannot_start(tmp_path):
+    garbage = tmp_path / "garbage"
+    garbage.write_bytes(np.random.default_rng(0).bytes(5000))
+    background = BackgroundLearning(garbage, "event_driven", lambda: None)
+    background.start(ENDLESS, cores=1, priority="normal")
+    wait_until(lambda: background.report.state == FAILED)
+    assert "is not an SQLite database" in background.report.message
+    assert "Traceback" not in background.report.message
+    background.stop()
+
+
+def test_says_what_it_cannot_learn_from_and_goes_on(store, background, throws, boxed):
+    store.add(boxed)
+    background.start(ENDLESS, cores=1, priority="normal")
+    wait_until(lambda: background.report.state == FAILED)
+    assert "not a sphere" in background.report.message
+    assert not ended(background._process)

@@ -1,0 +1,122 @@
+"""J evaluated by other processes: the same to the bit, and clear errors when they fail."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.simulation import make_simulator
+from intuitive_physics_learner import (
+    ConvergenceCriteria,
+    LearningOptions,
+    MissingDependencyError,
+    TrajectoryCost,
+    learn,
+)
+from intuitive_physics_learner.cluster import CostMaker
+from intuitive_physics_learner.errors import ClusterError
+
+distributed = pytest.importorskip("distributed")
+
+
+@pytest.fixture(scope="module")
+def two_processes():
+    with CostMaker("local:2") as made:
+        yield made
+
+
+def candidates(materials, count):
+    generator = np.random.default_rng(0)
+    return [
+        StaticParameters.uniform(materials, restitution=e, static_friction=0.9, dynamic_friction=f)
+        for e, f in generator.uniform(0.0, 0.9, (count, 2))
+    ]
+
+
+def test_cost_is_the_same_to_the_bit(two_processes, throws):
+    # Objects' counts and times differ, so observations are packed in several groups.
+    observed = throws(9, 0, noise=0.003) + throws(4, 1, times=17)
+    simulator = make_simulator("auto")
+    here = TrajectoryCost(observed, simulator)
+    there = two_processes(observed, simulator)
+    some = candidates(here.materials, 40)
+    assert (there.costs(some) == here.costs(some)).all()
+    assert (there.distances(some) == here.distances(some)).all()
+    assert (there.residuals(some[:3]) == here.residuals(some[:3])).all()
+
+
+def test_work_is_spread_over_both(two_processes, throws):
+    simulator = make_simulator("event_driven")
+    cost = two_processes(throws(10, 0), simulator)
+    cost.costs(candidates(cost.materials, 40))
+    client = two_processes._client
+    assert len(client.nthreads()) == 2
+    done = client.run(lambda dask_worker: len(dask_worker.state.log))
+    assert all(count > 0 for count in done.values())
+
+
+def test_learning_is_the_same_with_and_without(two_processes, throws):
+    observed = throws(6, 0, noise=0.003)
+    simulator = make_simulator("event_driven")
+    options = LearningOptions(criteria=ConvergenceCriteria(400), seed=2)
+    here = learn(observed, simulator, options)
+    there = learn(observed, simulator, options, make_cost=two_processes)
+    assert there.learned.to_dict() == here.learned.to_dict()
+    assert (there.search.history == here.search.history).all()
+
+
+def test_scheduler_that_runs_elsewhere(throws):
+    observed = throws(6, 0)
+    simulator = make_simulator("event_driven")
+    cluster = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs="ERROR"
+    )
+    with cluster, CostMaker(cluster.scheduler_address) as elsewhere:
+        cost = elsewhere(observed, simulator)
+        some = candidates(cost.materials, 30)
+        expected = TrajectoryCost(observed, simulator).costs(some)
+        assert (cost.costs(some) == expected).all()
+        # One that dies is no loss: the other holds the observations too.
+        first = next(iter(cluster.workers.values()))
+        cluster.sync(first.kill)
+        assert (cost.costs(some) == expected).all()
+        elsewhere.close()
+        # It was not ours to end.
+        assert cluster.status.name == "running"
+
+
+def test_scheduler_that_goes_away(throws, monkeypatch):
+    monkeypatch.setattr("intuitive_physics_learner.cluster.CONNECT_TIMEOUT", 2.0)
+    cluster = distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs="CRITICAL"
+    )
+    with CostMaker(cluster.scheduler_address) as elsewhere:
+        cost = elsewhere(throws(2, 0), make_simulator("event_driven"))
+        cluster.close()
+        with pytest.raises(ClusterError, match="the cluster failed"):
+            cost.costs(candidates(cost.materials, 1))
+
+
+def test_scheduler_that_is_not_there(throws, monkeypatch):
+    monkeypatch.setattr("intuitive_physics_learner.cluster.CONNECT_TIMEOUT", 0.3)
+    with (
+        CostMaker("tcp://127.0.0.1:9") as nowhere,
+        pytest.raises(ClusterError, match="does not answer"),
+    ):
+        nowhere(throws(1, 0), make_simulator("event_driven"))
+
+
+@pytest.mark.parametrize("where", ["local", "local:0", "local:two", "host", "a b:80", "local:2:3"])
+def test_nonsense(where):
+    with pytest.raises(InvalidInputError, match="expected one of: empty: in this process"):
+        CostMaker(where)
+
+
+def test_without_dask(monkeypatch, throws):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingDependencyError, match="pip install distributed"):
+        CostMaker("local:2")
+    cost = CostMaker("")(throws(1, 0), make_simulator("event_driven"))
+    assert isinstance(cost, TrajectoryCost)

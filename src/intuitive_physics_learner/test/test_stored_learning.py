@@ -1,0 +1,201 @@
+"""Learning from a store: versions, checkpoints, and searches that were killed on their way."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from intuitive_physics.errors import UnknownNameError, UnsupportedSceneError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.scene import Environment, Plane
+from intuitive_physics.simulation import make_simulator
+from intuitive_physics_learner import (
+    ConvergenceCriteria,
+    LearningCancelledError,
+    LearningOptions,
+    NoObservationsError,
+    ObservationStore,
+    UnknownMethodError,
+    learn_from_store,
+    search,
+)
+from intuitive_physics_learner.errors import IncompatibleEnvironmentError
+
+LEARNER = """
+import sys
+from intuitive_physics.simulation import make_simulator
+from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, ObservationStore
+from intuitive_physics_learner import learn_from_store, search
+search.CHECKPOINT_PERIOD = 0.0
+options = LearningOptions(sys.argv[2], ConvergenceCriteria(int(sys.argv[3])), seed=5)
+with ObservationStore(sys.argv[1]) as store:
+    learn_from_store(
+        store,
+        make_simulator("event_driven"),
+        options,
+        on_progress=lambda progress: print(progress.iteration, flush=True),
+    )
+"""
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "learner.sqlite3"
+
+
+@pytest.fixture
+def store(path):
+    with ObservationStore(path) as opened:
+        yield opened
+
+
+def options(iterations=600, **others):
+    return LearningOptions(criteria=ConvergenceCriteria(iterations), **others)
+
+
+def saved_searches(store):
+    with store._database.reading() as connection:
+        return connection.execute("SELECT COUNT(*) FROM searches").fetchone()[0]
+
+
+@pytest.mark.parametrize(("method", "kills"), [("cma_es", 3), ("hybrid_random", 1)])
+def test_a_search_that_is_killed_again_and_again_ends_as_if_it_had_not(
+    path, tmp_path, event_driven, throws, method, kills
+):
+    observed, iterations = throws(4, 0, noise=0.003), 1500
+    with ObservationStore(tmp_path / "other.sqlite3") as other:
+        other.add_all(observed)
+        whole = learn_from_store(other, event_driven, options(iterations, method=method, seed=5))
+    with ObservationStore(path) as store:
+        store.add_all(observed)
+    begun = []
+    generator = np.random.default_rng(0)
+    for life in range(kills + 1):
+        learner = subprocess.Popen(
+            [sys.executable, "-c", LEARNER, str(path), method, str(iterations)],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        begun.append(int(learner.stdout.readline()))
+        if life < kills:
+            time.sleep(generator.uniform(0.0, 0.1))
+            learner.send_signal(signal.SIGKILL)
+        assert learner.communicate() is not None
+    assert learner.returncode == 0
+    # It went on where it was: each time it had the iterations of the times before.
+    assert begun == sorted(begun)
+    assert begun[-1] > begun[0]
+    with ObservationStore(path) as store:
+        learned = store.newest_parameters()
+        assert saved_searches(store) == 0
+    assert learned.to_dict() == whole.learned.to_dict()
+
+
+def test_the_same_search_goes_on_and_another_begins_anew(store, glide, glides, monkeypatch):
+    monkeypatch.setattr(search, "CHECKPOINT_PERIOD", 0.0)
+    store.add(glides(np.random.default_rng(0), 0.4))
+    asked = options(2000, method="random")
+
+    def first_iteration(how, stop_at=None):
+        """Iterations of the first report, which is of one batch."""
+        told = []
+        try:
+            learn_from_store(
+                store,
+                glide,
+                how,
+                on_progress=lambda progress: told.append(progress.iteration),
+                cancelled=lambda: stop_at is not None and bool(told) and told[-1] >= stop_at,
+            )
+        except LearningCancelledError:
+            assert saved_searches(store) > 0
+        return told[0]
+
+    batch = first_iteration(asked, stop_at=300)
+    assert first_iteration(replace(asked, seed=1), stop_at=300) == batch
+    assert first_iteration(replace(asked, method="grid"), stop_at=300) == batch
+    assert first_iteration(asked, stop_at=900) > batch
+    # A version that came in between is another start.
+    store.add_parameters(LearnedParameters.defaults(["ball", "floor"]))
+    assert first_iteration(asked, stop_at=300) == batch
+    # What has come to its end is forgotten.
+    first_iteration(asked)
+    assert first_iteration(asked, stop_at=300) == batch
+
+
+def test_time_before_the_interruption_counts(store, glide, glides, monkeypatch):
+    monkeypatch.setattr(search, "CHECKPOINT_PERIOD", 0.0)
+    store.add(glides(np.random.default_rng(0), 0.4))
+    asked = LearningOptions("random", ConvergenceCriteria(None, time_limit=1.5))
+    began = time.monotonic()
+    with pytest.raises(LearningCancelledError):
+        learn_from_store(store, glide, asked, cancelled=lambda: time.monotonic() > began + 1.0)
+    result = learn_from_store(store, glide, asked)
+    assert result.search.seconds < 1.0
+    assert result.learned.version == 1
+
+
+def test_versions_are_stored_and_learning_goes_on_from_them(store, glide, glides):
+    generator = np.random.default_rng(0)
+    for _ in range(3):
+        store.add(glides(generator, 0.4))
+    first = learn_from_store(store, glide, options(200))
+    second = learn_from_store(store, glide, options(50, method="random"))
+    assert [first.learned.version, second.learned.version] == [1, 2]
+    assert second.search.history[0] <= first.search.cost + 1e-9
+    assert [one.to_dict() for one in store.parameters_history()] == [
+        first.learned.to_dict(),
+        second.learned.to_dict(),
+    ]
+    chosen = options(50, observation_ids=store.ids()[:2])
+    assert learn_from_store(store, glide, chosen).learned.observation_count == 2
+
+
+def test_cancelled_searches_store_no_version(store, glide, glides):
+    store.add(glides(np.random.default_rng(0), 0.4))
+    with pytest.raises(LearningCancelledError, match="nothing was stored"):
+        learn_from_store(store, glide, options(), cancelled=lambda: True)
+    assert store.newest_parameters() is None
+
+
+def test_clear_errors(store, glide, glides):
+    with pytest.raises(NoObservationsError, match="no observation is stored yet"):
+        learn_from_store(store, glide, options())
+    store.add(glides(np.random.default_rng(0), 0.4))
+    with pytest.raises(UnknownMethodError, match="'magic'"):
+        learn_from_store(store, glide, options(method="magic"))
+    with pytest.raises(UnknownNameError, match="'nobody'"):
+        learn_from_store(store, glide, options(observation_ids=("nobody",)))
+
+
+def test_an_environment_is_told_from_objects_that_cannot_be_simulated(store, glides):
+    square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    table = Environment([Plane("table", "floor", [0, 0, 1], 0.0, boundary=square)])
+    seen = glides(np.random.default_rng(0), 0.4, id="on a table")
+    store.add(replace(seen, environment=table))
+    bullet = make_simulator("bullet")
+    with pytest.raises(IncompatibleEnvironmentError, match=r"on a table .* has a boundary"):
+        learn_from_store(store, bullet, options(10))
+    # Static and dynamic friction differ by default, which is no fault of the environment.
+    store.add(glides(np.random.default_rng(0), 0.4, id="on the floor"))
+    with pytest.raises(UnsupportedSceneError) as refused:
+        learn_from_store(store, bullet, options(10, observation_ids=["on the floor"]))
+    assert not isinstance(refused.value, IncompatibleEnvironmentError)
+
+
+def test_what_is_kept_of_a_search_is_plain_json(store, glide, glides, monkeypatch):
+    monkeypatch.setattr(search, "CHECKPOINT_PERIOD", 0.0)
+    store.add(glides(np.random.default_rng(0), 0.4))
+    told = []
+    with pytest.raises(LearningCancelledError):
+        learn_from_store(
+            store, glide, options(), on_progress=told.append, cancelled=lambda: len(told) > 2
+        )
+    with store._database.reading() as connection:
+        (text,) = connection.execute("SELECT json FROM searches").fetchone()
+    assert set(json.loads(text)) == {"start", "state", "seconds", "iterations"}

@@ -1,0 +1,64 @@
+"""Many frames of a sensor that stands still, made one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics_perception.settings import PerceptionSettings
+
+MAX_FUSED_POINTS = 24000
+MAX_EDGE_POINTS = 80000
+"""Points of the fused frames that planes, and edges of planes, are looked for in."""
+
+
+def fuse(
+    frames: Sequence[NDArray[np.float32]],
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+    most: int = MAX_FUSED_POINTS,
+) -> NDArray[np.float64]:
+    """Return points in range (n, 3), at most `most`, of all frames; see `fused_frame`."""
+    points = fused_frame(frames, most).reshape(-1, 3)
+    points = points[_in_range(points, settings)]
+    if len(points) > most:
+        points = points[rng.choice(len(points), most, replace=False)]
+    return points
+
+
+def fused_frame(
+    frames: Sequence[NDArray[np.float32]], most: int = MAX_FUSED_POINTS
+) -> NDArray[np.float64]:
+    """Return one frame of points (height, width, 3) of many.
+
+    Frames of one organised size are fused by the median of each pixel, which averages noise and
+    drops what moves, and thinned to `most` pixels; others are thrown together to a height of 1.
+    """
+    if len({frame.shape for frame in frames}) > 1 or frames[0].shape[0] == 1:
+        return np.concatenate([frame.reshape(1, -1, 3) for frame in frames], axis=1).astype(
+            np.float64
+        )
+    height, width = frames[0].shape[:2]
+    stride = max(1, int(np.ceil(np.sqrt(height * width / most))))
+    stack = np.stack([frame[::stride, ::stride] for frame in frames]).astype(np.float64)
+    return _pixel_medians(stack.reshape(len(frames), -1, 3)).reshape(stack.shape[1:])
+
+
+def _pixel_medians(stack: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Median reading of each pixel, (n_pixels, 3) of (n_frames, n_pixels, 3), seen in at least half
+    of the frames; else NaN."""
+    ranges = np.linalg.norm(stack, axis=2)
+    seen = np.isfinite(ranges).sum(axis=0)
+    # NaN sorts to the end, so the median of what was seen stands at half its count.
+    order = np.argsort(ranges, axis=0)
+    middle = np.take_along_axis(order, (seen // 2).clip(max=len(stack) - 1)[None], axis=0)[0]
+    medians = stack[middle, np.arange(stack.shape[1])]
+    medians[2 * seen < len(stack)] = np.nan
+    return medians
+
+
+def _in_range(points: NDArray[np.float64], settings: PerceptionSettings) -> NDArray[np.bool_]:
+    ranges = np.linalg.norm(points, axis=1)
+    return (ranges >= settings.min_range) & (ranges <= settings.max_range)

@@ -1,0 +1,122 @@
+"""Raw PointCloud2 data to points: true where they are good, one clear error else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_perception.point_cloud import Field, points_from_cloud_data
+
+XYZ = [Field("x", 0, 7, 1), Field("y", 4, 7, 1), Field("z", 8, 7, 1)]
+
+
+def cloud(points: np.ndarray, **changes):
+    data = points.astype("<f4")
+    arguments = {
+        "width": data.shape[1],
+        "height": data.shape[0],
+        "point_step": 12,
+        "row_step": 12 * data.shape[1],
+        "fields": XYZ,
+        "is_bigendian": False,
+    }
+    return points_from_cloud_data(data.tobytes(), **{**arguments, **changes})
+
+
+def test_fields_in_any_order_and_of_both_precisions() -> None:
+    layout = np.dtype(
+        {
+            "names": ["z", "intensity", "x", "y"],
+            "formats": ["<f8", "<u2", "<f4", "<f8"],
+            "offsets": [0, 8, 10, 16],
+            "itemsize": 26,
+        }
+    )
+    rows = np.zeros((2, 3), layout)
+    rows["x"], rows["y"], rows["z"] = 1.5, np.arange(6).reshape(2, 3), -2.25
+    padded = b"".join(row.tobytes() + b"??" for row in rows)
+    points = points_from_cloud_data(
+        padded,
+        width=3,
+        height=2,
+        point_step=26,
+        row_step=80,
+        fields=[
+            Field("z", 0, 8, 1),
+            Field("intensity", 8, 4, 1),
+            Field("x", 10, 7, 1),
+            Field("y", 16, 8, 1),
+        ],
+        is_bigendian=False,
+    )
+    assert points.dtype == np.float32
+    assert points[..., 0] == pytest.approx(1.5)
+    assert points[..., 1].tolist() == [[0, 1, 2], [3, 4, 5]]
+    assert points[..., 2] == pytest.approx(-2.25)
+
+
+def test_a_point_that_is_partly_unreadable_is_nan() -> None:
+    points = cloud(np.array([[[1, 2, 3], [np.nan, 2, 3], [1, np.inf, 3]]]))
+    assert np.isnan(points[0]).all(axis=1).tolist() == [False, True, True]
+
+
+def test_an_empty_cloud_has_no_points() -> None:
+    assert cloud(np.zeros((1, 0, 3))).shape == (1, 0, 3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"fields": XYZ[:2]}, "z missing"),
+        ({"fields": []}, "x, y, z missing"),
+        ({"fields": [*XYZ[:2], Field("z", 8, 5, 1)]}, "field z .* datatype 5"),
+        ({"fields": [*XYZ[:2], Field("z", 8, 7, 3)]}, "field z .* count 3"),
+        ({"fields": [*XYZ[:2], Field("z", 10, 7, 1)]}, "bytes 10 to 14"),
+        ({"is_bigendian": True}, "big-endian"),
+        ({"row_step": 13}, "rows of 13 bytes"),
+        ({"height": 2}, "48 for 2 rows"),
+    ],
+)
+def test_clouds_that_cannot_be_read_are_refused(changes: dict, message: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        cloud(np.zeros((1, 2, 3)), **changes)
+
+
+sizes = st.integers(0, 40) | st.integers(0, 2**32 - 1)
+raw_fields = st.lists(
+    st.builds(
+        Field,
+        st.sampled_from(["x", "y", "z", "rgb", ""]),
+        st.integers(0, 40) | st.integers(0, 2**32 - 1),
+        st.sampled_from([7, 8]) | st.integers(0, 255),
+        st.integers(0, 3),
+    ),
+    max_size=6,
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.binary(max_size=400), sizes, sizes, sizes, sizes, raw_fields | st.just(XYZ), st.booleans()
+)
+def test_any_cloud_message_gives_points_or_one_error(
+    data, width, height, point_step, row_step, fields, is_bigendian
+) -> None:
+    try:
+        points = points_from_cloud_data(
+            data,
+            width=width,
+            height=height,
+            point_step=point_step,
+            row_step=row_step,
+            fields=fields,
+            is_bigendian=is_bigendian,
+        )
+    except InvalidInputError:
+        return
+    assert points.shape == (height, width, 3)
+    finite = np.isfinite(points)
+    assert np.array_equal(finite.all(axis=2), finite.any(axis=2))

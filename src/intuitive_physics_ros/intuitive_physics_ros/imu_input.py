@@ -1,0 +1,112 @@
+"""What an IMU feels, in the frame of another sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.node import Node
+from rclpy.time import Time
+from sensor_msgs.msg import Imu
+
+from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
+from intuitive_physics.validation import unit_quaternion
+from intuitive_physics_ros.conversions import seconds_from_stamp
+from intuitive_physics_ros.conversions.geometry import rotated, xyz, xyzw
+from intuitive_physics_ros.input_monitor import InputMonitor
+from intuitive_physics_ros.qos import SENSOR_DATA
+
+Sample = Callable[[float, NDArray[np.float64], NDArray[np.float64] | None], None]
+
+TIMEOUT = 2.0
+
+
+class ImuInput:
+    """Subscribes to an IMU and hands on each sample, turned into the frame of another sensor.
+
+    The rotation between the two frames is the one given, none where they have one name, else it is
+    looked up in tf where tf2_ros is installed.
+
+    Parameters
+    ----------
+    node : that subscribes
+    topic : of sensor_msgs/Imu
+    target_frame : returns the name of the other sensor's frame, empty while it is not known
+    on_sample : called with time in s, acceleration (3,) in m/s² and angular velocity (3,) in
+        rad/s, None where it is not measured; what it raises of ours is reported
+    orientation : (4,) quaternion (x, y, z, w) of the IMU in the other sensor's frame; None: looked
+        up
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topic: str,
+        target_frame: Callable[[], str],
+        on_sample: Sample,
+        orientation: NDArray[np.float64] | None = None,
+    ) -> None:
+        self.monitor = InputMonitor(node, topic, TIMEOUT)
+        self._target_frame = target_frame
+        self._on_sample = on_sample
+        self._orientation = orientation
+        self._buffer = None if orientation is not None else _transform_buffer(node)
+        node.create_subscription(Imu, topic, self._on_message, SENSOR_DATA)
+
+    def _on_message(self, message: Imu) -> None:
+        target = self._target_frame()
+        if not target and self._orientation is None:
+            return
+        try:
+            turn = self._orientation_in(target, message.header.frame_id)
+            # By definition of the message -1 says that there is no such measurement.
+            has_gyroscope = message.angular_velocity_covariance[0] != -1.0
+            if message.linear_acceleration_covariance[0] == -1.0:
+                raise InvalidInputError(
+                    "IMU says that it measures no acceleration; expected one that does"
+                )
+            self._on_sample(
+                seconds_from_stamp(message.header.stamp),
+                rotated(turn, np.array(xyz(message.linear_acceleration))),
+                rotated(turn, np.array(xyz(message.angular_velocity))) if has_gyroscope else None,
+            )
+        except IntuitivePhysicsError as error:
+            self.monitor.rejected(error)
+        else:
+            self.monitor.accepted()
+
+    def _orientation_in(self, target: str, source: str) -> NDArray[np.float64]:
+        if self._orientation is not None:
+            return self._orientation
+        if source == target:
+            return np.array([0.0, 0.0, 0.0, 1.0])
+        if self._buffer is None:
+            raise InvalidInputError(
+                f"IMU is in the frame {source!r} and the camera in {target!r}; expected one frame, "
+                "tf2_ros to look up the rotation between them, or the parameter imu_orientation"
+            )
+        import tf2_ros
+
+        try:
+            found = self._buffer.lookup_transform(target, source, Time())
+        except tf2_ros.TransformException as error:
+            raise InvalidInputError(
+                f"tf does not know the rotation from the IMU's frame {source!r} to the camera's "
+                f"{target!r} ({error}); expected one on /tf_static, or the parameter "
+                "imu_orientation"
+            ) from None
+        return unit_quaternion(xyzw(found.transform.rotation), "rotation of the IMU in tf")
+
+
+def _transform_buffer(node: Node) -> Any:
+    """Return a buffer that listens to tf, None where tf2_ros is not installed."""
+    try:
+        import tf2_ros
+    except ImportError:
+        return None
+    buffer = tf2_ros.Buffer()
+    # The listener lives as long as the node, which keeps its subscriptions.
+    buffer.listener = tf2_ros.TransformListener(buffer, node)
+    return buffer

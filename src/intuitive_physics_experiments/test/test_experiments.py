@@ -86,7 +86,7 @@ def test_better_first_states_leave_less_error(curve: tuple[Path, list[dict]]) ->
     # What the oracle misses is the noise of the first states alone.
     _, summary = curve
     by_source = {
-        source: np.mean([li["oracle_test"] for li in summary if li["first_states"] == source])
+        source: np.mean([li["oracle_training"] for li in summary if li["first_states"] == source])
         for source in ("three_points", "flight")
     }
     assert by_source["flight"] < by_source["three_points"]
@@ -148,7 +148,7 @@ def _runs(objects: int, samples: int) -> int:
 
 def test_thrown_balls_through_the_whole_pipeline(tmp_path: Path, needs_open3d: None) -> None:
     pytest.importorskip("pybullet")
-    rows = run_rgbd(tmp_path, RgbdSettings(throws=2, duration=1.2, iterations=150), "test")
+    rows = run_rgbd(tmp_path, RgbdSettings(throws=2, duration=1.2, iterations=1000), "test")
     assert {row["radius"] for row in rows} == {0.03, 0.05, 0.07}
     assert sum(row["observations"] for row in rows) >= 5
     by_way = {name: np.mean([row[name] for row in rows]) for name in ("learned", "true_parameters")}

@@ -34,6 +34,7 @@ setup(
     extras_require={
         "render": ["open3d", "pybullet"],
         "peers": ["mujoco", "pybullet"],
+        "rerun": ["rerun-sdk"],
         "test": ["pytest", "hypothesis"],
     },
     zip_safe=False,

@@ -9,26 +9,25 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterator
-from itertools import combinations
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
-from intuitive_physics.errors import IntuitivePhysicsError, UnsupportedSceneError
-from intuitive_physics.scene import Environment
+from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.simulation import Rollout, Simulator, WorldBatch, WorldStatus
-from intuitive_physics.simulation.world_batch import BOX, CAPSULE, SPHERE
 from intuitive_physics.validation import positive_float
+from intuitive_physics_experiments.mujoco_model import (
+    check_supported,
+    model_key,
+    model_text,
+    set_parameters,
+)
 
 DEFAULT_TIME_STEP = 1e-3
 DEFAULT_CONTACT_TIME = 8e-3
 """s; eight steps: with fewer a spring misses its restitution, with more objects sink in deeper."""
-
-SMALLEST_ARM = 1e-9
 
 
 class MujocoSimulator(Simulator):
@@ -60,7 +59,7 @@ class MujocoSimulator(Simulator):
     def _rollout(
         self, worlds: WorldBatch, times: NDArray[np.float64], orientations: bool
     ) -> Rollout:
-        _check_supported(worlds)
+        check_supported(worlds)
         rows = np.broadcast_to(times, (worlds.size, times.shape[1]))
         shape = (*worlds.states.shape[:2], times.shape[1])
         positions = np.full((*shape, 3), np.nan)
@@ -70,11 +69,13 @@ class MujocoSimulator(Simulator):
         for members in _alike(worlds):
             first = int(members[0])
             count = int(worlds.object_counts[first])
-            key = _model_key(worlds, first)
+            key = model_key(worlds, first)
             if key not in models:
-                models[key] = self._mujoco.MjModel.from_xml_string(self._text(worlds, first))
+                models[key] = self._mujoco.MjModel.from_xml_string(
+                    model_text(worlds, first, self.time_step)
+                )
             model = copy.copy(models[key])
-            self._set_parameters(model, worlds, first)
+            set_parameters(model, worlds, first, self.time_step, self.contact_time)
             states = self._simulated(model, worlds.states[members, :count], rows[members])
             for w, path in zip(members, states, strict=True):
                 if not np.isfinite(path).all():
@@ -121,69 +122,6 @@ class MujocoSimulator(Simulator):
         mujoco.mj_getState(model, data, vector, kind)
         return vector
 
-    def _text(self, worlds: WorldBatch, w: int) -> str:
-        environment = worlds.environments[worlds.environment_index[w]]
-        count = int(worlds.object_counts[w])
-        things = "".join(
-            f'<body><freejoint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
-            f'<geom name="thing_{i}" {_solid(worlds, w, i)} {NO_OTHER_CONTACT}/></body>'
-            for i in range(count)
-        )
-        pairs = "".join(
-            f'<pair geom1="{a}" geom2="{b}" condim="6"/>' for a, b, *_ in _pairs(worlds, w)
-        )
-        return f"""<mujoco>
-  <option timestep="{self.time_step}" gravity="{_words(environment.gravity)}" cone="elliptic"/>
-  <worldbody>{_grounds(environment)}{things}</worldbody>
-  <contact>{pairs}</contact>
-</mujoco>"""
-
-    def _set_parameters(self, model: Any, worlds: WorldBatch, w: int) -> None:
-        """Write masses, inertias and the pairs' coefficients of a world into its model."""
-        c = int(worlds.parameter_index[w])
-        for i in range(int(worlds.object_counts[w])):
-            density = worlds.density[c, worlds.object_materials[w, i]]
-            model.body_mass[1 + i] = density * worlds.volumes[w, i]
-            model.body_inertia[1 + i] = density * worlds.unit_inertias[w, i]
-        self._mujoco.mj_setConst(model, self._mujoco.MjData(model))
-        for k, (_, _, a, b, radius) in enumerate(_pairs(worlds, w)):
-            _, friction, rolling, restitution = worlds.coefficients[c, :, a, b]
-            arm = max(rolling * radius, SMALLEST_ARM)
-            model.pair_friction[k] = (friction, friction, SMALLEST_ARM, arm, arm)
-            model.pair_dim[k] = 1 if friction == 0.0 else 6 if arm > SMALLEST_ARM else 3
-            model.pair_solref[k] = self._spring(restitution)
-            model.pair_solimp[k] = (0.99, 0.99, 0.001, 0.5, 2.0)
-
-    def _spring(self, restitution: float) -> tuple[float, float]:
-        """Return MuJoCo's `solref`: stiffness ω² and damping 2 ζ ω, as negative numbers."""
-        frequency = math.pi / self.contact_time
-        # More damping than stops a contact within one step would throw it back.
-        ratio = min(damping_ratio(restitution), 0.5 / (frequency * self.time_step))
-        return -(frequency**2), -2.0 * ratio * frequency
-
-
-NO_OTHER_CONTACT = 'contype="0" conaffinity="0"'
-
-
-def damping_ratio(restitution: float) -> float:
-    """Return ζ of a damped spring that pushes, never pulls, and rebounds with `restitution`.
-
-    It lets go when its force is zero, before it is back at its length: e = exp(-ζ φ / √(1 - ζ²))
-    with φ = π - atan2(2 ζ √(1 - ζ²), 1 - 2 ζ²) (Schwager and Pöschel, Granular Matter 2007).
-    Springs of critical damping and more, which rebound with less than e⁻², are not told apart.
-    """
-    if restitution >= 1.0:
-        return 0.0
-    if restitution <= math.exp(-2.0):
-        return 1.0
-
-    def excess(ratio: float) -> float:
-        root = math.sqrt(1.0 - ratio**2)
-        phase = math.pi - math.atan2(2.0 * ratio * root, 1.0 - 2.0 * ratio**2)
-        return math.exp(-ratio * phase / root) - restitution
-
-    return float(brentq(excess, 0.0, 1.0 - 1e-9))
-
 
 def _mujoco() -> ModuleType:
     try:
@@ -195,93 +133,13 @@ def _mujoco() -> ModuleType:
     return mujoco
 
 
-def _check_supported(worlds: WorldBatch) -> None:
-    if worlds.corner_counts.any():
-        raise UnsupportedSceneError(
-            "a plane has a boundary; mujoco simulates planes without edges only, use stepped"
-        )
-    if worlds.air_factors.any():
-        raise UnsupportedSceneError(
-            "an object has air drag or Magnus force; mujoco simulates neither here, use stepped"
-        )
-    for w in range(worlds.size):
-        c = int(worlds.parameter_index[w])
-        for *_, a, b, _ in _pairs(worlds, w):
-            static, dynamic, *_ = worlds.coefficients[c, :, a, b]
-            if static != dynamic:
-                raise UnsupportedSceneError(
-                    "static and dynamic friction differ; mujoco has one friction coefficient, "
-                    "make them equal or use stepped"
-                )
-
-
 def _alike(worlds: WorldBatch) -> list[NDArray[np.int64]]:
     """Worlds that share one model: same objects, environment and θ_s."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for w in range(worlds.size):
-        key = (*_model_key(worlds, w), int(worlds.parameter_index[w]))
+        key = (*model_key(worlds, w), int(worlds.parameter_index[w]))
         groups.setdefault(key, []).append(w)
     return [np.array(members) for members in groups.values()]
-
-
-def _model_key(worlds: WorldBatch, w: int) -> tuple[Any, ...]:
-    count = int(worlds.object_counts[w])
-    return (
-        int(worlds.environment_index[w]),
-        worlds.shape_kinds[w, :count].tobytes(),
-        worlds.dimensions[w, :count].tobytes(),
-        worlds.unit_inertias[w, :count].tobytes(),
-        worlds.object_materials[w, :count].tobytes(),
-    )
-
-
-def _pairs(worlds: WorldBatch, w: int) -> Iterator[tuple[str, str, int, int, float]]:
-    """Yield names, material codes and rolling radius (m) of all that can touch.
-
-    Without a round object among the two nothing rolls: the radius is 0.
-    """
-    environment = worlds.environments[worlds.environment_index[w]]
-    count = int(worlds.object_counts[w])
-    materials = worlds.object_materials[w]
-    radii = np.where(worlds.shape_kinds[w] == BOX, np.inf, worlds.dimensions[w, :, 0])
-    for i in range(count):
-        for k, ground in enumerate((*environment.planes, *environment.boxes)):
-            code = worlds.materials.index(ground.material)
-            yield f"ground_{k}", f"thing_{i}", code, int(materials[i]), _finite(radii[i])
-    for i, k in combinations(range(count), 2):
-        radius = _finite(min(radii[i], radii[k]))
-        yield f"thing_{i}", f"thing_{k}", int(materials[i]), int(materials[k]), radius
-
-
-def _finite(radius: float) -> float:
-    return float(radius) if np.isfinite(radius) else 0.0
-
-
-def _grounds(environment: Environment) -> str:
-    planes = [
-        f'type="plane" size="0 0 1" pos="{_words(plane.normal * plane.offset)}" '
-        f'zaxis="{_words(plane.normal)}"'
-        for plane in environment.planes
-    ]
-    boxes = [
-        f'type="box" size="{_words(0.5 * box.edge_lengths)}" pos="{_words(box.center)}" '
-        f'quat="{_words(box.orientation[[3, 0, 1, 2]])}"'
-        for box in environment.boxes
-    ]
-    return "".join(
-        f'<geom name="ground_{k}" {what} {NO_OTHER_CONTACT}/>'
-        for k, what in enumerate([*planes, *boxes])
-    )
-
-
-def _solid(worlds: WorldBatch, w: int, i: int) -> str:
-    dimensions = worlds.dimensions[w, i]
-    match worlds.shape_kinds[w, i]:
-        case kind if kind == SPHERE:
-            return f'type="sphere" size="{dimensions[0]}"'
-        case kind if kind == CAPSULE:
-            return f'type="capsule" size="{dimensions[0]} {0.5 * dimensions[1]}"'
-    return f'type="box" size="{_words(0.5 * dimensions)}"'
 
 
 def _interpolated(poses: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -296,7 +154,3 @@ def _interpolated(poses: NDArray[np.float64], at: NDArray[np.float64]) -> NDArra
     mixed = (1.0 - share) * first + share * second
     mixed[..., 3:] /= np.linalg.norm(mixed[..., 3:], axis=-1, keepdims=True)
     return mixed.transpose(1, 0, 2)
-
-
-def _words(numbers: Any) -> str:
-    return " ".join(repr(float(number)) for number in np.asarray(numbers))

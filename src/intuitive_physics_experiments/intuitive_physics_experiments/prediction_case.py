@@ -14,6 +14,8 @@ from intuitive_physics.scene import Environment
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_predictor.noisy_newton import predict
 
+LONGEST_NAME, SHORT_NAME = 16, 8
+
 
 @dataclass(frozen=True, eq=False)
 class PredictionCase:
@@ -104,7 +106,7 @@ def _cases_of(
     )
     return [
         PredictionCase(
-            name=f"{seen.id}: {thing.object.id}",
+            name=f"{_short(seen.id)}: {thing.object.id}",
             environment=seen.environment,
             radius=thing.object.shape.bounding_radius,
             times=times,
@@ -113,3 +115,8 @@ def _cases_of(
         )
         for j, (thing, times, later) in enumerate(zip(seen.objects, since, after, strict=True))
     ]
+
+
+def _short(name: str) -> str:
+    """A made-up id is told by its first letters, a given one as it is."""
+    return name if len(name) <= LONGEST_NAME else name[:SHORT_NAME]

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from intuitive_physics_experiments.coverage import LEVELS, coverage
 from intuitive_physics_experiments.prediction_case import PredictionCase
+from intuitive_physics_experiments.prediction_coverage import LEVELS, region_coverage
 from intuitive_physics_experiments.report_page import table
 from intuitive_physics_experiments.report_plots import coverage_plot, prediction_plot
 
@@ -58,7 +58,7 @@ def _all_cases(worst: Sequence[PredictionCase]) -> str:
 
 
 def _calibration(cases: Sequence[PredictionCase], noise: float) -> list[str]:
-    shares = coverage(cases, noise, np.random.default_rng(0))
+    shares = region_coverage(cases, noise, np.random.default_rng(0))
     told = ", ".join(
         f"those that claim {100.0 * level:.0f} % hold "
         f"{100.0 * shares[int(np.abs(LEVELS - level).argmin())]:.0f} %"

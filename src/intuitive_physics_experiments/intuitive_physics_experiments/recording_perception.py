@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from intuitive_physics.observation import Observation
 from intuitive_physics_experiments.bag_frames import FrameSource, find_frame_source, read_frames
 from intuitive_physics_experiments.bag_reader import BagReader
 from intuitive_physics_perception.environment_model import EnvironmentModel
-from intuitive_physics_perception.pipeline import PerceptionPipeline
+from intuitive_physics_perception.pipeline import Perceived, PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
 
@@ -46,6 +47,7 @@ def perceive_recording(
     *,
     topic: str | None = None,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
+    on_frame: Callable[[NDArray[np.float32], Perceived], None] = lambda points, perceived: None,
 ) -> PerceivedRecording:
     """Perceive every frame of a bag.
 
@@ -53,6 +55,7 @@ def perceive_recording(
     ----------
     topic : of depth images or clouds; None guesses
     on_progress : called with the frames done and the frames in all
+    on_frame : called with each frame's points (..., 3) m and what they told
 
     Raises
     ------
@@ -68,6 +71,7 @@ def perceive_recording(
         source, duration = find_frame_source(bag, topic), bag.duration
         for done, (time, points) in enumerate(read_frames(bag, source), start=1):
             perceived = pipeline.process(points, time)
+            on_frame(points, perceived)
             model = perceived.model or model
             observations += perceived.observations
             with_spheres += perceived.diagnostics.spheres > 0

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_experiments.coverage import LEVELS
+from intuitive_physics.polygons import clip_polygon, plane_square
 from intuitive_physics_experiments.figure_style import (
     DEFAULT,
     GRAVITY,
@@ -17,8 +17,8 @@ from intuitive_physics_experiments.figure_style import (
     PREDICTED,
     TRUE,
 )
-from intuitive_physics_experiments.polygons import clip_polygon, plane_square
 from intuitive_physics_experiments.prediction_case import PredictionCase
+from intuitive_physics_experiments.prediction_coverage import LEVELS
 
 MOST_SAMPLES_DRAWN = 30
 MOST_POINTS_DRAWN = 120

@@ -234,6 +234,7 @@ def write(path: Path, text: str = "") -> Path:
         (["perceive", "notes.txt"], "bag"),
         (["perceive", "."], "metadata.yaml"),
         (["perceive", "other.npz", "--save", "x"], "no motion to save"),
+        (["perceive", "cloud.npz", "--rerun", "x.rrd"], "expected --rerun with a bag"),
         (["perceive", "cloud.npz", "--ball", "foam"], "expected MATERIAL=RADIUS"),
         (["predict", "nowhere.json", "nowhere.json"], "cannot read nowhere.json"),
         (["report", "nowhere.npz", "out.html"], "there is no nowhere.npz"),

@@ -23,12 +23,12 @@ from intuitive_physics_bringup.demo.evaluation import (
     prediction_outcome,
     throw_errors,
 )
-from intuitive_physics_bringup.demo.example import example_frame
 from intuitive_physics_bringup.demo.learning import Learned, learn, learner_client
 from intuitive_physics_bringup.demo.progress import Progress
 from intuitive_physics_bringup.demo.suite import Suite
 from intuitive_physics_bringup.demo.watching import Heard, listen, replay
 from intuitive_physics_experiments.demo_result import DemoResult, LearningOutcome, PredictionOutcome
+from intuitive_physics_experiments.example_frame import example_frame
 from intuitive_physics_experiments.ground_truth import GroundTruth
 from intuitive_physics_experiments.prediction_case import predict_cases
 from intuitive_physics_experiments.rendered_bag import RenderSettings, reuse_or_render_bag
@@ -179,7 +179,13 @@ def _result(
         np.random.default_rng(options.seed),
     )
     return DemoResult(
-        example=example_frame(bag, seen.observations[1], seen.frame),
+        example=example_frame(
+            bag,
+            seen.observations[1],
+            truth.camera,
+            seen.frame.rotation,
+            seen.frame.translation,
+        ),
         learning=LearningOutcome(
             true=truth.static_parameters,
             learned=learned.parameters,

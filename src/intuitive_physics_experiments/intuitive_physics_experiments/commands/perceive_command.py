@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,12 @@ def add_to(commands: Any) -> None:
         "its largest plane, and that of a cloud the plane that faces up along z, if there is one",
     )
     parser.add_argument("--save", type=Path, metavar="FOLDER", help="save the observations here")
+    parser.add_argument(
+        "--rerun",
+        type=Path,
+        metavar="FILE",
+        help="write clouds, planes, gravity and balls of a bag as a Rerun recording (.rrd)",
+    )
     parser.add_argument("--seed", type=int, default=0, help="of random choices (default: 0)")
     parser.set_defaults(run=run)
 
@@ -79,6 +86,8 @@ def _perceive_cloud(options: argparse.Namespace) -> None:
     from intuitive_physics_experiments.npz_file import load_cloud
     from intuitive_physics_experiments.terminal import format_table
 
+    if options.rerun:
+        raise InvalidInputError("one cloud has nothing to play; expected --rerun with a bag")
     if options.save:
         raise InvalidInputError("one cloud has no motion to save; expected --save with a bag")
     points = load_cloud(options.path)
@@ -123,13 +132,15 @@ def _perceive_bag(options: argparse.Namespace) -> None:
     from intuitive_physics_experiments.recording_perception import perceive_recording
     from intuitive_physics_experiments.terminal import ProgressBar
 
-    with ProgressBar("perceiving") as bar:
+    with ExitStack() as stack:
+        bar = stack.enter_context(ProgressBar("perceiving"))
         recording = perceive_recording(
             options.path,
             _settings(options, options.up),
             np.random.default_rng(options.seed),
             topic=options.topic,
             on_progress=bar.update,
+            **_rerun_hook(options.rerun, stack),
         )
     source = recording.source
     print(
@@ -147,6 +158,14 @@ def _perceive_bag(options: argparse.Namespace) -> None:
     _print_observations(recording.observations)
     if options.save:
         _save(recording.observations, options.save)
+
+
+def _rerun_hook(path: Path | None, stack: ExitStack) -> dict[str, Any]:
+    if path is None:
+        return {}
+    from intuitive_physics_experiments.rerun_recording import RerunRecording
+
+    return {"on_frame": stack.enter_context(RerunRecording(path)).perceived}
 
 
 def _print_environment(environment: Environment) -> None:

@@ -15,6 +15,9 @@ from intuitive_physics_experiments.commands.observation_source import (
     read_observations,
 )
 
+PAUSE = 0.5
+"""s between two predictions of a recording."""
+
 
 def add_to(commands: Any) -> None:
     """Add the subcommand to a parser."""
@@ -36,6 +39,12 @@ def add_to(commands: Any) -> None:
     )
     parser.add_argument(
         "--engine", default=ENGINE, help=f"simulator to learn and predict with (default: {ENGINE})"
+    )
+    parser.add_argument(
+        "--rerun",
+        type=Path,
+        metavar="FILE",
+        help="write the predictions also as a Rerun recording (.rrd)",
     )
     parser.set_defaults(run=run)
 
@@ -60,8 +69,25 @@ def run(options: argparse.Namespace) -> None:
             progress_to(bar, options),
         )
     write_learning_report(report, options.output)
+    if options.rerun:
+        _record(report, options.rerun)
     error = report.evaluation.errors["learned parameters"][1].mean
     print(
         f"{options.output}: {len(report.evaluation.training)} observations learned from, "
         f"{len(report.evaluation.test)} predicted, {error:.4f} m off in the mean"
     )
+
+
+def _record(report: Any, path: Path) -> None:
+    """Write the predictions one after the other, each with what then was seen."""
+    from intuitive_physics_experiments.rerun_recording import RerunRecording
+
+    cases = iter(report.cases)
+    with RerunRecording(path) as recording:
+        start = 0.0
+        for seen in report.evaluation.test:
+            recording.environment(seen.environment)
+            for _ in seen.objects:
+                recording.prediction(next(cases), start)
+            recording.observation(seen, start)
+            start += max(t.trajectory.times[-1] for t in seen.objects) - seen.start_time + PAUSE

@@ -11,7 +11,6 @@ import numpy as np
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.simulation import Simulator, make_simulator
-from intuitive_physics_experiments.coverage import LEVELS, coverage
 from intuitive_physics_experiments.experiments.cells import CellStore
 from intuitive_physics_experiments.experiments.outcome import (
     markdown_table,
@@ -29,6 +28,7 @@ from intuitive_physics_experiments.paper_dataset import (
     make_paper_dataset,
 )
 from intuitive_physics_experiments.prediction_case import PredictionCase, predict_cases
+from intuitive_physics_experiments.prediction_coverage import LEVELS, region_coverage
 from intuitive_physics_learner.cost import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions, learn
 from intuitive_physics_learner.search import ConvergenceCriteria
@@ -80,7 +80,7 @@ def run_prediction(
         np.random.default_rng([settings.seed, 1]),
         settings.sample_count,
     )
-    shares = coverage(cases, POSITION_NOISE, np.random.default_rng([settings.seed, 2]))
+    shares = region_coverage(cases, POSITION_NOISE, np.random.default_rng([settings.seed, 2]))
     rows = [_row(case) for case in cases]
     write_csv(folder / "predictions.csv", rows)
     write_csv(

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_experiments.coverage import LEVELS
 from intuitive_physics_experiments.figure_style import DEFAULT, GRAVITY, OBSERVED, PREDICTED
 from intuitive_physics_experiments.prediction_case import PredictionCase
+from intuitive_physics_experiments.prediction_coverage import LEVELS
 
 COLUMNS = 3
 ERROR_LINES = 40
@@ -44,7 +44,7 @@ def draw_error_over_time(
     Parameters
     ----------
     cases : seen at the same times
-    shares : of `coverage`
+    shares : of `region_coverage`
     """
     left, right = figure.subplots(1, 2, width_ratios=(1.6, 1.0))
     times = cases[0].times

@@ -15,11 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_experiments.corner_room import BALL_RADII, ROOM_MATERIAL, true_parameters
 from intuitive_physics_experiments.evaluation import split
+from intuitive_physics_experiments.example_frame import example_frame
 from intuitive_physics_experiments.experiments.cells import CellStore
 from intuitive_physics_experiments.experiments.outcome import (
     markdown_table,
@@ -29,6 +31,8 @@ from intuitive_physics_experiments.experiments.outcome import (
 )
 from intuitive_physics_experiments.experiments.prediction_figure import draw_predictions
 from intuitive_physics_experiments.experiments.rgbd_figure import draw_errors_by_size
+from intuitive_physics_experiments.frame_figure import draw_frame
+from intuitive_physics_experiments.ground_truth import GroundTruth
 from intuitive_physics_experiments.observation_files import load_observations, save_observations
 from intuitive_physics_experiments.prediction_case import PredictionCase, predict_cases
 from intuitive_physics_experiments.recording_perception import perceive_recording
@@ -39,6 +43,7 @@ from intuitive_physics_learner.search import ConvergenceCriteria
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
 
 TRAIN_FRACTION = 0.8
+BAG_NAME = "throws"
 
 
 @dataclass(frozen=True)
@@ -71,7 +76,7 @@ def run_rgbd(
 ) -> list[dict[str, Any]]:
     """Render, perceive, learn and predict; write tables and figures, return a row for each ball."""
     store = CellStore(folder, {"experiment": "rgbd", **asdict(settings)})
-    observations = _observations(folder, settings, store, on_progress)
+    observations, perceived = _observations(folder, settings, store, on_progress)
     by_ball = {
         material: [seen for seen in observations if seen.objects[0].object.material == material]
         for material in BALL_RADII
@@ -117,6 +122,16 @@ def run_rgbd(
         rng = np.random.default_rng([settings.seed, len(cases)])
         cases += predict_cases(test[:1], theta, engine, rng, sample_count=20)
     write_figure(folder / "predictions.png", (12.0, 4.0), lambda fig: draw_predictions(fig, cases))
+    example = example_frame(
+        folder / BAG_NAME,
+        observations[0],
+        GroundTruth.load(folder / BAG_NAME).camera,
+        np.array(perceived["rotation"]),
+        np.array(perceived["translation"]),
+    )
+    write_figure(
+        folder / "seen.png", (9.0, 7.0), lambda figure: draw_frame(figure.add_subplot(), example)
+    )
     write_page(folder, "Thrown balls by a depth camera (Figs. 7 to 9)", command, _body(rows))
     return rows
 
@@ -126,9 +141,9 @@ def _observations(
     settings: RgbdSettings,
     store: CellStore,
     on_progress: Callable[[int, int, str], None],
-) -> list[Observation]:
-    """What perception made of the rendered throws; kept in `observations`."""
-    bag, kept = folder / "throws", folder / "observations"
+) -> tuple[list[Observation], dict[str, Any]]:
+    """What perception made of the rendered throws, kept in `observations`, and from where."""
+    bag, kept = folder / BAG_NAME, folder / "observations"
 
     def render() -> dict[str, Any]:
         render_settings = RenderSettings(
@@ -150,10 +165,15 @@ def _observations(
             on_progress=lambda done, total: on_progress(done, total, "perceiving"),
         )
         save_observations(recording.observations, kept)
-        return {"observations": len(recording.observations)}
+        if recording.model is None:
+            raise InvalidInputError(f"no environment was found in {bag}; expected that of a corner")
+        return {
+            "rotation": recording.model.rotation.tolist(),
+            "translation": recording.model.translation.tolist(),
+        }
 
-    store.run({"render": render, "perceive": perceive})
-    return load_observations(kept)
+    found = store.run({"render": render, "perceive": perceive})
+    return load_observations(kept), found["perceive"]
 
 
 def _row(material: str, found: dict[str, Any]) -> dict[str, Any]:
@@ -203,6 +223,7 @@ def _body(rows: Sequence[dict[str, Any]]) -> str:
         "Learned: from all throws of that ball, as in the paper. Test: a fifth of the throws, "
         "predicted with what the others taught. True parameters: those the balls obeyed. "
         f"Default: nothing learned.\n\n{markdown_table(header, lines)}\n\n"
+        "![A frame, and what was found in it](seen.png)\n\n"
         "![Errors by size](errors_by_size.png)\n\n![Predictions of throws that were not learned "
         "from](predictions.png)"
     )

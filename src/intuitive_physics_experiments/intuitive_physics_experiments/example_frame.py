@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.observation import Observation
-from intuitive_physics_bringup.demo.evaluation import PerceivedFrame
 from intuitive_physics_experiments.bag_reader import BagReader
+from intuitive_physics_experiments.camera import Camera
 from intuitive_physics_experiments.demo_result import ExampleFrame
 from intuitive_physics_experiments.depth_bag_writer import DEPTH_TOPIC
 from intuitive_physics_perception.depth import (
@@ -26,9 +26,21 @@ HEIGHT_SHOWN = 0.25
 """m; the frame shown is one in which the ball is well above the floor."""
 
 
-def example_frame(bag: Path, observation: Observation, frame: PerceivedFrame) -> ExampleFrame:
-    """Take the frame of a throw in which the ball flies, with the planes in view."""
-    camera = frame.truth.camera
+def example_frame(
+    bag: Path,
+    observation: Observation,
+    camera: Camera,
+    rotation: NDArray[np.float64],
+    translation: NDArray[np.float64],
+) -> ExampleFrame:
+    """Take the frame of a throw in which the ball flies, with the planes in view.
+
+    Parameters
+    ----------
+    bag : with the depth images of `camera`
+    observation : of the throw
+    rotation, translation : (3, 3) and (3,) m, p_environment = rotation p_sensor + translation
+    """
     seen = observation.objects[0]
     track = seen.trajectory
     flying = np.flatnonzero(track.positions[:, 2] > HEIGHT_SHOWN)
@@ -42,12 +54,10 @@ def example_frame(bag: Path, observation: Observation, frame: PerceivedFrame) ->
     return ExampleFrame(
         depth=depth.copy(),
         camera_matrix=camera.matrix(),
-        rotation=frame.rotation,
-        translation=frame.translation,
+        rotation=rotation,
+        translation=translation,
         environment=observation.environment,
-        plane_outlines=tuple(
-            plane.corners @ frame.rotation.T + frame.translation for plane in model.detected
-        ),
+        plane_outlines=tuple(plane.corners @ rotation.T + translation for plane in model.detected),
         sphere_center=track.positions[shown],
         sphere_radius=seen.object.shape.bounding_radius,
         track=track.positions,

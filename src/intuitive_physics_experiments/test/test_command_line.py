@@ -148,7 +148,7 @@ def test_evaluate_recorded_cube_tosses(recording: Callable[[str], Path]) -> None
 def test_balls_that_fly_through_air_are_predicted_better(
     recording: Callable[[str], Path], name: str
 ) -> None:
-    arguments = ["evaluate", recording(name), "--engine", "stepped", "--iterations", 200]
+    arguments = ["evaluate", recording(name), "--engine", "stepped", "--iterations", 600]
     results = [run(*arguments), run(*arguments, "--drag", 0.4, "--magnus", 1)]
     assert [result.returncode for result in results] == [0, 0], results[1].stderr
     without, with_air = (errors_in_test(r.stdout)["learned parameters"] for r in results)

@@ -148,14 +148,15 @@ def _runs(objects: int, samples: int) -> int:
 
 def test_thrown_balls_through_the_whole_pipeline(tmp_path: Path, needs_open3d: None) -> None:
     pytest.importorskip("pybullet")
-    rows = run_rgbd(tmp_path, RgbdSettings(throws=2, duration=1.2, iterations=1000), "test")
+    rows = run_rgbd(tmp_path, RgbdSettings(throws=2, duration=1.2, iterations=300), "test")
     assert {row["radius"] for row in rows} == {0.03, 0.05, 0.07}
     assert sum(row["observations"] for row in rows) >= 5
     learned, true, default = (
         np.mean([row[name] for row in rows]) for name in ("learned", "true_parameters", "default")
     )
-    # Two throws of a ball leave J several minima; what is found is far nearer to the truth's J.
-    assert learned - true < 0.25 * (default - true)
+    # Fitted to what was seen: as good as the truth, up to what the search left; 3 mm is the camera.
+    assert learned < 1.2 * true + 0.003
+    assert default > 2.0 * learned
     for name in ("seen.png", "errors_by_size.png", "predictions.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
 

@@ -21,7 +21,7 @@ from intuitive_physics_learner.learning_session import (
     LearningResult,
     learn,
 )
-from intuitive_physics_learner.methods import JOINT_METHOD, METHODS
+from intuitive_physics_learner.methods import DEFAULT_METHOD, JOINT_METHOD, METHODS
 from intuitive_physics_learner.search import ParameterSearch
 from intuitive_physics_learner.store import ObservationStore
 from intuitive_physics_learner.stored_learning import learn_from_store
@@ -29,6 +29,7 @@ from intuitive_physics_learner.trials import Trials
 from intuitive_physics_learner.update_rules import UPDATE_RULES, UpdateRule, make_update_rule
 
 __all__ = [
+    "DEFAULT_METHOD",
     "JOINT_METHOD",
     "METHODS",
     "UPDATE_RULES",

@@ -27,7 +27,7 @@ from intuitive_physics_learner.cost import Cost, InterruptibleCost, MakeCost, Tr
 from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
 from intuitive_physics_learner.identifiability import Identifiability, identify
 from intuitive_physics_learner.joint_estimation import JointSearch, judge
-from intuitive_physics_learner.methods import JOINT_METHOD, check_method
+from intuitive_physics_learner.methods import DEFAULT_METHOD, JOINT_METHOD, check_method
 from intuitive_physics_learner.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.search import ParameterSearch, Search
 from intuitive_physics_learner.update_rules import make_update_rule
@@ -49,7 +49,7 @@ class LearningOptions:
     observation_ids : to learn from; none: all that are stored
     """
 
-    method: str = JOINT_METHOD
+    method: str = DEFAULT_METHOD
     criteria: ConvergenceCriteria = field(default_factory=ConvergenceCriteria)
     seed: int = 0
     bounds: Mapping[str, Bounds] = field(default_factory=dict)

@@ -6,9 +6,16 @@ from intuitive_physics_learner.errors import UnknownMethodError
 from intuitive_physics_learner.update_rules import UPDATE_RULES
 
 JOINT_METHOD = "levenberg_marquardt"
-"""Joint estimation of θ_s and first states (`joint_estimation`)."""
+"""Joint estimation of θ_s and first states (`joint_estimation`).
 
-METHODS = (JOINT_METHOD, *UPDATE_RULES)
+The quickest where the simulation has all the effects that the observations have. Where it lacks one
+(the air, a shape that is not quite so) its residuals exceed the noise it expects, and it stays with
+the first part of the trajectories.
+"""
+
+DEFAULT_METHOD = "cma_es"
+
+METHODS = (DEFAULT_METHOD, JOINT_METHOD, *(name for name in UPDATE_RULES if name != DEFAULT_METHOD))
 """All names, the default first."""
 
 

@@ -17,7 +17,7 @@ from intuitive_physics_learner.cluster import WHERE_GUIDE
 from intuitive_physics_learner.convergence import ConvergenceCriteria
 from intuitive_physics_learner.database_path import default_database_path
 from intuitive_physics_learner.learning_session import LearningOptions
-from intuitive_physics_learner.methods import JOINT_METHOD, METHODS
+from intuitive_physics_learner.methods import DEFAULT_METHOD, METHODS
 from intuitive_physics_learner.online.improvement import OnlineOptions
 from intuitive_physics_learner.online.priority import PRIORITIES
 from intuitive_physics_ros.conversions import bounds_from_messages
@@ -60,7 +60,7 @@ def node_parameters() -> tuple[Parameter, ...]:
 
 def _search_parameters() -> tuple[Parameter, ...]:
     return (
-        Parameter("method", JOINT_METHOD, "of the search", choices=METHODS, read_only=False),
+        Parameter("method", DEFAULT_METHOD, "of the search", choices=METHODS, read_only=False),
         Parameter(
             "max_iterations",
             2000,
@@ -103,7 +103,7 @@ def _online_parameters() -> tuple[Parameter, ...]:
         ),
         Parameter(
             f"{ONLINE_PREFIX}_method",
-            JOINT_METHOD,
+            DEFAULT_METHOD,
             "of the search in the background",
             choices=METHODS,
             read_only=False,
@@ -130,6 +130,13 @@ def _online_parameters() -> tuple[Parameter, ...]:
             range=(0.1, 1e6),
             read_only=False,
         ),
+        Parameter(
+            f"{ONLINE_PREFIX}_iterations_without_gain",
+            OnlineOptions.iterations_without_gain,
+            "evaluations of J without gain after which the background rests until there is news",
+            range=(1, 10_000_000),
+            read_only=False,
+        ),
     )
 
 
@@ -139,6 +146,9 @@ def online_options(node: Node) -> OnlineOptions:
         method=node.get_parameter(f"{ONLINE_PREFIX}_method").value,
         seed=node.get_parameter("seed").value,
         seconds=node.get_parameter(f"{ONLINE_PREFIX}_seconds").value,
+        iterations_without_gain=node.get_parameter(
+            f"{ONLINE_PREFIX}_iterations_without_gain"
+        ).value,
     )
 
 

@@ -26,6 +26,7 @@ from intuitive_physics_learner.joint_estimation.halves import halves, widening
 from intuitive_physics_learner.joint_estimation.noise import position_noise
 from intuitive_physics_learner.joint_estimation.normal_equations import bounded_step
 from intuitive_physics_learner.joint_estimation.parameter_groups import separate_groups
+from intuitive_physics_learner.methods import JOINT_METHOD
 
 MATERIALS = ("ball", "floor")
 NOISE, STATE_NOISE = 0.005, 0.02
@@ -44,7 +45,7 @@ def joint_search(observed, simulator):
 
 def test_noisy_first_states_do_not_bias(event_driven, throws, true_parameters):
     observed = throws(8, 5, NOISE, STATE_NOISE)
-    options = LearningOptions(criteria=ConvergenceCriteria(1000))
+    options = LearningOptions(JOINT_METHOD, ConvergenceCriteria(1000))
     learned = learn(observed, event_driven, options).learned
     got, true = (theta.pair(*MATERIALS) for theta in (learned.parameters, true_parameters))
     # Velocities err by 0.1 m/s of 3 m/s: taken as they are, restitution would err by some per cent.
@@ -61,7 +62,7 @@ def test_stated_deviations_cover_the_truth(event_driven, throws, true_parameters
     scores = []
     for seed in range(10):
         observed = throws(8, 20 + seed, NOISE, STATE_NOISE)
-        options = LearningOptions(criteria=ConvergenceCriteria(700))
+        options = LearningOptions(JOINT_METHOD, ConvergenceCriteria(700))
         learned = learn(observed, event_driven, options).learned
         errors = parameter_vector(learned.parameters) - parameter_vector(true_parameters)
         scores += (errors / learned.standard_deviations)[learned.identified].tolist()

@@ -561,7 +561,6 @@ def test_learns_in_the_background_as_observations_arrive(start, caller, throws, 
     for one in throws(6, 0, noise=0.003):
         caller.observations.publish(observation_to_message(one))
     caller.spin_until(lambda: caller.published and caller.published[-1].version >= 1, 60.0)
-    caller.spin_until(lambda: background_told(caller) == "searching")
     caller.spin_until(lambda: background_told(caller) == "waiting for observations", 60.0)
     newest = caller.call(GetStaticParameters).static_parameters
     assert caller.published[-1].version == newest.version
@@ -573,7 +572,12 @@ def test_learns_in_the_background_as_observations_arrive(start, caller, throws, 
 
 
 def test_the_background_gives_way_and_can_be_turned_off_and_on(start, caller, throws):
-    endless = ("online_seconds:=100000.0", "online_method:=random", "online_priority:=normal")
+    endless = (
+        "online_seconds:=100000.0",
+        "online_iterations_without_gain:=10000000",
+        "online_method:=random",
+        "online_priority:=normal",
+    )
     start("online:=true", *endless)
     for one in throws(6, 0):
         caller.add(one)

@@ -31,6 +31,7 @@ from intuitive_physics_experiments.prediction_case import PredictionCase, predic
 from intuitive_physics_experiments.prediction_coverage import LEVELS, region_coverage
 from intuitive_physics_learner.cost import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions, learn
+from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.search import ConvergenceCriteria
 
 FIRST, EXAMPLES = "three_points", 6
@@ -107,7 +108,9 @@ def _learned(
     settings: PredictionSettings, dataset: PaperDataset, simulator: Simulator
 ) -> dict[str, Any]:
     options = LearningOptions(
-        criteria=ConvergenceCriteria(max_iterations=settings.iterations), seed=settings.seed
+        method=JOINT_METHOD,
+        criteria=ConvergenceCriteria(max_iterations=settings.iterations),
+        seed=settings.seed,
     )
     result = learn(dataset.training_observations, simulator, options)
     parameters = result.learned.parameters.extended(dataset.parameters.materials)

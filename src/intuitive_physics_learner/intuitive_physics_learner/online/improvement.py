@@ -16,7 +16,7 @@ from intuitive_physics_learner.convergence import (
 )
 from intuitive_physics_learner.cost import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions
-from intuitive_physics_learner.methods import JOINT_METHOD
+from intuitive_physics_learner.methods import DEFAULT_METHOD
 from intuitive_physics_learner.store import ObservationStore
 from intuitive_physics_learner.stored_learning import StoredSearch
 
@@ -43,7 +43,7 @@ class OnlineOptions:
     iterations_without_gain : evaluations of J without gain after which a set is left alone
     """
 
-    method: str = JOINT_METHOD
+    method: str = DEFAULT_METHOD
     seed: int = 0
     seconds: float = 30.0
     iterations_without_gain: int = 2000

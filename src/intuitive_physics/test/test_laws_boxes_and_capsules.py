@@ -229,7 +229,7 @@ def test_bodies_rest_on_one_another_and_on_static_boxes(engine):
         np.testing.assert_allclose(x[:, :2], 0.0, atol=5e-3)
 
 
-@engines(STEPPED)
+@engines(STEPPED, BULLET)
 def test_an_impulse_turns_a_hollow_box_less(engine):
     # A corner edge hits a smooth floor: ω = m (1 + e) v d / (I + m d²), by a contact d beside the
     # centre; I of a cube is f m a² / 6.
@@ -246,4 +246,5 @@ def test_an_impulse_turns_a_hollow_box_less(engine):
             quaternion_product(q[0, 1], q[0, 0] * np.array([-1, -1, -1, 1]))[:3]
         )
         expected = (1 + e) * speed * lever / (factor * edge**2 / 6 + lever**2) * 0.01
-        assert turned == pytest.approx(expected, rel=1e-3)
+        # Bullet's impact goes on over several of its steps, in which the box turns.
+        assert turned == pytest.approx(expected, rel=5e-2 if engine is BULLET else 1e-3)

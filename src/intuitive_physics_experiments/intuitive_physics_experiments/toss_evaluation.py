@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from intuitive_physics.errors import UnsupportedSceneError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.validation import finite_array
@@ -120,15 +119,7 @@ def evaluate_tosses(
     ------
     InvalidInputError
         When there are too few tosses or the share is not between 0 and 1.
-    UnsupportedSceneError
-        When bullet is to turn a cube that is no solid one.
     """
-    cube = tosses[0].observation.objects[0].object if tosses else None
-    if "bullet" in engines and cube is not None and cube.inertia_factor != 1.0:
-        raise UnsupportedSceneError(
-            "the cube has a measured moment of inertia; bullet takes all objects for solid, use "
-            "stepped or mujoco or leave the measured one out"
-        )
     training, test = split(tosses, train_fraction, options.seed)
     parts = (TossBatch(training), TossBatch(test))
     fits = {}

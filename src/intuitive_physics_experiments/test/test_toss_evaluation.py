@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from intuitive_physics.errors import InvalidInputError, UnsupportedSceneError
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_experiments.cube_tosses import cube_tosses
 from intuitive_physics_experiments.toss_errors import TossErrors
 from intuitive_physics_experiments.toss_evaluation import (
@@ -50,12 +50,6 @@ def test_mujoco_is_fitted_in_its_softness_too(toss_arrays: TossArrays) -> None:
     fit = evaluate_tosses(tosses, ["mujoco"], options, train_fraction=0.5).fits["mujoco"]
     assert fit.search.cost < toss_cost(fit.default[0], 0.1)
     assert fit.simulator.name == "mujoco"
-
-
-def test_bullet_refuses_a_cube_that_is_not_solid(toss_arrays: TossArrays) -> None:
-    arrays = {**toss_arrays(2, "stepped"), "mass": np.array(0.4), "inertia": np.array(8e-4)}
-    with pytest.raises(UnsupportedSceneError, match="takes all objects for solid"):
-        evaluate_tosses(cube_tosses(arrays, measured_inertia=True), ["bullet"], OPTIONS)
 
 
 def test_the_cost_is_distance_plus_turn_of_a_face() -> None:

@@ -61,7 +61,7 @@ def plan_world(worlds: WorldBatch, w: int) -> Plan:
         shapes=shapes,
         surfaces=all_surfaces[:count],
         masses=[s.mass(rho) for s, rho in zip(shapes, density, strict=True)],
-        inertias=[s.inertia(rho) for s, rho in zip(shapes, density, strict=True)],
+        inertias=[rho * worlds.unit_inertias[w, i] for i, rho in enumerate(density)],
         states=worlds.states[w, :count],
     )
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import Field, dataclass, field, fields
+from dataclasses import Field, dataclass, fields
 from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.setting_fields import choice, number, other
 from intuitive_physics.validation import finite_float, name_string, positive_float, unit_vector
 
 GRAVITY_SOURCES = ("plane", "up_hint", "imu")
@@ -35,21 +36,6 @@ class KnownObject:
         name_string(self.material, f"material of known object {self.name}")
 
 
-def _number(default: float, lower: float, upper: float, description: str) -> Any:
-    return field(
-        default=default,
-        metadata={"description": description, "lower": lower, "upper": upper},
-    )
-
-
-def _other(default: Any, description: str) -> Any:
-    return field(default=default, metadata={"description": description})
-
-
-def _choice(default: str, choices: tuple[str, ...], description: str) -> Any:
-    return field(default=default, metadata={"description": description, "choices": choices})
-
-
 @dataclass(frozen=True)
 class PerceptionSettings:
     """What perception may be told. Every field says its meaning, unit and range in its metadata.
@@ -60,130 +46,130 @@ class PerceptionSettings:
         When a value lies outside its range or two values contradict each other.
     """
 
-    min_range: float = _number(0.15, 0.01, 100.0, "nearer points are ignored, m")
-    max_range: float = _number(30.0, 0.1, 1000.0, "farther points are ignored, m")
-    range_noise_constant: float = _number(
+    min_range: float = number(0.15, 0.01, 100.0, "nearer points are ignored, m")
+    max_range: float = number(30.0, 0.1, 1000.0, "farther points are ignored, m")
+    range_noise_constant: float = number(
         0.002, 1e-5, 1.0, "standard deviation of a range reading at close range, m"
     )
-    range_noise_quadratic: float = _number(
+    range_noise_quadratic: float = number(
         0.0015, 0.0, 1.0, "growth of that standard deviation with range squared, 1/m"
     )
-    range_noise_max: float = _number(
+    range_noise_max: float = number(
         0.05, 1e-4, 10.0, "the standard deviation of a range reading never exceeds this, m"
     )
-    estimate_noise: bool = _other(
+    estimate_noise: bool = other(
         True, "measure the range noise on the planes of the environment once they are known"
     )
-    lateral_noise: float = _number(
+    lateral_noise: float = number(
         0.0008, 0.0, 0.1, "standard deviation of the direction of a reading, rad"
     )
-    correlated_readings: float = _number(
+    correlated_readings: float = number(
         2.0, 1.0, 100.0, "neighbouring readings that share one error, as a matching window makes"
     )
 
-    environment_frames: int = _number(8, 1, 300, "frames fused to model the environment")
-    plane_min_fraction: float = _number(
+    environment_frames: int = number(8, 1, 300, "frames fused to model the environment")
+    plane_min_fraction: float = number(
         0.008, 0.002, 1.0, "smallest part of all points that makes a plane"
     )
-    max_planes: int = _number(8, 1, 16, "planes looked for at most")
-    plane_tolerance: float = _number(
+    max_planes: int = number(8, 1, 16, "planes looked for at most")
+    plane_tolerance: float = number(
         0.005, 0.0, 1.0, "unevenness of a plane that is no object on it, m"
     )
-    plane_sigmas: float = _number(
+    plane_sigmas: float = number(
         4.0, 1.0, 10.0, "points nearer to a plane than so many standard deviations belong to it"
     )
-    gravity: float = _number(9.81, 0.0, 100.0, "strength of gravity, m/s^2")
-    gravity_source: str = _choice(
+    gravity: float = number(9.81, 0.0, 100.0, "strength of gravity, m/s^2")
+    gravity_source: str = choice(
         "plane",
         GRAVITY_SOURCES,
         "what tells where down is: the normal of the support, up_hint taken as exact, or an IMU",
     )
-    up_hint: tuple[float, float, float] | None = _other(
+    up_hint: tuple[float, float, float] | None = other(
         None,
         "roughly upward direction in the sensor's frame; none: the plane with most points is the "
         "support",
     )
-    up_hint_tolerance: float = _number(
+    up_hint_tolerance: float = number(
         20.0, 0.1, 90.0, "largest angle between up and the normal of the support, degrees"
     )
-    moved_fraction: float = _number(
+    moved_fraction: float = number(
         0.6,
         0.0,
         1.0,
         "the sensor was moved when less than this part of the readings that should lie on planes "
         "does; 0: never",
     )
-    moved_time: float = _number(0.5, 0.0, 60.0, "for so long, s, until planes are modelled anew")
-    plane_material: str = _other("environment", "material of the planes")
-    static_boxes: bool = _other(
+    moved_time: float = number(0.5, 0.0, 60.0, "for so long, s, until planes are modelled anew")
+    plane_material: str = other("environment", "material of the planes")
+    static_boxes: bool = other(
         True,
         "model what stands there from the start and is no object as boxes; false: leave it out",
     )
-    static_box_max_size: float = _number(
+    static_box_max_size: float = number(
         2.0, 0.05, 100.0, "what is longer is not modelled as one box, m"
     )
-    environment_frame_id: str = _other(
+    environment_frame_id: str = other(
         "environment", "name of the gravity-aligned frame everything is published in"
     )
 
-    min_radius: float = _number(0.015, 0.001, 10.0, "smallest radius of a sphere, m")
-    max_radius: float = _number(0.40, 0.001, 10.0, "largest radius of a sphere, m")
-    min_points: int = _number(30, 8, 100000, "points a sphere needs at least")
-    cluster_angle: float = _number(
+    min_radius: float = number(0.015, 0.001, 10.0, "smallest radius of a sphere, m")
+    max_radius: float = number(0.40, 0.001, 10.0, "largest radius of a sphere, m")
+    min_points: int = number(30, 8, 100000, "points a sphere needs at least")
+    cluster_angle: float = number(
         0.04, 0.001, 0.5, "gap between neighbours in a cloud that is not organised, rad"
     )
-    hypotheses: int = _number(192, 8, 100000, "random spheres tried on a cluster")
-    max_misfit: float = _number(
+    hypotheses: int = number(192, 8, 100000, "random spheres tried on a cluster")
+    max_misfit: float = number(
         1.5, 1.0, 100.0, "mean squared residual of a sphere, in variances of the noise, at most"
     )
-    min_surface_fraction: float = _number(
+    min_surface_fraction: float = number(
         0.9, 0.1, 1.0, "part of the readings in a sphere's outline that must lie on its surface"
     )
-    min_visible_fraction: float = _number(
+    min_visible_fraction: float = number(
         0.45, 0.05, 1.0, "part of a sphere's outline in which its surface must be seen"
     )
-    min_partly_visible: float = _number(
+    min_partly_visible: float = number(
         0.15, 0.05, 1.0, "the same for a sphere that is hidden or cut off but densely seen"
     )
-    max_radius_uncertainty: float = _number(
+    max_radius_uncertainty: float = number(
         0.15, 0.001, 1.0, "standard deviation of a fitted radius, in radii, that is still a sphere"
     )
-    find_solids: bool = _other(True, "look for boxes and capsules, too")
-    min_solid_points: int = _number(
+    find_solids: bool = other(True, "look for boxes and capsules, too")
+    min_solid_points: int = number(
         120,
         20,
         1000000,
         "points a box or capsule needs at least",
     )
-    max_solid_size: float = _number(
+    max_solid_size: float = number(
         0.8, 0.01, 100.0, "a box or capsule reaches no further from end to end, m"
     )
-    object_material: str = _other("ball", "material of spheres that are no known object")
-    known_objects: tuple[KnownObject, ...] = _other((), "objects known by their radius")
-    known_object_tolerance: float = _number(
+    object_material: str = other("ball", "material of spheres that are no known object")
+    known_objects: tuple[KnownObject, ...] = other((), "objects known by their radius")
+    known_object_tolerance: float = number(
         0.006, 0.0001, 1.0, "a sphere is a known object when its radius differs by no more, m"
     )
 
-    confirming_hits: int = _number(3, 1, 100, "detections that make a track an object")
-    coast_time: float = _number(0.25, 0.0, 10.0, "a track unseen for longer is closed, s")
-    acceleration_noise: float = _number(
+    confirming_hits: int = number(3, 1, 100, "detections that make a track an object")
+    coast_time: float = number(0.25, 0.0, 10.0, "a track unseen for longer is closed, s")
+    acceleration_noise: float = number(
         1.5, 0.0, 1000.0, "standard deviation of an unmodelled acceleration, m/s^2"
     )
-    max_speed: float = _number(15.0, 0.1, 1000.0, "fastest object, m/s")
-    bounce_restitution: float = _number(
+    max_speed: float = number(15.0, 0.1, 1000.0, "fastest object, m/s")
+    bounce_restitution: float = number(
         0.6, 0.0, 1.0, "restitution the tracker expects of a bounce it knows nothing of"
     )
-    rest_speed: float = _number(0.05, 0.001, 10.0, "a slower object may be at rest, m/s")
-    rest_time: float = _number(0.5, 0.05, 60.0, "time of no motion after which it is, s")
+    rest_speed: float = number(0.05, 0.001, 10.0, "a slower object may be at rest, m/s")
+    rest_time: float = number(0.5, 0.05, 60.0, "time of no motion after which it is, s")
 
-    min_travel: float = _number(
+    min_travel: float = number(
         0.15, 0.01, 1000.0, "an object that moved less is not worth learning from, m"
     )
-    min_observed_points: int = _number(
+    min_observed_points: int = number(
         6, 3, 10000, "points an object needs to be part of an observation"
     )
-    max_duration: float = _number(10.0, 0.1, 3600.0, "an observation is closed after so long, s")
-    angular_velocity_deviation: float = _number(
+    max_duration: float = number(10.0, 0.1, 3600.0, "an observation is closed after so long, s")
+    angular_velocity_deviation: float = number(
         10.0, 0.0, 10000.0, "standard deviation of the unknown spin, rad/s"
     )
 
@@ -210,13 +196,13 @@ class PerceptionSettings:
         name, value = setting.name, getattr(self, setting.name)
         if "lower" in setting.metadata:
             lower, upper = setting.metadata["lower"], setting.metadata["upper"]
-            number = finite_float(value, name)
-            if not lower <= number <= upper:
-                raise InvalidInputError(f"{name} is {number:g}; expected {lower:g} to {upper:g}")
-            if isinstance(setting.default, int) and number != int(number):
-                raise InvalidInputError(f"{name} is {number:g}; expected a whole number")
+            got = finite_float(value, name)
+            if not lower <= got <= upper:
+                raise InvalidInputError(f"{name} is {got:g}; expected {lower:g} to {upper:g}")
+            if isinstance(setting.default, int) and got != int(got):
+                raise InvalidInputError(f"{name} is {got:g}; expected a whole number")
             kind = int if isinstance(setting.default, int) else float
-            object.__setattr__(self, name, kind(number))
+            object.__setattr__(self, name, kind(got))
         elif "choices" in setting.metadata:
             if value not in setting.metadata["choices"]:
                 raise InvalidInputError(

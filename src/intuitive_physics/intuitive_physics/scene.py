@@ -232,6 +232,8 @@ class SceneObject:
     magnus_coefficient : C_M in the Magnus force ½ ρ A r C_M ω × v, with A = π r²
     inertia_factor : of a box or capsule, its moments of inertia over those of a uniform solid of
         the same mass, above zero: 1.2 for a cube with walls, say
+    mass_centre : (3,) m, centre of mass of a box or capsule in its own axes, from the shape's
+        centre, inside the shape. Poses and velocities of a state stay those of the shape's centre
     """
 
     id: str
@@ -240,6 +242,7 @@ class SceneObject:
     drag_coefficient: float = 0.0
     magnus_coefficient: float = 0.0
     inertia_factor: float = 1.0
+    mass_centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         name_string(self.id, "object id")
@@ -258,6 +261,18 @@ class SceneObject:
                 "event_driven rolls solid ones only"
             )
         object.__setattr__(self, "inertia_factor", factor)
+        object.__setattr__(self, "mass_centre", self._checked_mass_centre())
+
+    def _checked_mass_centre(self) -> tuple[float, float, float]:
+        words = f"centre of mass of object {self.id}"
+        x, y, z = finite_array(self.mass_centre, words, (3,)).tolist()
+        if (x, y, z) == (0.0, 0.0, 0.0):
+            return x, y, z
+        if isinstance(self.shape, Sphere):
+            raise InvalidInputError(f"{words} is {[x, y, z]} m; expected 0 for a sphere")
+        if not self.shape.contains((x, y, z)):
+            raise InvalidInputError(f"{words} is {[x, y, z]} m; expected it inside {self.shape}")
+        return x, y, z
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data that `from_dict` reads back."""
@@ -268,6 +283,7 @@ class SceneObject:
             "drag_coefficient": self.drag_coefficient,
             "magnus_coefficient": self.magnus_coefficient,
             "inertia_factor": self.inertia_factor,
+            "mass_centre": list(self.mass_centre),
         }
 
     @staticmethod
@@ -281,6 +297,7 @@ class SceneObject:
                 data.get("drag_coefficient", 0.0),
                 data.get("magnus_coefficient", 0.0),
                 data.get("inertia_factor", 1.0),
+                data.get("mass_centre", (0.0, 0.0, 0.0)),
             )
         except (KeyError, TypeError) as error:
             raise InvalidInputError(

@@ -9,7 +9,7 @@ from math import pi
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.validation import finite_array, positive_float
@@ -38,6 +38,10 @@ class Shape(ABC):
     @abstractmethod
     def unit_density_inertia(self) -> NDArray[np.float64]:
         """Principal moments of inertia at 1 kg/m³, shape (3,), in kg m², in the body frame."""
+
+    @abstractmethod
+    def contains(self, point: ArrayLike) -> bool:
+        """Whether a point (3,) m of the body frame lies inside or on the surface."""
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
@@ -82,6 +86,9 @@ class Sphere(Shape):
     def unit_density_inertia(self) -> NDArray[np.float64]:
         return np.full(3, 0.4 * self.volume * self.radius**2)
 
+    def contains(self, point: ArrayLike) -> bool:
+        return bool(np.linalg.norm(point) <= self.radius)
+
     def to_dict(self) -> dict[str, Any]:
         return {"kind": self.kind, "radius": self.radius}
 
@@ -120,6 +127,9 @@ class Box(Shape):
     def unit_density_inertia(self) -> NDArray[np.float64]:
         squares = np.square(self.edge_lengths)
         return self.volume / 12.0 * (squares.sum() - squares)
+
+    def contains(self, point: ArrayLike) -> bool:
+        return bool(np.all(np.abs(point) <= 0.5 * np.array(self.edge_lengths)))
 
     def to_dict(self) -> dict[str, Any]:
         return {"kind": self.kind, "edge_lengths": list(self.edge_lengths)}
@@ -166,6 +176,11 @@ class Capsule(Shape):
             83.0 / 320.0 * r**2 + to_centroid**2
         )
         return np.array([transverse, transverse, axial])
+
+    def contains(self, point: ArrayLike) -> bool:
+        x, y, z = np.asarray(point, dtype=float).tolist()
+        beyond = max(abs(z) - 0.5 * self.length, 0.0)
+        return x * x + y * y + beyond * beyond <= self.radius**2
 
     def to_dict(self) -> dict[str, Any]:
         return {"kind": self.kind, "radius": self.radius, "length": self.length}

@@ -48,6 +48,7 @@ def model_key(worlds: WorldBatch, w: int) -> tuple[Any, ...]:
         worlds.shape_kinds[w, :count].tobytes(),
         worlds.dimensions[w, :count].tobytes(),
         worlds.unit_inertias[w, :count].tobytes(),
+        worlds.mass_centres[w, :count].tobytes(),
         worlds.object_materials[w, :count].tobytes(),
     )
 
@@ -57,7 +58,8 @@ def model_text(worlds: WorldBatch, w: int, time_step: float) -> str:
     environment = worlds.environments[worlds.environment_index[w]]
     count = int(worlds.object_counts[w])
     things = "".join(
-        f'<body><freejoint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+        f'<body><freejoint/><inertial pos="{_words(worlds.mass_centres[w, i])}" mass="1" '
+        'diaginertia="1 1 1"/>'
         f'<geom name="thing_{i}" {_solid(worlds, w, i)} {NO_OTHER_CONTACT}/></body>'
         for i in range(count)
     )

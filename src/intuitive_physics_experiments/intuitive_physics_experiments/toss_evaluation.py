@@ -15,6 +15,11 @@ from intuitive_physics_experiments.cube_tosses import MATERIALS, CubeToss
 from intuitive_physics_experiments.evaluation import split
 from intuitive_physics_experiments.experiment_engines import make_experiment_simulator
 from intuitive_physics_experiments.toss_errors import TossBatch, TossErrors
+from intuitive_physics_experiments.toss_mass_centre import (
+    MassCentreFit,
+    fit_mass_centre,
+    with_mass_centre,
+)
 from intuitive_physics_experiments.tumbling_flight import tumbling_flight
 from intuitive_physics_learner.convergence import SearchProgress, SearchResult
 from intuitive_physics_learner.learning_session import LearningOptions
@@ -71,12 +76,14 @@ class TossEvaluation:
     training, test : tosses fitted to and not fitted to
     fits : by the engine's name
     free_flight : errors in training and in the test of flying until the first touch
+    mass_centre : what was learned of it, if it was
     """
 
     training: tuple[CubeToss, ...]
     test: tuple[CubeToss, ...]
     fits: dict[str, TossFit]
     free_flight: tuple[TossErrors, TossErrors]
+    mass_centre: MassCentreFit | None = None
 
 
 def toss_parameters(friction: float, restitution: float) -> StaticParameters:
@@ -105,6 +112,7 @@ def evaluate_tosses(
     options: LearningOptions,
     train_fraction: float = 0.25,
     on_progress: Callable[[SearchProgress], None] | None = None,
+    learn_mass_centre: bool = False,
 ) -> TossEvaluation:
     """Split at random (by the options' seed), fit each engine to one part, simulate both.
 
@@ -114,13 +122,21 @@ def evaluate_tosses(
     engines : names of simulators; each gets a fit of its own
     options : method, criteria and seed of the fit
     train_fraction : share that is fitted to, above 0 and below 1
+    learn_mass_centre : whether the cube's centre of mass is fitted too, to the training's flights
 
     Raises
     ------
     InvalidInputError
-        When there are too few tosses or the share is not between 0 and 1.
+        When there are too few tosses, the share is not between 0 and 1, or the flights do not tell
+        the centre of mass.
     """
     training, test = split(tosses, train_fraction, options.seed)
+    centre = fit_mass_centre(training) if learn_mass_centre else None
+    if centre is not None:
+        training, test = (
+            [with_mass_centre(toss, centre.mass_centre) for toss in part]
+            for part in (training, test)
+        )
     parts = (TossBatch(training), TossBatch(test))
     fits = {}
     for name in engines:
@@ -137,7 +153,7 @@ def evaluate_tosses(
             default=_both(parts, simulator, default),
         )
     flights = (_fly(training, parts[0]), _fly(test, parts[1]))
-    return TossEvaluation(tuple(training), tuple(test), fits, flights)
+    return TossEvaluation(tuple(training), tuple(test), fits, flights, centre)
 
 
 def toss_simulators(name: str) -> list[Simulator]:

@@ -9,6 +9,7 @@ from intuitive_physics_experiments.cube_tosses import CUBE_MATERIAL, TABLE_MATER
 from intuitive_physics_experiments.terminal import format_table
 from intuitive_physics_experiments.toss_errors import TossErrors
 from intuitive_physics_experiments.toss_evaluation import TossEvaluation, TossFit
+from intuitive_physics_experiments.toss_mass_centre import MassCentreFit
 
 PUBLISHED = (
     ("Drake, published", "13.5 ± 8.2", "16.5"),
@@ -34,7 +35,20 @@ def toss_table(evaluation: TossEvaluation) -> str:
         "rotation training (°)",
         "rotation test",
     ]
-    return f"{_coefficients(evaluation.fits)}\n\n{format_table(header, rows)}"
+    return (
+        f"{_mass_centre(evaluation.mass_centre)}{_coefficients(evaluation.fits)}\n\n"
+        f"{format_table(header, rows)}"
+    )
+
+
+def _mass_centre(fit: MassCentreFit | None) -> str:
+    if fit is None:
+        return ""
+    values = ", ".join(
+        f"{1e3 * value:.2f} ± {1e3 * sigma:.2f}"
+        for value, sigma in zip(fit.mass_centre, fit.deviation, strict=True)
+    )
+    return f"centre of mass from {fit.flights} flights: ({values}) mm from the cube's centre\n\n"
 
 
 def _coefficients(fits: dict[str, TossFit]) -> str:

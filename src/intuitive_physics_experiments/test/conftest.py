@@ -114,7 +114,11 @@ def toss_arrays() -> Callable[..., dict[str, Any]]:
     """Arrays of a recorded set of cubes that an engine has tossed."""
 
     def make(
-        count: int, engine: str = "bullet", friction: float = 0.2, restitution: float = 0.3
+        count: int,
+        engine: str = "bullet",
+        friction: float = 0.2,
+        restitution: float = 0.3,
+        mass_centre: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> dict[str, Any]:
         rng = np.random.default_rng(7)
         times = np.arange(60) / 100.0
@@ -127,7 +131,7 @@ def toss_arrays() -> Callable[..., dict[str, Any]]:
             )
             for i in range(count)
         ]
-        cube = SceneObject("cube", "cube", Box((0.1, 0.1, 0.1)))
+        cube = SceneObject("cube", "cube", Box((0.1, 0.1, 0.1)), mass_centre=mass_centre)
         table = Environment([Plane("table", "table", (0.0, 0.0, 1.0), 0.0)])
         rollout = make_simulator(engine).rollout(
             [Scene(table, (cube,), (start,)) for start in starts],

@@ -175,10 +175,12 @@ def test_tosses_by_the_number_learned_from(
     arrays = {**toss_arrays(4, "stepped"), "mass": np.array(0.4), "inertia": np.array(6.7e-4)}
     np.savez(tmp_path / "tosses.npz", **arrays)
     arguments = ["--iterations", 20, "--train-counts", 1, 3, "--measured-inertia"]
+    arguments.append("--learn-mass-centre")
     result = run("evaluate", tmp_path / "tosses.npz", *arguments)
     assert result.returncode == 0, result.stderr
     assert "moment of inertia as measured" in result.stdout
     assert "4 tosses, 1 to fit to, 3 to test" in result.stdout
+    assert "centre of mass from 3 flights" in result.stdout
     assert "4 tosses, 3 to fit to, 1 to test" in result.stdout
 
 
@@ -219,6 +221,7 @@ def write(path: Path, text: str = "") -> Path:
         (["evaluate", "tosses.npz", "--length-correction", "-1"], "length correction is -1"),
         (["evaluate", "set.npz", "--train-counts", "2"], "for cube tosses only"),
         (["evaluate", "set.npz", "--measured-inertia"], "for cube tosses only"),
+        (["evaluate", "set.npz", "--learn-mass-centre"], "for cube tosses only"),
         (["evaluate", "tosses.npz", "--train-counts", "2"], "train count is 2 of 2"),
         (["evaluate", "tosses.npz", "--measured-inertia"], "no array mass"),
         (["evaluate", "tosses.npz", "--drag", "learn"], "for table tennis only"),

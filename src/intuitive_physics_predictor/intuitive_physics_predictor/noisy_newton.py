@@ -111,4 +111,5 @@ def _sampled_worlds(
         changes["unit_inertias"] = one.unit_inertias * factors**5
         # Drag grows with the silhouette, the Magnus force with the silhouette times the radius.
         changes["air_factors"] = one.air_factors * factors ** np.array([2.0, 3.0])
+        changes["mass_centres"] = one.mass_centres * factors
     return one.taken(np.zeros(count, dtype=np.int64), **changes)

@@ -35,6 +35,7 @@ class WorldBatch:
     object_materials : (W, O) codes
     states : (W, O, 13) as `ObjectState.to_vector`
     air_factors : (W, O, 2) ½ ρ C_d A (kg/m) and ½ ρ C_M A r (kg) of drag and Magnus force
+    mass_centres : (W, O, 3) m, centre of mass in the object's axes, from the shape's centre
     environment_index : (W,) row of each world in the environment arrays
     gravity : (E, 3) m/s²
     plane_counts : (E,)
@@ -60,6 +61,7 @@ class WorldBatch:
     object_materials: NDArray[np.int64]
     states: NDArray[np.float64]
     air_factors: NDArray[np.float64]
+    mass_centres: NDArray[np.float64]
     environment_index: NDArray[np.int64]
     gravity: NDArray[np.float64]
     plane_counts: NDArray[np.int64]
@@ -134,6 +136,7 @@ class WorldBatch:
             "object_materials",
             "states",
             "air_factors",
+            "mass_centres",
             "environment_index",
             "parameter_index",
         )
@@ -194,6 +197,7 @@ def _object_arrays(scenes: Sequence[Scene], parameters: StaticParameters) -> dic
     states = np.zeros((*padded, 13))
     states[..., 6] = 1.0
     air = np.zeros((*padded, 2))
+    mass_centres = np.zeros((*padded, 3))
     for w, scene in enumerate(scenes):
         for i, (thing, state) in enumerate(zip(scene.objects, scene.states, strict=True)):
             kinds[w, i], dimensions[w, i] = _shape_numbers(thing.shape)
@@ -202,6 +206,7 @@ def _object_arrays(scenes: Sequence[Scene], parameters: StaticParameters) -> dic
             materials[w, i] = parameters.index(thing.material)
             states[w, i] = state.to_vector()
             air[w, i] = _air_factors(thing, scene.environment.air_density)
+            mass_centres[w, i] = thing.mass_centre
     return {
         "object_counts": counts,
         "shape_kinds": kinds,
@@ -211,6 +216,7 @@ def _object_arrays(scenes: Sequence[Scene], parameters: StaticParameters) -> dic
         "object_materials": materials,
         "states": states,
         "air_factors": air,
+        "mass_centres": mass_centres,
     }
 
 

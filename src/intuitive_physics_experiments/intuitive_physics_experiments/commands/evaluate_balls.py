@@ -21,6 +21,10 @@ def evaluate_balls(options: argparse.Namespace) -> None:
                 f"{name.replace('_', ' ')} is given for {options.path}; "
                 "expected it for cube tosses only"
             )
+    if options.learn_mass_centre:
+        raise InvalidInputError(
+            f"mass centre is to be learned from {options.path}; expected that for cube tosses only"
+        )
     if options.measured_inertia:
         raise InvalidInputError(
             f"measured inertia is asked for in {options.path}; expected it for cube tosses only"

@@ -58,6 +58,11 @@ def add_to(commands: Any) -> None:
         help="turn the tossed cube as the recording says that the real one turns, not as a solid",
     )
     parser.add_argument(
+        "--learn-mass-centre",
+        action="store_true",
+        help="learn where the tossed cube's centre of mass is from its flights",
+    )
+    parser.add_argument(
         "--length-correction",
         type=float,
         metavar="FACTOR",

@@ -27,7 +27,12 @@ def evaluate_cube_tosses(options: argparse.Namespace) -> None:
     for fraction in _fractions(options, len(tosses)):
         with ProgressBar("fitting") as bar:
             evaluation = evaluate_tosses(
-                tosses, options.engine, how, fraction, progress_to(bar, options)
+                tosses,
+                options.engine,
+                how,
+                fraction,
+                progress_to(bar, options),
+                options.learn_mass_centre,
             )
         print(
             f"{len(tosses)} tosses, {len(evaluation.training)} to fit to, "

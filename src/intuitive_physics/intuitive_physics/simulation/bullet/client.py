@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.rotation import rotation_matrix
 from intuitive_physics.scene import Environment
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 from intuitive_physics.simulation.bullet.plan import Plan
@@ -46,7 +47,8 @@ def roll_world(
 
     def look() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         poses = [engine.getBasePositionAndOrientation(b, physicsClientId=world) for b in bodies]
-        return np.array([p for p, _ in poses]), np.array([q for _, q in poses])
+        turned = np.array([q for _, q in poses])
+        return np.array([p for p, _ in poses]) - _levers(plan, turned), turned
 
     positions, orientations = [], []
     steps = 0
@@ -64,6 +66,14 @@ def roll_world(
         )
         orientations.append(turned / np.linalg.norm(turned, axis=1, keepdims=True))
     return np.array(positions), np.array(orientations)
+
+
+def _levers(plan: Plan, orientations: NDArray[np.float64]) -> NDArray[np.float64]:
+    """From the shapes' centres to those of mass, which Bullet calls positions: (n, 3) m."""
+    if not plan.mass_centres.any():
+        return np.zeros_like(plan.mass_centres)
+    turns = np.array([rotation_matrix(q / np.linalg.norm(q)) for q in orientations])
+    return np.asarray((turns @ plan.mass_centres[..., None])[..., 0])
 
 
 def _part_overlapping(client: Client, bodies: set[int]) -> None:
@@ -145,10 +155,11 @@ def _add_environment(client: Client, plan: Plan) -> None:
 def _add_object(client: Client, plan: Plan, i: int) -> int:
     engine, world = client.engine, client.id
     state = plan.states[i].tolist()
+    lever = _levers(plan, plan.states[:, 3:7])[i]
     body = engine.createMultiBody(
         plan.masses[i],
-        _collision_shape(client, plan.shapes[i]),
-        basePosition=state[0:3],
+        _collision_shape(client, plan.shapes[i], plan.mass_centres[i]),
+        basePosition=(state[0:3] + lever).tolist(),
         baseOrientation=state[3:7],
         physicsClientId=world,
     )
@@ -163,11 +174,12 @@ def _add_object(client: Client, plan: Plan, i: int) -> int:
         activationState=engine.ACTIVATION_STATE_DISABLE_SLEEPING,
         physicsClientId=world,
     )
-    engine.resetBaseVelocity(body, state[7:10], state[10:13], physicsClientId=world)
+    velocity = state[7:10] + np.cross(state[10:13], lever)
+    engine.resetBaseVelocity(body, velocity.tolist(), state[10:13], physicsClientId=world)
     return int(body)
 
 
-def _collision_shape(client: Client, shape: Shape) -> int:
+def _collision_shape(client: Client, shape: Shape, mass_centre: NDArray[np.float64]) -> int:
     engine, world = client.engine, client.id
     match shape:
         case Sphere():
@@ -181,6 +193,8 @@ def _collision_shape(client: Client, shape: Shape) -> int:
                 "radius": shape.radius,
                 "height": shape.length,
             }
+    if mass_centre.any():
+        arguments["collisionFramePosition"] = (-mass_centre).tolist()
     return int(engine.createCollisionShape(**arguments, physicsClientId=world))
 
 

@@ -23,6 +23,7 @@ class Plan:
     static_surfaces : of the planes, then of the static boxes
     masses : kg
     inertias : (3,) kg m² each
+    mass_centres : (n_objects, 3) m, in each object's axes, from its shape's centre
     states : (n_objects, 13) as `ObjectState.to_vector`
     """
 
@@ -32,6 +33,7 @@ class Plan:
     surfaces: list[Surface]
     masses: list[float]
     inertias: list[NDArray[np.float64]]
+    mass_centres: NDArray[np.float64]
     states: NDArray[np.float64]
 
 
@@ -62,6 +64,7 @@ def plan_world(worlds: WorldBatch, w: int) -> Plan:
         surfaces=all_surfaces[:count],
         masses=[s.mass(rho) for s, rho in zip(shapes, density, strict=True)],
         inertias=[rho * worlds.unit_inertias[w, i] for i, rho in enumerate(density)],
+        mass_centres=worlds.mass_centres[w, :count],
         states=worlds.states[w, :count],
     )
 

@@ -59,6 +59,7 @@ class SteppedSimulator(Simulator):
                 worlds.object_materials,
                 worlds.states,
                 worlds.air_factors,
+                worlds.mass_centres,
                 worlds.environment_index,
                 worlds.gravity,
                 worlds.plane_counts,

@@ -20,6 +20,7 @@ from intuitive_physics.simulation.stepped.points import (
     segment_end,
     segment_nearest_to_box,
 )
+from intuitive_physics.simulation.stepped.poses import mass_centre
 from intuitive_physics.simulation.stepped.world import (
     body_at,
     clipped_corner,
@@ -55,9 +56,9 @@ def write_contact(world, count, first, second, gap, normal, point):
     contact = contact_at(world, count)
     contact.first, contact.second, contact.gap = first, second, gap
     store(contact.axes[0], normal)
-    store(contact.arm, sub(point, load(body_at(world, first).position)))
+    store(contact.arm, sub(point, mass_centre(body_at(world, first))))
     if second >= 0:
-        store(contact.other_arm, sub(point, load(body_at(world, second).position)))
+        store(contact.other_arm, sub(point, mass_centre(body_at(world, second))))
     return count + 1
 
 

@@ -12,6 +12,7 @@ from intuitive_physics.simulation.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.pointers import float_at, put_float
 from intuitive_physics.simulation.stepped.poses import (
     angular_momentum,
+    mass_centre,
     rotate,
     set_rotation,
     turned,
@@ -54,8 +55,8 @@ def _air(body, velocity):
 @kernel
 def begin(body):
     """Note the state at the start of a part of a step."""
+    store(body.start_position, mass_centre(body))
     for k in range(3):
-        body.start_position[k] = body.position[k]
         body.start_velocity[k] = body.velocity[k]
         body.start_spin[k] = body.spin[k]
     for k in range(4):
@@ -135,6 +136,8 @@ def place(body, after):
     if body.kind != SPHERE:
         rotate(body, body.start_orientation, scaled(load(body.turning), after))
         set_rotation(body)
+        if body.lopsided == 1:
+            store(body.position, sub(load(body.position), turned(body, load(body.lever))))
 
 
 @kernel
@@ -163,9 +166,14 @@ def write_outputs(world, i, start, after):
         while k < world.output_count and output_time(world, k) <= end:
             tau = output_time(world, k) - start
             moved = add_scaled(position, velocity, tau)
-            write_position(world, i, k, add_scaled(moved, acceleration, 0.5 * tau * tau))
-            if world.orientations != 0:
+            moved = add_scaled(moved, acceleration, 0.5 * tau * tau)
+            if world.orientations != 0 or body.lopsided == 1:
                 rotate(body, body.start_orientation, scaled(turning, tau))
+            if body.lopsided == 1:
+                set_rotation(body)
+                moved = sub(moved, turned(body, load(body.lever)))
+            write_position(world, i, k, moved)
+            if world.orientations != 0:
                 write_orientation(world, i, k)
             k += 1
         body.next_output = k

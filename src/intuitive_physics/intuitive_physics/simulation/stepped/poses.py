@@ -6,7 +6,7 @@ from math import cos, sin, sqrt
 
 from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.stepped.world import transposed_times
-from intuitive_physics.simulation.vectors import dot, load, scaled
+from intuitive_physics.simulation.vectors import add, dot, load, scaled
 from intuitive_physics.simulation.world_batch import SPHERE
 
 SMALL_ANGLE = 0.4
@@ -92,3 +92,11 @@ def turned(body, a):
         r[3] * a[0] + r[4] * a[1] + r[5] * a[2],
         r[6] * a[0] + r[7] * a[1] + r[8] * a[2],
     )
+
+
+@kernel
+def mass_centre(body):
+    """Position (m) of the centre of mass, as a tuple."""
+    if body.lopsided == 0:
+        return load(body.position)
+    return add(load(body.position), turned(body, load(body.lever)))

@@ -3,24 +3,43 @@
 from __future__ import annotations
 
 from intuitive_physics.simulation.kernels import kernel
-from intuitive_physics.simulation.stepped.poses import set_inverse_inertia, set_rotation
+from intuitive_physics.simulation.stepped.poses import (
+    set_inverse_inertia,
+    set_rotation,
+    turned,
+)
 from intuitive_physics.simulation.stepped.world import body_at, plane_at
-from intuitive_physics.simulation.vectors import load, norm, store
+from intuitive_physics.simulation.vectors import add, cross, load, norm, store
 from intuitive_physics.simulation.world_batch import BOX, CAPSULE
 
 
 @kernel
-def place_object(body, kind, dimensions, material, state, air_factors, mass, density, unit_inertia):
+def place_object(
+    body, kind, dimensions, material, state, air_factors, lever, mass, density, unit_inertia
+):
     """Fill in a body that moves; see `WorldBatch` for the arrays."""
     place_shape(body, kind, dimensions, material, state)
     for k in range(3):
         body.velocity[k] = state[7 + k]
         body.spin[k] = state[10 + k]
         body.inertia[k] = density * unit_inertia[k]
+        body.lever[k] = lever[k]
+    _set_mass_centre(body)
     _set_inverses(body)
     body.inverse_mass = 1.0 / mass
     body.drag, body.magnus = air_factors[0], air_factors[1]
     set_inverse_inertia(body)
+
+
+@kernel
+def _set_mass_centre(body):
+    """Let a body move about its centre of mass: the state's velocity is that of the shape's."""
+    size = norm(load(body.lever))
+    if size > 0.0:
+        body.lopsided = 1
+        body.reach += 2.0 * size
+        arm = turned(body, load(body.lever))
+        store(body.velocity, add(load(body.velocity), cross(load(body.spin), arm)))
 
 
 @kernel
@@ -49,7 +68,7 @@ def _reset(body, kind, material):
     body.kind, body.material = kind, material
     body.drag = body.magnus = 0.0
     body.pressed = body.quiet_steps = body.asleep = body.next_output = body.kept = 0
-    body.behind = 0
+    body.behind = body.lopsided = 0
     for k in range(3):
         body.velocity[k] = body.spin[k] = body.half_extents[k] = 0.0
     for k in range(9):

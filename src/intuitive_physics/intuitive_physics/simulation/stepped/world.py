@@ -19,8 +19,8 @@ CLIPPED = 16
 
 BODY = np.dtype(
     [
-        ("position", "f8", 3),  # m
-        ("velocity", "f8", 3),  # m/s
+        ("position", "f8", 3),  # m, of the shape's centre
+        ("velocity", "f8", 3),  # m/s, of the centre of mass
         ("spin", "f8", 3),  # rad/s, in the world's axes
         ("orientation", "f8", 4),  # (x, y, z, w)
         ("rotation", "f8", 9),  # the same as a matrix, row by row
@@ -28,7 +28,9 @@ BODY = np.dtype(
         # What the body is.
         ("half_extents", "f8", 3),  # m, of the core
         ("radius", "f8"),  # m, around the core
-        ("reach", "f8"),  # m, from the centre to the farthest point
+        ("reach", "f8"),  # m, from either centre no point is farther, however it turns
+        ("lever", "f8", 3),  # m, from the shape's centre to that of mass, in the body's axes
+        ("lopsided", "i8"),  # 1 where the two are not one
         ("thinness", "f8"),  # m, from the centre to the nearest point of the surface
         ("inverse_mass", "f8"),  # 1/kg
         ("inertia", "f8", 3),  # kg m², about the body's axes
@@ -40,7 +42,7 @@ BODY = np.dtype(
         ("drag", "f8"),  # kg/m
         ("magnus", "f8"),  # kg
         # Its motion over the present part of a step, from the part's start on.
-        ("start_position", "f8", 3),
+        ("start_position", "f8", 3),  # of the centre of mass
         ("start_orientation", "f8", 4),
         ("start_velocity", "f8", 3),
         ("start_spin", "f8", 3),
@@ -89,8 +91,8 @@ CONTACT = np.dtype(
         ("gap", "f8"),  # m, below zero where the two overlap
         # Rows: normal, towards the first; along the slip; across it.
         ("axes", "f8", (3, 3)),
-        ("arm", "f8", 3),  # m, from the first's centre
-        ("other_arm", "f8", 3),  # m, from the second's centre
+        ("arm", "f8", 3),  # m, from the first's centre of mass
+        ("other_arm", "f8", 3),  # m, from the second's centre of mass
         ("lever", "f8", (3, 3)),  # arm × axis
         ("other_lever", "f8", (3, 3)),
         ("turn", "f8", (3, 3)),  # rad/s of the first for 1 N s along each axis

@@ -1,0 +1,101 @@
+"""Where the centre of mass of a tossed cube is, from how the cube flies before it touches.
+
+In flight the centre of mass is on a parabola and the cube's centre circles it:
+x(t) = x_m + v_m t + g t² / 2 - R(t) c, linear in all that is not known. g is fitted too, for
+lengths may be recorded too short.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_experiments.cube_tosses import CubeToss
+
+CLEARANCE = 0.05
+"""Of the cube's width. Rows with a corner nearer than this to a plane may be no flight."""
+
+FEWEST_ROWS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class MassCentreFit:
+    """A centre of mass.
+
+    Parameters
+    ----------
+    mass_centre : (3,) m, in the cube's axes, from its centre
+    deviation : (3,) m, σ of each, from the residuals
+    flights : tosses it is fitted to
+    """
+
+    mass_centre: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+    flights: int
+
+
+def fit_mass_centre(tosses: Sequence[CubeToss]) -> MassCentreFit:
+    """Fit one centre of mass, and one gravity, to the flights of all tosses by least squares.
+
+    Raises
+    ------
+    InvalidInputError
+        When the tosses do not fly, or do not turn, for long enough to tell.
+    """
+    flights = [flight for flight in map(_flight, tosses) if flight is not None]
+    if not flights:
+        raise InvalidInputError(
+            f"no toss flies for {FEWEST_ROWS} rows before it touches; expected one to fit the "
+            "centre of mass to"
+        )
+    columns = np.concatenate([design for design, _ in flights])
+    positions = np.concatenate([seen for _, seen in flights])
+    normal = columns.T @ columns
+    # Two unknowns of each flight and axis are gone from the rows already.
+    freedom = len(positions) - 6 * len(flights) - normal.shape[0]
+    if freedom < 1 or np.linalg.cond(normal) > 1e12:
+        raise InvalidInputError(
+            f"{len(flights)} flights do not tell the centre of mass; expected tosses that turn, "
+            "each a different way"
+        )
+    found = np.linalg.solve(normal, columns.T @ positions)
+    variance = np.square(positions - columns @ found).sum() / freedom
+    deviations = np.sqrt(variance * np.diag(np.linalg.inv(normal)))
+    return MassCentreFit(-found[3:], deviations[3:], len(flights))
+
+
+def with_mass_centre(toss: CubeToss, mass_centre: NDArray[np.float64]) -> CubeToss:
+    """Return the toss of a cube whose centre of mass (3,) m is there."""
+    (seen,) = toss.observation.objects
+    x, y, z = mass_centre.tolist()
+    cube = replace(seen.object, mass_centre=(x, y, z))
+    objects = (replace(seen, object=cube),)
+    return replace(toss, observation=replace(toss.observation, objects=objects))
+
+
+def _flight(toss: CubeToss) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Columns (3 n, 6) of g and of -c, and positions (3 n,), without x_m and v_m; None if short."""
+    trajectory = toss.observation.objects[0].trajectory
+    turns = Rotation.from_quat(toss.orientations).as_matrix()
+    gaps = np.full(len(turns), np.inf)
+    for plane in toss.observation.environment.planes:
+        reach = 0.5 * toss.width * np.abs(plane.normal @ turns).sum(axis=-1)
+        gaps = np.minimum(gaps, plane.signed_distances(trajectory.positions) - reach)
+    touching = np.flatnonzero(gaps < CLEARANCE * toss.width)
+    rows = int(touching[0]) if touching.size else len(turns)
+    if rows < FEWEST_ROWS:
+        return None
+    times = trajectory.times[:rows] - trajectory.times[0]
+    line, _ = np.linalg.qr(np.stack([np.ones(rows), times], axis=1))
+
+    def bent(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(values - np.tensordot(line @ line.T, values, axes=1))
+
+    falling = 0.5 * times[:, None, None] ** 2 * np.eye(3)
+    columns = bent(np.concatenate([falling, turns[:rows]], axis=-1))
+    return columns.reshape(-1, 6), bent(trajectory.positions[:rows]).ravel()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,26 @@ def test_a_cell_that_fails_leaves_what_was_finished(tmp_path: Path) -> None:
     with pytest.raises(InvalidInputError, match="no"):
         store.run({"a": lambda: {"x": 1}, "b": fail})
     assert [path.name for path in (tmp_path / "cells").iterdir()] == ["a.json"]
+
+
+def test_cells_side_by_side_are_the_same(tmp_path: Path) -> None:
+    cells = {name: (lambda name=name: {"name": name, "of": os.getpid()}) for name in "abcdef"}
+    told: list[tuple[int, int, str]] = []
+    found = CellStore(tmp_path, {}).run(cells, lambda *step: told.append(step), processes=2)
+    assert list(found) == list(cells)
+    assert all(cell["name"] == name for name, cell in found.items())
+    assert os.getpid() not in {cell["of"] for cell in found.values()}
+    assert [step[0] for step in told] == [0, 1, 2, 3, 4, 5, 6, 6]
+    again = CellStore(tmp_path, {}).run(cells, processes=2)
+    assert again == found
+
+
+def test_a_cell_that_fails_beside_others_says_why(tmp_path: Path) -> None:
+    def fail():
+        raise InvalidInputError("no")
+
+    with pytest.raises(InvalidInputError, match="no"):
+        CellStore(tmp_path, {}).run({"a": lambda: {"x": 1}, "b": fail}, processes=2)
 
 
 def test_a_folder_of_other_settings_is_refused(tmp_path: Path) -> None:

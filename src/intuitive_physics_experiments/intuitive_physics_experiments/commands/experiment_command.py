@@ -103,7 +103,7 @@ def _run_learning_curve(options: argparse.Namespace) -> None:
         **given, method=options.method, engine=options.engine, seed=options.seed
     )
     with _bar("learning") as bar:
-        run_learning_curve(options.output, settings, _command(), options.threads, _told(bar))
+        run_learning_curve(options.output, settings, _command(), options.cores, _told(bar))
     _print_page(options.output)
 
 
@@ -132,7 +132,7 @@ def _run_search_methods(options: argparse.Namespace) -> None:
     given = _given(options, ("objects", "samples", "runs", "iterations"), QUICK)
     settings = SearchMethodsSettings(**given, seed=options.seed)
     with _bar("searching") as bar:
-        run_search_methods(options.output, settings, _command(), options.threads, _told(bar))
+        run_search_methods(options.output, settings, _command(), options.cores, _told(bar))
     _print_page(options.output)
 
 
@@ -160,7 +160,7 @@ def _run_prediction(options: argparse.Namespace) -> None:
     given = _given(options, ("objects", "samples", "iterations"), QUICK)
     settings = PredictionSettings(**given, seed=options.seed)
     with _bar("learning") as bar:
-        run_prediction(options.output, settings, _command(), options.threads, _told(bar))
+        run_prediction(options.output, settings, _command(), options.cores, _told(bar))
     _print_page(options.output)
 
 
@@ -183,14 +183,14 @@ def _run_rgbd(options: argparse.Namespace) -> None:
     given = _given(options, ("throws", "iterations"), QUICK)
     settings = RgbdSettings(**given, seed=options.seed)
     with _bar("working") as bar:
-        run_rgbd(options.output, settings, _command(), options.threads, _told(bar))
+        run_rgbd(options.output, settings, _command(), options.cores, _told(bar))
     _print_page(options.output)
 
 
 def _add_common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("output", type=Path, help="folder of tables and figures; goes on there")
     parser.add_argument("--quick", action="store_true", help="reduced settings: about two minutes")
-    parser.add_argument("--threads", type=int, default=1, help="of the simulator (default: 1)")
+    parser.add_argument("--cores", type=int, default=1, help="of this machine (default: 1)")
     parser.add_argument("--seed", type=int, default=0, help="of all randomness (default: 0)")
 
 
@@ -212,6 +212,8 @@ def _given(
 ) -> dict[str, Any]:
     """Settings of the command line, over the reduced ones where they are asked for."""
     _check_seed(options.seed)
+    if options.cores < 1:
+        raise InvalidInputError(f"cores is {options.cores}; expected 1 or more")
     chosen = dict(quick) if options.quick else {}
     for name in names:
         value = getattr(options, name)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -49,23 +51,48 @@ class CellStore:
         self,
         cells: Mapping[str, Cell],
         on_progress: Callable[[int, int, str], None] = lambda done, total, name: None,
+        processes: int = 1,
     ) -> dict[str, dict[str, Any]]:
         """Compute the cells that are missing, and return all by name.
 
         Parameters
         ----------
         cells : by name, which becomes a file name
-        on_progress : is told how many cells of how many are done, and which is next
+        on_progress : is told how many cells of how many are done, and which is next or was last
+        processes : that compute cells side by side
         """
-        found = {}
-        for done, (name, compute) in enumerate(cells.items()):
-            on_progress(done, len(cells), name)
-            path = self.folder / CELLS_NAME / f"{name}.json"
-            if not path.exists():
-                write_whole(path, json.dumps(compute(), allow_nan=False))
-            found[name] = self._read(path)
+        missing = {name: cell for name, cell in cells.items() if not self._path(name).exists()}
+        done = len(cells) - len(missing)
+        if processes == 1:
+            for more, name in enumerate(missing):
+                on_progress(done + more, len(cells), name)
+                self._compute(name, missing[name])
+        elif missing:
+            on_progress(done, len(cells), "")
+            for more, name in enumerate(self._computed_side_by_side(missing, processes)):
+                on_progress(done + more + 1, len(cells), name)
         on_progress(len(cells), len(cells), "")
-        return found
+        return {name: self._read(self._path(name)) for name in cells}
+
+    def _computed_side_by_side(self, cells: Mapping[str, Cell], processes: int) -> Iterator[str]:
+        """Yield the names of cells as they are finished."""
+        # Forked children inherit the cells, which hold what cannot be pickled.
+        with ProcessPoolExecutor(
+            processes, get_context("fork"), initializer=_inherit, initargs=(self, cells)
+        ) as pool:
+            futures = {pool.submit(_compute_inherited, name): name for name in cells}
+            try:
+                for future in as_completed(futures):
+                    future.result()
+                    yield futures[future]
+            finally:
+                pool.shutdown(cancel_futures=True)
+
+    def _compute(self, name: str, cell: Cell) -> None:
+        write_whole(self._path(name), json.dumps(cell(), allow_nan=False))
+
+    def _path(self, name: str) -> Path:
+        return self.folder / CELLS_NAME / f"{name}.json"
 
     def _check_same(self, path: Path, wanted: dict[str, Any]) -> None:
         there = self._read(path)
@@ -89,6 +116,18 @@ class CellStore:
         if not isinstance(data, dict):
             raise InvalidInputError(f"{path} is no cell of an experiment; expected a JSON object")
         return data
+
+
+_inherited: dict[str, Any] = {}
+"""In a child process: the store and its cells."""
+
+
+def _inherit(store: CellStore, cells: Mapping[str, Cell]) -> None:
+    _inherited.update(store=store, cells=cells)
+
+
+def _compute_inherited(name: str) -> None:
+    _inherited["store"]._compute(name, _inherited["cells"][name])
 
 
 def write_whole(path: Path, text: str) -> None:

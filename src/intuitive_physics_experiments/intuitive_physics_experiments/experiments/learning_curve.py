@@ -66,13 +66,13 @@ def run_learning_curve(
     folder: Path,
     settings: LearningCurveSettings,
     command: str,
-    threads: int = 1,
+    cores: int = 1,
     on_progress: Callable[[int, int, str], None] = lambda done, total, name: None,
 ) -> list[dict[str, Any]]:
     """Learn from each set, write tables and figure, return the summary's rows."""
-    simulator = make_simulator("auto", threads)
+    simulator = make_simulator("auto")
     store = CellStore(folder, {"experiment": "learning-curve", **asdict(settings)})
-    found = store.run(_cells(settings, simulator), on_progress)
+    found = store.run(_cells(settings, simulator), on_progress, cores)
     rows = [row for cell in found.values() for row in cell["rows"]]
     summary = _summary(rows)
     write_csv(folder / "learning_curve.csv", rows)

@@ -64,11 +64,11 @@ def run_prediction(
     folder: Path,
     settings: PredictionSettings,
     command: str,
-    threads: int = 1,
+    cores: int = 1,
     on_progress: Callable[[int, int, str], None] = lambda done, total, name: None,
 ) -> list[dict[str, Any]]:
     """Learn, predict the test runs, write tables and figures, return a row for each case."""
-    simulator = make_simulator("auto", threads)
+    simulator = make_simulator("auto", cores)
     rng = np.random.default_rng(settings.seed)
     dataset = make_paper_dataset(settings.objects, settings.samples, rng, first_states=FIRST)
     store = CellStore(folder, {"experiment": "prediction", **asdict(settings)})

@@ -71,7 +71,7 @@ def run_rgbd(
     folder: Path,
     settings: RgbdSettings,
     command: str,
-    threads: int = 1,
+    cores: int = 1,
     on_progress: Callable[[int, int, str], None] = lambda done, total, name: None,
 ) -> list[dict[str, Any]]:
     """Render, perceive, learn and predict; write tables and figures, return a row for each ball."""
@@ -81,7 +81,7 @@ def run_rgbd(
         material: [seen for seen in observations if seen.objects[0].object.material == material]
         for material in BALL_RADII
     }
-    engine = make_simulator("auto", threads)
+    engine = make_simulator("auto", cores)
 
     def learned(seen: Sequence[Observation]) -> StaticParameters:
         options = LearningOptions(

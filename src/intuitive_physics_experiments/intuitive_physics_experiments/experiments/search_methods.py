@@ -79,13 +79,13 @@ def run_search_methods(
     folder: Path,
     settings: SearchMethodsSettings,
     command: str,
-    threads: int = 1,
+    cores: int = 1,
     on_progress: Callable[[int, int, str], None] = lambda done, total, name: None,
 ) -> list[dict[str, Any]]:
     """Search with every rule on every set, write tables and figure, return the final costs."""
-    simulator = make_simulator("auto", threads)
+    simulator = make_simulator("auto")
     store = CellStore(folder, {"experiment": "search-methods", **asdict(settings)})
-    found = store.run(_cells(settings, simulator), on_progress)
+    found = store.run(_cells(settings, simulator), on_progress, cores)
     curves = _curves(settings, found)
     final = _final(settings, found)
     write_csv(folder / "curves.csv", curves)

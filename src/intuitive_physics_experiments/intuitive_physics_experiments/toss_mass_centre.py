@@ -30,7 +30,7 @@ class MassCentreFit:
     Parameters
     ----------
     mass_centre : (3,) m, in the cube's axes, from its centre
-    deviation : (3,) m, σ of each, from the residuals
+    deviation : (3,) m, σ of each, from how the flights differ
     flights : tosses it is fitted to
     """
 
@@ -53,20 +53,19 @@ def fit_mass_centre(tosses: Sequence[CubeToss]) -> MassCentreFit:
             f"no toss flies for {FEWEST_ROWS} rows before it touches; expected one to fit the "
             "centre of mass to"
         )
-    columns = np.concatenate([design for design, _ in flights])
-    positions = np.concatenate([seen for _, seen in flights])
-    normal = columns.T @ columns
-    # Two unknowns of each flight and axis are gone from the rows already.
-    freedom = len(positions) - 6 * len(flights) - normal.shape[0]
-    if freedom < 1 or np.linalg.cond(normal) > 1e12:
+    normal = sum(columns.T @ columns for columns, _ in flights)
+    if len(flights) < 3 or np.linalg.cond(normal) > 1e12:
         raise InvalidInputError(
-            f"{len(flights)} flights do not tell the centre of mass; expected tosses that turn, "
+            f"{len(flights)} flights do not tell the centre of mass; expected 3 or more that turn, "
             "each a different way"
         )
-    found = np.linalg.solve(normal, columns.T @ positions)
-    variance = np.square(positions - columns @ found).sum() / freedom
-    deviations = np.sqrt(variance * np.diag(np.linalg.inv(normal)))
-    return MassCentreFit(-found[3:], deviations[3:], len(flights))
+    found = np.linalg.solve(normal, sum(columns.T @ seen for columns, seen in flights))
+    # Motion capture is smoothed: errors within a flight are alike, those of two flights are not
+    # (the sandwich estimator of clustered data, White 1984).
+    pulls = np.array([columns.T @ (seen - columns @ found) for columns, seen in flights])
+    spread = len(flights) / (len(flights) - 2) * pulls.T @ pulls
+    covariance = np.linalg.solve(normal, np.linalg.solve(normal, spread).T)
+    return MassCentreFit(-found[3:], np.sqrt(np.diag(covariance))[3:], len(flights))
 
 
 def with_mass_centre(toss: CubeToss, mass_centre: NDArray[np.float64]) -> CubeToss:

@@ -172,16 +172,16 @@ def test_drag_is_learned_from_the_recording(recording: Callable[[str], Path]) ->
 def test_tosses_by_the_number_learned_from(
     tmp_path: Path, toss_arrays: Callable[..., dict[str, Any]]
 ) -> None:
-    arrays = {**toss_arrays(4, "stepped"), "mass": np.array(0.4), "inertia": np.array(6.7e-4)}
+    arrays = {**toss_arrays(5, "stepped"), "mass": np.array(0.4), "inertia": np.array(6.7e-4)}
     np.savez(tmp_path / "tosses.npz", **arrays)
-    arguments = ["--iterations", 20, "--train-counts", 1, 3, "--measured-inertia"]
+    arguments = ["--iterations", 20, "--train-counts", 3, 4, "--measured-inertia"]
     arguments.append("--learn-mass-centre")
     result = run("evaluate", tmp_path / "tosses.npz", *arguments)
     assert result.returncode == 0, result.stderr
     assert "moment of inertia as measured" in result.stdout
-    assert "4 tosses, 1 to fit to, 3 to test" in result.stdout
+    assert "5 tosses, 3 to fit to, 2 to test" in result.stdout
     assert "centre of mass from 3 flights" in result.stdout
-    assert "4 tosses, 3 to fit to, 1 to test" in result.stdout
+    assert "5 tosses, 4 to fit to, 1 to test" in result.stdout
 
 
 def test_report_shows_what_was_learned_and_predicted(

@@ -65,7 +65,8 @@ def fit_mass_centre(tosses: Sequence[CubeToss]) -> MassCentreFit:
     pulls = np.array([columns.T @ (seen - columns @ found) for columns, seen in flights])
     spread = len(flights) / (len(flights) - 2) * pulls.T @ pulls
     covariance = np.linalg.solve(normal, np.linalg.solve(normal, spread).T)
-    return MassCentreFit(-found[3:], np.sqrt(np.diag(covariance))[3:], len(flights))
+    deviations = np.sqrt(np.diag(covariance))
+    return MassCentreFit(np.asarray(-found[3:]), np.asarray(deviations[3:]), len(flights))
 
 
 def with_mass_centre(toss: CubeToss, mass_centre: NDArray[np.float64]) -> CubeToss:

@@ -97,6 +97,8 @@ def timing_text(timing: Timing) -> str:
     rows = [[stage, *_milliseconds(seconds)] for stage, seconds in timing.stages.items()]
     rows.append(["message to states", *_milliseconds(timing.total)])
     rows.append(["… by the clock on the wall", *_milliseconds(timing.wall)])
+    if timing.closing:
+        rows.append(["after an episode: its observations", *_milliseconds(timing.closing)])
     return (
         "## Time of a 640 × 480 frame\n\nMilliseconds of the one thread that does the work.\n\n"
         + table(["stage", "median", "99 %", "most"], rows)

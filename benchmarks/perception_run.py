@@ -18,11 +18,12 @@ from intuitive_physics.observation import ObservedObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics_experiments.bag_reader import BagReader
 from intuitive_physics_experiments.depth_bag_writer import CAMERA_INFO_TOPIC, DEPTH_TOPIC
+from intuitive_physics_perception.detected_sphere import DetectedSphere
 from intuitive_physics_perception.environment_model import EnvironmentModel
 from intuitive_physics_perception.frame_decoder import FrameDecoder
-from intuitive_physics_perception.pipeline import Perceived, PerceptionPipeline
+from intuitive_physics_perception.perceived import Perceived
+from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.spheres import DetectedSphere
 
 SETTLED = 0.1
 """s for which a ball must have been followed before its velocity counts."""
@@ -53,11 +54,13 @@ class Timing:
     stages : time of the one thread that does the work, by stage
     total : the same, from message to states
     wall : by the clock on the wall, from message to states
+    closing : of the frames that ended an episode, the time its observations take after the states
     """
 
     stages: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
     total: list[float] = field(default_factory=list)
     wall: list[float] = field(default_factory=list)
+    closing: list[float] = field(default_factory=list)
 
 
 @dataclass
@@ -173,6 +176,10 @@ def _perceived(
                 timing.stages["points"].append(converted - start)
                 for stage, seconds in perceived.diagnostics.seconds.items():
                     timing.stages[stage].append(seconds)
+            if perceived.episodes:
+                start = time.thread_time()
+                _ = perceived.observations
+                timing.closing.append(time.thread_time() - start)
             yield Frame(stamp, points, recording.balls_at(_since(stamp, recording))), perceived
 
 

@@ -14,7 +14,8 @@ from intuitive_physics.observation import Observation
 from intuitive_physics_experiments.bag_frames import FrameSource, find_frame_source, read_frames
 from intuitive_physics_experiments.bag_reader import BagReader
 from intuitive_physics_perception.environment_model import EnvironmentModel
-from intuitive_physics_perception.pipeline import Perceived, PerceptionPipeline
+from intuitive_physics_perception.perceived import Perceived
+from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
 

@@ -17,7 +17,7 @@ from intuitive_physics.observation import Observation
 from intuitive_physics.polygons import plane_square
 from intuitive_physics.scene import Environment
 from intuitive_physics_experiments.prediction_case import PredictionCase
-from intuitive_physics_perception.pipeline import Perceived
+from intuitive_physics_perception.perceived import Perceived
 
 TIMELINE = "time"
 PLANE_REACH = 3.0

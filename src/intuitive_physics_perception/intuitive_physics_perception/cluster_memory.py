@@ -12,19 +12,22 @@ Found = TypeVar("Found")
 
 SAME_COUNT = 0.2
 SEARCHES, PERIOD = 3, 30
+KEPT_UNSEEN = 15
+"""Frames for which a cluster that is not there is remembered: noise takes some in and out."""
 
 
 @dataclass(frozen=True, eq=False)
 class RememberedCluster(Generic[Found]):
-    """A cluster, for how many frames it has stayed as it is, and what was found in it.
+    """A cluster, in how many frames it has stayed as it is, and what was found in it.
 
     Parameters
     ----------
     centre : (3,) m, mean of its points
     count : of its points
-    frames : for which it has stayed as it is
+    frames : in which it was there as it is now, less those in which its search had to wait
     phase : in which of `PERIOD` frames it has its turn, so that not all have it in the same
     found : what the last search found
+    unseen : frames since it was there
     """
 
     centre: NDArray[np.float64]
@@ -32,6 +35,7 @@ class RememberedCluster(Generic[Found]):
     frames: int
     phase: int
     found: Found | None
+    unseen: int = 0
 
     @property
     def deserves_a_search(self) -> bool:
@@ -40,7 +44,7 @@ class RememberedCluster(Generic[Found]):
 
 
 class ClusterMemory(Generic[Found]):
-    """Knows clusters of the last frame again.
+    """Knows clusters of the last frames again.
 
     Parameters
     ----------
@@ -56,11 +60,12 @@ class ClusterMemory(Generic[Found]):
     def recall(self, own: NDArray[np.float64]) -> RememberedCluster[Found]:
         """Return what is known of a cluster of points (n, 3)."""
         centre, count = own.mean(axis=0), len(own)
-        for old in self._last:
+        for k, old in enumerate(self._last):
             if (
                 abs(count - old.count) < SAME_COUNT * old.count
                 and np.linalg.norm(centre - old.centre) < self._stillness
             ):
+                del self._last[k]
                 return RememberedCluster(centre, count, old.frames + 1, old.phase, old.found)
         self._turn += 1
         return RememberedCluster(centre, count, 0, self._turn, None)
@@ -69,6 +74,13 @@ class ClusterMemory(Generic[Found]):
         """Remember a cluster for the next frame with what was found in it."""
         self._next.append(replace(cluster, found=found))
 
+    def postpone(self, cluster: RememberedCluster[Found]) -> None:
+        """Remember a cluster of which the search has to wait for the next frame."""
+        self._next.append(replace(cluster, frames=cluster.frames - 1))
+
     def end_frame(self) -> None:
-        """Forget clusters that were not kept."""
-        self._last, self._next = self._next, []
+        """Forget clusters that were neither kept nor there for a while."""
+        missing = [
+            replace(old, unseen=old.unseen + 1) for old in self._last if old.unseen < KEPT_UNSEEN
+        ]
+        self._last, self._next = self._next + missing, []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from intuitive_physics_perception.detected_solid import DetectedSolid
-from intuitive_physics_perception.spheres import DetectedSphere
+from intuitive_physics_perception.detected_sphere import DetectedSphere
 
 Detection = DetectedSphere | DetectedSolid
 

@@ -8,6 +8,7 @@ observation of the balls that are there at its beginning, and ends where the nex
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -27,8 +28,35 @@ MAX_START_TRIALS = 90
 AS_WELL = 1.5
 
 
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """An episode that is over.
+
+    Its observations take longer to work out than a frame may, so it is kept until they are asked
+    for.
+
+    Parameters
+    ----------
+    tracks : all that were followed, as they were at its end
+    start : s
+    environment : they moved in
+    """
+
+    tracks: tuple[Track, ...]
+    start: float
+    environment: Environment
+    settings: PerceptionSettings
+
+    def observations(self) -> list[Observation]:
+        """Smooth the tracks and return what can be learned from."""
+        records = [
+            record_of(track, self.settings).between(self.start, np.inf) for track in self.tracks
+        ]
+        return observations_of(records, self.environment, self.settings)
+
+
 class EpisodeRecorder:
-    """Watches tracks and turns each episode into observations once it is over."""
+    """Watches tracks and knows when each episode is over."""
 
     def __init__(self, environment: Environment, settings: PerceptionSettings) -> None:
         self._environment = environment
@@ -38,32 +66,31 @@ class EpisodeRecorder:
 
     def update(
         self, time: float, alive: Sequence[Track], ended: Sequence[Track]
-    ) -> list[Observation]:
-        """Take the confirmed tracks of a frame and those that ended; return what is finished."""
+    ) -> tuple[Episode, ...]:
+        """Take the confirmed tracks of a frame and those that ended; return what is over."""
         moving = [track for track in alive if not track.resting]
         if self._start is None:
             if not moving:
-                return []
+                return ()
             self._start = min(track.moving_since for track in moving)
         self._ended += ended
         if moving and time - self._start < self._settings.max_duration:
-            return []
-        finished = self.finish(alive)
+            return ()
+        over = self.finish(alive)
         if moving:
             # Time is out for what still moves: it begins anew.
             self._start = time
-        return finished
+        return over
 
-    def finish(self, alive: Sequence[Track]) -> list[Observation]:
-        """End the episode now and return its observations."""
+    def finish(self, alive: Sequence[Track]) -> tuple[Episode, ...]:
+        """End the episode now and return it, where there is one."""
         if self._start is None:
-            return []
-        records = [
-            record_of(track, self._settings).between(self._start, np.inf)
-            for track in (*self._ended, *alive)
-        ]
+            return ()
+        # What is still alive goes on to change.
+        tracks = [*self._ended, *(replace(track, steps=track.steps.copy()) for track in alive)]
+        episode = Episode(tuple(tracks), self._start, self._environment, self._settings)
         self._start, self._ended = None, []
-        return observations_of(records, self._environment, self._settings)
+        return (episode,)
 
 
 def record_of(track: Track, settings: PerceptionSettings) -> Record:

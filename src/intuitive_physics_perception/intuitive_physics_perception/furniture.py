@@ -1,4 +1,4 @@
-"""Clusters that are nothing but a static box of the environment."""
+"""Clusters that are nothing but static boxes of the environment."""
 
 from __future__ import annotations
 
@@ -42,17 +42,20 @@ class Furniture:
         return replace(clusters, indices=kept)
 
     def _is_box(self, points: NDArray[np.float32], cluster: NDArray[np.int64]) -> bool:
-        """Whether too few of a cluster's points for an object lie out of a box that it fills."""
+        """Whether too few of a cluster's points for an object lie out of boxes of which it fills
+        one: those of things that touch make one cluster."""
         every = len(cluster) // ASKED_POINTS + 1
         own = points[cluster[::every]].astype(np.float64)
         deviations = self._model.noise.deviation(np.linalg.norm(own, axis=1))
         margin = self._settings.plane_tolerance + self._settings.plane_sigmas * deviations
-        allowed = self._settings.min_points + STRAY * len(cluster)
         places = self._model.to_environment(own)
+        out, fills = np.ones(len(own), dtype=bool), False
         for center, rotation, half in self._boxes:
             local = (places - center) @ rotation
-            out = every * int((np.abs(local) > half + margin[:, None]).any(axis=1).sum())
-            extent = float(np.linalg.norm(np.ptp(local, axis=0)))
-            if out < allowed and extent > LEAST_EXTENT * 2.0 * float(np.linalg.norm(half)):
-                return True
-        return False
+            inside = (np.abs(local) <= half + margin[:, None]).all(axis=1)
+            out &= ~inside
+            if inside.any():
+                extent = float(np.linalg.norm(np.ptp(local[inside], axis=0)))
+                fills |= extent > LEAST_EXTENT * 2.0 * float(np.linalg.norm(half))
+        allowed = self._settings.min_points + STRAY * len(cluster)
+        return fills and every * int(out.sum()) < allowed

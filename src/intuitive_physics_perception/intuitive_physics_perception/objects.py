@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics_perception.detected_sphere import without_doubles
 from intuitive_physics_perception.detection import Detection
 from intuitive_physics_perception.solids import SolidFinder
-from intuitive_physics_perception.spheres import ClusterSpheres, without_doubles
+from intuitive_physics_perception.spheres import ClusterSpheres
 
 EXPLAINED = 0.1
 """Part of a cluster that spheres may leave: noise, a shadow's edge, a finger."""

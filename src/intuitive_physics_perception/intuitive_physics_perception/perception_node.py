@@ -23,7 +23,8 @@ from intuitive_physics_perception.parameter_values import (
     NO_OBJECT,
     settings_from_values,
 )
-from intuitive_physics_perception.pipeline import FrameDiagnostics, Perceived, PerceptionPipeline
+from intuitive_physics_perception.perceived import FrameDiagnostics, Perceived
+from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_ros.conversions import (
     object_states_to_message,
@@ -159,9 +160,10 @@ class PerceptionNode(Node):
             self.get_logger().warning(perceived.moved)
         if perceived.is_new_model and perceived.model is not None:
             self._publish_environment(header, perceived.model)
-        self._publish_observations(perceived.observations)
         if perceived.model is not None and not perceived.diagnostics.problem:
             self._publish_states(header, perceived, perceived.model)
+        # Observations take longer than a frame, and nobody waits for them as for the states.
+        self._publish_observations(perceived.observations)
         self._newest = (header, perceived)
         return perceived.diagnostics.problem
 

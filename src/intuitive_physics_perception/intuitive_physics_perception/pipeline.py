@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -11,90 +11,26 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
-from intuitive_physics.scene import SceneObject
-from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import unit_vector
-from intuitive_physics_perception.cluster_memory import SEARCHES
 from intuitive_physics_perception.detected_solid import DetectedSolid
-from intuitive_physics_perception.detection import Detection
-from intuitive_physics_perception.environment_check import EnvironmentCheck
+from intuitive_physics_perception.detected_sphere import DetectedSphere
 from intuitive_physics_perception.environment_model import (
-    EnvironmentModel,
     NoEnvironmentError,
     model_environment,
 )
-from intuitive_physics_perception.episodes import EpisodeRecorder
-from intuitive_physics_perception.foreground import Clusters, ForegroundFinder
-from intuitive_physics_perception.furniture import Furniture
+from intuitive_physics_perception.episodes import Episode
+from intuitive_physics_perception.modelled_scene import ModelledScene
 from intuitive_physics_perception.objects import all_objects
+from intuitive_physics_perception.perceived import (
+    FrameDiagnostics,
+    Perceived,
+    PerceivedObject,
+)
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.solids import SolidFinder
-from intuitive_physics_perception.spheres import DetectedSphere, SphereFinder
 from intuitive_physics_perception.static_boxes import with_static_boxes
-from intuitive_physics_perception.tracker import Tracker
 
 SEARCHES_IN_FRAME = 1
 """Clusters that are searched for spheres at random in one frame, which bounds its time."""
-
-
-@dataclass(frozen=True)
-class PerceivedObject:
-    """An object that is followed now: what it is, and its state in the environment's frame."""
-
-    object: SceneObject
-    state: ObjectState
-
-
-@dataclass(frozen=True)
-class FrameDiagnostics:
-    """What happened to one frame.
-
-    Parameters
-    ----------
-    problem : one sentence on why the frame could not be used, empty when it could
-    readings : points in range
-    foreground : points off all planes
-    clusters : groups of foreground points looked at
-    spheres, solids : how many were found; solids are boxes and capsules
-    seconds : time each stage took, by its name
-    """
-
-    problem: str = ""
-    readings: int = 0
-    foreground: int = 0
-    clusters: int = 0
-    spheres: int = 0
-    solids: int = 0
-    seconds: dict[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Perceived:
-    """What one frame told.
-
-    Parameters
-    ----------
-    time : s
-    model : the environment; None while it is not known
-    is_new_model : whether this frame completed it
-    restarted : whether time went back, so that what was followed is followed anew
-    moved : one sentence when the sensor was moved, so that the environment is modelled anew from
-        the frames that follow; else empty
-    detections : what was found in this frame alone, in the environment's frame
-    objects : what is followed, in the environment's frame
-    observations : those that this frame finished
-    diagnostics : how it went
-    """
-
-    time: float
-    model: EnvironmentModel | None
-    is_new_model: bool = False
-    restarted: bool = False
-    moved: str = ""
-    detections: tuple[Detection, ...] = ()
-    objects: tuple[PerceivedObject, ...] = ()
-    observations: tuple[Observation, ...] = ()
-    diagnostics: FrameDiagnostics = FrameDiagnostics()
 
 
 class PerceptionPipeline:
@@ -119,7 +55,7 @@ class PerceptionPipeline:
         self._next_track = 1
         self._last_time = -np.inf
         self._first_frames: list[NDArray[np.float32]] = []
-        self._scene: _ModelledScene | None = None
+        self._scene: ModelledScene | None = None
         self._up: NDArray[np.float64] | None = None
 
     def take_up(self, up: ArrayLike) -> None:
@@ -131,9 +67,7 @@ class PerceptionPipeline:
 
     def rebuild_environment(self) -> tuple[Observation, ...]:
         """Forget the environment, which the next frames model anew; return what was under way."""
-        observations = self._restarted()
-        self._first_frames, self._scene = [], None
-        return observations
+        return _observations(self._forget_environment())
 
     def process(self, points: NDArray[np.float32], time: float) -> Perceived:
         """Perceive one frame.
@@ -148,7 +82,7 @@ class PerceptionPipeline:
         if time == self._last_time:
             return self._unused(time, "two frames have the same time; expected increasing times")
         restarted = time < self._last_time
-        observations = self._restarted() if restarted else ()
+        episodes = self._restarted() if restarted else ()
         self._last_time = time
         if not _has_readings(points):
             problem = "the frame has no reading at all; expected points: is the sensor covered?"
@@ -159,13 +93,13 @@ class PerceptionPipeline:
             perceived = self._perceive(self._scene, points, time)
         return replace(
             perceived,
-            observations=(*observations, *perceived.observations),
+            episodes=(*episodes, *perceived.episodes),
             restarted=restarted,
         )
 
     def finish(self) -> tuple[Observation, ...]:
         """Return the observations of what still moves, as at the end of a recording."""
-        return self._restarted()
+        return _observations(self._restarted())
 
     def _model(self, points: NDArray[np.float32], time: float) -> Perceived:
         """Collect the first frames, then model the environment."""
@@ -182,7 +116,7 @@ class PerceptionPipeline:
             return self._unused(time, str(error))
         if self.settings.static_boxes:
             model = with_static_boxes(model, frames, self.settings, self._rng)
-        self._scene = _ModelledScene(model, self.settings, self._rng, self._next_track)
+        self._scene = ModelledScene(model, self.settings, self._rng, self._next_track)
         self._scene.get_used_to(points)
         seconds = {"environment": self._clock() - started}
         return Perceived(
@@ -190,14 +124,14 @@ class PerceptionPipeline:
         )
 
     def _perceive(
-        self, scene: _ModelledScene, points: NDArray[np.float32], time: float
+        self, scene: ModelledScene, points: NDArray[np.float32], time: float
     ) -> Perceived:
-        """Take the planes out, find objects, follow them, close what is finished."""
+        """Take the planes out, find objects, follow them, see which episodes are over."""
         instants = [self._clock()]
         moved = scene.check.moved(points, time)
         if moved:
-            observations = self.rebuild_environment()
-            return replace(self._unused(time, moved), observations=observations, moved=moved)
+            episodes = self._forget_environment()
+            return replace(self._unused(time, moved), episodes=episodes, moved=moved)
         clusters = scene.clusters(points)
         instants.append(self._clock())
         spheres = scene.spheres.find(points, clusters, SEARCHES_IN_FRAME)
@@ -216,9 +150,9 @@ class PerceptionPipeline:
             for track in alive
         )
         instants.append(self._clock())
-        observations = tuple(scene.episodes.update(time, alive, ended))
+        episodes = scene.episodes.update(time, alive, ended)
         instants.append(self._clock())
-        stages = ("planes", "spheres", "solids", "tracking", "observations")
+        stages = ("planes", "spheres", "solids", "tracking", "episodes")
         diagnostics = FrameDiagnostics(
             readings=clusters.readings,
             foreground=clusters.foreground,
@@ -232,58 +166,33 @@ class PerceptionPipeline:
             scene.model,
             detections=tuple(detections),
             objects=objects,
-            observations=observations,
+            episodes=episodes,
             diagnostics=diagnostics,
         )
 
-    def _restarted(self) -> tuple[Observation, ...]:
+    def _forget_environment(self) -> tuple[Episode, ...]:
+        """Let the next frames model the environment; return what was under way."""
+        episodes = self._restarted()
+        self._first_frames, self._scene = [], None
+        return episodes
+
+    def _restarted(self) -> tuple[Episode, ...]:
         """Begin to follow anew in the same environment; return what was under way."""
         if self._scene is None:
             return ()
-        observations = tuple(self._scene.episodes.finish(self._scene.tracker.tracks))
+        episodes = self._scene.episodes.finish(self._scene.tracker.tracks)
         self._next_track = self._scene.tracker.next_number
         self._scene.follow_anew(self.settings, self._next_track)
-        return observations
+        return episodes
 
     def _unused(self, time: float, problem: str) -> Perceived:
         model = self._scene.model if self._scene else None
         return Perceived(time, model, diagnostics=FrameDiagnostics(problem=problem))
 
 
-class _ModelledScene:
-    """The stages that need the environment."""
-
-    def __init__(
-        self,
-        model: EnvironmentModel,
-        settings: PerceptionSettings,
-        rng: np.random.Generator,
-        first_track: int,
-    ) -> None:
-        self.model = model
-        self.check = EnvironmentCheck(model, settings)
-        self.foreground = ForegroundFinder(model, settings)
-        self.furniture = Furniture(model, settings)
-        self.spheres = SphereFinder(model.noise, settings, rng)
-        self.solids = SolidFinder(model, settings, rng) if settings.find_solids else None
-        self.follow_anew(settings, first_track)
-
-    def clusters(self, points: NDArray[np.float32]) -> Clusters:
-        """What is neither a plane nor a static box, in clusters."""
-        return self.furniture.without(points, self.foreground.find(points))
-
-    def get_used_to(self, points: NDArray[np.float32]) -> None:
-        """Find out what each pixel sees of the planes and what stands about, so that no later
-        frame waits for it."""
-        for _ in range(SEARCHES):
-            spheres = self.spheres.find(points, self.clusters(points))
-            all_objects(points, spheres, self.solids)
-
-    def follow_anew(self, settings: PerceptionSettings, first_track: int) -> None:
-        """Forget what was followed; the environment stays."""
-        self.tracker = Tracker(self.model.environment, settings, first_track)
-        self.episodes = EpisodeRecorder(self.model.environment, settings)
-
-
 def _has_readings(points: NDArray[np.float32]) -> bool:
     return bool(points.size) and bool(np.isfinite(points[..., 2]).any())
+
+
+def _observations(episodes: Sequence[Episode]) -> tuple[Observation, ...]:
+    return tuple(found for episode in episodes for found in episode.observations())

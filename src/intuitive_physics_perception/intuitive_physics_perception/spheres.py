@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics_perception.cluster_memory import ClusterMemory
+from intuitive_physics_perception.cluster_view import ClusterView
+from intuitive_physics_perception.detected_sphere import DetectedSphere
 from intuitive_physics_perception.foreground import Clusters
 from intuitive_physics_perception.known_radius import with_known_radius
 from intuitive_physics_perception.noise import RangeNoise
@@ -27,43 +29,10 @@ REFINED_HYPOTHESES = 3
 SPHERES_IN_CLUSTER = 3
 INLIER_SIGMAS = 3.0
 STRAY_SIGMAS = 5.0
-ROUGHLY_ON = 0.6
-AROUND = 1.8
+ROUGHLY_ON, ROUGHLY_SEEN = 0.6, 0.5
 MIN_DENSITY = 0.9
 STILLNESS = 0.2
 SYSTEMATIC_ERROR = 0.0005
-
-
-@dataclass(frozen=True, eq=False)
-class DetectedSphere:
-    """A sphere in one frame.
-
-    Parameters
-    ----------
-    center : (3,) m
-    radius : m
-    covariance : (4, 4) of centre and radius, m²
-    points : readings on its surface
-    range : m from the sensor to the centre
-    """
-
-    center: NDArray[np.float64]
-    radius: float
-    covariance: NDArray[np.float64]
-    points: int
-    range: float
-
-    def moved(
-        self, rotation: NDArray[np.float64], translation: NDArray[np.float64]
-    ) -> DetectedSphere:
-        """Return it in another frame, p_other = rotation p + translation."""
-        turn = np.eye(4)
-        turn[:3, :3] = rotation
-        return replace(
-            self,
-            center=rotation @ self.center + translation,
-            covariance=turn @ self.covariance @ turn.T,
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +93,13 @@ class SphereFinder:
                 continue
             inside = self._spheres_in(points, cluster, own, thorough=left > 0)
             found.append(inside)
-            if not inside.spheres and left > 0:
+            if inside.spheres:
+                continue
+            if left > 0:
                 self._memory.keep(known, None)
                 left -= 1
+            else:
+                self._memory.postpone(known)
         self._memory.end_frame()
         return found
 
@@ -141,7 +114,7 @@ class SphereFinder:
         found: list[DetectedSphere] = []
         left = cluster
         while len(found) < SPHERES_IN_CLUSTER and len(own) >= self._settings.min_points:
-            sphere = self._best_sphere(points, left, own, thorough=thorough)
+            sphere = self._best_sphere(ClusterView(points, left), own, thorough=thorough)
             if sphere is None:
                 break
             found.append(sphere)
@@ -152,38 +125,40 @@ class SphereFinder:
         return ClusterSpheres(cluster, found, len(own) / len(cluster))
 
     def _best_sphere(
-        self,
-        points: NDArray[np.float32],
-        cluster: NDArray[np.int64],
-        own: NDArray[np.float64],
-        *,
-        thorough: bool,
+        self, view: ClusterView, own: NDArray[np.float64], *, thorough: bool
     ) -> DetectedSphere | None:
         fitted = self._some(own, FITTED_POINTS)
         for hypothesis in self._hypotheses(fitted, len(own), thorough):
-            sphere, covariance, misfit = self._refined(points, cluster, fitted, hypothesis)
+            if len(own) < self._fewest(view, hypothesis):
+                continue
+            sphere, covariance, misfit = self._refined(view, fitted, hypothesis)
             # The fit took part of the points: the rest tells as much again.
             covariance = covariance * self._settings.correlated_readings * len(fitted) / len(own)
             sphere, covariance = with_known_radius(
                 sphere, covariance, self._known_radii, self._settings.known_object_tolerance
             )
             if misfit < self._settings.max_misfit and self._is_plausible(sphere, covariance):
-                detected = self._inspected(points, cluster, sphere, covariance)
+                detected = self._inspected(view, sphere, covariance)
                 if detected is not None:
                     return detected
         return None
 
+    def _fewest(self, view: ClusterView, sphere: NDArray[np.float64]) -> float:
+        """Points below which a cluster is far too little of a sphere to be seen as one: cheaper to
+        tell than by a fit."""
+        least = min(self._settings.min_visible_fraction, self._settings.min_partly_visible)
+        return ROUGHLY_SEEN * least * view.readings_in_outline(sphere)
+
     def _refined(
         self,
-        points: NDArray[np.float32],
-        cluster: NDArray[np.int64],
+        view: ClusterView,
         fitted: NDArray[np.float64],
         sphere: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
         """Fit twice: only the first fit tells well where the outline is."""
         limits = self._settings.min_radius, self._settings.max_radius
         for _ in range(2):
-            around = points_around(points, cluster, sphere)
+            around, _ = view.around(sphere)
             beyond = readings_beyond(around, sphere, self._noise)
             sphere, covariance, misfit, inliers = refine_sphere(
                 fitted, beyond, sphere, *limits, INLIER_SIGMAS, self._noise
@@ -236,58 +211,22 @@ class SphereFinder:
 
     def _inspected(
         self,
-        points: NDArray[np.float32],
-        cluster: NDArray[np.int64],
+        view: ClusterView,
         sphere: NDArray[np.float64],
         covariance: NDArray[np.float64],
     ) -> DetectedSphere | None:
         settings = self._settings
-        around = points_around(points, cluster, sphere)
+        around, each = view.around(sphere)
         on, against, visible, density = inspect_sphere(around, sphere, INLIER_SIGMAS, self._noise)
         enough = visible >= settings.min_visible_fraction or (
             visible >= settings.min_partly_visible and density >= MIN_DENSITY
         )
         if (
-            on < settings.min_points
+            each * on < settings.min_points
             or on < settings.min_surface_fraction * (on + against)
             or not enough
         ):
             return None
         covariance = covariance + SYSTEMATIC_ERROR**2 * np.eye(4)
         distance = float(np.linalg.norm(sphere[:3]))
-        return DetectedSphere(sphere[:3], float(sphere[3]), covariance, on, distance)
-
-
-def points_around(
-    points: NDArray[np.float32], cluster: NDArray[np.int64], sphere: NDArray[np.float64]
-) -> NDArray[np.float32]:
-    """Return (n, 3) readings among which are all in the outline of a sphere that the cluster is
-    part of: all of an unorganised cloud, a window of an organised one."""
-    height, width = points.shape[:2]
-    if height == 1:
-        return points[0]
-    directions = points.reshape(-1, 3)[cluster]
-    directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    rows, columns = np.divmod(cluster, width)
-    pixels = float(np.hypot(np.ptp(rows), np.ptp(columns)))
-    pitch = float(np.linalg.norm(np.ptp(directions, axis=0))) / max(pixels, 1.0)
-    centre = sphere[:3] / np.linalg.norm(sphere[:3])
-    away = np.linalg.norm(directions - centre, axis=1)
-    nearest = int(away.argmin())
-    row, column = int(rows[nearest]), int(columns[nearest])
-    reach = float(away[nearest]) + AROUND * sphere[3] / float(np.linalg.norm(sphere[:3]))
-    half = int(min(reach / max(pitch, 1e-6), max(height, width))) + 2
-    window = points[max(row - half, 0) : row + half + 1, max(column - half, 0) : column + half + 1]
-    return np.ascontiguousarray(window).reshape(-1, 3)
-
-
-def without_doubles(spheres: list[DetectedSphere]) -> list[DetectedSphere]:
-    """Of spheres that share space keep the one with more points."""
-    kept: list[DetectedSphere] = []
-    for sphere in sorted(spheres, key=lambda sphere: -sphere.points):
-        if all(
-            np.linalg.norm(sphere.center - other.center) > max(sphere.radius, other.radius)
-            for other in kept
-        ):
-            kept.append(sphere)
-    return kept
+        return DetectedSphere(sphere[:3], float(sphere[3]), covariance, each * on, distance)

@@ -10,10 +10,10 @@ import pytest
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Sphere
+from intuitive_physics_perception.detected_sphere import DetectedSphere
 from intuitive_physics_perception.episodes import EpisodeRecorder, observations_of
 from intuitive_physics_perception.initial_state import Record, state_at
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.spheres import DetectedSphere
 from intuitive_physics_perception.tracker import Tracker
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
@@ -131,7 +131,8 @@ def run(rng, paths, times, settings=SETTINGS) -> list[tuple[float, Observation]]
             if np.isfinite(path[k]).all()
         ]
         ended = tracker.update(float(time), spheres)
-        closed += [(time, found) for found in recorder.update(float(time), tracker.tracks, ended)]
+        for episode in recorder.update(float(time), tracker.tracks, ended):
+            closed += [(time, found) for found in episode.observations()]
     return closed
 
 

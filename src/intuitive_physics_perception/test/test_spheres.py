@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from intuitive_physics_perception.clustering import neighbour_labels
 from intuitive_physics_perception.depth import points_from_depth
+from intuitive_physics_perception.detected_sphere import DetectedSphere
 from intuitive_physics_perception.foreground import ForegroundFinder
 from intuitive_physics_perception.noise import RangeNoise
 from intuitive_physics_perception.objects import all_objects
@@ -24,7 +25,7 @@ from intuitive_physics_perception.sphere_ransac import (
     ransac_spheres,
     score_spheres,
 )
-from intuitive_physics_perception.spheres import DetectedSphere, SphereFinder
+from intuitive_physics_perception.spheres import SphereFinder
 
 SETTINGS = PerceptionSettings()
 NOTHING = np.zeros((0, 3))

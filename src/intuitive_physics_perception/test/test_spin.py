@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics.scene import Environment, Plane
+from intuitive_physics_perception.detected_sphere import DetectedSphere
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.spheres import DetectedSphere
 from intuitive_physics_perception.spin import rolling_spin
 from intuitive_physics_perception.tracker import Tracker
 

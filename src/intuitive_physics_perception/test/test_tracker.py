@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from intuitive_physics.scene import Environment, Plane
+from intuitive_physics_perception.detected_sphere import DetectedSphere
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
-from intuitive_physics_perception.spheres import DetectedSphere
 from intuitive_physics_perception.tracker import Tracker
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 HYPOTHESES = 150
@@ -89,8 +91,7 @@ def _best_plane(
     normals[offsets > 0.0] *= -1.0
     planes = np.column_stack([normals, -np.abs(offsets)])
     every = max(len(points) // SCORED_POINTS, 1)
-    scaled = _scaled(points[::every], deviations[::every], planes)
-    scores = (np.abs(scaled) < FACE_SIGMAS).sum(axis=-1)
+    scores = _near_counts(points[::every], deviations[::every], planes)
     best = planes[int(scores.argmax())]
     inliers = points[np.abs(_scaled(points, deviations, best)) < FACE_SIGMAS]
     return _least_squares_plane(inliers) if len(inliers) >= 3 else None
@@ -120,6 +121,21 @@ def _scaled(
     cosine = along / np.linalg.norm(points, axis=1)
     spread = np.sqrt(np.square(deviations * cosine) + SURFACE_DEVIATION**2)
     return (along - planes[..., 3:]) / spread
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _near_counts(points: Any, deviations: Any, planes: Any) -> Any:
+    """How many points are near each plane (n, 4), as `_scaled` has it."""
+    counts = np.zeros(planes.shape[0], dtype=np.int64)
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        sway = deviations[i] * deviations[i] / (x * x + y * y + z * z)
+        for k in range(planes.shape[0]):
+            along = planes[k, 0] * x + planes[k, 1] * y + planes[k, 2] * z
+            error = along - planes[k, 3]
+            spread2 = sway * along * along + SURFACE_DEVIATION**2
+            counts[k] += error * error < FACE_SIGMAS * FACE_SIGMAS * spread2
+    return counts
 
 
 def _refined(

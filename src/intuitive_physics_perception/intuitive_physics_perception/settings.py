@@ -135,6 +135,10 @@ class PerceptionSettings:
         0.15, 0.001, 1.0, "standard deviation of a fitted radius, in radii, that is still a sphere"
     )
     find_solids: bool = other(True, "look for boxes and capsules, too")
+    solids_are_objects: bool = other(
+        False,
+        "take boxes and capsules that lie there from the start for objects; false: for static boxes",
+    )
     min_solid_points: int = number(
         120,
         20,
@@ -189,6 +193,11 @@ class PerceptionSettings:
             raise InvalidInputError(
                 "gravity_source is 'up_hint' and there is no up_hint; expected the upward "
                 "direction in the sensor's frame"
+            )
+        if self.solids_are_objects and not self.find_solids:
+            raise InvalidInputError(
+                "solids_are_objects is true and find_solids is false; expected find_solids true, "
+                "as only what is looked for is found"
             )
         object.__setattr__(self, "known_objects", _checked_objects(self.known_objects))
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.rotation import rotation_matrix
+from intuitive_physics.scene import StaticBox
 from intuitive_physics_perception.box_fit import fit_box
 from intuitive_physics_perception.capsule_fit import fit_capsule
 from intuitive_physics_perception.cluster_memory import ClusterMemory
@@ -100,10 +101,10 @@ class SolidFinder:
     def _is_static(self, fit: DetectedSolid) -> bool:
         """Whether its centre lies in a static box of the environment."""
         center = self._model.to_environment(fit.center)
-        return any(
-            (
-                np.abs((center - box.center) @ rotation_matrix(box.orientation))
-                <= 0.5 * box.edge_lengths
-            ).all()
-            for box in self._model.environment.boxes
-        )
+        return any(holds(box, center) for box in self._model.environment.boxes)
+
+
+def holds(box: StaticBox, place: NDArray[np.float64]) -> bool:
+    """Return whether a place (3,) of the environment's frame lies in a box."""
+    local = (place - box.center) @ rotation_matrix(box.orientation)
+    return bool((np.abs(local) <= 0.5 * box.edge_lengths).all())

@@ -14,6 +14,7 @@ from intuitive_physics_perception.foreground import Clusters, ForegroundFinder
 from intuitive_physics_perception.fusion import MAX_EDGE_POINTS, fused_frame
 from intuitive_physics_perception.range_cloud import convex_hull
 from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.solids import SolidFinder, holds
 from intuitive_physics_perception.spheres import SphereFinder
 
 MIN_SIZE = 0.04
@@ -52,9 +53,33 @@ def with_static_boxes(
         box = _box_around(f"box_{len(boxes)}", model, points[indices], settings)
         if box is not None:
             boxes.append(box)
+    if settings.solids_are_objects:
+        boxes = _without_objects(boxes, model, frames, settings, rng)
     known = model.environment
     environment = Environment(known.planes, boxes, known.gravity, known.frame_id, known.air_density)
     return replace(model, environment=environment)
+
+
+def _without_objects(
+    boxes: Sequence[StaticBox],
+    model: EnvironmentModel,
+    frames: Sequence[NDArray[np.float32]],
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+) -> list[StaticBox]:
+    """Boxes in which no frame shows the centre of a box or capsule.
+
+    The fused frame is too coarse to tell: a single one has all its readings.
+    """
+    foreground, finder = ForegroundFinder(model, settings), SolidFinder(model, settings, rng)
+    solids = [
+        solid
+        for frame in frames
+        for solid in finder.find(frame, foreground.find(frame).indices)
+        if solid is not None
+    ]
+    centers = [model.to_environment(solid.center) for solid in solids]
+    return [box for box in boxes if not any(holds(box, center) for center in centers)]
 
 
 def _box_around(

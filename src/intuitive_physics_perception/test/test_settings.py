@@ -40,6 +40,7 @@ def test_numbers_outside_their_range_are_refused(setting, bad) -> None:
         ({"known_objects": (KnownObject("a", 0.1, "m"), KnownObject("a", 0.2, "m"))}, "each name"),
         ({"gravity_source": "up_hint"}, "there is no up_hint"),
         ({"gravity_source": "moon"}, "one of plane, up_hint, imu"),
+        ({"solids_are_objects": True, "find_solids": False}, "expected find_solids true"),
         ({"known_objects": ("ball",)}, "expected a KnownObject"),
     ],
 )

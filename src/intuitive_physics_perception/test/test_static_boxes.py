@@ -78,3 +78,30 @@ def test_boxes_are_part_of_the_environment_unless_they_are_left_out(room, shapes
         perceived = [pipeline.process(frame, 0.1 * k) for k, frame in enumerate(frames)][-1]
         assert len(perceived.model.environment.boxes) == int(wanted)
         assert len(perceived.model.seen_environment().boxes) == int(wanted)
+
+
+def test_a_box_that_lies_there_from_the_start_is_an_object_where_told_so(room, shapes) -> None:
+    """Pushed later, it slides 1 m/s along y without friction, 33 cm in 10 frames."""
+    small = room.__class__(tilt=30.0, seed=9, width=320, height_pixels=240, focal=262.5)
+    step, resting, pushed = 1.0 / 30.0, FRAMES + 18, 10
+    slid = step * np.concatenate([np.zeros(resting), np.arange(1, pushed + 1)])
+
+    def frame(y):
+        place = (CRATE[0], CRATE[1] - y, CRATE[2])
+        return frames_of(small, balls=((),), extra=[shapes["box"](place, CRATE_EDGES, 0.5)])[0]
+
+    settings = replace(SETTINGS, solids_are_objects=True)
+    pipeline = PerceptionPipeline(settings, np.random.default_rng(0))
+    perceived = [pipeline.process(frame(y), step * k) for k, y in enumerate(slid)]
+    assert perceived[-1].model.environment.boxes == ()
+    (lying,), (sliding,) = perceived[resting - 1].objects, perceived[-1].objects
+    assert sliding.object.id == lying.object.id
+    assert sorted(lying.object.shape.edge_lengths) == pytest.approx(sorted(CRATE_EDGES), abs=0.02)
+    assert lying.state.position == pytest.approx(CRATE, abs=0.02)
+    assert np.linalg.norm(lying.state.linear_velocity) < SETTINGS.rest_speed
+    assert sliding.state.position == pytest.approx([1.5, 0.2 - slid[-1], 0.1], abs=0.02)
+    assert sliding.state.linear_velocity == pytest.approx([0.0, -1.0, 0.0], abs=0.15)
+    (observation,) = pipeline.finish()
+    (thing,) = observation.objects
+    assert observation.start_time == pytest.approx(step * (resting - 1), abs=2.5 * step)
+    assert thing.initial_state.linear_velocity == pytest.approx([0.0, -1.0, 0.0], abs=0.15)

@@ -24,6 +24,7 @@ class DetectedSolid:
     size_variance : m², of each dimension
     points : readings on its surface
     misfit : mean squared distance from the surface, in variances of the noise
+    color : (3,) mean red, green and blue, 0 to 1; None where it is not told
     """
 
     shape: Box | Capsule
@@ -34,6 +35,7 @@ class DetectedSolid:
     size_variance: float
     points: int
     misfit: float
+    color: NDArray[np.float64] | None = None
 
     @property
     def radius(self) -> float:

@@ -19,6 +19,7 @@ class DetectedSphere:
     covariance : (4, 4) of centre and radius, m²
     points : readings on its surface
     range : m from the sensor to the centre
+    color : (3,) mean red, green and blue, 0 to 1; None where it is not told
     """
 
     center: NDArray[np.float64]
@@ -26,6 +27,7 @@ class DetectedSphere:
     covariance: NDArray[np.float64]
     points: int
     range: float
+    color: NDArray[np.float64] | None = None
 
     def moved(
         self, rotation: NDArray[np.float64], translation: NDArray[np.float64]

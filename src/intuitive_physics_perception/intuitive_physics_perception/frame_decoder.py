@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_perception.colors import colors_from_cloud_data, colors_from_image_data
 from intuitive_physics_perception.depth import (
     Intrinsics,
     check_size,
@@ -112,6 +113,36 @@ class FrameDecoder:
             row_step=cloud.row_step,
             fields=[Field(f.name, f.offset, f.datatype, f.count) for f in cloud.fields],
             is_bigendian=bool(cloud.is_bigendian),
+        )
+
+    @staticmethod
+    def cloud_colors(cloud: Any) -> NDArray[np.uint8] | None:
+        """Return the colours (height, width, 3) of a PointCloud2 of which `cloud_points` has read
+        the points; None where it has none."""
+        return colors_from_cloud_data(
+            cloud.data,
+            width=cloud.width,
+            height=cloud.height,
+            point_step=cloud.point_step,
+            row_step=cloud.row_step,
+            fields=[Field(f.name, f.offset, f.datatype, f.count) for f in cloud.fields],
+        )
+
+    @staticmethod
+    def image_colors(image: Any) -> NDArray[np.uint8]:
+        """Return the colours (height, width, 3) of a colour Image.
+
+        Raises
+        ------
+        InvalidInputError
+            When it is no colour image or its data do not fit its header.
+        """
+        return colors_from_image_data(
+            image.data,
+            width=image.width,
+            height=image.height,
+            encoding=image.encoding,
+            step=image.step,
         )
 
 

@@ -13,6 +13,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Header
 
 from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics_perception.color_input_node import ColorInput
 from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.frame_decoder import FrameDecoder
 from intuitive_physics_perception.frame_worker import FrameWorker
@@ -21,7 +22,7 @@ from intuitive_physics_ros.input_monitor import InputMonitor
 from intuitive_physics_ros.qos import SENSOR_DATA
 
 Frame: TypeAlias = Image | PointCloud2
-UseFrame: TypeAlias = Callable[[Header, NDArray[np.float32]], str]
+UseFrame: TypeAlias = Callable[[Header, NDArray[np.float32], NDArray[np.uint8] | None], str]
 
 TOPICS: dict[type[Frame], str] = {Image: "~/depth/image", PointCloud2: "~/points"}
 CAMERA_INFO = "~/depth/camera_info"
@@ -49,8 +50,9 @@ class FrameInput:
     kinds : messages that are subscribed to; of several the one that is good first stays, as both
         show the same scene
     rectified : whether images are without distortion already
-    use : called in the thread with header and points of each frame; returns why it could not be
-        used, empty when it could
+    color : whether to hear colour images registered to the depth images
+    use : called in the thread with header, points and colours of each frame, None for no colours;
+        returns why it could not be used, empty when it could
     """
 
     def __init__(
@@ -60,6 +62,7 @@ class FrameInput:
         kinds: tuple[type[Frame], ...],
         *,
         rectified: bool,
+        color: bool,
         use: UseFrame,
     ) -> None:
         self._log = node.get_logger()
@@ -75,6 +78,7 @@ class FrameInput:
             self._camera_monitor = InputMonitor(node, CAMERA_INFO, None)
             diagnostics.add(CAMERA_INFO.removeprefix("~/"), self._camera_monitor.check)
             node.create_subscription(CameraInfo, CAMERA_INFO, self._on_camera, SENSOR_DATA)
+        self._color = ColorInput(node, diagnostics) if color and Image in kinds else None
 
     @property
     def dropped(self) -> int:
@@ -99,15 +103,11 @@ class FrameInput:
             return
         monitor = self._monitors[type(message)]
         try:
-            points = (
-                self._decoder.image_points(message)
-                if isinstance(message, Image)
-                else self._decoder.cloud_points(message)
-            )
+            points, colors = self._decoded(message)
             if self._kind is None:
                 self._kind = type(message)
                 self._log.info(f"perceives {self._kind.__name__} messages")
-            problem = self._use(message.header, points)
+            problem = self._use(message.header, points, colors)
         except IntuitivePhysicsError as error:
             problem = str(error)
         except Exception as error:
@@ -117,6 +117,15 @@ class FrameInput:
             monitor.rejected(problem)
         else:
             monitor.accepted()
+
+    def _decoded(self, message: Frame) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
+        """Points of a frame, and their colours where they are told."""
+        if not isinstance(message, Image):
+            return self._decoder.cloud_points(message), self._decoder.cloud_colors(message)
+        points = self._decoder.image_points(message)
+        if self._color is None:
+            return points, None
+        return points, self._color.of_frame(message.header, points)
 
     def _check(self, kind: type[Frame]) -> Status:
         if self._kind is not None and kind is not self._kind:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import numpy as np
+from numpy.typing import NDArray
+
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import SceneObject
 from intuitive_physics.state import ObjectState
@@ -15,10 +18,18 @@ from intuitive_physics_perception.episodes import Episode
 
 @dataclass(frozen=True)
 class PerceivedObject:
-    """An object that is followed now: what it is, and its state in the environment's frame."""
+    """An object that is followed now.
+
+    Parameters
+    ----------
+    object : what it is
+    state : in the environment's frame
+    color : (3,) mean red, green and blue of late, 0 to 1; None where it is not told
+    """
 
     object: SceneObject
     state: ObjectState
+    color: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,11 @@ PARAMETERS = [
         False,
         "take the camera matrix from P and no distortion, instead of K and D",
     ),
+    Parameter(
+        "use_color",
+        False,
+        "hear ~/color/image, registered to the depth image, to tell things apart that cross",
+    ),
     Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0)),
     Parameter("up_hint", list(NO_DIRECTION), "roughly upward in the sensor's frame; zeros: none"),
     Parameter(
@@ -102,6 +107,7 @@ class PerceptionNode(Node):
             diagnostics,
             INPUTS[values["input"]],
             rectified=values["image_is_rectified"],
+            color=values["use_color"],
             use=self._perceive,
         )
         diagnostics.add("environment", self._check_environment)
@@ -144,13 +150,15 @@ class PerceptionNode(Node):
         )
         return response
 
-    def _perceive(self, header: Header, points: NDArray[np.float32]) -> str:
+    def _perceive(
+        self, header: Header, points: NDArray[np.float32], colors: NDArray[np.uint8] | None
+    ) -> str:
         """Perceive one frame; runs in the input's thread. Return why it could not be used."""
         self._sensor_frame = header.frame_id
         if self._rebuild:
             self._rebuild = False
             self._publish_observations(self._pipeline.rebuild_environment())
-        perceived = self._pipeline.process(points, seconds_from_stamp(header.stamp))
+        perceived = self._pipeline.process(points, seconds_from_stamp(header.stamp), colors)
         self._frames += 1
         if perceived.restarted:
             self._restarts += 1
@@ -207,12 +215,13 @@ class PerceptionNode(Node):
         own = Header(stamp=header.stamp, frame_id=model.environment.frame_id)
         objects = [seen.object for seen in perceived.objects]
         states = [seen.state for seen in perceived.objects]
+        colors = [seen.color for seen in perceived.objects]
         self._markers.publish(
             MarkerArray(
                 markers=[
                     clearing_marker(),
                     *environment_markers(model.seen_environment(), header.stamp),
-                    *object_markers(objects, states, own),
+                    *object_markers(objects, states, own, colors=colors),
                     gravity_marker(model.environment, header.stamp),
                 ]
             )

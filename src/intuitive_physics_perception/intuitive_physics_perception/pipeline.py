@@ -69,14 +69,24 @@ class PerceptionPipeline:
         """Forget the environment, which the next frames model anew; return what was under way."""
         return _observations(self._forget_environment())
 
-    def process(self, points: NDArray[np.float32], time: float) -> Perceived:
+    def process(
+        self,
+        points: NDArray[np.float32],
+        time: float,
+        colors: NDArray[np.uint8] | None = None,
+    ) -> Perceived:
         """Perceive one frame.
 
         Parameters
         ----------
         points : (height, width, 3) float32 m in the sensor's frame, NaN where nothing was read
         time : s. An earlier time than that of the last frame restarts tracking.
+        colors : (height, width, 3) red, green and blue of the points, where they are known
         """
+        if colors is not None and colors.shape != points.shape:
+            raise InvalidInputError(
+                f"colours are {colors.shape} and points {points.shape}; expected the same shape"
+            )
         if not np.isfinite(time):
             raise InvalidInputError(f"time of the frame is {time}; expected a finite number")
         if time == self._last_time:
@@ -90,7 +100,7 @@ class PerceptionPipeline:
         elif self._scene is None:
             perceived = self._model(points, time)
         else:
-            perceived = self._perceive(self._scene, points, time)
+            perceived = self._perceive(self._scene, points, time, colors)
         return replace(
             perceived,
             episodes=(*episodes, *perceived.episodes),
@@ -124,7 +134,11 @@ class PerceptionPipeline:
         )
 
     def _perceive(
-        self, scene: ModelledScene, points: NDArray[np.float32], time: float
+        self,
+        scene: ModelledScene,
+        points: NDArray[np.float32],
+        time: float,
+        colors: NDArray[np.uint8] | None,
     ) -> Perceived:
         """Take the planes out, find objects, follow them, see which episodes are over."""
         instants = [self._clock()]
@@ -136,7 +150,7 @@ class PerceptionPipeline:
         instants.append(self._clock())
         spheres = scene.spheres.find(points, clusters, SEARCHES_IN_FRAME)
         instants.append(self._clock())
-        found = all_objects(points, spheres, scene.solids)
+        found = all_objects(points, spheres, scene.solids, colors)
         pose = scene.model.rotation, scene.model.translation
         detections = [detection.moved(*pose) for detection in found]
         instants.append(self._clock())
@@ -146,6 +160,7 @@ class PerceptionPipeline:
             PerceivedObject(
                 track.scene_object(self.settings),
                 track.object_state(scene.model.environment, self.settings),
+                track.color,
             )
             for track in alive
         )

@@ -137,7 +137,7 @@ class PerceptionSettings:
     find_solids: bool = other(True, "look for boxes and capsules, too")
     solids_are_objects: bool = other(
         False,
-        "take boxes and capsules that lie there from the start for objects; false: for static boxes",
+        "boxes and capsules that lie there from the start are objects; false: static boxes",
     )
     min_solid_points: int = number(
         120,

@@ -39,6 +39,8 @@ from intuitive_physics_perception.spin import (
 
 MAX_STEPS = 4000
 LIFT_SIGMAS = 3.0
+NEW_COLOR = 0.25
+"""Weight of the newest frame in a track's colour."""
 
 
 @dataclass(eq=False)
@@ -56,6 +58,7 @@ class Track:
     prediction : what the frame before made expect
     known : the known object it turned out to be
     resting : whether it did not move for `rest_time`
+    color : (3,) mean red, green and blue of late, 0 to 1; None while it is not told
     moving_since : s, when it was first seen or left its rest
     steps : all frames since it was first seen
     """
@@ -74,7 +77,14 @@ class Track:
     confirmed: bool = False
     resting: bool = False
     known: KnownObject | None = None
+    color: NDArray[np.float64] | None = None
     steps: deque[FilterStep] = field(default_factory=lambda: deque(maxlen=MAX_STEPS))
+
+    def take_color(self, color: NDArray[np.float64] | None) -> None:
+        """Average the colour of what was seen of it; late frames count most, as light changes."""
+        if color is None:
+            return
+        self.color = color if self.color is None else self.color + NEW_COLOR * (color - self.color)
 
     def close_step(self, seen: Detection | None) -> None:
         """Keep what is believed after a frame in which `seen` was seen of it."""

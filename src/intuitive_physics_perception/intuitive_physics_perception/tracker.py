@@ -8,7 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.scene import Environment
-from intuitive_physics_perception.association import cheapest_pairs
+from intuitive_physics_perception.association import (
+    MOST_FOR_COLOR,
+    cheapest_pairs,
+    color_cost,
+)
 from intuitive_physics_perception.detection import Detection, kind_of
 from intuitive_physics_perception.recognition import settle
 from intuitive_physics_perception.settings import PerceptionSettings
@@ -61,6 +65,7 @@ class Tracker:
                 track.misses += 1
             else:
                 self._filter.correct(track, detection)
+                track.take_color(detection.color)
                 settle(track, self._settings)
             track.close_step(detection)
             track.resting = track.resting or self._has_come_to_rest(track)
@@ -74,7 +79,7 @@ class Tracker:
 
     def _matches(self, detections: Sequence[Detection]) -> dict[int, Detection]:
         """Pair numbers of tracks and detections: by what is likely, then by what a hit or a hand
-        could explain."""
+        could explain. Colour has a say in what is likely, never in what is possible."""
         likely = np.full((len(self._tracks), len(detections)), np.inf)
         possible = likely.copy()
         for k, track in enumerate(self._tracks):
@@ -82,26 +87,28 @@ class Tracker:
                 if kind_of(detection) != track.kind:
                     continue
                 innovation, spread = innovation_of(track, detection)
-                distance2 = float(innovation @ np.linalg.solve(spread, innovation))
+                unlike = color_cost(track.color, detection.color)
+                distance2 = float(innovation @ np.linalg.solve(spread, innovation)) + unlike
                 if distance2 < GATE:
                     # As the likelihood has it: a wide guess must not win by its width.
                     width = float(np.linalg.slogdet(spread)[1]) - SMALLEST_LOG_DETERMINANT
                     likely[k, n] = distance2 + max(width, 0.0)
-                if self._is_possible(track, innovation, spread):
-                    possible[k, n] = float(np.linalg.norm(innovation[:3]))
+                away, reach = float(np.linalg.norm(innovation[:3])), self._reach(track, spread)
+                slack = RADIUS_GATE * np.sqrt(spread[3, 3]) + RADIUS_SLACK
+                if away < reach and abs(innovation[3]) < slack:
+                    # Another colour is worse than any place where it could be.
+                    possible[k, n] = away + reach * unlike / MOST_FOR_COLOR
         pairs = cheapest_pairs(likely)
         for k, n in pairs:
             possible[k, :] = possible[:, n] = np.inf
         pairs += cheapest_pairs(possible)
         return {self._tracks[k].number: detections[n] for k, n in pairs}
 
-    def _is_possible(
-        self, track: Track, innovation: NDArray[np.float64], spread: NDArray[np.float64]
-    ) -> bool:
+    def _reach(self, track: Track, spread: NDArray[np.float64]) -> float:
+        """m from where a track is expected within which it can be."""
         duration = track.time - track.last_seen
-        reach = self._settings.max_speed * duration + 3.0 * np.sqrt(np.trace(spread[:3, :3]))
-        slack = RADIUS_GATE * np.sqrt(spread[3, 3]) + RADIUS_SLACK
-        return bool(np.linalg.norm(innovation[:3]) < reach and abs(innovation[3]) < slack)
+        spread_of_place = 3.0 * float(np.sqrt(np.trace(spread[:3, :3])))
+        return self._settings.max_speed * duration + spread_of_place
 
     def _has_come_to_rest(self, track: Track) -> bool:
         """Whether it stayed, within noise and `rest_speed`, where it was for `rest_time`."""
@@ -122,6 +129,7 @@ class Tracker:
 
     def _new_track(self, time: float, detection: Detection) -> Track:
         track = self._filter.begin(self.next_number, time, detection)
+        track.take_color(detection.color)
         settle(track, self._settings)
         track.close_step(detection)
         self.next_number += 1

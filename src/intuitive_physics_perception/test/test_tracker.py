@@ -19,10 +19,10 @@ STEP = 1.0 / 30.0
 NOISE = 0.001
 
 
-def seen(rng, place, radius=0.05, noise=NOISE):
+def seen(rng, place, radius=0.05, noise=NOISE, color=None):
     error = noise * rng.normal(size=4)
     return DetectedSphere(
-        np.asarray(place) + error[:3], radius + error[3], noise**2 * np.eye(4), 200, 2.0
+        np.asarray(place) + error[:3], radius + error[3], noise**2 * np.eye(4), 200, 2.0, color
     )
 
 
@@ -75,6 +75,51 @@ def test_two_balls_that_cross_keep_their_names(rng) -> None:
     assert sorted(tracks) == [1, 2]
     assert tracks[1].mean[3] == pytest.approx(2.0, abs=0.1)
     assert tracks[2].mean[3] == pytest.approx(-2.0, abs=0.1)
+
+
+RED, BLUE = np.array([0.7, 0.2, 0.2]), np.array([0.2, 0.2, 0.7])
+
+
+@pytest.mark.parametrize("elastic", [True, False])
+@pytest.mark.parametrize("colored", [True, False])
+def test_colours_tell_balls_that_meet_from_balls_that_pass(rng, elastic, colored) -> None:
+    """Equal balls that meet head-on without loss exchange their velocities: where balls are seen
+    is the same as if they had passed through each other, and only colour tells who is who."""
+    times = np.arange(0, 0.8, STEP)
+    along = np.array([1.0, 0.0, 0.0])
+    first, second = -0.4 + 1.0 * times, 0.4 - 1.0 * times
+    if elastic:
+        first, second = np.minimum(first, second), np.maximum(first, second)
+    tracker = Tracker(Environment(FLOOR.planes, gravity=(0, 0, -1e-6)), SETTINGS)
+    for k, time in enumerate(times):
+        light = rng.uniform(0.8, 1.0)
+        tracker.update(
+            float(time),
+            [
+                seen(
+                    rng, np.array([0, 0, 1.0]) + x[k] * along, color=light * c if colored else None
+                )
+                for x, c in ((first, RED), (second, BLUE))
+            ],
+        )
+    tracks = sorted(tracker.tracks, key=lambda track: track.number)
+    assert [track.number for track in tracks] == [1, 2]
+    # Without colour the simpler explanation holds: they passed.
+    truly = first if colored or not elastic else second
+    assert tracks[0].mean[0] == pytest.approx(truly[-1], abs=0.01)
+    if colored:
+        assert tracks[0].color == pytest.approx(RED, abs=0.15)
+        assert tracks[1].color == pytest.approx(BLUE, abs=0.15)
+
+
+def test_a_ball_whose_colour_changes_in_a_shadow_stays_itself(rng, bounce) -> None:
+    times = np.arange(0, 0.8, STEP)
+    path = bounce(times, (0, 0, 0.8), (0.5, 0.2, 0.0), 0.05, 0.7)
+    tracker = Tracker(FLOOR, SETTINGS)
+    for k, time in enumerate(times):
+        color = RED if k % 8 < 4 else 0.1 * BLUE
+        assert tracker.update(float(time), [seen(rng, path[k], color=color)]) == []
+    assert [track.number for track in tracker.tracks] == [1]
 
 
 def test_a_short_occlusion_keeps_the_track_and_a_long_one_ends_it(rng, bounce) -> None:

@@ -42,10 +42,17 @@ def object_markers(
     header: Header,
     *,
     namespace: str = "objects",
+    colors: Sequence[ArrayLike | None] | None = None,
 ) -> list[Marker]:
-    """Return the solids of objects where their states have them, coloured by material."""
+    """Return the solids of objects where their states have them.
+
+    Parameters
+    ----------
+    colors : (3,) red, green and blue of each, 0 to 1; None for that of its material
+    """
     markers: list[Marker] = []
-    for thing, state in zip(things, states, strict=True):
+    own_colors = colors if colors is not None else [None] * len(things)
+    for thing, state, own in zip(things, states, own_colors, strict=True):
         for kind, offset, size in _solids(thing.shape):
             center = state.position + rotated(state.orientation, np.array([0.0, 0.0, offset]))
             markers.append(
@@ -56,7 +63,7 @@ def object_markers(
                     type=kind,
                     pose=pose_to_message(center, state.orientation),
                     scale=vector_to_message(size),
-                    color=material_color(thing.material),
+                    color=material_color(thing.material) if own is None else _color(own),
                 )
             )
     return markers
@@ -130,6 +137,11 @@ def material_color(material: str, alpha: float = 1.0) -> ColorRGBA:
     hue = (zlib.crc32(material.encode()) % 360) / 360.0
     r, g, b = colorsys.hsv_to_rgb(hue, 0.6, 0.9)
     return ColorRGBA(r=r, g=g, b=b, a=alpha)
+
+
+def _color(rgb: ArrayLike) -> ColorRGBA:
+    r, g, b = map(float, np.asarray(rgb))
+    return ColorRGBA(r=r, g=g, b=b, a=1.0)
 
 
 def _solids(shape: Shape) -> list[tuple[int, float, tuple[float, float, float]]]:

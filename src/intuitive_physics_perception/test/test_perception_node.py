@@ -39,6 +39,7 @@ MODULE = "intuitive_physics_perception.perception_node"
 NODE = "/perception_node"
 FRAMES = 4
 PARAMETERS = ["-p", f"environment_frames:={FRAMES}", "-p", "known_object_names:=[rubber]"]
+PARAMETERS += ["-p", "use_color:=true"]
 PARAMETERS += ["-p", "known_object_radii:=[0.07]", "-p", "known_object_materials:=[rubber]"]
 SMALL = {"width": 320, "height_pixels": 240, "focal": 262.0}
 STEP = 0.05
@@ -263,6 +264,45 @@ def test_an_image_without_readings_is_named_and_the_next_good_one_used(peer, roo
     )
     play_until(
         peer, images, lambda time: image_message(empty, 340.0 + time), lambda: states, "states"
+    )
+
+
+def color_message(color, size: tuple[int, int], time: float) -> Image:
+    width, height = size
+    return Image(
+        header=Header(stamp=stamp_from_seconds(time), frame_id="camera"),
+        height=height,
+        width=width,
+        encoding="rgb8",
+        step=3 * width,
+        data=array.array("B", bytes(color) * (width * height)),
+    )
+
+
+def test_colour_images_show_in_the_markers_and_must_be_registered(peer, room) -> None:
+    heard = peer.listen(DiagnosticArray, "/diagnostics")
+    markers = peer.listen(MarkerArray, f"{NODE}/markers")
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    colors = peer.publisher(Image, f"{NODE}/color/image", SENSOR_DATA)
+    ball = room.depth([((1.4, 0.0, 0.45), 0.07)])
+
+    def frame(time: float, size: tuple[int, int]) -> Image:
+        colors.publish(color_message((0, 255, 0), size, time))
+        return image_message(ball, time)
+
+    def is_green() -> bool:
+        shown = [m for array in markers for m in array.markers if m.ns == "objects"]
+        return any((m.color.r, m.color.g, m.color.b) == (0.0, 1.0, 0.0) for m in shown)
+
+    play_until(
+        peer, images, lambda time: frame(360.0 + time, (320, 240)), is_green, "a green marker"
+    )
+    play_until(
+        peer,
+        images,
+        lambda time: frame(380.0 + time, (160, 120)),
+        lambda: says(heard, "color/image", "registered"),
+        "a diagnostic of colour images",
     )
 
 

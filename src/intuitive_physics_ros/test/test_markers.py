@@ -67,6 +67,16 @@ def test_each_shape_has_its_size_and_each_marker_its_id():
     assert markers[0].color == markers[1].color != markers[2].color
 
 
+def test_a_colour_that_was_seen_goes_before_that_of_the_material():
+    things = [SceneObject(f"ball_{k}", "rubber", Sphere(0.1)) for k in range(2)]
+    states = [ObjectState((k, 0, 0)) for k in range(2)]
+    seen, unseen = object_markers(
+        things, states, Header(), colors=[np.array([0.25, 0.5, 1.0]), None]
+    )
+    assert (seen.color.r, seen.color.g, seen.color.b, seen.color.a) == (0.25, 0.5, 1.0, 1.0)
+    assert unseen.color == material_color("rubber")
+
+
 @given(DIRECTIONS, st.floats(-5.0, 5.0))
 def test_plane_without_edges_lies_in_the_plane(normal, offset):
     plane = Plane("wall", "brick", normal, offset)

@@ -13,7 +13,9 @@ from intuitive_physics_perception.association import (
     cheapest_pairs,
     color_cost,
 )
+from intuitive_physics_perception.capsule_ends import is_in_capsule
 from intuitive_physics_perception.detection import Detection, kind_of
+from intuitive_physics_perception.motion import POSITION
 from intuitive_physics_perception.recognition import settle
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.track import Track
@@ -73,8 +75,9 @@ class Tracker:
         self._tracks += [
             self._new_track(time, detection)
             for detection in detections
-            if id(detection) not in taken
+            if id(detection) not in taken and not self._is_end_of_capsule(detection)
         ]
+        self._tracks = [track for track in self._tracks if not self._was_no_ball(track)]
         return [track for track in ended if track.confirmed]
 
     def _matches(self, detections: Sequence[Detection]) -> dict[int, Detection]:
@@ -126,6 +129,18 @@ class Tracker:
         if not track.confirmed:
             return track.misses > TENTATIVE_MISSES
         return time - track.last_seen > self._settings.coast_time
+
+    def _is_end_of_capsule(self, detection: Detection) -> bool:
+        return kind_of(detection) == "sphere" and is_in_capsule(detection.center, self.tracks)
+
+    def _was_no_ball(self, track: Track) -> bool:
+        """Whether it was the end of a capsule, whose side has been seen long enough to be sure:
+        then nothing is learned from it."""
+        return (
+            track.kind == "sphere"
+            and track.misses >= self._settings.confirming_hits
+            and is_in_capsule(track.mean[POSITION], self.tracks)
+        )
 
     def _new_track(self, time: float, detection: Detection) -> Track:
         track = self._filter.begin(self.next_number, time, detection)

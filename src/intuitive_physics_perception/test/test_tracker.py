@@ -7,8 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from intuitive_physics.scene import Environment, Plane
+from intuitive_physics.shapes import Capsule
+from intuitive_physics_perception.detected_solid import DetectedSolid
 from intuitive_physics_perception.detected_sphere import DetectedSphere
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
 from intuitive_physics_perception.tracker import Tracker
@@ -120,6 +123,42 @@ def test_a_ball_whose_colour_changes_in_a_shadow_stays_itself(rng, bounce) -> No
         color = RED if k % 8 < 4 else 0.1 * BLUE
         assert tracker.update(float(time), [seen(rng, path[k], color=color)]) == []
     assert [track.number for track in tracker.tracks] == [1]
+
+
+def lying_capsule(rng, angle: float) -> DetectedSolid:
+    """A capsule of 4 cm radius and 20 cm between its ends, turned about the vertical."""
+    return DetectedSolid(
+        Capsule(0.04, 0.2),
+        np.array([0.3, 0.2, 0.04]) + NOISE * rng.normal(size=3),
+        Rotation.from_euler("yz", [90.0, angle], degrees=True).as_matrix(),
+        NOISE**2 * np.eye(3),
+        0.02**2 * np.eye(3),
+        NOISE**2,
+        300,
+        1.0,
+    )
+
+
+@pytest.mark.parametrize("turned", [True, False])
+def test_a_capsule_that_was_seen_end_on_is_a_capsule_once_its_side_is_seen(rng, turned) -> None:
+    """From the end it is a ball of its radius at the near cap; a ball apart from it stays one."""
+    place = lying_capsule(rng, 0.0).center + (np.array([-0.1, 0, 0]) if turned else [-0.2, 0, 0])
+    tracker = Tracker(FLOOR, SETTINGS)
+    for k in range(6):
+        tracker.update(k * STEP, [seen(rng, place, 0.04)])
+    assert [track.kind for track in tracker.tracks] == ["sphere"]
+    ended = []
+    for k in range(6, 9):
+        ended += tracker.update(k * STEP, [lying_capsule(rng, 0.0)])
+    kinds = [track.kind for track in tracker.tracks]
+    assert kinds == (["capsule"] if turned else ["sphere", "capsule"])
+    # The ball did not end, which would make an observation of it: it never was one.
+    assert ended == []
+    # Seen end-on again it is no further thing.
+    for k in (9, 10):
+        tracker.update(k * STEP, [seen(rng, place, 0.04)])
+    assert [track.kind for track in tracker.tracks] == kinds
+    assert tracker.next_number == 3
 
 
 def test_a_short_occlusion_keeps_the_track_and_a_long_one_ends_it(rng, bounce) -> None:

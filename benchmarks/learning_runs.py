@@ -114,7 +114,8 @@ def joint_run(task: Task, time_limit: float, *, judged: bool = True) -> JointRun
     influence = parameter_influence(cost.observations, cost.materials)
     active = np.asarray(influence.any(axis=0))
     searched = ActiveSpace(space, active, task.start)
-    search = JointSearch(cost, searched, influence[:, active], searched.to_unit(task.start))
+    begin, generator = searched.to_unit(task.start), np.random.default_rng(0)
+    search = JointSearch(cost, searched, influence[:, active], begin, generator)
     looking = 0.0
     rows = []
     while True:
@@ -131,7 +132,7 @@ def joint_run(task: Task, time_limit: float, *, judged: bool = True) -> JointRun
     began = time.perf_counter()
     scores = errors = np.empty(0)
     if judged:
-        told = judge(search, cost, space, searched, influence, search.steps)
+        told = judge(search.fit, cost, space, searched, influence, search.fit.steps)
         true = parameter_vector(task.dataset.parameters)
         misses = parameter_vector(search.best_parameters) - true
         scores = (misses / told.standard_deviations)[told.identified]

@@ -26,10 +26,16 @@ from intuitive_physics_learner.search import ParameterSearch
 from intuitive_physics_learner.store import ObservationStore
 from intuitive_physics_learner.stored_learning import learn_from_store
 from intuitive_physics_learner.trials import Trials
-from intuitive_physics_learner.update_rules import UPDATE_RULES, UpdateRule, make_update_rule
+from intuitive_physics_learner.update_rules import (
+    FURTHER_RULES,
+    UPDATE_RULES,
+    UpdateRule,
+    make_update_rule,
+)
 
 __all__ = [
     "DEFAULT_METHOD",
+    "FURTHER_RULES",
     "JOINT_METHOD",
     "METHODS",
     "UPDATE_RULES",

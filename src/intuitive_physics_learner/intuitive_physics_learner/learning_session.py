@@ -179,10 +179,10 @@ class _Task:
         """Return the search by the method that the options name, ready to run."""
         searched = self.searched
         begin = searched.to_unit(self.start)
+        generator = np.random.default_rng(self.options.seed)
         if self.options.method == JOINT_METHOD:
             own = self.influence[:, self.active]
-            return JointSearch(self.cost, searched, own, begin)
-        generator = np.random.default_rng(self.options.seed)
+            return JointSearch(self.cost, searched, own, begin, generator)
         rule = make_update_rule(self.options.method, searched.size, generator, begin)
         return ParameterSearch(CachedCost(self.cost).costs, searched, rule)
 
@@ -190,8 +190,10 @@ class _Task:
         self, search: Search, found: SearchResult, cancelled: Callable[[], bool] | None
     ) -> tuple[StaticParameters, Identifiability]:
         """Return what was learned and what the observations tell of it."""
-        if isinstance(search, JointSearch):
-            told = judge(search, self.cost, self.space, self.searched, self.influence, search.steps)
+        if isinstance(search, JointSearch) and not search.lowers_cost:
+            told = judge(
+                search.fit, self.cost, self.space, self.searched, self.influence, search.fit.steps
+            )
         else:
             told = identify(self.cost, self.space, found.parameters, self.active, cancelled)
         return _without_accidents(self.cost, found, told, self.start), told

@@ -1,21 +1,20 @@
-"""Methods of learning by name: the paper's update rules, and joint estimation."""
+"""Methods of learning by name: the paper's update rules, further ones, and joint estimation."""
 
 from __future__ import annotations
 
 from intuitive_physics_learner.errors import UnknownMethodError
-from intuitive_physics_learner.update_rules import UPDATE_RULES
+from intuitive_physics_learner.update_rules import FURTHER_RULES, UPDATE_RULES
 
 JOINT_METHOD = "levenberg_marquardt"
-"""Joint estimation of θ_s and first states (`joint_estimation`).
-
-The quickest where the simulation has all the effects that the observations have. Where it lacks one
-(the air, a shape that is not quite so) its residuals exceed the noise it expects, and it stays with
-the first part of the trajectories.
-"""
+"""Joint estimation of θ_s and first states (`joint_estimation`); where the simulation lacks an
+effect that the observations have, it lowers J instead."""
 
 DEFAULT_METHOD = "cma_es"
 
-METHODS = (DEFAULT_METHOD, JOINT_METHOD, *(name for name in UPDATE_RULES if name != DEFAULT_METHOD))
+METHODS = (
+    DEFAULT_METHOD,
+    *(name for name in (JOINT_METHOD, *UPDATE_RULES, *FURTHER_RULES) if name != DEFAULT_METHOD),
+)
 """All names, the default first."""
 
 

@@ -1,6 +1,7 @@
 """Joint estimation finds θ_s in spite of noisy first states, and says truly how well."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 
 from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
+from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import (
     ActiveSpace,
     ConvergenceCriteria,
@@ -40,7 +42,20 @@ def joint_search(observed, simulator):
     start = StaticParameters.uniform(MATERIALS)
     searched = ActiveSpace(space, active, start)
     cost = TrajectoryCost(observed, simulator, MATERIALS)
-    return JointSearch(cost, searched, influence[:, active], searched.to_unit(start))
+    begin = searched.to_unit(start)
+    return JointSearch(cost, searched, influence[:, active], begin, np.random.default_rng(0))
+
+
+def blown_aside(observed, acceleration):
+    """Add an effect that no simulator knows: all objects are accelerated along x."""
+    blown = []
+    for seen in observed:
+        (ball,) = seen.objects
+        times, positions = ball.trajectory.times, ball.trajectory.positions.copy()
+        positions[:, 0] += 0.5 * acceleration * (times - seen.start_time) ** 2
+        changed = replace(ball, trajectory=Trajectory(times, positions))
+        blown.append(replace(seen, objects=(changed,)))
+    return blown
 
 
 def test_noisy_first_states_do_not_bias(event_driven, throws, true_parameters):
@@ -74,18 +89,37 @@ def test_stated_deviations_cover_the_truth(event_driven, throws, true_parameters
     assert np.mean(scores < 2.0) > 0.85
 
 
-def test_resumes_exactly(event_driven, throws):
-    observed = throws(4, 0, NOISE, STATE_NOISE)
+@pytest.mark.parametrize(("acceleration", "steps"), [(0.0, 6), (1.0, 40)])
+def test_resumes_exactly(event_driven, throws, acceleration, steps):
+    observed = blown_aside(throws(4, 0, NOISE, STATE_NOISE), acceleration)
     whole = joint_search(observed, event_driven)
-    for step in range(6):
-        if step == 3:
+    for step in range(steps):
+        if step == steps - 3:
             state = json.loads(json.dumps(whole.state_dict(), allow_nan=False))
-        whole.step(1)
+        whole.step(20)
+    assert whole.lowers_cost == (acceleration > 0.0)
     resumed = joint_search(observed, event_driven)
     resumed.load_state(state)
     for _ in range(3):
-        resumed.step(1)
+        resumed.step(20)
     assert resumed.state_dict() == whole.state_dict()
+
+
+def test_lowers_cost_where_the_simulation_lacks_an_effect(event_driven, throws):
+    observed = blown_aside(throws(8, 0, NOISE), 1.0)
+    search = joint_search(observed, event_driven)
+    while search.step(50):
+        pass
+    assert search.lowers_cost
+    # An optimum of J along each axis, to what a gain is taken to be.
+    cost = TrajectoryCost(observed, event_driven, MATERIALS)
+    theta = search.best_parameters
+    assert search.best_cost == pytest.approx(cost.costs([theta])[0])
+    for name, value in theta.pair(*MATERIALS).items():
+        for factor in (0.9, 0.97, 1.03, 1.1):
+            frictions = {"static_friction": 1.2} if name == "dynamic_friction" else {}
+            moved = theta.with_pair(*MATERIALS, **{**frictions, name: min(value * factor, 1.0)})
+            assert cost.costs([moved])[0] > search.best_cost * (1.0 - 0.01)
 
 
 @settings(max_examples=50, deadline=None)

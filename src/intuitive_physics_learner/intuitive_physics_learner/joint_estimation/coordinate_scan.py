@@ -28,16 +28,18 @@ LEVELS = (0.02, 0.14, 0.26, 0.38, 0.5, 0.62, 0.74, 0.86, 0.98)
 
 
 class ScanCandidates:
-    """θ_s in which every group of parameters takes every level.
+    """θ_s in which the parameters of a group take one of their levels, the others stay.
 
     Parameters
     ----------
     unit : (n,) the estimate on the unit cube
     groups : as `separate_groups`
     space : maps the cube to θ_s
+    levels : (n, n_levels) of each parameter; None: `LEVELS` for all
 
     Attributes
     ----------
+    levels : (n, n_levels)
     parameters : the candidates
     index : (n, n_levels) which candidate gives each parameter each level
     """
@@ -47,14 +49,16 @@ class ScanCandidates:
         unit: NDArray[np.float64],
         groups: Sequence[NDArray[np.int64]],
         space: SearchSpace,
+        levels: NDArray[np.float64] | None = None,
     ) -> None:
+        self.levels = np.tile(LEVELS, (unit.size, 1)) if levels is None else levels
         self.parameters: list[StaticParameters] = []
-        self.index = np.zeros((unit.size, len(LEVELS)), dtype=np.int64)
+        self.index = np.zeros(self.levels.shape, dtype=np.int64)
         for group in groups:
-            for k, level in enumerate(LEVELS):
+            for k in range(self.levels.shape[1]):
                 self.index[group, k] = len(self.parameters)
                 moved = unit.copy()
-                moved[group] = level
+                moved[group] = self.levels[group, k]
                 self.parameters.append(space.to_parameters(moved))
 
 

@@ -33,8 +33,13 @@ class FirstStateDeviations:
     standard_deviations: NDArray[np.float64]
 
     @staticmethod
-    def of(observation: Observation) -> FirstStateDeviations:
-        """Read them from the first states' covariances, of which only the diagonal is used."""
+    def of(observation: Observation, free: bool = True) -> FirstStateDeviations:
+        """Read them from the first states' covariances, of which only the diagonal is used.
+
+        Parameters
+        ----------
+        free : False takes the first states to be exactly known
+        """
         axes, deviations = [], []
         for j, seen in enumerate(observation.objects):
             spread = np.sqrt(np.diag(seen.initial_state.covariance))
@@ -42,6 +47,7 @@ class FirstStateDeviations:
             spread[LINEAR_VELOCITY] *= PRIOR_WIDENING
             if isinstance(seen.object.shape, Sphere):
                 spread[ROTATION] = 0.0
+            spread *= free
             axes += [(j, int(k)) for k in np.flatnonzero(spread)]
             deviations += spread[spread > 0.0].tolist()
         believed = np.array([seen.initial_state.to_vector() for seen in observation.objects])

@@ -10,7 +10,7 @@ from intuitive_physics_learner.active_parameters import ActiveSpace
 from intuitive_physics_learner.cost import Cost
 from intuitive_physics_learner.identifiability import LARGEST_DEVIATION, Identifiability
 from intuitive_physics_learner.joint_estimation.halves import PartialCost, halves, widening
-from intuitive_physics_learner.joint_estimation.joint_search import JointSearch
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.parameter_axes import ParameterAxes
 
 FEWEST_OBSERVATIONS = 4
@@ -21,34 +21,34 @@ SLOPE_STEP = 1e-5
 
 
 def judge(
-    search: JointSearch,
+    fit: JointFit,
     cost: Cost,
     space: ParameterSpace,
     searched: ActiveSpace,
     influence: NDArray[np.bool_],
     steps: int,
 ) -> Identifiability:
-    """State what is identified and how well, after a search has ended.
+    """State what is identified and how well, after a fit has settled.
 
     Parameters
     ----------
-    search : over the space `searched`
+    fit : over the space `searched`
     space : of all parameters
     influence : (n_observations, |θ_s|) bool
     steps : most steps of each fit to a half of the observations
     """
     active = np.asarray(influence.any(axis=0))
-    parameters = search.best_parameters
-    posterior, sided = search.posterior()
+    parameters = searched.to_parameters(fit.unit)
+    posterior, sided = fit.posterior()
     covariance = posterior.covariance
-    slopes = _slopes(searched, search.unit)
-    factors = _widening(search, cost, searched, influence[:, active], steps)
+    slopes = _slopes(searched, fit.unit)
+    factors = _widening(fit, cost, searched, influence[:, active], steps)
     factors *= sided / posterior.deviations
     covariance = slopes @ (covariance * np.outer(factors, factors)) @ slopes.T
     deviations = np.sqrt(np.diag(covariance))
     axes = ParameterAxes(space, parameters)
     responsive = active.copy()
-    responsive[active] = search.responsive
+    responsive[active] = fit.responsive
     with np.errstate(divide="ignore", invalid="ignore"):
         sharp = deviations / axes.slopes < LARGEST_DEVIATION
     identified = responsive & sharp & (axes.slopes > 0.0)
@@ -72,21 +72,22 @@ def _vector(searched: ActiveSpace, unit: NDArray[np.float64]) -> NDArray[np.floa
 
 
 def _widening(
-    search: JointSearch,
+    fit: JointFit,
     cost: Cost,
     searched: ActiveSpace,
     influence: NDArray[np.bool_],
     steps: int,
 ) -> NDArray[np.float64]:
-    size = search.unit.size
+    size = fit.unit.size
     if len(influence) < FEWEST_OBSERVATIONS:
         return np.ones(size)
     fits = []
     for members in halves(influence):
-        part = JointSearch(PartialCost(cost, members), searched, influence[members], search.start)
+        part = JointFit(PartialCost(cost, members), searched, influence[members], fit.start)
         for _ in range(steps):
-            if part.step(1) == 0:
+            if part.settled:
                 break
+            part.step()
         fits.append(part)
     first, second = fits
     deviations = [part.posterior()[1] for part in fits]

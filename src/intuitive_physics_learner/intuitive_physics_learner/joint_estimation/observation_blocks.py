@@ -48,15 +48,19 @@ class ObservationBlock:
 
 
 def observation_blocks(
-    observations: Sequence[Observation], influence: NDArray[np.bool_]
+    observations: Sequence[Observation],
+    influence: NDArray[np.bool_],
+    *,
+    free_states: bool = True,
 ) -> list[ObservationBlock]:
     """Put observations into blocks.
 
     Parameters
     ----------
     influence : (n_observations, n_parameters) bool
+    free_states : whether first states may differ from those observed
     """
-    first_states = [FirstStateDeviations.of(seen) for seen in observations]
+    first_states = [FirstStateDeviations.of(seen, free_states) for seen in observations]
     times = [
         np.concatenate([times_after_start(seen, thing) for thing in seen.objects])
         for seen in observations

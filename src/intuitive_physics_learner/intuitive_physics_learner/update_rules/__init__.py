@@ -19,9 +19,17 @@ from intuitive_physics_learner.update_rules.parameter_gradient_search import (
     ParameterGradientSearch,
 )
 from intuitive_physics_learner.update_rules.random_search import RandomSearch
+from intuitive_physics_learner.update_rules.restarted_cma_es import RestartedCmaEs
+from intuitive_physics_learner.update_rules.separable_cma_es import SeparableCmaEs
 from intuitive_physics_learner.update_rules.update_rule import UpdateRule
 
-__all__ = ["UPDATE_RULES", "UpdateRule", "make_update_rule"]
+__all__ = [
+    "FURTHER_RULES",
+    "UPDATE_RULES",
+    "HybridRandomSearch",
+    "UpdateRule",
+    "make_update_rule",
+]
 
 UPDATE_RULES: dict[str, type[UpdateRule]] = {
     rule.name: rule
@@ -37,6 +45,14 @@ UPDATE_RULES: dict[str, type[UpdateRule]] = {
         CmaEs,
     )
 }
+"""The paper's nine."""
+
+FURTHER_RULES: dict[str, type[UpdateRule]] = {
+    rule.name: rule for rule in (SeparableCmaEs, RestartedCmaEs)
+}
+"""For what the nine are not made for: hundreds of parameters, many local optima."""
+
+_ALL_RULES = {**UPDATE_RULES, **FURTHER_RULES}
 
 
 def make_update_rule(
@@ -50,7 +66,7 @@ def make_update_rule(
 
     Parameters
     ----------
-    name : one of `UPDATE_RULES`
+    name : one of `UPDATE_RULES` or `FURTHER_RULES`
     size : number of parameters n
     generator : the only source of randomness; owned by the rule from now on
     start : (n,) point of the unit cube proposed before all others
@@ -59,15 +75,15 @@ def make_update_rule(
     Raises
     ------
     UnknownMethodError
-        When the name is none of `UPDATE_RULES`.
+        When the name is none of these.
     """
     check_method(name)
-    return UPDATE_RULES[name](size, generator, start, **settings)
+    return _ALL_RULES[name](size, generator, start, **settings)
 
 
 def check_method(name: str) -> None:
     """Raise `UnknownMethodError` when no update rule has that name."""
-    if name not in UPDATE_RULES:
+    if name not in _ALL_RULES:
         raise UnknownMethodError(
-            f"method is {name!r}; expected one of {', '.join(sorted(UPDATE_RULES))}"
+            f"method is {name!r}; expected one of {', '.join(sorted(_ALL_RULES))}"
         )

@@ -44,7 +44,8 @@ class CmaEs(UpdateRule):
     ) -> None:
         super().__init__(size, generator, start, step_size=step_size, population=population)
         self._first_generator = generator.bit_generator.state
-        self._strategy = self._new_strategy()
+        self._strategy: Any = None
+        self._begin()
         self._told: list[list[float]] = []
 
     def propose(self) -> NDArray[np.float64]:
@@ -55,7 +56,7 @@ class CmaEs(UpdateRule):
     def update(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> None:
         if self._generation_count == 0 and self._start is not None:
             return
-        self._strategy.tell(list(points), costs.tolist())
+        self._tell(list(points), costs.tolist())
         self._told.append(costs.tolist())
 
     def own_state(self) -> dict[str, Any]:
@@ -64,12 +65,23 @@ class CmaEs(UpdateRule):
     def load_own_state(self, state: dict[str, Any]) -> None:
         self._first_generator = state["first_generator"]
         self._generator.bit_generator.state = self._first_generator
-        self._strategy = self._new_strategy()
+        self._begin()
         self._told = list(state["told"])
         for costs in self._told:
-            self._strategy.tell(self._strategy.ask(), costs)
+            self._tell(self._strategy.ask(), costs)
 
-    def _new_strategy(self) -> Any:
+    def _begin(self) -> None:
+        """Make a strategy that was told nothing."""
+        self._strategy = self._new_strategy(self._first_mean(), int(self.settings["population"]))
+
+    def _tell(self, points: list[NDArray[np.float64]], costs: list[float]) -> None:
+        """Tell the strategy the costs of a generation."""
+        self._strategy.tell(points, costs)
+
+    def _first_mean(self) -> NDArray[np.float64]:
+        return np.full(self.size, 0.5) if self._start is None else self._start
+
+    def _new_strategy(self, mean: NDArray[np.float64], population: int, **options: Any) -> Any:
         try:
             import cma
         except ImportError:
@@ -78,15 +90,16 @@ class CmaEs(UpdateRule):
                 "install it with: pip install cma"
             ) from None
         return cma.CMAEvolutionStrategy(
-            np.full(self.size, 0.5) if self._start is None else self._start,
+            mean,
             self.settings["step_size"],
             {
                 "bounds": [0.0, 1.0],
-                "popsize": int(self.settings["population"]),
+                "popsize": population,
                 "randn": lambda *shape: self._generator.standard_normal(shape),
                 # NaN: leave NumPy's global generator alone.
                 "seed": np.nan,
                 "verbose": -9,
                 "signals_filename": "",
+                **options,
             },
         )

@@ -1,0 +1,257 @@
+"""Lowering J itself, from the first states as they were observed, where no fit is to be had.
+
+Where the simulation lacks an effect that the observations have (the air, a spin, a shape that is
+not quite so), no θ_s and no first states explain them within their noise, and the θ_s wanted is the
+one that serves best: that of the lowest J. J is a sum of distances and not of their squares, so
+Gauss and Newton's steps weigh each point by one over its distance (Weiszfeld); only a step that
+lowers J is taken. Trying each parameter over its whole range leaves optima that are only local, and
+so do trials at random in the end, where the parameters are few.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics_learner.cost import Cost
+from intuitive_physics_learner.joint_estimation.coordinate_scan import (
+    ScanCandidates,
+    compatible_moves,
+)
+from intuitive_physics_learner.joint_estimation.linearisation import (
+    Linearisation,
+    ParameterSteps,
+    linearise,
+)
+from intuitive_physics_learner.joint_estimation.normal_equations import (
+    OUTLIER,
+    NormalEquations,
+    bounded_step,
+)
+from intuitive_physics_learner.joint_estimation.observation_blocks import (
+    ObservationBlock,
+    observation_blocks,
+)
+from intuitive_physics_learner.joint_estimation.parameter_groups import separate_groups
+from intuitive_physics_learner.search import SearchSpace
+from intuitive_physics_learner.update_rules import HybridRandomSearch, UpdateRule
+
+DAMPINGS = (1e-3, 1e-2, 0.1, 1.0, 10.0)
+"""Parts by which the diagonal is enlarged, all tried at once."""
+
+LENGTHS = (0.5, 1.0, 2.0)
+"""Of each damped step, likewise: a sum of distances has kinks, which a step may fall short of."""
+
+FIRST_WIDTH, SMALLEST_WIDTH = 0.1, 0.002
+"""Of the unit interval, over which slopes are taken: wide against the kinks of single contacts."""
+
+NARROWING = 0.4
+"""By what the width shrinks when steps over slopes of it gain nothing more."""
+
+NEIGHBOURS = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)
+"""Widths beside its value at which each parameter is tried where steps gain nothing."""
+
+LEAST_GAIN = 1e-4
+"""Part of J that counts as a gain."""
+
+LARGEST_SAMPLED = 40
+"""Parameters up to which trying points at random has a chance."""
+
+PATIENCE = 300
+"""Evaluations of J at random without gain after which the descent ends."""
+
+SMALL = 0.1
+"""Of the median distance: shorter ones count as squares, as a sum of distances has no slope at
+zero."""
+
+
+class CostDescent:
+    """Steps of Gauss and Newton on J, from the best of some points.
+
+    Parameters
+    ----------
+    cost : J
+    space : maps the unit cube of the parameters to θ_s
+    influence : (n_observations, n) bool, which observation can depend on which parameter
+    generator : of all randomness
+
+    Attributes
+    ----------
+    unit : (n,) the point of the lowest J
+    cost : that J in m; infinite before `begin`
+    simulations : of single observations, so far
+    finished : whether nothing lowers J any more
+    """
+
+    def __init__(
+        self,
+        cost: Cost,
+        space: SearchSpace,
+        influence: NDArray[np.bool_],
+        generator: np.random.Generator,
+    ) -> None:
+        self._cost = cost
+        self._space = space
+        self._influence = influence
+        self._groups = separate_groups(influence)
+        self._blocks = observation_blocks(cost.observations, influence, free_states=False)
+        self.unit = np.full(space.size, 0.5)
+        self.cost = np.inf
+        self.finished = False
+        self._generator = generator
+        self._first_generator = generator.bit_generator.state
+        self.simulations = 0
+        self._width = FIRST_WIDTH
+        self._scan_next = True
+        self._rule: UpdateRule | None = None
+        self._without_gain = 0
+
+    def begin(self, points: NDArray[np.float64]) -> None:
+        """Begin at the best of some points (k, n)."""
+        self._take_best(points)
+
+    def step(self, limit: int) -> None:
+        """Try to lower J: along slopes at first, then at random.
+
+        Parameters
+        ----------
+        limit : evaluations of J at most; a step along slopes may exceed it
+        """
+        if self._scan_next:
+            self._scan_next = False
+            self._scan(None)
+        elif self._width >= SMALLEST_WIDTH:
+            self._descend_or_narrow()
+            few = self._space.size <= LARGEST_SAMPLED
+            self.finished = self._width < SMALLEST_WIDTH and not few
+        else:
+            self._rule = self._rule or self._new_rule()
+            self._try_at_random(self._rule, limit)
+
+    def state(self) -> dict[str, Any]:
+        """Plain data from which a descent of the same cost continues exactly."""
+        return {
+            "unit": self.unit.tolist(),
+            "cost": self.cost,
+            "finished": self.finished,
+            "generator": self._first_generator,
+            "simulations": self.simulations,
+            "width": self._width,
+            "scan_next": self._scan_next,
+            "rule": None if self._rule is None else self._rule.state_dict(),
+            "without_gain": self._without_gain,
+        }
+
+    def load_state(self, state: Mapping[str, Any]) -> None:
+        """Continue from what `state` returned."""
+        self.unit = np.array(state["unit"])
+        self.cost = state["cost"]
+        self.finished = state["finished"]
+        self._first_generator = state["generator"]
+        self._generator.bit_generator.state = self._first_generator
+        self.simulations = state["simulations"]
+        self._width = state["width"]
+        self._scan_next = state["scan_next"]
+        self._without_gain = state["without_gain"]
+        if state["rule"] is not None:
+            self._rule = self._new_rule()
+            self._rule.load_state(state["rule"])
+
+    def _new_rule(self) -> UpdateRule:
+        return HybridRandomSearch(self._space.size, self._generator, self.unit)
+
+    def _try_at_random(self, rule: UpdateRule, limit: int) -> None:
+        points = rule.ask(limit)
+        before = self.cost
+        costs = self._take_best(points)
+        rule.tell(costs)
+        gained = self.cost < before * (1.0 - LEAST_GAIN)
+        self._without_gain = 0 if gained else self._without_gain + len(points)
+        self.finished = self._without_gain >= PATIENCE
+
+    def _descend_or_narrow(self) -> None:
+        before = self.cost
+        self._descend()
+        if self.cost < before * (1.0 - LEAST_GAIN):
+            return
+        beside = self.unit[:, None] + self._width * np.array(NEIGHBOURS)
+        self._scan(np.clip(beside, 0.0, 1.0))
+        if self.cost >= before * (1.0 - LEAST_GAIN):
+            self._width *= NARROWING
+
+    def _descend(self) -> None:
+        linear = self._linearised()
+        lengths = np.concatenate(
+            [np.linalg.norm(part.residuals[part.valid], axis=1) for part in linear]
+        )
+        if lengths.size == 0:
+            return
+        scale = max(SMALL * float(np.median(lengths)), np.finfo(float).tiny) / OUTLIER
+        information = np.zeros((self._space.size, self._space.size))
+        scores = np.zeros(self._space.size)
+        for block, part in zip(self._blocks, linear, strict=True):
+            still = np.zeros((block.members.size, 0))
+            weighted = self._by_trajectory(block, part)
+            equations = NormalEquations.of(block, still, weighted, block.durations, scale)
+            equations.eliminated().add_to(information, scores)
+        # What no point depends on stays where it is.
+        still_there = np.diag(information) <= 0.0
+        information[still_there, still_there] = 1.0
+        steps = [bounded_step(self.unit, information, scores, damping) for damping in DAMPINGS]
+        tried = [self.unit + length * step for step in steps for length in LENGTHS]
+        self._take_best(np.clip(tried, 0.0, 1.0))
+
+    def _linearised(self) -> list[Linearisation]:
+        widths = np.full(self._space.size, self._width)
+        steps = ParameterSteps(self.unit, widths, self._groups, self._space.to_parameters)
+        found = []
+        for block in self._blocks:
+            still = np.zeros((block.members.size, 0))
+            self.simulations += block.members.size * (1 + 2 * block.parameters.shape[1])
+            found.append(linearise(self._cost, block, still, still, widths, steps, block.durations))
+        return found
+
+    def _by_trajectory(self, block: ObservationBlock, linear: Linearisation) -> Linearisation:
+        """The same with every trajectory of the weight that it has in J, however many points."""
+        points = np.isfinite(block.times).sum(axis=1)
+        weights = points.mean() / points
+        return replace(
+            linear,
+            residuals=linear.residuals * weights[:, None, None],
+            slopes=linear.slopes * weights[:, None, None, None],
+        )
+
+    def _scan(self, levels: NDArray[np.float64] | None) -> None:
+        """Move parameters to that of their levels (n, n_levels) where J is lower."""
+        candidates = ScanCandidates(self.unit, self._groups, self._space, levels)
+        count = len(self._cost.observations)
+        self.simulations += len(candidates.parameters) * count
+        here = self._cost.observation_costs([self._space.to_parameters(self.unit)])[0]
+        there = self._cost.observation_costs(candidates.parameters) - here
+        changes = np.array(
+            [
+                (there[candidates.index[k]] * self._influence[:, k]).sum(axis=1)
+                for k in range(self._space.size)
+            ]
+        )
+        best = np.argmin(changes, axis=1)
+        moves = compatible_moves(-changes.min(axis=1), self._influence, LEAST_GAIN * self.cost)
+        if not moves:
+            return
+        moved = self.unit.copy()
+        moved[moves] = candidates.levels[moves, best[moves]]
+        self._take_best(moved[None])
+
+    def _take_best(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return J (k,) of points (k, n), having taken over the best if it is better."""
+        candidates = [self._space.to_parameters(point) for point in points]
+        costs = self._cost.costs(candidates)
+        self.simulations += len(candidates) * len(self._cost.observations)
+        best = int(np.argmin(costs))
+        if costs[best] < self.cost:
+            self.unit, self.cost = np.array(points[best]), float(costs[best])
+        return costs

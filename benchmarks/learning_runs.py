@@ -38,13 +38,14 @@ class Task:
     dataset : with the paper's first states, from three points
     simulator : of the learner
     start : θ_s that every search begins from or knows nothing better than
-    oracle : J of the true θ_s in m, on the training and on the test split
+    oracle : J of the true θ_s in m, on the training and on the test split, and on the test split
+        from the true first states
     """
 
     dataset: PaperDataset
     simulator: Simulator
     start: StaticParameters
-    oracle: tuple[float, float]
+    oracle: tuple[float, float, float]
 
     def training_cost(self) -> TrajectoryCost:
         """J over the training split."""
@@ -56,28 +57,36 @@ class Task:
         observations = self.dataset.test_observations
         return TrajectoryCost(observations, self.simulator, self.start.materials)
 
+    def exact_cost(self) -> TrajectoryCost:
+        """J over the test split from the true first states, which tells of θ_s alone."""
+        observations = self.dataset.with_first_states("true").test_observations
+        return TrajectoryCost(observations, self.simulator, self.start.materials)
+
 
 def make_task(objects: int, seed: int, simulator: Simulator | None = None) -> Task:
     """Make the set of that seed."""
     dataset = make_paper_dataset(objects, SAMPLES, np.random.default_rng(seed))
     simulator = simulator or make_simulator("auto", threads=THREADS)
     start = StaticParameters.uniform(dataset.parameters.materials)
-    task = Task(dataset, simulator, start, (np.nan, np.nan))
-    costs = [
-        cost.costs([dataset.parameters])[0] for cost in (task.training_cost(), task.test_cost())
-    ]
-    return Task(dataset, simulator, start, (float(costs[0]), float(costs[1])))
+    task = Task(dataset, simulator, start, (np.nan, np.nan, np.nan))
+    training, test, exact = (
+        float(cost.costs([dataset.parameters])[0])
+        for cost in (task.training_cost(), task.test_cost(), task.exact_cost())
+    )
+    return Task(dataset, simulator, start, (training, test, exact))
 
 
 def rule_history(task: Task, rule: str, seed: int, iterations: int) -> NDArray[np.float64]:
-    """J over the training split after each iteration of one of the paper's nine rules, (n,) m.
+    """J over the training split after each iteration of an update rule, (iterations,) m.
 
     As in the paper, over all |θ_s| parameters and from a start of the rule's own.
     """
     space = ParameterSpace(task.start.materials)
     made = make_update_rule(rule, space.size, np.random.default_rng(seed))
     cost = CachedCost(task.training_cost())
-    return ParameterSearch(cost.costs, space, made).run(ConvergenceCriteria(iterations)).history
+    history = ParameterSearch(cost.costs, space, made).run(ConvergenceCriteria(iterations)).history
+    # A rule that has converged has its last J from then on.
+    return np.pad(history, (0, iterations - history.size), mode="edge")
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +98,7 @@ class JointRun:
     seconds : (n,) wall time after each step, set-up included, without the looks at J
     iterations : (n,) evaluations of J that would have simulated as much
     training, test : (n,) J in m by then
+    exact : J in m over the test split from the true first states, of what was learned
     judging_seconds : wall time of finding the uncertainties
     scores : errors of the identified parameters in their stated standard deviations
     errors : (n_identified,) those errors on the unit interval of each parameter's bounds
@@ -99,6 +109,7 @@ class JointRun:
     iterations: NDArray[np.int64]
     training: NDArray[np.float64]
     test: NDArray[np.float64]
+    exact: float
     judging_seconds: float
     scores: NDArray[np.float64]
     errors: NDArray[np.float64]
@@ -131,8 +142,8 @@ def joint_run(task: Task, time_limit: float, *, judged: bool = True) -> JointRun
     seconds, iterations, training, tested = np.array(rows).T
     began = time.perf_counter()
     scores = errors = np.empty(0)
-    if judged:
-        told = judge(search.fit, cost, space, searched, influence, search.fit.steps)
+    if judged and not search.lowers_cost:
+        told = judge(search.fit, cost, space, searched, influence)
         true = parameter_vector(task.dataset.parameters)
         misses = parameter_vector(search.best_parameters) - true
         scores = (misses / told.standard_deviations)[told.identified]
@@ -140,12 +151,14 @@ def joint_run(task: Task, time_limit: float, *, judged: bool = True) -> JointRun
             space.to_unit(search.best_parameters) - space.to_unit(task.dataset.parameters)
         )
         errors = errors[told.identified]
+    judging_seconds = time.perf_counter() - began
     return JointRun(
         seconds,
         iterations.astype(np.int64),
         training,
         tested,
-        time.perf_counter() - began,
+        float(task.exact_cost().costs([search.best_parameters])[0]),
+        judging_seconds,
         scores,
         errors,
         int(active.sum()),

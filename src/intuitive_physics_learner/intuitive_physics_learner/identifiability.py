@@ -17,7 +17,7 @@ Two questions are asked of every parameter at the optimum θ_s of a search:
    autocorrelation time. A parameter whose standard deviation is not below half of that of its
    bounds alone was not learned from the data either.
 
-Both take a handful of evaluations of J for each parameter.
+Both take a handful of simulations for each parameter of each observation that can depend on it.
 """
 
 from __future__ import annotations
@@ -30,10 +30,13 @@ from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace
+from intuitive_physics_learner.active_parameters import parameter_influence
+from intuitive_physics_learner.cached_cost import CachedCost
 from intuitive_physics_learner.cost import FAILED_DISTANCE, Cost
 from intuitive_physics_learner.errors import LearningCancelledError
 from intuitive_physics_learner.parameter_axes import ParameterAxes
 from intuitive_physics_learner.search import LARGEST_BATCH
+from intuitive_physics_learner.trials import Trials
 
 SCAN_LEVELS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
 """Where on its interval each parameter is tried."""
@@ -73,6 +76,16 @@ class Identifiability:
     standard_deviations: NDArray[np.float64]
 
 
+def identification_trials(influence: NDArray[np.bool_]) -> int:
+    """Simulations of single observations that `identify` takes at most.
+
+    Parameters
+    ----------
+    influence : (n_observations, |θ_s|) bool, of the parameters that are asked about
+    """
+    return 2 * len(influence) + (len(SCAN_LEVELS) + 2) * int(influence.sum())
+
+
 def identify(
     cost: Cost,
     space: ParameterSpace,
@@ -97,17 +110,19 @@ def identify(
         When `cancelled` returned True.
     """
     axes = ParameterAxes(space, parameters)
+    influence = parameter_influence(cost.observations, cost.materials)
     residuals = cost.residuals([parameters])[0]
     noise = _Noise(residuals, cost.point_trajectory)
     asked = np.arange(axes.size) if active is None else np.flatnonzero(active)
     changes = np.zeros((axes.size, len(SCAN_LEVELS)))
-    changes[asked] = _cost_changes(cost, axes, asked, parameters, cancelled)
+    # Most parameters are of few observations, and only these are simulated again.
+    changes[asked] = _cost_changes(CachedCost(cost), axes, asked, parameters, cancelled)
     threshold = max(SMALLEST_RESPONSE, RESPONSE_THRESHOLD * noise.cost_standard_error)
     rising = np.flatnonzero(changes.max(axis=1) > threshold)
     deviations = np.full(axes.size, np.inf)
     if rising.size:
-        jacobian = _jacobian(cost, axes, rising, cancelled)
-        information = jacobian.T @ jacobian / noise.effective_variance(rising.size)
+        squares = _squares_of_slopes(cost, axes, rising, influence[:, rising], cancelled)
+        information = squares / noise.effective_variance(rising.size)
         covariance = np.linalg.inv(information + PRIOR_PRECISION * np.eye(rising.size))
         deviations[rising] = np.sqrt(np.diag(covariance))
     identified = deviations < LARGEST_DEVIATION
@@ -180,28 +195,48 @@ def _cost_changes(
     return np.concatenate(changes).reshape(places.shape)
 
 
-def _jacobian(
+def _squares_of_slopes(
     cost: Cost,
     axes: ParameterAxes,
     chosen: NDArray[np.int64],
+    influence: NDArray[np.bool_],
     cancelled: Callable[[], bool] | None,
 ) -> NDArray[np.float64]:
-    """Derivative of all residuals along the chosen axes, shape (3 * n_points, n_chosen), in m."""
+    """Aᵀ A (n_chosen, n_chosen) in m², A being the slopes of all residuals along the chosen axes.
+
+    Parameters
+    ----------
+    influence : (n_observations, n_chosen) bool
+    """
     below = np.maximum(axes.origin - JACOBIAN_STEP, axes.lower)[chosen]
     above = np.minimum(axes.origin + JACOBIAN_STEP, axes.upper)[chosen]
     width = above - below
     moves = [axes.moved(axis, z) for axis, z in zip(chosen, below, strict=True)]
     moves += [axes.moved(axis, z) for axis, z in zip(chosen, above, strict=True)]
-    residuals = np.concatenate([cost.residuals(batch) for batch in _batches(moves, cancelled)])
-    steps = (residuals[chosen.size :] - residuals[: chosen.size]).reshape(chosen.size, -1)
-    usable = np.isfinite(steps) & (width > 0.0)[:, None]
-    return np.divide(steps, width[:, None], out=np.zeros_like(steps), where=usable).T
+    squares = np.zeros((chosen.size, chosen.size))
+    for observation, row in enumerate(influence):
+        _stop_if(cancelled)
+        own = np.flatnonzero(row & (width > 0.0))
+        if own.size == 0:
+            continue
+        index = np.concatenate([own, own + chosen.size])
+        trials = Trials(moves, index, np.full(index.size, observation))
+        residuals = cost.trial_residuals(trials).reshape(2, own.size, -1)
+        # Points that are not there, or that the simulator did not reach, tell nothing.
+        steps = np.nan_to_num(residuals[1] - residuals[0], posinf=0.0, neginf=0.0)
+        slopes = steps / width[own, None]
+        squares[np.ix_(own, own)] += slopes @ slopes.T
+    return squares
 
 
 def _batches(
     candidates: list[StaticParameters], cancelled: Callable[[], bool] | None
 ) -> Iterator[list[StaticParameters]]:
     for first in range(0, len(candidates), LARGEST_BATCH):
-        if cancelled is not None and cancelled():
-            raise LearningCancelledError("learning was cancelled; nothing was stored")
+        _stop_if(cancelled)
         yield candidates[first : first + LARGEST_BATCH]
+
+
+def _stop_if(cancelled: Callable[[], bool] | None) -> None:
+    if cancelled is not None and cancelled():
+        raise LearningCancelledError("learning was cancelled; nothing was stored")

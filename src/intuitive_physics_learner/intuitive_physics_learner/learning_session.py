@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -25,7 +26,11 @@ from intuitive_physics_learner.convergence import (
 )
 from intuitive_physics_learner.cost import Cost, InterruptibleCost, MakeCost, TrajectoryCost
 from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
-from intuitive_physics_learner.identifiability import Identifiability, identify
+from intuitive_physics_learner.identifiability import (
+    Identifiability,
+    identification_trials,
+    identify,
+)
 from intuitive_physics_learner.joint_estimation import JointSearch, judge
 from intuitive_physics_learner.methods import DEFAULT_METHOD, JOINT_METHOD, check_method
 from intuitive_physics_learner.parameter_axes import parameters_of_vector
@@ -128,15 +133,17 @@ def learn(
     if resume is not None:
         _check_same_task(resume, same)
         search.load_state(resume["search"])
+    began = time.monotonic()
     found = search.run(
         options.criteria,
         on_progress=on_progress,
         cancelled=cancelled,
         on_checkpoint=on_checkpoint and (lambda state: on_checkpoint({**same, "search": state})),
+        reserve=lambda seconds: task.judging_seconds(search, seconds),
     )
     if found.stop_reason is StopReason.CANCELLED:
         raise LearningCancelledError("learning was cancelled; nothing was stored")
-    parameters, told = task.judge(search, found, cancelled)
+    parameters, told = task.judge(search, found, cancelled, began)
     return LearningResult(
         LearnedParameters(
             *_merged(previous, parameters, told),
@@ -186,13 +193,38 @@ class _Task:
         rule = make_update_rule(self.options.method, searched.size, generator, begin)
         return ParameterSearch(CachedCost(self.cost).costs, searched, rule)
 
+    def judging_seconds(self, search: Search, seconds: float) -> float:
+        """How long `judge` will take, at the pace of a search that has taken so many seconds."""
+        if search.iterations == 0:
+            return 0.0
+        if isinstance(search, JointSearch) and not search.lowers_cost:
+            # The fits to both halves simulate as much as the fit to all.
+            fit = search.fit
+            return seconds * (1.0 + 2.0 * fit.posterior_simulations / max(fit.simulations, 1))
+        trials = identification_trials(self.influence)
+        return seconds * trials / (search.iterations * len(self.influence))
+
     def judge(
-        self, search: Search, found: SearchResult, cancelled: Callable[[], bool] | None
+        self,
+        search: Search,
+        found: SearchResult,
+        cancelled: Callable[[], bool] | None,
+        began: float,
     ) -> tuple[StaticParameters, Identifiability]:
-        """Return what was learned and what the observations tell of it."""
+        """Return what was learned and what the observations tell of it.
+
+        Parameters
+        ----------
+        began : when the search did, by the monotonic clock, in s
+        """
+        limit = self.options.criteria.time_limit
+
+        def out_of_time() -> bool:
+            return limit is not None and time.monotonic() - began >= limit
+
         if isinstance(search, JointSearch) and not search.lowers_cost:
             told = judge(
-                search.fit, self.cost, self.space, self.searched, self.influence, search.fit.steps
+                search.fit, self.cost, self.space, self.searched, self.influence, out_of_time
             )
         else:
             told = identify(self.cost, self.space, found.parameters, self.active, cancelled)

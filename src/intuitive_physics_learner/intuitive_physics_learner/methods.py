@@ -9,7 +9,7 @@ JOINT_METHOD = "levenberg_marquardt"
 """Joint estimation of θ_s and first states (`joint_estimation`); where the simulation lacks an
 effect that the observations have, it lowers J instead."""
 
-DEFAULT_METHOD = "cma_es"
+DEFAULT_METHOD = JOINT_METHOD
 
 METHODS = (
     DEFAULT_METHOD,

@@ -84,6 +84,7 @@ class Search(ABC):
         on_progress: Callable[[SearchProgress], None] | None = None,
         cancelled: Callable[[], bool] | None = None,
         on_checkpoint: Callable[[dict[str, Any]], None] | None = None,
+        reserve: Callable[[float], float] = lambda seconds: 0.0,
     ) -> SearchResult:
         """Step until a criterion is met or `cancelled` returns True; at least one step.
 
@@ -93,6 +94,8 @@ class Search(ABC):
         ----------
         on_checkpoint : called with the `state_dict` at most every `CHECKPOINT_PERIOD`, and at the
             end
+        reserve : how many seconds of the time limit to leave for what comes after the search, when
+            it has taken so many
         """
         began = saved = time.monotonic()
         reason = None
@@ -108,7 +111,8 @@ class Search(ABC):
             if on_checkpoint is not None and time.monotonic() - saved >= CHECKPOINT_PERIOD:
                 on_checkpoint(self.state_dict())
                 saved = time.monotonic()
-            reason = self._stop_reason(criteria, seconds, evaluated == 0, cancelled)
+            spent = seconds + reserve(seconds)
+            reason = self._stop_reason(criteria, spent, evaluated == 0, cancelled)
         if on_checkpoint is not None:
             on_checkpoint(self.state_dict())
         return SearchResult(

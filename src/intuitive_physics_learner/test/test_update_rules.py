@@ -218,10 +218,10 @@ def test_separable_cma_es_is_quicker_with_many_parameters():
         return ((widths * (points - 0.3)) ** 2).mean(axis=1)
 
     lowest = {
-        name: valley(proposed(rule_of(name, size=30), 1500, costs=valley)).min()
+        name: valley(proposed(rule_of(name, size=30), 1000, costs=valley)).min()
         for name in ("cma_es", "separable_cma_es")
     }
-    assert lowest["separable_cma_es"] < 0.1 * lowest["cma_es"]
+    assert lowest["separable_cma_es"] < 0.3 * lowest["cma_es"]
 
 
 def test_restarted_cma_es_leaves_a_local_optimum_and_resumes_after_that():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -52,6 +52,9 @@ LEAST_SCAN_GAIN = 3.0
 
 PLAUSIBLE_RISE = 2.0
 """Loss that two standard deviations cost: half of two squared."""
+
+JUDGED_LEVELS = LEVELS[::2]
+"""Of each parameter that are tried to find how far on its range it can go without a loss."""
 
 JUDGED_WIDENING = 3.0
 """By what steps are wider to find slopes that say how sharp an estimate is."""
@@ -111,6 +114,19 @@ class JointFit:
         """Whether more steps would change nothing."""
         return self._settled >= SETTLED_STEPS
 
+    @property
+    def posterior_simulations(self) -> int:
+        """Simulations of single observations that `posterior` takes."""
+        return sum(
+            block.members.size
+            * (
+                1
+                + 2 * block.prior_deviations.shape[1]
+                + 2 * (1 + len(JUDGED_LEVELS)) * block.parameters.shape[1]
+            )
+            for block in self._blocks
+        )
+
     def posterior(self) -> tuple[Posterior, NDArray[np.float64]]:
         """What is believed of the parameters at the estimate, on the unit cube.
 
@@ -127,8 +143,8 @@ class JointFit:
         for side in range(2):
             sided = [replace(each, slopes=each.one_sided[side]) for each in linear]
             deviations.append(self._posterior(self._equations(sided))[0].deviations)
-        rises, _ = self._scanned(linear)
-        away = np.abs(np.array(LEVELS) - self.unit[:, None])
+        rises, _ = self._scanned(linear, JUDGED_LEVELS)
+        away = np.abs(np.array(JUDGED_LEVELS) - self.unit[:, None])
         deviations.append(np.where(rises < PLAUSIBLE_RISE, 0.5 * away, 0.0).max(axis=1))
         return posterior, np.max(deviations, axis=0)
 
@@ -268,7 +284,7 @@ class JointFit:
 
     def _scan(self, linear: list[Linearisation]) -> bool:
         """Move parameters to where on their range they fit better; return whether any moved."""
-        rises, found = self._scanned(linear)
+        rises, found = self._scanned(linear, LEVELS)
         levels = np.argmin(rises, axis=1)
         moves = compatible_moves(-rises.min(axis=1), self._influence, LEAST_SCAN_GAIN)
         for (block, part), estimates in zip(self._parts(), found, strict=True):
@@ -280,7 +296,7 @@ class JointFit:
         return bool(moves)
 
     def _scanned(
-        self, linear: list[Linearisation]
+        self, linear: list[Linearisation], levels: Sequence[float]
     ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
         """Try each parameter at each level.
 
@@ -289,7 +305,8 @@ class JointFit:
         rises : (n, n_levels) of the loss of the observations that each parameter influences
         found : of each block, first states (q, n_levels, W, d) that suit them
         """
-        candidates = ScanCandidates(self.unit, self._groups, self._space)
+        each = np.tile(levels, (self.unit.size, 1))
+        candidates = ScanCandidates(self.unit, self._groups, self._space, each)
         rises = np.zeros(candidates.index.shape)
         found = []
         for (block, part), slopes in zip(self._parts(), linear, strict=True):
@@ -300,9 +317,9 @@ class JointFit:
             parameters = block.parameters.shape[1]
             here = part.losses(block, part.estimate[None], slopes.residuals[None], self._noise)
             there = part.losses(block, estimates, residuals, self._noise) - here
-            by_level = there.T.reshape(*block.parameters.shape, len(LEVELS))
+            by_level = there.T.reshape(*block.parameters.shape, len(levels))
             np.add.at(rises, block.parameters, by_level)
-            found.append(estimates.reshape(parameters, len(LEVELS), *part.estimate.shape))
+            found.append(estimates.reshape(parameters, len(levels), *part.estimate.shape))
         return rises, found
 
     def _parts(self) -> Iterator[tuple[ObservationBlock, TrajectoryFits]]:

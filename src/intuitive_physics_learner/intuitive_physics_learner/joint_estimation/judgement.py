@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,7 +28,7 @@ def judge(
     space: ParameterSpace,
     searched: ActiveSpace,
     influence: NDArray[np.bool_],
-    steps: int,
+    out_of_time: Callable[[], bool] = lambda: False,
 ) -> Identifiability:
     """State what is identified and how well, after a fit has settled.
 
@@ -35,14 +37,15 @@ def judge(
     fit : over the space `searched`
     space : of all parameters
     influence : (n_observations, |θ_s|) bool
-    steps : most steps of each fit to a half of the observations
+    out_of_time : looked at before each step of the fits to halves of the observations; stopped
+        early, they agree less and the uncertainties get wider
     """
     active = np.asarray(influence.any(axis=0))
     parameters = searched.to_parameters(fit.unit)
     posterior, sided = fit.posterior()
     covariance = posterior.covariance
     slopes = _slopes(searched, fit.unit)
-    factors = _widening(fit, cost, searched, influence[:, active], steps)
+    factors = _widening(fit, cost, searched, influence[:, active], out_of_time)
     factors *= sided / posterior.deviations
     covariance = slopes @ (covariance * np.outer(factors, factors)) @ slopes.T
     deviations = np.sqrt(np.diag(covariance))
@@ -76,19 +79,20 @@ def _widening(
     cost: Cost,
     searched: ActiveSpace,
     influence: NDArray[np.bool_],
-    steps: int,
+    out_of_time: Callable[[], bool],
 ) -> NDArray[np.float64]:
     size = fit.unit.size
     if len(influence) < FEWEST_OBSERVATIONS:
         return np.ones(size)
-    fits = []
-    for members in halves(influence):
-        part = JointFit(PartialCost(cost, members), searched, influence[members], fit.start)
-        for _ in range(steps):
-            if part.settled:
-                break
-            part.step()
-        fits.append(part)
+    fits = [
+        JointFit(PartialCost(cost, members), searched, influence[members], fit.start)
+        for members in halves(influence)
+    ]
+    # Side by side, so that neither is ahead where time runs out.
+    for _ in range(fit.steps):
+        for part in fits:
+            if not part.settled and not (part.steps and out_of_time()):
+                part.step()
     first, second = fits
     deviations = [part.posterior()[1] for part in fits]
     told = (deviations[0] < LARGEST_DEVIATION) & (deviations[1] < LARGEST_DEVIATION)

@@ -15,6 +15,8 @@ from intuitive_physics_learner import (
     identify,
     make_update_rule,
 )
+from intuitive_physics_learner.active_parameters import parameter_influence
+from intuitive_physics_learner.identifiability import identification_trials
 from intuitive_physics_learner.parameter_axes import ParameterAxes, parameters_of_vector
 
 MATERIALS = ("ball", "floor")
@@ -164,3 +166,27 @@ def test_vector_and_back():
     back = parameters_of_vector(theta.materials, parameter_vector(theta))
     assert (back.coefficients == theta.coefficients).all()
     assert (back.density == theta.density).all()
+
+
+class CountingCost(TrajectoryCost):
+    """Counts the trials it is asked for."""
+
+    asked = 0
+
+    def trial_distances(self, trials):
+        self.asked += trials.size
+        return super().trial_distances(trials)
+
+    def trial_residuals(self, trials):
+        self.asked += trials.size
+        return super().trial_residuals(trials)
+
+
+def test_takes_no_more_simulations_than_it_says(event_driven, throws, true_parameters):
+    observed = throws(6, 0, noise=0.003)
+    cost = CountingCost(observed, event_driven, MATERIALS)
+    identify(cost, SPACE, true_parameters)
+    influence = parameter_influence(observed, MATERIALS)
+    assert 0 < cost.asked <= identification_trials(influence)
+    # All parameters of all observations would be more.
+    assert identification_trials(influence) < 6 * influence.size

@@ -17,6 +17,7 @@ from intuitive_physics_learner import (
     StopReason,
     make_update_rule,
 )
+from intuitive_physics_learner.search import LARGEST_BATCH
 
 SPACE = ParameterSpace(("stone",))
 
@@ -147,3 +148,10 @@ def test_a_rule_of_another_size_is_refused():
 def test_nothing_is_best_before_the_first_evaluation():
     with pytest.raises(InvalidInputError, match="nothing was evaluated"):
         _ = search_of().best_parameters
+
+
+def test_leaves_the_time_that_is_reserved():
+    criteria = ConvergenceCriteria(10_000, time_limit=1000.0)
+    result = search_of("random").run(criteria, reserve=lambda seconds: 1000.0)
+    assert result.stop_reason is StopReason.TIME_LIMIT
+    assert result.iterations == LARGEST_BATCH

@@ -6,6 +6,7 @@ from math import inf, isfinite, nan, pi, sqrt
 
 from numba import int64
 
+from intuitive_physics.simulation.noisy_impacts import set_noise
 from intuitive_physics.simulation.event_driven.clusters import gather
 from intuitive_physics.simulation.event_driven.impacts import hit_object, hit_solid
 from intuitive_physics.simulation.event_driven.motion import carry, write_outputs
@@ -53,6 +54,8 @@ def roll_worlds(
     parameter_index,
     density,
     coefficients,
+    noise_keys,
+    contact_noise,
     times,
     max_events,
     scratch,
@@ -120,6 +123,7 @@ def roll_worlds(
         world.planes = endless
         store(world.gravity, load(gravity[e]))
         world.coefficients = coefficients[c].ctypes.data
+        set_noise(world, contact_noise, noise_keys[w])
         world.end = row[wanted - 1]
         status[w] = _roll_world(world, row[:wanted], max_events, positions[w], orientations[w])
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.simulation.kernels import entry
 
+
 def weighted_moments(
     points: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -208,7 +208,7 @@ def test_any_shape_is_predicted_without_a_word_about_engines():
 
 
 def predicted_heights(contact_noise, samples=1500):
-    """Heights (n_samples,) of a ball 0.3 s after its first bounce, from a drop of 1 m at e = 0.6."""
+    """Heights (n_samples,) of a ball dropped from 1 m at e = 0.6, 0.3 s after its first bounce."""
     theta = StaticParameters.uniform(["ball", "floor"], restitution=0.6)
     return predict(
         flying_scene(height=1.05, velocity=(0, 0, 0)),

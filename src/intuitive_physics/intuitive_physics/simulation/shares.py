@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 PIECES = 2
-"""Of what is left, each thread takes one of so many parts for each thread: worlds differ in cost."""
+"""Shares of what is left for each thread: worlds differ in cost."""
 
 MOST_THREADS = 64
 """Of all batches together; what finds none free is done by the thread that asked."""

@@ -10,7 +10,6 @@ impulse of at most μ_r r J_n. With noise, each impact has a restitution and a n
 
 from __future__ import annotations
 
-from intuitive_physics.simulation.noisy_impacts import noisy_restitution, tilted
 from intuitive_physics.simulation.event_driven.contact_geometry import nearest
 from intuitive_physics.simulation.event_driven.world import (
     DYNAMIC,
@@ -26,6 +25,7 @@ from intuitive_physics.simulation.event_driven.world import (
     touch,
 )
 from intuitive_physics.simulation.kernels import kernel
+from intuitive_physics.simulation.noisy_impacts import noisy_restitution, tilted
 from intuitive_physics.simulation.vectors import (
     add,
     add_scaled,

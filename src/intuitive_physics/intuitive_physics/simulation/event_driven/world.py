@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from intuitive_physics.simulation.noisy_impacts import NOISE_FIELDS
 from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.noisy_impacts import NOISE_FIELDS
 from intuitive_physics.simulation.pointers import float_at, record_getter
 from intuitive_physics.simulation.vectors import (
     add_scaled,

@@ -2,8 +2,8 @@
 
 All contacts of one pair are solved together: Newton's restitution along each normal, Coulomb's
 friction with μ_d over the impulse. Where several eccentric contacts would together raise the
-kinetic energy, all their impulses are scaled down to keep it. With noise, `noisy_impacts` gives each
-impact a restitution and normals of its own.
+kinetic energy, all their impulses are scaled down to keep it. With noise, `noisy_impacts` gives
+each impact a restitution and normals of its own.
 """
 
 from __future__ import annotations

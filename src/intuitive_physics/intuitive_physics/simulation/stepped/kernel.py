@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import inf, isfinite
 
-from intuitive_physics.simulation.noisy_impacts import set_noise
 from intuitive_physics.simulation.kernels import entry, fast_inlined, kernel
+from intuitive_physics.simulation.noisy_impacts import set_noise
 from intuitive_physics.simulation.stepped.collision import are_near, find_contacts, part_overlaps
 from intuitive_physics.simulation.stepped.lone_body import step_lone_body
 from intuitive_physics.simulation.stepped.motion import TIME_ROUNDING, output_time, write_rest

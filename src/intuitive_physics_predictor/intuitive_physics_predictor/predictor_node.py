@@ -56,7 +56,7 @@ class PredictorNode(Node):
             values["seed"],
             values["published_samples"],
         )
-        self._services = PredictionServices(
+        self._answers = PredictionServices(
             self,
             lambda: (self._ticks.inputs, self._ticks.settings),
             lambda: self._ticks.newest,
@@ -72,7 +72,7 @@ class PredictorNode(Node):
     def destroy_node(self) -> None:
         """Stop predicting."""
         self._ticks.stop()
-        self._services.stop()
+        self._answers.stop()
         super().destroy_node()
 
     def _hear(self) -> None:

@@ -240,6 +240,7 @@ def write(path: Path, text: str = "") -> Path:
         (["perceive", "cloud.npz", "--rerun", "x.rrd"], "expected --rerun with a bag"),
         (["perceive", "cloud.npz", "--ball", "foam"], "expected MATERIAL=RADIUS"),
         (["predict", "nowhere.json", "nowhere.json"], "cannot read nowhere.json"),
+        (["predict", "some.json", "some.json", "--tilt-noise", "2"], "contact noise tilt is 2 rad"),
         (["report", "nowhere.npz", "out.html"], "there is no nowhere.npz"),
         (["report", "set.npz", "notes.txt/out.html", "--iterations", "5"], "cannot write"),
         (["render", "bag", "--throws", "0"], "expected at least 1"),

@@ -107,17 +107,15 @@ def draw_sizes(
 
 def _turned(quaternions: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
     """Turn (…, 4) quaternions by (…, 3) rotation vectors in the environment's axes."""
-    size = np.linalg.norm(angles, axis=-1, keepdims=True)
-    half = 0.5 * size
+    half = 0.5 * np.sqrt((angles * angles).sum(axis=-1))
     # sin(x) / x without dividing by zero
-    vector = 0.5 * np.sinc(half / np.pi) * angles
-    scalar = np.cos(half)
-    v, w = quaternions[..., :3], quaternions[..., 3:]
-    turned = np.concatenate(
-        [
-            scalar * v + w * vector + np.cross(vector, v),
-            scalar * w - (vector * v).sum(axis=-1, keepdims=True),
-        ],
-        axis=-1,
-    )
-    return turned / np.linalg.norm(turned, axis=-1, keepdims=True)
+    x, y, z = np.moveaxis(0.5 * np.sinc(half / np.pi)[..., None] * angles, -1, 0)
+    w = np.cos(half)
+    a, b, c, d = np.moveaxis(quaternions, -1, 0)
+    turned = np.empty_like(quaternions)
+    turned[..., 0] = w * a + d * x + (y * c - z * b)
+    turned[..., 1] = w * b + d * y + (z * a - x * c)
+    turned[..., 2] = w * c + d * z + (x * b - y * a)
+    turned[..., 3] = w * d - (x * a + y * b + z * c)
+    turned /= np.sqrt((turned * turned).sum(axis=-1, keepdims=True))
+    return turned

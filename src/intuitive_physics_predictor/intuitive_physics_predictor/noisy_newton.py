@@ -11,6 +11,7 @@ from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation import Simulator, WorldStatus, make_simulator, pack_worlds
+from intuitive_physics.simulation.contact_noise import ContactNoise
 from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
 from intuitive_physics_predictor.noise import StateNoise, draw_sizes, sample_states
@@ -33,6 +34,7 @@ def predict(
     sample_count: int = DEFAULT_SAMPLE_COUNT,
     noise: StateNoise | None = None,
     size_noise: float = 0.0,
+    contact_noise: ContactNoise | None = None,
     simulator: Simulator | None = None,
     orientations: bool = False,
 ) -> TrajectoryDistribution:
@@ -47,6 +49,7 @@ def predict(
     sample_count : simulations, all in one call of the simulator
     noise : on the states; default: that of the perceived covariances
     size_noise : relative standard deviation of the objects' dimensions, one factor an object
+    contact_noise : by which one impact differs from the next; default: none
     simulator : engine; default: auto
     orientations : whether to predict them too, which takes longer
 
@@ -68,6 +71,8 @@ def predict(
     worlds = _sampled_worlds(
         scene, static_parameters, sample_count, noise or StateNoise(), size_noise, rng
     )
+    if contact_noise:
+        worlds = worlds.with_contact_noise(contact_noise, rng)
     rollout = engine.rollout_batch(worlds, times, orientations=orientations)
     ended = rollout.status == WorldStatus.OK
     if not ended.any():

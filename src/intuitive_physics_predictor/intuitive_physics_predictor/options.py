@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from intuitive_physics.setting_fields import choice, number, other
 from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS
+from intuitive_physics.simulation.contact_noise import LARGEST_TILT, ContactNoise
 from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
 from intuitive_physics_predictor.noisy_newton import DEFAULT_SAMPLE_COUNT
@@ -50,11 +51,22 @@ class PredictionOptions:
     size_scale: float = number(
         0.0, 0.0, 1000.0, "relative standard deviation of the objects' dimensions"
     )
+    impact_restitution_noise: float = number(
+        0.0, 0.0, 1.0, "standard deviation of the restitution from one impact to the next"
+    )
+    impact_tilt_noise: float = number(
+        0.0, 0.0, LARGEST_TILT, "rad, standard deviation of the surface's normal at an impact"
+    )
 
     @property
     def noise_scales(self) -> NoiseScales:
         """Factors on what is uncertain."""
         return NoiseScales(**{name: getattr(self, f"{name}_scale") for name in NOISE_SCALES})
+
+    @property
+    def contact_noise(self) -> ContactNoise:
+        """Noise at each impact; none by default."""
+        return ContactNoise(self.impact_restitution_noise, self.impact_tilt_noise)
 
     @property
     def state_noise(self) -> StateNoise:

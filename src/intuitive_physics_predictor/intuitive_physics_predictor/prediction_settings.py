@@ -32,6 +32,7 @@ class PredictionSettings:
         check_size(options.sample_count, 1, self.times.size)
         self.noise = options.state_noise
         self.scales = options.noise_scales
+        self.contact_noise = options.contact_noise
         self.simulator = make_simulator(options.simulator, options.threads)
         self._newest: tuple[LearnedParameters | None, tuple[str, ...], UncertainParameters] | None
         self._newest = None
@@ -71,6 +72,7 @@ class PredictionSettings:
             sample_count=sample_count,
             noise=self.noise,
             size_noise=self.scales.size,
+            contact_noise=self.contact_noise,
             simulator=self.simulator,
             orientations=orientations,
         )

@@ -246,3 +246,15 @@ def test_questions_are_answered_from_a_prediction():
 def test_questions_without_answer(question, error):
     with pytest.raises(error, match="expected"):
         answer(question, now(0.0))
+
+
+def test_the_options_of_noise_at_impacts_reach_the_samples():
+    # The perceived spread is cut to none, so that what is left is of the bounce at 0.44 s.
+    exact = {"state_scale": 0.0, "spin_scale": 0.0, "static_parameters_scale": 0.0}
+    for option in ("impact_restitution_noise", "impact_tilt_noise"):
+        settings = PredictionSettings(PredictionOptions(horizon=1.0, **exact, **{option: 0.05}))
+        made = now(0.0, options=settings)
+        spread = made.distribution.positions[:, 0].std(axis=0).max(axis=1)
+        fallen = settings.times < 0.4
+        assert spread[fallen].max() < 1e-12
+        assert spread[~fallen].max() > 1e-3

@@ -14,6 +14,7 @@ from intuitive_physics.materials import StaticParameters, parameter_count
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.simulation import make_simulator
+from intuitive_physics.simulation.contact_noise import ContactNoise
 from intuitive_physics.state import ObjectState
 from intuitive_physics_predictor.noise import StateNoise, sample_states
 from intuitive_physics_predictor.noisy_newton import PredictionFailedError, predict
@@ -204,3 +205,29 @@ def test_any_shape_is_predicted_without_a_word_about_engines():
         for scene in (box_scene(), flying_scene())
     )
     np.testing.assert_allclose(box, ball, atol=1e-9)
+
+
+def predicted_heights(contact_noise, samples=1500):
+    """Heights (n_samples,) of a ball dropped from 1 m at e = 0.6, 0.3 s after its first bounce."""
+    theta = StaticParameters.uniform(["ball", "floor"], restitution=0.6)
+    return predict(
+        flying_scene(height=1.05, velocity=(0, 0, 0)),
+        theta,
+        [np.sqrt(2 / G) + 0.3],
+        rng=np.random.default_rng(4),
+        sample_count=samples,
+        contact_noise=contact_noise,
+    ).positions[:, 0, 0, 2]
+
+
+def test_noise_at_impacts_spreads_what_follows_them():
+    # z = (e + σ z) v t - g t²/2 after the bounce: standard deviation σ v t.
+    heights = predicted_heights(ContactNoise(restitution=0.03))
+    spread = 0.03 * np.sqrt(2 * G) * 0.3
+    assert abs(heights.std() / spread - 1) < 4.5 / np.sqrt(2 * heights.size)
+
+
+def test_no_noise_at_impacts_is_none():
+    still = predicted_heights(None, samples=3)
+    np.testing.assert_array_equal(still, predicted_heights(ContactNoise(), samples=3))
+    assert (still == still[0]).all()

@@ -40,6 +40,10 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.state import ObjectState
+from intuitive_physics_predictor.live_prediction import Inputs
+from intuitive_physics_predictor.options import PredictionOptions
+from intuitive_physics_predictor.prediction_settings import PredictionSettings
+from intuitive_physics_predictor.services_of_predictor_node import PredictionServices
 from intuitive_physics_ros.conversions import (
     environment_to_message,
     object_states_to_message,
@@ -56,6 +60,7 @@ MODULE = "intuitive_physics_predictor.predictor_node"
 NODE = "/predictor_node"
 ENVIRONMENT = Environment([Plane("floor", "room", (0, 0, 1), 0.0)], frame_id="lab")
 BALL = SceneObject("ball", "rubber", Sphere(0.05))
+SETTINGS = PredictionSettings(PredictionOptions())
 COVARIANCE = np.diag([1e-6] * 3 + [0.0] * 3 + [1e-4] * 3 + [1.0] * 3)
 FLYING = ObjectState((0, 0, 1.0), (0, 0, 0, 1), (2.0, 0, 0), (0, 0, 0), COVARIANCE)
 
@@ -541,6 +546,43 @@ def test_bad_questions_get_a_numbered_answer(peer, fed, fields, code, word):
     answer = query(peer, **{"object_id": "ball", **fields})
     assert answer.result.value == code, answer.result
     assert word in answer.result.message
+
+
+FAST = ObjectState((0, 0, 100.0), (0, 0, 0, 1), (1e307, 0, 0), (0, 0, 0), COVARIANCE)
+"""Where it is after 1 s is still a number that float64 holds; after 18 s it is none."""
+
+
+def test_a_question_beyond_what_can_be_simulated_is_told(peer, inputs):
+    heard = peer.listen(TrajectoryDistribution, f"{NODE}/trajectory_distribution", SENSOR_DATA)
+    make = partial(states_message, states=(FAST,))
+
+    def high():
+        return heard and heard[-1].objects[0].mean[2] > 90.0
+
+    feed_until(peer, high, "a prediction of the fast ball", make)
+    event = Query.Request.COMES_TO_REST
+    near = query(peer, event=event, object_id="ball", horizon=1.0)
+    assert near.result.value == ResultCode.OK, near.result.message
+    far = query(peer, event=event, object_id="ball", horizon=20.0)
+    assert far.result.value == ResultCode.PREDICTION_FAILED
+    assert "none of 20 samples could be simulated to the end" in far.result.message
+
+
+def test_a_defect_of_ours_is_an_internal_error_and_the_service_goes_on(peer):
+    # No request should lead to it. A prediction that is none stands for a defect; the service is
+    # the node's, in this process.
+    newest = [object(), None]
+    services = PredictionServices(
+        peer.node, lambda: (Inputs(), SETTINGS), lambda: newest.pop(0) if newest else None
+    )
+    try:
+        broken = peer.call(Query, "/tester/query", Query.Request(object_id="ball", event=3))
+        assert broken.result.value == ResultCode.INTERNAL_ERROR
+        assert broken.result.message.startswith("AttributeError: ")
+        after = peer.call(Query, "/tester/query", Query.Request(object_id="ball", event=3))
+        assert after.result.value == ResultCode.NOT_READY
+    finally:
+        services.stop()
 
 
 def test_a_long_request_does_not_stop_the_predictions(peer, fed):

@@ -20,6 +20,7 @@ class AutomaticSimulator(Simulator):
     """
 
     name = "auto"
+    takes_contact_noise = True
 
     def __init__(self, *, threads: int = 1) -> None:
         self.event_driven = EventDrivenSimulator(threads=threads)

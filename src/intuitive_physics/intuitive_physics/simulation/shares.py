@@ -2,27 +2,98 @@
 
 from __future__ import annotations
 
+import os
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+
+PIECES = 2
+"""Shares of what is left for each thread: worlds differ in cost."""
+
+MOST_THREADS = 64
+"""Of all batches together; what finds none free is done by the thread that asked."""
 
 
 def run_in_shares(
     roll: Callable[[int, int], None], worlds: int, threads: int, smallest_share: int
 ) -> None:
-    """Call `roll(first, last)` for contiguous shares of the worlds, each in a thread of its own.
+    """Call `roll(first, last)` for contiguous shares of the worlds, in several threads.
+
+    A thread that is done takes another share, so that none waits long for another one, be it for
+    worlds that cost more or for a core that has other work.
 
     Parameters
     ----------
     roll : rolls out the worlds `first` to `last` (exclusive), without the GIL
     smallest_share : worlds for which another thread is worth its start
     """
-    shares = max(1, min(threads, worlds // smallest_share))
-    if shares == 1:
+    helpers = min(threads, worlds // smallest_share) - 1
+    if helpers < 1:
         roll(0, worlds)
         return
-    edges = [worlds * share // shares for share in range(shares + 1)]
-    with ThreadPoolExecutor(shares - 1) as pool:
-        others = pool.map(roll, edges[1:-1], edges[2:])
-        roll(*edges[:2])
-        # Asking for the results raises what a thread has raised.
-        list(others)
+    shares = _Shares(worlds, PIECES * (helpers + 1), max(1, smallest_share // 2))
+    work = [_helpers().submit(_roll_all, roll, shares) for _ in range(helpers)]
+    try:
+        _roll_all(roll, shares)
+    finally:
+        shares.close()
+        # One that has not begun by now would find nothing left.
+        begun = [one for one in work if not one.cancel()]
+        for one in begun:
+            one.exception()
+    for one in begun:
+        # Raises what a thread has raised.
+        one.result()
+
+
+class _Shares:
+    """Hands out ranges of worlds, smaller ones towards the end."""
+
+    def __init__(self, worlds: int, parts: int, smallest: int) -> None:
+        self._lock = threading.Lock()
+        self._next, self._worlds = 0, worlds
+        self._parts, self._smallest = parts, smallest
+
+    def take(self) -> tuple[int, int] | None:
+        """Return the first and the last world (exclusive) of a share, None where none is left."""
+        with self._lock:
+            first = self._next
+            left = self._worlds - first
+            if left <= 0:
+                return None
+            self._next = first + min(left, max(self._smallest, left // self._parts))
+            return first, self._next
+
+    def close(self) -> None:
+        """Hand out no more."""
+        with self._lock:
+            self._next = self._worlds
+
+
+def _roll_all(roll: Callable[[int, int], None], shares: _Shares) -> None:
+    share = shares.take()
+    while share is not None:
+        roll(*share)
+        share = shares.take()
+
+
+_pools: list[ThreadPoolExecutor] = []
+_making = threading.Lock()
+
+
+def _helpers() -> ThreadPoolExecutor:
+    """Return this process's threads, which are made as they are needed and kept."""
+    with _making:
+        if not _pools:
+            _pools.append(ThreadPoolExecutor(MOST_THREADS, thread_name_prefix="simulation"))
+        return _pools[0]
+
+
+def _forget_helpers() -> None:
+    """Let a forked process, which has none of its parent's threads, make its own."""
+    global _making
+    _pools.clear()
+    _making = threading.Lock()
+
+
+os.register_at_fork(after_in_child=_forget_helpers)

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.errors import InvalidInputError, UnsupportedSceneError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation.world_batch import WorldBatch, pack_worlds
@@ -48,6 +48,8 @@ class Simulator(ABC):
     """Rolls out batches of worlds; holds no state between calls and may be shared by threads."""
 
     name: ClassVar[str]
+    takes_contact_noise: ClassVar[bool] = False
+    """Whether it can make impacts noisy."""
 
     def rollout(
         self,
@@ -91,7 +93,19 @@ class Simulator(ABC):
         ----------
         times : (n_times,) for all worlds, or (n_worlds, n_times), a row for each; a row may end
             in NaN, where no output is wanted
+
+        Raises
+        ------
+        InvalidInputError
+            When the times are not as above.
+        UnsupportedSceneError
+            When this engine cannot express a world, or impacts that are noisy.
         """
+        if worlds.contact_noise.any() and not self.takes_contact_noise:
+            raise UnsupportedSceneError(
+                f"impacts are to be noisy, which {self.name} cannot simulate; "
+                "set their noise to 0 or use the simulator auto, event_driven or stepped"
+            )
         checked = _checked_times(times, worlds.size)
         return self._rollout(worlds, checked, orientations)
 

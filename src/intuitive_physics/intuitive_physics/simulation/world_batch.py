@@ -14,6 +14,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
+from intuitive_physics.simulation.contact_noise import ContactNoise
 from intuitive_physics.validation import finite_array
 
 SPHERE, BOX, CAPSULE = range(3)
@@ -36,6 +37,7 @@ class WorldBatch:
     states : (W, O, 13) as `ObjectState.to_vector`
     air_factors : (W, O, 2) ½ ρ C_d A (kg/m) and ½ ρ C_M A r (kg) of drag and Magnus force
     mass_centres : (W, O, 3) m, centre of mass in the object's axes, from the shape's centre
+    noise_keys : (W,) what each world's noise at impacts is drawn from
     environment_index : (W,) row of each world in the environment arrays
     gravity : (E, 3) m/s²
     plane_counts : (E,)
@@ -49,6 +51,7 @@ class WorldBatch:
     parameter_index : (W,) row of each world in the parameter arrays
     density : (C, m) kg/m³
     coefficients : (C, 4, m, m) as `StaticParameters.coefficients`
+    contact_noise : (2,) standard deviations of `ContactNoise`: restitution, tilt (rad)
     environments : the E environments themselves, for engines that need more of them
     """
 
@@ -62,6 +65,7 @@ class WorldBatch:
     states: NDArray[np.float64]
     air_factors: NDArray[np.float64]
     mass_centres: NDArray[np.float64]
+    noise_keys: NDArray[np.uint64]
     environment_index: NDArray[np.int64]
     gravity: NDArray[np.float64]
     plane_counts: NDArray[np.int64]
@@ -75,6 +79,7 @@ class WorldBatch:
     parameter_index: NDArray[np.int64]
     density: NDArray[np.float64]
     coefficients: NDArray[np.float64]
+    contact_noise: NDArray[np.float64]
     environments: tuple[Environment, ...]
 
     @property
@@ -91,6 +96,14 @@ class WorldBatch:
             parameter_index=np.repeat(np.arange(sets), self.size),
             density=density,
             coefficients=coefficients,
+        )
+
+    def with_contact_noise(self, noise: ContactNoise, rng: np.random.Generator) -> WorldBatch:
+        """Return the worlds with noisy impacts, each with a key of its own drawn from `rng`."""
+        return replace(
+            self,
+            noise_keys=rng.integers(2**64, size=self.size, dtype=np.uint64),
+            contact_noise=np.array([noise.restitution, noise.tilt]),
         )
 
     def repeated(
@@ -137,6 +150,7 @@ class WorldBatch:
             "states",
             "air_factors",
             "mass_centres",
+            "noise_keys",
             "environment_index",
             "parameter_index",
         )
@@ -177,11 +191,13 @@ def pack_worlds(
     return WorldBatch(
         materials=materials,
         **_object_arrays(scenes, parameter_sets[0]),
+        noise_keys=np.zeros(len(scenes), dtype=np.uint64),
         environment_index=np.array([row[id(scene.environment)] for scene in scenes]),
         **_environment_arrays(environments, parameter_sets[0]),
         parameter_index=parameter_index,
         density=density,
         coefficients=coefficients,
+        contact_noise=np.zeros(2),
         environments=tuple(environments),
     )
 

@@ -21,6 +21,18 @@ def add_to(commands: Any) -> None:
     parser.add_argument("parameters", type=Path, help="file that `learn` or `calibrate` wrote")
     parser.add_argument("--samples", type=int, default=20, help="simulations (default: 20)")
     parser.add_argument("--seed", type=int, default=0, help="of the noise (default: 0)")
+    parser.add_argument(
+        "--restitution-noise",
+        type=float,
+        default=0.0,
+        help="standard deviation of the restitution from one impact to the next (default: 0)",
+    )
+    parser.add_argument(
+        "--tilt-noise",
+        type=float,
+        default=0.0,
+        help="standard deviation of a surface's normal at an impact, rad (default: 0)",
+    )
     parser.set_defaults(run=run)
 
 
@@ -29,11 +41,13 @@ def run(options: argparse.Namespace) -> None:
     import numpy as np
 
     from intuitive_physics.observation import load_observation
+    from intuitive_physics.simulation.contact_noise import ContactNoise
     from intuitive_physics_experiments.terminal import format_table
     from intuitive_physics_predictor.noisy_newton import predict
 
     if options.seed < 0:
         raise InvalidInputError(f"seed is {options.seed}; expected 0 or more")
+    contact_noise = ContactNoise(options.restitution_noise, options.tilt_noise)
     observation = load_observation(options.observation)
     learned, scales = _read_parameters(options.parameters)
     parameters = scales.parameters(learned.extended(observation.materials))
@@ -48,6 +62,7 @@ def run(options: argparse.Namespace) -> None:
             sample_count=options.samples,
             noise=scales.state_noise(),
             size_noise=scales.size,
+            contact_noise=contact_noise,
         )
         mean = distribution.mean[number]
         spread = np.sqrt(np.trace(distribution.covariance[number], axis1=1, axis2=2))

@@ -38,6 +38,7 @@ class EventDrivenSimulator(Simulator):
     """
 
     name = "event_driven"
+    takes_contact_noise = True
 
     def __init__(self, *, threads: int = 1, max_events: int = 100_000) -> None:
         if threads < 1 or max_events < 1:
@@ -78,6 +79,8 @@ class EventDrivenSimulator(Simulator):
                 worlds.parameter_index,
                 worlds.density,
                 worlds.coefficients,
+                worlds.noise_keys,
+                worlds.contact_noise,
                 times,
                 self.max_events,
                 scratch.world,

@@ -4,7 +4,8 @@ Normal: Newton's restitution. Tangential: Coulomb's friction over the impact's i
 that slips is braked by dynamic friction until its slip is gone (stick) or the normal impulse is
 spent (slip): |J_t| = min(μ_d J_n, m_t |s|), where m_t is the mass felt at the contact point, 2/7 m
 for one solid sphere. A sphere that sticks to a solid also feels rolling friction, an angular
-impulse of at most μ_r r J_n.
+impulse of at most μ_r r J_n. With noise, each impact has a restitution and a normal of its own, see
+`noisy_impacts`; one that would not leave the surface keeps the surface's normal.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from intuitive_physics.simulation.event_driven.world import (
     touch,
 )
 from intuitive_physics.simulation.kernels import kernel
+from intuitive_physics.simulation.noisy_impacts import noisy_restitution, tilted
 from intuitive_physics.simulation.vectors import (
     add,
     add_scaled,
@@ -56,8 +58,26 @@ def hit_solid(world, i, s):
     """Let object i, touching solid s and approaching it, rebound."""
     body = object_at(world, i)
     _, n, _, _ = nearest(world, solid_at(world, s), load(body.position), body.radius)
+    restitution = solid_coefficient(world, RESTITUTION, i, s)
+    if world.noisy == 1:
+        restitution = noisy_restitution(world, restitution)
+        slanted = tilted(world, n)
+        world.noisy_impacts += 1
+        velocity, spin = load(body.velocity), load(body.spin)
+        if -dot(velocity, slanted) * restitution >= REBOUND_SPEED:
+            _rebound_from_solid(world, i, s, slanted, restitution)
+            if dot(load(body.velocity), n) >= REBOUND_SPEED:
+                return
+            store(body.velocity, velocity)
+            store(body.spin, spin)
+    _rebound_from_solid(world, i, s, n, restitution)
+
+
+@kernel
+def _rebound_from_solid(world, i, s, n, restitution):
+    body = object_at(world, i)
     approach = -dot(load(body.velocity), n)
-    rebound = approach * solid_coefficient(world, RESTITUTION, i, s)
+    rebound = approach * restitution
     if rebound < REBOUND_SPEED:
         rebound = 0.0
         touch(body, s)
@@ -103,9 +123,30 @@ def hit_object(world, i, j):
     one, other = object_at(world, i), object_at(world, j)
     apart = sub(load(one.position), load(other.position))
     n = scaled(apart, 1.0 / norm(apart))
+    restitution = object_coefficient(world, RESTITUTION, i, j)
+    if world.noisy == 1:
+        restitution = noisy_restitution(world, restitution)
+        slanted = tilted(world, n)
+        world.noisy_impacts += 1
+        velocity, spin = load(one.velocity), load(one.spin)
+        other_velocity, other_spin = load(other.velocity), load(other.spin)
+        if -dot(sub(velocity, other_velocity), slanted) * restitution >= REBOUND_SPEED:
+            _rebound_of_objects(world, i, j, slanted, restitution)
+            if dot(sub(load(one.velocity), load(other.velocity)), n) >= REBOUND_SPEED:
+                return
+            store(one.velocity, velocity)
+            store(one.spin, spin)
+            store(other.velocity, other_velocity)
+            store(other.spin, other_spin)
+    _rebound_of_objects(world, i, j, n, restitution)
+
+
+@kernel
+def _rebound_of_objects(world, i, j, n, restitution):
+    one, other = object_at(world, i), object_at(world, j)
     relative = sub(load(one.velocity), load(other.velocity))
     approach = -dot(relative, n)
-    rebound = approach * object_coefficient(world, RESTITUTION, i, j)
+    rebound = approach * restitution
     if rebound < REBOUND_SPEED:
         rebound = 0.0
         pair_at(world, pair_index(i, j)).touches = 1

@@ -18,6 +18,7 @@ from intuitive_physics.simulation.event_driven.transitions import (
 )
 from intuitive_physics.simulation.event_driven.world import object_at, pair_at, pair_index
 from intuitive_physics.simulation.kernels import entry, kernel
+from intuitive_physics.simulation.noisy_impacts import set_noise
 from intuitive_physics.simulation.vectors import load, store
 
 OK, NOT_FINITE, TOO_MANY_EVENTS = range(3)
@@ -53,6 +54,8 @@ def roll_worlds(
     parameter_index,
     density,
     coefficients,
+    noise_keys,
+    contact_noise,
     times,
     max_events,
     scratch,
@@ -120,6 +123,7 @@ def roll_worlds(
         world.planes = endless
         store(world.gravity, load(gravity[e]))
         world.coefficients = coefficients[c].ctypes.data
+        set_noise(world, contact_noise, noise_keys[w])
         world.end = row[wanted - 1]
         status[w] = _roll_world(world, row[:wanted], max_events, positions[w], orientations[w])
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.noisy_impacts import NOISE_FIELDS
 from intuitive_physics.simulation.pointers import float_at, record_getter
 from intuitive_physics.simulation.vectors import (
     add_scaled,
@@ -130,6 +131,7 @@ WORLD = np.dtype(
         ("turns", "i8"),  # 1 if orientations are wanted
         ("end", "f8"),  # s, last output time
         ("gravity", "f8", 3),  # m/s²
+        *NOISE_FIELDS,
     ],
     align=True,
 )

@@ -28,6 +28,7 @@ class SteppedSimulator(Simulator):
     """
 
     name = "stepped"
+    takes_contact_noise = True
 
     def __init__(self, *, time_step: float = DEFAULT_TIME_STEP, threads: int = 1) -> None:
         if not 1e-6 <= time_step <= 0.1:
@@ -73,6 +74,8 @@ class SteppedSimulator(Simulator):
                 worlds.parameter_index,
                 worlds.density,
                 worlds.coefficients,
+                worlds.noise_keys,
+                worlds.contact_noise,
                 times,
                 scratch.world,
                 positions,

@@ -2,7 +2,8 @@
 
 All contacts of one pair are solved together: Newton's restitution along each normal, Coulomb's
 friction with μ_d over the impulse. Where several eccentric contacts would together raise the
-kinetic energy, all their impulses are scaled down to keep it.
+kinetic energy, all their impulses are scaled down to keep it. With noise, `noisy_impacts` gives
+each impact a restitution and normals of its own.
 """
 
 from __future__ import annotations
@@ -10,10 +11,17 @@ from __future__ import annotations
 from math import sqrt
 
 from intuitive_physics.simulation.kernels import kernel
-from intuitive_physics.simulation.stepped.contacts import push, relative_spin, speed_along, twist
+from intuitive_physics.simulation.noisy_impacts import noisy_restitution, tilted
+from intuitive_physics.simulation.stepped.contacts import (
+    prepare,
+    push,
+    relative_spin,
+    speed_along,
+    twist,
+)
 from intuitive_physics.simulation.stepped.solver import solve
 from intuitive_physics.simulation.stepped.world import body_at, contact_at
-from intuitive_physics.simulation.vectors import dot, load, scaled
+from intuitive_physics.simulation.vectors import dot, load, norm, scaled, store
 from intuitive_physics.simulation.world_batch import SPHERE
 
 IMPACT_GAP = 1e-5
@@ -73,6 +81,8 @@ def _pair_of(world, c, count):
 
 @kernel
 def _hit(world, first, last, threshold):
+    if world.noisy == 1:
+        _disturb(world, first, last, threshold)
     for c in range(first, last):
         contact = contact_at(world, c)
         speed = speed_along(world, contact, 0)
@@ -90,6 +100,41 @@ def _hit(world, first, last, threshold):
     contact = contact_at(world, first)
     if last - first > 1 or _is_eccentric(world, contact):
         _limit_energy(world, first, last)
+    if world.noisy == 1:
+        for c in range(first, last):
+            _turn(world, c, load(contact_at(world, c).normal))
+
+
+@kernel
+def _disturb(world, first, last, threshold):
+    """Give the contacts of one pair the restitution and normals of a noisy impact.
+
+    What rebounds too slowly to leave keeps its normals, else what rests would wander.
+    """
+    restitution = noisy_restitution(world, contact_at(world, first).restitution)
+    fastest = 0.0
+    for c in range(first, last):
+        fastest = min(fastest, speed_along(world, contact_at(world, c), 0))
+    leaves = -restitution * fastest > threshold
+    for c in range(first, last):
+        contact = contact_at(world, c)
+        store(contact.normal, load(contact.axes[0]))
+        if leaves:
+            _turn(world, c, tilted(world, load(contact.normal)))
+        contact.restitution = restitution
+    world.noisy_impacts += 1
+
+
+@kernel
+def _turn(world, c, n):
+    """Give a contact another normal; that of a sphere always passes through its centre."""
+    contact = contact_at(world, c)
+    store(contact.axes[0], n)
+    if body_at(world, contact.first).kind == SPHERE:
+        store(contact.arm, scaled(n, -norm(load(contact.arm))))
+    if contact.second >= 0 and body_at(world, contact.second).kind == SPHERE:
+        store(contact.other_arm, scaled(n, norm(load(contact.other_arm))))
+    prepare(world, c)
 
 
 @kernel

@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import inf, isfinite
 
 from intuitive_physics.simulation.kernels import entry, fast_inlined, kernel
+from intuitive_physics.simulation.noisy_impacts import set_noise
 from intuitive_physics.simulation.stepped.collision import are_near, find_contacts, part_overlaps
 from intuitive_physics.simulation.stepped.lone_body import step_lone_body
 from intuitive_physics.simulation.stepped.motion import TIME_ROUNDING, output_time, write_rest
@@ -49,6 +50,8 @@ def roll_worlds(
     parameter_index,
     density,
     coefficients,
+    noise_keys,
+    contact_noise,
     times,
     scratch,
     positions,
@@ -74,6 +77,7 @@ def roll_worlds(
             world.gravity[k] = gravity[e, k]
         world.gravity_size = norm(load(world.gravity))
         world.coefficients = coefficients[c].ctypes.data
+        set_noise(world, contact_noise, noise_keys[w])
         world.material_count = density.shape[1]
         for i in range(moving):
             rho = density[c, object_materials[w, i]]

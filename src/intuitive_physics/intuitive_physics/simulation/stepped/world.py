@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from intuitive_physics.simulation.kernels import fast_inlined
+from intuitive_physics.simulation.noisy_impacts import NOISE_FIELDS
 from intuitive_physics.simulation.pointers import float_at, record_getter
 
 KEPT = 16
@@ -91,6 +92,7 @@ CONTACT = np.dtype(
         ("gap", "f8"),  # m, below zero where the two overlap
         # Rows: normal, towards the first; along the slip; across it.
         ("axes", "f8", (3, 3)),
+        ("normal", "f8", 3),  # the true one while an impact's noise tilts `axes`
         ("arm", "f8", 3),  # m, from the first's centre of mass
         ("other_arm", "f8", 3),  # m, from the second's centre of mass
         ("lever", "f8", (3, 3)),  # arm × axis
@@ -140,6 +142,7 @@ WORLD = np.dtype(
         ("output_room", "i8"),  # T
         ("gravity", "f8", 3),  # m/s²
         ("gravity_size", "f8"),  # m/s²
+        *NOISE_FIELDS,
     ],
     align=True,
 )

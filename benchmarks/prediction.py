@@ -49,7 +49,7 @@ class Effort:
 
 
 SMALL_SET = PaperCalibrationOptions(
-    samples=30, point_counts=(), sample_count=50, iterations=600, score_iterations=300
+    samples=30, held_out=30, point_counts=(), sample_count=50, iterations=600
 )
 """Too small to hold the bars for sure: it shows that all works."""
 

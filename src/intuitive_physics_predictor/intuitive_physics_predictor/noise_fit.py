@@ -1,4 +1,16 @@
-"""Fit noise scales to the past: those whose predictions of it have the best energy score."""
+"""Fit noise scales to the past: those whose predictions of it have the best energy score.
+
+The best scales of a short past are partly chance: what perception and learner say is the better
+guess where the past does not contradict it. So the logarithms of the fitted scales are shrunk
+towards the start by as much as chance alone would have moved them (James, Stein 1961; its positive
+part): k of them, found δ from the start with the covariance C, keep the share 1 - k / (δᵀ C⁻¹ δ).
+
+What chance does is read from how the gain in score differs from outcome to outcome. Near its best
+the mean score is a parabola of curvature H and C = H⁻¹ G H⁻¹ / n, where G is the covariance of the
+outcomes' slopes (Godambe 1960). Going back to the start costs δᵀ H δ / 2 on average, and the
+standard error of that is √(δᵀ G δ / n). For one scale the number of standard errors that the gain
+is, squared, is just a quarter of δᵀ C⁻¹ δ, and so it is taken to be for several.
+"""
 
 from __future__ import annotations
 
@@ -28,12 +40,6 @@ FIRST_STEP = np.log(0.5)
 """A scale is first tried at half its value."""
 
 SMALLEST_SCALE, LARGEST_SCALE = 1e-3, 1e3
-DOUBT = 0.2
-"""Score, over the number of objects, that a scale costs which is e times that of the start. It is
-the prior that log scales are about those of the start by ±0.5: one object tells a log scale about
-as well as six normal numbers do (curvature 6 of the log score), and there the relative energy score
-has the curvature 0.6, so the prior's 1 / (2 · 0.5²) becomes 0.2."""
-
 SMALLEST_SPREAD = 1e-3
 """m; a prediction surer than that is not weighed more."""
 
@@ -49,11 +55,13 @@ class NoiseFit:
     ----------
     scales : the best ones
     score : their energy score, relative to that of the scales the fit began with
+    kept : share of the way from those to the scales of the best score, 0 where that is but chance
     evaluations : sets of scales that were tried
     """
 
     scales: NoiseScales
     score: float
+    kept: float
     evaluations: int
 
 
@@ -68,7 +76,7 @@ def fit_noise_scales(
     max_evaluations: int = 50,
     simulator: Simulator | None = None,
 ) -> NoiseFit:
-    """Fit some of the noise scales, each on a logarithmic scale, by Nelder and Mead.
+    """Fit some of the noise scales, each on a logarithmic scale, by Nelder and Mead, and shrink.
 
     Every object counts alike at every time, however far it may have got by then: its score is
     relative to the spread that is predicted for it by `start`, and the scores at each time to
@@ -108,18 +116,16 @@ def fit_noise_scales(
     def prediction(scales: NoiseScales) -> Prediction:
         return noisy_prediction(learned, scales, sample_count, engine)
 
-    objects = sum(len(outcome.scene.objects) for outcome in outcomes)
     weights = spread_weights(outcomes, prediction(begin), seed)
     reference = weighted_energy_scores(outcomes, prediction(begin), weights, seed)
+    unit = [weight / reference for weight in weights]
 
-    def relative_score(logarithms: NDArray[np.float64]) -> float:
+    def relative_scores(logarithms: NDArray[np.float64]) -> NDArray[np.float64]:
         way = prediction(scaled(logarithms))
-        scores = weighted_energy_scores(outcomes, way, weights, seed)
-        moved = float(np.square(logarithms - first).sum())
-        return float(np.nanmean(scores / reference)) + DOUBT * moved / objects
+        return _scores_of_outcomes(outcomes, way, unit, seed)
 
     found = minimize(
-        relative_score,
+        lambda logarithms: float(relative_scores(logarithms).mean()),
         first,
         method="Nelder-Mead",
         options={
@@ -129,7 +135,10 @@ def fit_noise_scales(
             "fatol": 0.01 * PRECISION,
         },
     )
-    return NoiseFit(scaled(found.x), float(found.fun), int(found.nfev))
+    kept = _more_than_chance(relative_scores(first) - relative_scores(found.x), len(names))
+    settled = first + kept * (found.x - first)
+    score = float(relative_scores(settled).mean() / relative_scores(first).mean())
+    return NoiseFit(scaled(settled), score, kept, int(found.nfev))
 
 
 def spread_weights(
@@ -149,13 +158,47 @@ def weighted_energy_scores(
     seed: int,
 ) -> NDArray[np.float64]:
     """Mean of the energy scores of all objects, each with its weight, (n_times,)."""
-    scores = [
-        weight * energy_scores(samples, outcome.positions)
-        for samples, outcome, weight in zip(
-            predict_outcomes(outcomes, prediction, seed), outcomes, weights, strict=True
-        )
-    ]
+    scores = _weighted_scores(outcomes, prediction, weights, seed)
     return np.asarray(np.nanmean(np.concatenate(scores), axis=0))
+
+
+def _scores_of_outcomes(
+    outcomes: Sequence[Outcome],
+    prediction: Prediction,
+    weights: Sequence[NDArray[np.float64]],
+    seed: int,
+) -> NDArray[np.float64]:
+    """What each outcome adds to the weighted scores of all objects and times, (n_outcomes,).
+
+    Their mean is that of all objects and times; objects of one outcome share their fate, so it is
+    outcomes that chance draws.
+    """
+    scores = _weighted_scores(outcomes, prediction, weights, seed)
+    known = sum(int(np.isfinite(each).sum()) for each in scores)
+    return np.array([np.nansum(each) for each in scores]) * (len(scores) / max(known, 1))
+
+
+def _weighted_scores(
+    outcomes: Sequence[Outcome],
+    prediction: Prediction,
+    weights: Sequence[NDArray[np.float64]],
+    seed: int,
+) -> list[NDArray[np.float64]]:
+    """Energy scores, each with its weight, (n_objects, n_times) of each outcome."""
+    predicted = predict_outcomes(outcomes, prediction, seed)
+    return [
+        weight * energy_scores(samples, outcome.positions)
+        for samples, outcome, weight in zip(predicted, outcomes, weights, strict=True)
+    ]
+
+
+def _more_than_chance(gains: NDArray[np.float64], scales: int) -> float:
+    """Share of a move of `scales` numbers that is not chance, by its gain in each outcome, (n,)."""
+    mean = float(gains.mean())
+    if len(gains) < 2 or mean <= 0.0:
+        return 0.0
+    square_error = float(gains.var(ddof=1)) / len(gains)
+    return max(1.0 - scales * square_error / (4.0 * mean**2), 0.0)
 
 
 def _checked_start(start: NoiseScales, names: Sequence[str]) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics_experiments.experiments.cells import CellStore
@@ -33,6 +34,7 @@ from intuitive_physics_learner.cost import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions, learn
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.search import ConvergenceCriteria
+from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 FIRST, EXAMPLES = "three_points", 6
 
@@ -73,10 +75,10 @@ def run_prediction(
     dataset = make_paper_dataset(settings.objects, settings.samples, rng, first_states=FIRST)
     store = CellStore(folder, {"experiment": "prediction", **asdict(settings)})
     found = store.run({"learned": lambda: _learned(settings, dataset, simulator)}, on_progress)
-    learned = StaticParameters.from_dict(found["learned"]["parameters"])
+    learned = LearnedParameters.from_dict(found["learned"])
     cases = predict_cases(
         dataset.test_observations,
-        learned,
+        UncertainParameters(learned),
         simulator,
         np.random.default_rng([settings.seed, 1]),
         settings.sample_count,
@@ -99,7 +101,7 @@ def run_prediction(
         (9.0, 3.6),
         lambda fig: draw_error_over_time(fig, cases, shares),
     )
-    test_cost = _cost(dataset, simulator, learned)
+    test_cost = _cost(dataset, simulator, learned.parameters)
     write_page(folder, "Predictions (Figs. 1 and 5)", command, _body(settings, cases, test_cost))
     return rows
 
@@ -113,8 +115,7 @@ def _learned(
         seed=settings.seed,
     )
     result = learn(dataset.training_observations, simulator, options)
-    parameters = result.learned.parameters.extended(dataset.parameters.materials)
-    return {"parameters": parameters.to_dict(), "cost": result.learned.cost}
+    return result.learned.extended(dataset.parameters.materials).to_dict()
 
 
 def _cost(dataset: PaperDataset, simulator: Simulator, parameters: StaticParameters) -> float:

@@ -59,7 +59,7 @@ class PaperCalibrationOptions:
     point_counts: Sequence[int] = POINT_COUNTS
     horizons: Sequence[float] = HORIZONS
     sample_count: int = 100
-    iterations: int = 4000
+    iterations: int = 2500
     engine: str = "auto"
     seed: int = 0
 

@@ -113,7 +113,10 @@ def _points_table(by_points: Mapping[int, Scores], calibration: Calibration) -> 
         ]
         for points, scores in by_points.items()
     ]
-    return markdown_table(header, cells)
+    return (
+        f"From fewer or more points, all at the same instants, s after point {max(by_points)}:\n\n"
+        + markdown_table(header, cells)
+    )
 
 
 def _told(calibration: Calibration) -> str:
@@ -128,7 +131,8 @@ def _told(calibration: Calibration) -> str:
     )
     return (
         f"50 %, 90 %: share of outcomes inside the highest-density region of that probability. "
-        f"Noise scales: {told}. Fixed noise that suits the past best: "
+        f"Noise scales: {told}; {100 * calibration.fit.kept:.0f} % of what the fit would have moved "
+        f"them are kept, the rest may be chance. Fixed noise that suits the past best: "
         f"{calibration.fixed_deviation:.3g}. Energy score over that of the best baseline: {ratios}."
     )
 

@@ -54,7 +54,7 @@ def add_to(commands: Any) -> None:
         "--samples", type=int, default=100, help="simulations a prediction (default: 100)"
     )
     parser.add_argument(
-        "--iterations", type=int, default=4000, help="evaluations of J at most (default: 4000)"
+        "--iterations", type=int, default=2500, help="evaluations of J at most (default: 2500)"
     )
     parser.add_argument("--engine", default="auto", help="simulator (default: auto)")
     parser.add_argument(

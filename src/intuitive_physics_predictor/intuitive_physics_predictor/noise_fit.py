@@ -1,15 +1,7 @@
 """Fit noise scales to the past: those whose predictions of it have the best energy score.
 
-The best scales of a short past are partly chance: what perception and learner say is the better
-guess where the past does not contradict it. So the logarithms of the fitted scales are shrunk
-towards the start by as much as chance alone would have moved them (James, Stein 1961; its positive
-part): k of them, found δ from the start with the covariance C, keep the share 1 - k / (δᵀ C⁻¹ δ).
-
-What chance does is read from how the gain in score differs from outcome to outcome. Near its best
-the mean score is a parabola of curvature H and C = H⁻¹ G H⁻¹ / n, where G is the covariance of the
-outcomes' slopes (Godambe 1960). Going back to the start costs δᵀ H δ / 2 on average, and the
-standard error of that is √(δᵀ G δ / n). For one scale the number of standard errors that the gain
-is, squared, is just a quarter of δᵀ C⁻¹ δ, and so it is taken to be for several.
+The best scales of a short past are partly chance, so their logarithms are shrunk towards those of
+the start, which believe what perception and learner say (`shrinkage`).
 """
 
 from __future__ import annotations
@@ -32,6 +24,7 @@ from intuitive_physics_predictor.outcomes import (
     predict_outcomes,
 )
 from intuitive_physics_predictor.scores import energy_scores
+from intuitive_physics_predictor.shrinkage import share_beyond_chance
 
 FITTED_SCALES = ("state", "static_parameters", "unidentified")
 """Scales that observations of any kind can tell."""
@@ -135,7 +128,7 @@ def fit_noise_scales(
             "fatol": 0.01 * PRECISION,
         },
     )
-    kept = _more_than_chance(relative_scores(first) - relative_scores(found.x), len(names))
+    kept = share_beyond_chance(relative_scores(first) - relative_scores(found.x), len(names))
     settled = first + kept * (found.x - first)
     score = float(relative_scores(settled).mean() / relative_scores(first).mean())
     return NoiseFit(scaled(settled), score, kept, int(found.nfev))
@@ -190,15 +183,6 @@ def _weighted_scores(
         weight * energy_scores(samples, outcome.positions)
         for samples, outcome, weight in zip(predicted, outcomes, weights, strict=True)
     ]
-
-
-def _more_than_chance(gains: NDArray[np.float64], scales: int) -> float:
-    """Share of a move of `scales` numbers that is not chance, by its gain in each outcome, (n,)."""
-    mean = float(gains.mean())
-    if len(gains) < 2 or mean <= 0.0:
-        return 0.0
-    square_error = float(gains.var(ddof=1)) / len(gains)
-    return max(1.0 - scales * square_error / (4.0 * mean**2), 0.0)
 
 
 def _checked_start(start: NoiseScales, names: Sequence[str]) -> NDArray[np.float64]:

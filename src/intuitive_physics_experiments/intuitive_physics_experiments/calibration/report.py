@@ -131,8 +131,8 @@ def _told(calibration: Calibration) -> str:
     )
     return (
         f"50 %, 90 %: share of outcomes inside the highest-density region of that probability. "
-        f"Noise scales: {told}; {100 * calibration.fit.kept:.0f} % of what the fit would have moved "
-        f"them are kept, the rest may be chance. Fixed noise that suits the past best: "
+        f"Noise scales: {told}; {100 * calibration.fit.kept:.0f} % of what the fit would have "
+        f"moved them are kept, the rest may be chance. Fixed noise that suits the past best: "
         f"{calibration.fixed_deviation:.3g}. Energy score over that of the best baseline: {ratios}."
     )
 

@@ -15,7 +15,6 @@ error; for several it is taken to be the same.
 
 from __future__ import annotations
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from intuitive_physics.errors import InvalidInputError

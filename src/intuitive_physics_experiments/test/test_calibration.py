@@ -16,7 +16,7 @@ from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_experiments.calibration.baselines import fixed_noise, free_flights
-from intuitive_physics_experiments.calibration.calibrate import OURS
+from intuitive_physics_experiments.calibration.calibrate import FITTED, OURS
 from intuitive_physics_experiments.calibration.observed_outcomes import (
     observed_outcomes,
     position_noise,
@@ -207,6 +207,9 @@ def test_calibration_on_spheres():
     assert summary["energy_score_vs_best_baseline"] == pytest.approx(
         found.calibration.energy_score_vs_best_baseline.max(), abs=1e-4
     )
+    fitted = energy[FITTED]
+    assert found.calibration.energy_score_vs_fitted_noise.min() <= energy[OURS] / fitted
+    assert found.calibration.energy_score_vs_fitted_noise.max() >= energy[OURS] / fitted
     errors = {points: scores.error.mean() for points, scores in found.by_points.items()}
     assert errors[10] < errors[3]
     assert len(score_rows(found.calibration)) == 2 * len(energy)

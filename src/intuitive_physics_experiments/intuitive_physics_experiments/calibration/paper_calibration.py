@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
@@ -20,6 +21,7 @@ from intuitive_physics_experiments.paper_room import SHAPE_KINDS
 from intuitive_physics_learner.learning_session import LearningOptions, learn
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.search import ConvergenceCriteria, SearchProgress
+from intuitive_physics_predictor.noise_scales import NoiseScales
 from intuitive_physics_predictor.outcomes import noisy_prediction
 
 LEARNED_SHARE = 0.6
@@ -27,6 +29,11 @@ LEARNED_SHARE = 0.6
 
 LEARNED_POINTS = 30
 """Points, at most, that first states of what is learned from are fitted to."""
+
+START = NoiseScales(unidentified=0.2)
+"""Where the noise fit begins. Joint estimation looks at whole trajectories and keeps near its start
+what they do not depend on, and throws of the same objects in the same room depend on it as little:
+values from all over the bounds would only spread what is known."""
 
 POINT_COUNTS = (3, 5, 10, 15)
 """Points that are seen of an object before it is predicted."""
@@ -53,7 +60,7 @@ class PaperCalibrationOptions:
 
     objects: int = 3
     samples: int = 60
-    held_out: int = 120
+    held_out: int = 100
     kinds: Sequence[str] = SHAPE_KINDS
     points: int = 10
     point_counts: Sequence[int] = POINT_COUNTS
@@ -87,7 +94,8 @@ class PaperCalibration:
         -------
         dict
             `coverage_90` by horizon; `energy_score_vs_best_baseline`, the largest of the ratios at
-            all horizons: below 1, ours is better than every baseline at every one.
+            all horizons: below 1, ours is better than every baseline at every one;
+            `energy_score_vs_fitted_noise`, the same against fixed noise that suits the past
         """
         found = self.calibration
         covered = found.scores[OURS].coverage(0.9)
@@ -96,9 +104,8 @@ class PaperCalibration:
                 f"{horizon:g}": round(float(share), 4)
                 for horizon, share in zip(found.horizons, covered, strict=True)
             },
-            "energy_score_vs_best_baseline": round(
-                float(found.energy_score_vs_best_baseline.max()), 4
-            ),
+            "energy_score_vs_best_baseline": _largest(found.energy_score_vs_best_baseline),
+            "energy_score_vs_fitted_noise": _largest(found.energy_score_vs_fitted_noise),
         }
 
 
@@ -158,6 +165,7 @@ def calibrate_on_paper_set(
         paper_outcomes(runs[second:], *seen, options.points, options.horizons),
         learned,
         options.horizons,
+        start=START,
         sample_count=options.sample_count,
         seed=options.seed,
         simulator=simulator,
@@ -173,3 +181,7 @@ def calibrate_on_paper_set(
         for points in options.point_counts
     }
     return PaperCalibration(found, learned, by_points)
+
+
+def _largest(ratios: NDArray[np.float64]) -> float:
+    return round(float(ratios.max()), 4)

@@ -44,8 +44,8 @@ def add_to(commands: Any) -> None:
     parser.add_argument(
         "--held-out",
         type=int,
-        default=120,
-        help="more throws of each synthetic object, to score on (default: 120)",
+        default=100,
+        help="more throws of each synthetic object, to score on (default: 100)",
     )
     parser.add_argument(
         "--kinds", nargs="+", metavar="KIND", help="of synthetic objects: sphere, box, capsule"

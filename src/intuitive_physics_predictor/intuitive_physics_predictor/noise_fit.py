@@ -6,7 +6,7 @@ the start, which believe what perception and learner say (`shrinkage`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,13 +48,14 @@ class NoiseFit:
     ----------
     scales : the best ones
     score : their energy score, relative to that of the scales the fit began with
-    kept : share of the way from those to the scales of the best score, 0 where that is but chance
+    kept : by name of a scale, share of the way from the start to the scale of the best score that
+        is more than chance
     evaluations : sets of scales that were tried
     """
 
     scales: NoiseScales
     score: float
-    kept: float
+    kept: dict[str, float]
     evaluations: int
 
 
@@ -128,10 +129,33 @@ def fit_noise_scales(
             "fatol": 0.01 * PRECISION,
         },
     )
-    kept = share_beyond_chance(relative_scores(first) - relative_scores(found.x), len(names))
-    settled = first + kept * (found.x - first)
+    shares = _shares_beyond_chance(relative_scores, first, found.x)
+    settled = first + shares * (found.x - first)
+    kept = dict(zip(names, shares.tolist(), strict=True))
     score = float(relative_scores(settled).mean() / relative_scores(first).mean())
     return NoiseFit(scaled(settled), score, kept, int(found.nfev))
+
+
+def _shares_beyond_chance(
+    scores: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    start: NDArray[np.float64],
+    found: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Share of the way from `start` to `found` (k,) that each number is worth by itself, (k,).
+
+    One that tells must not carry others along that do not, so each is put back alone.
+
+    Parameters
+    ----------
+    scores : of each outcome, by the numbers
+    """
+    best = scores(found)
+    shares = np.zeros(len(found))
+    for k in range(len(found)):
+        without = found.copy()
+        without[k] = start[k]
+        shares[k] = share_beyond_chance(scores(without) - best, 1)
+    return shares
 
 
 def spread_weights(

@@ -122,6 +122,9 @@ def _points_table(by_points: Mapping[int, Scores], calibration: Calibration) -> 
 def _told(calibration: Calibration) -> str:
     scales = calibration.fit.scales.to_dict()
     del scales["format"]
+    kept = ", ".join(
+        f"{100 * share:.0f} % of {name}" for name, share in calibration.fit.kept.items()
+    )
     told = ", ".join(f"{name} {value:.3g}" for name, value in scales.items())
     best, fitted = (
         ", ".join(
@@ -135,8 +138,8 @@ def _told(calibration: Calibration) -> str:
     )
     return (
         f"50 %, 90 %: share of outcomes inside the highest-density region of that probability. "
-        f"Noise scales: {told}; {100 * calibration.fit.kept:.0f} % of what the fit would have "
-        f"moved them are kept, the rest may be chance. Fixed noise that suits the past best: "
+        f"Noise scales: {told}; of the way that the fit would have moved them, {kept} "
+        f"are kept, the rest may be chance. Fixed noise that suits the past best: "
         f"{calibration.fixed_deviation:.3g}. Energy score over that of the best of "
         f"{', '.join(BASELINES)}: {best}; over that of the fitted fixed noise: {fitted}."
     )

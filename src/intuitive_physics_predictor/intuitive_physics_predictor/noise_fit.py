@@ -114,9 +114,15 @@ def fit_noise_scales(
     reference = weighted_energy_scores(outcomes, prediction(begin), weights, seed)
     unit = [weight / reference for weight in weights]
 
-    def relative_scores(logarithms: NDArray[np.float64]) -> NDArray[np.float64]:
+    def relative_scores(
+        logarithms: NDArray[np.float64], samples_seed: int = seed
+    ) -> NDArray[np.float64]:
         way = prediction(scaled(logarithms))
-        return _scores_of_outcomes(outcomes, way, unit, seed)
+        return _scores_of_outcomes(outcomes, way, unit, samples_seed)
+
+    def other_scores(logarithms: NDArray[np.float64]) -> NDArray[np.float64]:
+        # The best of many tries is best by the luck of its samples, too; others do not share it.
+        return relative_scores(logarithms, seed + 1)
 
     found = minimize(
         lambda logarithms: float(relative_scores(logarithms).mean()),
@@ -129,10 +135,10 @@ def fit_noise_scales(
             "fatol": 0.01 * PRECISION,
         },
     )
-    shares = _shares_beyond_chance(relative_scores, first, found.x)
+    shares = _shares_beyond_chance(other_scores, first, found.x)
     settled = first + shares * (found.x - first)
     kept = dict(zip(names, shares.tolist(), strict=True))
-    score = float(relative_scores(settled).mean() / relative_scores(first).mean())
+    score = float(other_scores(settled).mean() / other_scores(first).mean())
     return NoiseFit(scaled(settled), score, kept, int(found.nfev))
 
 
@@ -147,7 +153,7 @@ def _shares_beyond_chance(
 
     Parameters
     ----------
-    scores : of each outcome, by the numbers
+    scores : of each outcome, by the numbers; not those that `found` is the best of
     """
     best = scores(found)
     shares = np.zeros(len(found))

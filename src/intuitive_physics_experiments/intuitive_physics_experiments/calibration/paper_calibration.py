@@ -30,6 +30,10 @@ LEARNED_SHARE = 0.6
 LEARNED_POINTS = 30
 """Points, at most, that first states of what is learned from are fitted to."""
 
+FITTED_SCALES = ("static_parameters", "unidentified")
+"""Those of θ_s. Positions have the noise that first states are fitted with, so their covariances
+are right as they are, and a scale of them could only be chance."""
+
 START = NoiseScales(unidentified=0.2)
 """Where the noise fit begins. Joint estimation looks at whole trajectories and keeps near its start
 what they do not depend on, and throws of the same objects in the same room depend on it as little:
@@ -165,6 +169,7 @@ def calibrate_on_paper_set(
         paper_outcomes(runs[second:], *seen, options.points, options.horizons),
         learned,
         options.horizons,
+        scales_to_fit=FITTED_SCALES,
         start=START,
         sample_count=options.sample_count,
         seed=options.seed,

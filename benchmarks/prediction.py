@@ -48,9 +48,7 @@ class Effort:
     truth: PaperCalibrationOptions
 
 
-SMALL_SET = PaperCalibrationOptions(
-    samples=30, point_counts=(), sample_count=50, iterations=600, score_iterations=300
-)
+SMALL_SET = PaperCalibrationOptions(samples=30, held_out=40, point_counts=(), sample_count=50)
 """Too small to hold the bars for sure: it shows that all works."""
 
 FULL = Effort(steady=300.0, others=60.0, trial=10.0, truth=PaperCalibrationOptions(point_counts=()))

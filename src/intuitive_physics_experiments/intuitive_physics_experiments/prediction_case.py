@@ -13,6 +13,7 @@ from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Environment
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_predictor.noisy_newton import predict
+from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 LONGEST_NAME, SHORT_NAME = 16, 8
 
@@ -62,7 +63,7 @@ class PredictionCase:
 
 def predict_cases(
     observations: Sequence[Observation],
-    parameters: StaticParameters,
+    parameters: StaticParameters | UncertainParameters,
     simulator: Simulator,
     rng: np.random.Generator,
     sample_count: int = 100,
@@ -72,7 +73,7 @@ def predict_cases(
 
     Parameters
     ----------
-    parameters : θ_s of all materials of the observations
+    parameters : θ_s of all materials of the observations, or its distribution
     sample_count : simulations of each observation
     on_progress : is told how many observations of how many are done
     """
@@ -85,7 +86,7 @@ def predict_cases(
 
 def _cases_of(
     seen: Observation,
-    parameters: StaticParameters,
+    parameters: StaticParameters | UncertainParameters,
     simulator: Simulator,
     rng: np.random.Generator,
     sample_count: int,

@@ -1,8 +1,12 @@
-"""Fit noise scales to the past: those whose predictions of it have the best energy score."""
+"""Fit noise scales to the past: those whose predictions of it have the best energy score.
+
+The best scales of a short past are partly chance, so their logarithms are shrunk towards those of
+the start, which believe what perception and learner say (`shrinkage`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +24,7 @@ from intuitive_physics_predictor.outcomes import (
     predict_outcomes,
 )
 from intuitive_physics_predictor.scores import energy_scores
+from intuitive_physics_predictor.shrinkage import share_beyond_chance
 
 FITTED_SCALES = ("state", "static_parameters", "unidentified")
 """Scales that observations of any kind can tell."""
@@ -28,12 +33,6 @@ FIRST_STEP = np.log(0.5)
 """A scale is first tried at half its value."""
 
 SMALLEST_SCALE, LARGEST_SCALE = 1e-3, 1e3
-DOUBT = 0.2
-"""Score, over the number of objects, that a scale costs which is e times that of the start. It is
-the prior that log scales are about those of the start by ±0.5: one object tells a log scale about
-as well as six normal numbers do (curvature 6 of the log score), and there the relative energy score
-has the curvature 0.6, so the prior's 1 / (2 · 0.5²) becomes 0.2."""
-
 SMALLEST_SPREAD = 1e-3
 """m; a prediction surer than that is not weighed more."""
 
@@ -49,11 +48,14 @@ class NoiseFit:
     ----------
     scales : the best ones
     score : their energy score, relative to that of the scales the fit began with
+    kept : by name of a scale, share of the way from the start to the scale of the best score that
+        is more than chance
     evaluations : sets of scales that were tried
     """
 
     scales: NoiseScales
     score: float
+    kept: dict[str, float]
     evaluations: int
 
 
@@ -68,7 +70,7 @@ def fit_noise_scales(
     max_evaluations: int = 50,
     simulator: Simulator | None = None,
 ) -> NoiseFit:
-    """Fit some of the noise scales, each on a logarithmic scale, by Nelder and Mead.
+    """Fit some of the noise scales, each on a logarithmic scale, by Nelder and Mead, and shrink.
 
     Every object counts alike at every time, however far it may have got by then: its score is
     relative to the spread that is predicted for it by `start`, and the scores at each time to
@@ -108,18 +110,22 @@ def fit_noise_scales(
     def prediction(scales: NoiseScales) -> Prediction:
         return noisy_prediction(learned, scales, sample_count, engine)
 
-    objects = sum(len(outcome.scene.objects) for outcome in outcomes)
     weights = spread_weights(outcomes, prediction(begin), seed)
     reference = weighted_energy_scores(outcomes, prediction(begin), weights, seed)
+    unit = [weight / reference for weight in weights]
 
-    def relative_score(logarithms: NDArray[np.float64]) -> float:
+    def relative_scores(
+        logarithms: NDArray[np.float64], samples_seed: int = seed
+    ) -> NDArray[np.float64]:
         way = prediction(scaled(logarithms))
-        scores = weighted_energy_scores(outcomes, way, weights, seed)
-        moved = float(np.square(logarithms - first).sum())
-        return float(np.nanmean(scores / reference)) + DOUBT * moved / objects
+        return _scores_of_outcomes(outcomes, way, unit, samples_seed)
+
+    def other_scores(logarithms: NDArray[np.float64]) -> NDArray[np.float64]:
+        # The best of many tries is best by the luck of its samples, too; others do not share it.
+        return relative_scores(logarithms, seed + 1)
 
     found = minimize(
-        relative_score,
+        lambda logarithms: float(relative_scores(logarithms).mean()),
         first,
         method="Nelder-Mead",
         options={
@@ -129,7 +135,33 @@ def fit_noise_scales(
             "fatol": 0.01 * PRECISION,
         },
     )
-    return NoiseFit(scaled(found.x), float(found.fun), int(found.nfev))
+    shares = _shares_beyond_chance(other_scores, first, found.x)
+    settled = first + shares * (found.x - first)
+    kept = dict(zip(names, shares.tolist(), strict=True))
+    score = float(other_scores(settled).mean() / other_scores(first).mean())
+    return NoiseFit(scaled(settled), score, kept, int(found.nfev))
+
+
+def _shares_beyond_chance(
+    scores: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    start: NDArray[np.float64],
+    found: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Share of the way from `start` to `found` (k,) that each number is worth by itself, (k,).
+
+    One that tells must not carry others along that do not, so each is put back alone.
+
+    Parameters
+    ----------
+    scores : of each outcome, by the numbers; not those that `found` is the best of
+    """
+    best = scores(found)
+    shares = np.zeros(len(found))
+    for k in range(len(found)):
+        without = found.copy()
+        without[k] = start[k]
+        shares[k] = share_beyond_chance(scores(without) - best, 1)
+    return shares
 
 
 def spread_weights(
@@ -149,13 +181,38 @@ def weighted_energy_scores(
     seed: int,
 ) -> NDArray[np.float64]:
     """Mean of the energy scores of all objects, each with its weight, (n_times,)."""
-    scores = [
-        weight * energy_scores(samples, outcome.positions)
-        for samples, outcome, weight in zip(
-            predict_outcomes(outcomes, prediction, seed), outcomes, weights, strict=True
-        )
-    ]
+    scores = _weighted_scores(outcomes, prediction, weights, seed)
     return np.asarray(np.nanmean(np.concatenate(scores), axis=0))
+
+
+def _scores_of_outcomes(
+    outcomes: Sequence[Outcome],
+    prediction: Prediction,
+    weights: Sequence[NDArray[np.float64]],
+    seed: int,
+) -> NDArray[np.float64]:
+    """What each outcome adds to the weighted scores of all objects and times, (n_outcomes,).
+
+    Their mean is that of all objects and times; objects of one outcome share their fate, so it is
+    outcomes that chance draws.
+    """
+    scores = _weighted_scores(outcomes, prediction, weights, seed)
+    known = sum(int(np.isfinite(each).sum()) for each in scores)
+    return np.array([np.nansum(each) for each in scores]) * (len(scores) / max(known, 1))
+
+
+def _weighted_scores(
+    outcomes: Sequence[Outcome],
+    prediction: Prediction,
+    weights: Sequence[NDArray[np.float64]],
+    seed: int,
+) -> list[NDArray[np.float64]]:
+    """Energy scores, each with its weight, (n_objects, n_times) of each outcome."""
+    predicted = predict_outcomes(outcomes, prediction, seed)
+    return [
+        weight * energy_scores(samples, outcome.positions)
+        for samples, outcome, weight in zip(predicted, outcomes, weights, strict=True)
+    ]
 
 
 def _checked_start(start: NoiseScales, names: Sequence[str]) -> NDArray[np.float64]:

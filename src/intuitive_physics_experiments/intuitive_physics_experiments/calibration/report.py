@@ -11,7 +11,7 @@ import numpy as np
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics_experiments.calibration.calibrate import Calibration
+from intuitive_physics_experiments.calibration.calibrate import BASELINES, Calibration
 from intuitive_physics_experiments.calibration.figures import (
     draw_coverage,
     draw_errors_by_points,
@@ -113,23 +113,35 @@ def _points_table(by_points: Mapping[int, Scores], calibration: Calibration) -> 
         ]
         for points, scores in by_points.items()
     ]
-    return markdown_table(header, cells)
+    return (
+        f"From fewer or more points, all at the same instants, s after point {max(by_points)}:\n\n"
+        + markdown_table(header, cells)
+    )
 
 
 def _told(calibration: Calibration) -> str:
     scales = calibration.fit.scales.to_dict()
     del scales["format"]
+    kept = ", ".join(
+        f"{100 * share:.0f} % of {name}" for name, share in calibration.fit.kept.items()
+    )
     told = ", ".join(f"{name} {value:.3g}" for name, value in scales.items())
-    ratios = ", ".join(
-        f"{ratio:.3f} at {horizon:g} s"
-        for ratio, horizon in zip(
-            calibration.energy_score_vs_best_baseline, calibration.horizons, strict=True
+    best, fitted = (
+        ", ".join(
+            f"{ratio:.3f} at {horizon:g} s"
+            for ratio, horizon in zip(ratios, calibration.horizons, strict=True)
+        )
+        for ratios in (
+            calibration.energy_score_vs_best_baseline,
+            calibration.energy_score_vs_fitted_noise,
         )
     )
     return (
         f"50 %, 90 %: share of outcomes inside the highest-density region of that probability. "
-        f"Noise scales: {told}. Fixed noise that suits the past best: "
-        f"{calibration.fixed_deviation:.3g}. Energy score over that of the best baseline: {ratios}."
+        f"Noise scales: {told}; of the way that the fit would have moved them, {kept} "
+        f"are kept, the rest may be chance. Fixed noise that suits the past best: "
+        f"{calibration.fixed_deviation:.3g}. Energy score over that of the best of "
+        f"{', '.join(BASELINES)}: {best}; over that of the fitted fixed noise: {fitted}."
     )
 
 

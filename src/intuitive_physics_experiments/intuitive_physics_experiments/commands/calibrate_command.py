@@ -36,7 +36,16 @@ def add_to(commands: Any) -> None:
     parser.add_argument("--points", type=int, default=10, help="seen of each object (default: 10)")
     parser.add_argument("--objects", type=int, default=3, help="in the synthetic set (default: 3)")
     parser.add_argument(
-        "--throws", type=int, default=100, help="of each synthetic object (default: 100)"
+        "--throws",
+        type=int,
+        default=60,
+        help="of each synthetic object, to learn from and to fit the noise to (default: 60)",
+    )
+    parser.add_argument(
+        "--held-out",
+        type=int,
+        default=100,
+        help="more throws of each synthetic object, to score on (default: 100)",
     )
     parser.add_argument(
         "--kinds", nargs="+", metavar="KIND", help="of synthetic objects: sphere, box, capsule"
@@ -45,14 +54,7 @@ def add_to(commands: Any) -> None:
         "--samples", type=int, default=100, help="simulations a prediction (default: 100)"
     )
     parser.add_argument(
-        "--iterations", type=int, default=4000, help="evaluations of J at most (default: 4000)"
-    )
-    parser.add_argument(
-        "--score-iterations",
-        type=int,
-        default=1000,
-        help="evaluations of the energy score that go on from there, in the synthetic set "
-        "(default: 1000)",
+        "--iterations", type=int, default=2500, help="evaluations of J at most (default: 2500)"
     )
     parser.add_argument("--engine", default="auto", help="simulator (default: auto)")
     parser.add_argument(
@@ -64,7 +66,7 @@ def add_to(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Calibrate, write the folder and print its page."""
-    for name in ("points", "objects", "throws", "samples", "iterations", "score_iterations"):
+    for name in ("points", "objects", "throws", "held_out", "samples", "iterations"):
         lowest = {"points": 3, "samples": 4}.get(name, 1)
         if getattr(options, name) < lowest:
             raise InvalidInputError(
@@ -92,12 +94,12 @@ def _calibrate_on_paper_set(options: argparse.Namespace) -> None:
     settings = PaperCalibrationOptions(
         objects=options.objects,
         samples=options.throws,
+        held_out=options.held_out,
         kinds=tuple(options.kinds or SHAPE_KINDS),
         points=options.points,
         horizons=tuple(options.horizons or HORIZONS),
         sample_count=options.samples,
         iterations=options.iterations,
-        score_iterations=options.score_iterations,
         engine=options.engine,
         seed=options.seed,
     )

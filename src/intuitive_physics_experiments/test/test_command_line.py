@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 from intuitive_physics_experiments.command_line import main
+from intuitive_physics_experiments.commands.observation_source import METHOD
+from intuitive_physics_learner.methods import DEFAULT_METHOD
 
 COMMAND = [sys.executable, "-m", "intuitive_physics_experiments.command_line"]
 
@@ -41,7 +43,7 @@ def launch_set(tmp_path: Path, launch_arrays: Callable[[int], dict[str, Any]]) -
 
 
 def test_evaluate_prints_parameters_and_errors(launch_set: Path) -> None:
-    result = run("evaluate", launch_set, "--iterations", 200, "--train-fraction", 0.5)
+    result = run("evaluate", launch_set, "--iterations", 600, "--train-fraction", 0.5)
     assert result.returncode == 0, result.stderr
     assert "4 observations, 2 to learn from, 2 to test" in result.stdout
     assert "restitution[ball, table]" in result.stdout
@@ -156,7 +158,7 @@ def test_balls_that_fly_through_air_are_predicted_better(
 
 
 def test_drag_is_learned_from_the_recording(recording: Callable[[str], Path]) -> None:
-    arguments = ["--drag", "learn", "--iterations", 200]
+    arguments = ["--drag", "learn", "--iterations", 400]
     result = run("evaluate", recording("table_tennis_launches.npz"), *arguments)
     assert result.returncode == 0, result.stderr
     drag = float(result.stdout.split("learned drag ")[1].split()[0])
@@ -167,6 +169,10 @@ def test_drag_is_learned_from_the_recording(recording: Callable[[str], Path]) ->
     means = {line[:20].strip(): float(line.split()[-2]) for line in ahead[3:6]}
     spread = float(result.stdout.split("at that time: ")[1].split()[0])
     assert means["learned parameters"] < spread < means["default parameters"]
+
+
+def test_the_default_method_is_the_librarys() -> None:
+    assert METHOD == DEFAULT_METHOD
 
 
 def test_tosses_by_the_number_learned_from(

@@ -21,7 +21,7 @@ from intuitive_physics_learner.convergence import ConvergenceCriteria
 from intuitive_physics_learner.learning_session import LearningOptions
 
 TossArrays = Callable[..., dict[str, Any]]
-OPTIONS = LearningOptions(criteria=ConvergenceCriteria(max_iterations=80), seed=2)
+OPTIONS = LearningOptions(method="cma_es", criteria=ConvergenceCriteria(max_iterations=80), seed=2)
 
 
 @pytest.mark.parametrize("engine", ["stepped", "bullet"])
@@ -46,7 +46,9 @@ def test_the_coefficients_that_made_the_tosses_are_found(
 def test_mujoco_is_fitted_in_its_softness_too(toss_arrays: TossArrays) -> None:
     pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     tosses = cube_tosses(toss_arrays(2, "stepped"))
-    options = LearningOptions(criteria=ConvergenceCriteria(max_iterations=16), seed=2)
+    options = LearningOptions(
+        method="cma_es", criteria=ConvergenceCriteria(max_iterations=16), seed=2
+    )
     fit = evaluate_tosses(tosses, ["mujoco"], options, train_fraction=0.5).fits["mujoco"]
     assert fit.search.cost < toss_cost(fit.default[0], 0.1)
     assert fit.simulator.name == "mujoco"

@@ -77,7 +77,9 @@ def test_a_lopsided_cube_is_predicted_better_with_its_centre_of_mass(
     toss_arrays: TossArrays,
 ) -> None:
     tosses = cube_tosses(toss_arrays(8, "stepped", mass_centre=(0.0, 0.006, 0.0)))
-    options = LearningOptions(criteria=ConvergenceCriteria(max_iterations=60), seed=2)
+    options = LearningOptions(
+        method="cma_es", criteria=ConvergenceCriteria(max_iterations=60), seed=2
+    )
     plain, better = (
         evaluate_tosses(tosses, ["stepped"], options, 0.5, learn_mass_centre=learn)
         for learn in (False, True)

@@ -33,6 +33,7 @@ from intuitive_physics_experiments.ground_truth import GroundTruth
 from intuitive_physics_experiments.prediction_case import predict_cases
 from intuitive_physics_experiments.rendered_bag import RenderSettings, reuse_or_render_bag
 from intuitive_physics_experiments.report import write_report
+from intuitive_physics_learner.methods import DEFAULT_METHOD
 from intuitive_physics_ros.conversions import observation_from_message, seconds_from_stamp
 from intuitive_physics_ros.peer import Peer
 
@@ -234,7 +235,7 @@ def _options(arguments: Sequence[str] | None) -> Options:
     parser.add_argument("--throws", type=int, default=12, help="throws to learn from")
     parser.add_argument("--seed", type=int, default=0, help="of throws, noise and search")
     parser.add_argument("--rate", type=float, default=1.0, help="replay speed while perceiving")
-    parser.add_argument("--method", default="cma_es", help="update rule of the search")
+    parser.add_argument("--method", default=DEFAULT_METHOD, help="of the search")
     parser.add_argument("--iterations", type=int, default=1500, help="evaluations of the cost J")
     return Options(**vars(parser.parse_args(arguments)))
 

@@ -10,6 +10,7 @@ from intuitive_physics.simulation import ENGINE_GUIDE
 from intuitive_physics_experiments.commands.observation_source import (
     ENGINE,
     ITERATIONS,
+    METHOD,
     PATH_HELP,
     add_learning_options,
 )
@@ -18,8 +19,18 @@ LEARN = "learn"
 """In place of a drag coefficient."""
 
 
-BALL_DEFAULTS = {"engine": [ENGINE], "iterations": ITERATIONS, "train_fraction": 0.8}
-TOSS_DEFAULTS = {"engine": ["stepped"], "iterations": 120, "train_fraction": 0.25}
+BALL_DEFAULTS = {
+    "engine": [ENGINE],
+    "method": METHOD,
+    "iterations": ITERATIONS,
+    "train_fraction": 0.8,
+}
+TOSS_DEFAULTS = {
+    "engine": ["stepped"],
+    "method": "cma_es",
+    "iterations": 120,
+    "train_fraction": 0.25,
+}
 
 
 def add_to(commands: Any) -> None:
@@ -33,7 +44,9 @@ def add_to(commands: Any) -> None:
         "beside those that others have published.",
     )
     parser.add_argument("path", type=Path, help=PATH_HELP)
-    add_learning_options(parser, None, f"{ITERATIONS}; 120 for cube tosses")
+    add_learning_options(
+        parser, None, f"{ITERATIONS}; 120 for cube tosses", f"{METHOD}; cma_es for cube tosses"
+    )
     parser.add_argument(
         "--train-fraction",
         type=float,

@@ -14,9 +14,10 @@ from intuitive_physics_learner.joint_estimation.cost_descent import CostDescent
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.search import Search, SearchSpace
 
-LACKING = 1.0 / 3.0
+LACKING = 0.3
 """Mean share of observations that do not fit, from which on the simulation lacks an effect. Where
-it has them all, fits go wrong one by one and are mended."""
+it has them all, fits go wrong one by one and are mended. A horizon that goes forth twice and back once
+for ever counts a third."""
 
 LACKING_STEPS = 3
 """Steps that this mean is over."""

@@ -16,8 +16,8 @@ from intuitive_physics_learner.search import Search, SearchSpace
 
 LACKING = 0.3
 """Mean share of observations that do not fit, from which on the simulation lacks an effect. Where
-it has them all, fits go wrong one by one and are mended. A horizon that goes forth twice and back once
-for ever counts a third."""
+it has them all, fits go wrong one by one and are mended. A horizon that goes forth twice and back
+once for ever counts a third."""
 
 LACKING_STEPS = 3
 """Steps that this mean is over."""

@@ -195,7 +195,7 @@ def test_report_shows_what_was_learned_and_predicted(
 ) -> None:
     np.savez(tmp_path / "set.npz", **launch_arrays(5))
     page = tmp_path / "new" / "report.html"
-    result = run("report", tmp_path / "set.npz", page, "--iterations", 100)
+    result = run("report", tmp_path / "set.npz", page, "--iterations", 600)
     assert result.returncode == 0, result.stderr
     assert "4 observations learned from, 1 predicted" in result.stdout
     text = page.read_text(encoding="utf-8")

@@ -91,7 +91,9 @@ def _best_plane(
     normals[offsets > 0.0] *= -1.0
     planes = np.column_stack([normals, -np.abs(offsets)])
     every = max(len(points) // SCORED_POINTS, 1)
-    scores = _near_counts(points[::every], deviations[::every], planes)
+    # Other types of array would be compiled for while a frame waits.
+    arrays = points[::every], deviations[::every], planes
+    scores = _near_counts(*(np.ascontiguousarray(array, np.float64) for array in arrays))
     best = planes[int(scores.argmax())]
     inliers = points[np.abs(_scaled(points, deviations, best)) < FACE_SIGMAS]
     return _least_squares_plane(inliers) if len(inliers) >= 3 else None

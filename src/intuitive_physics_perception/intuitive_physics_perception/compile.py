@@ -7,6 +7,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics_perception.box_faces import find_faces
 from intuitive_physics_perception.depth import Intrinsics, points_from_depth
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.point_cloud import Field, points_from_cloud_data
@@ -35,6 +36,14 @@ def warm_up() -> None:
     clouds = [_as_cloud(frames[1], "<f4"), _as_cloud(frames[1], "<f8")]
     for k, points in enumerate([*frames[:2], *frames[1:], *clouds]):
         pipeline.process(points, 0.1 * k)
+    find_faces(_corner(), np.full(300, 1e-3), np.random.default_rng(0))
+
+
+def _corner() -> NDArray[np.float64]:
+    """Points (300, 3) on three faces of a box."""
+    points = np.random.default_rng(0).uniform(0.0, 0.2, (300, 3))
+    points[np.arange(300), np.arange(300) % 3] = 0.0
+    return np.asarray(points + 1.0)
 
 
 def _with_ball(depth: NDArray[np.float32], rays: NDArray[np.float32]) -> NDArray[np.float32]:

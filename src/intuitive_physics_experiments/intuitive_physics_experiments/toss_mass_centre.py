@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_experiments.cube_tosses import CubeToss
+from intuitive_physics_experiments.tumbling_flight import cube_gaps
 
 CLEARANCE = 0.05
 """Of the cube's width. Rows with a corner nearer than this to a plane may be no flight."""
@@ -82,10 +83,7 @@ def _flight(toss: CubeToss) -> tuple[NDArray[np.float64], NDArray[np.float64]] |
     """Columns (3 n, 6) of g and of -c, and positions (3 n,), without x_m and v_m; None if short."""
     trajectory = toss.observation.objects[0].trajectory
     turns = Rotation.from_quat(toss.orientations).as_matrix()
-    gaps = np.full(len(turns), np.inf)
-    for plane in toss.observation.environment.planes:
-        reach = 0.5 * toss.width * np.abs(plane.normal @ turns).sum(axis=-1)
-        gaps = np.minimum(gaps, plane.signed_distances(trajectory.positions) - reach)
+    gaps = cube_gaps(toss.observation.environment, toss.width, trajectory.positions, turns)
     touching = np.flatnonzero(gaps < CLEARANCE * toss.width)
     rows = int(touching[0]) if touching.size else len(turns)
     if rows < FEWEST_ROWS:

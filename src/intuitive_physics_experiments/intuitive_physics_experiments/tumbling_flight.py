@@ -36,6 +36,27 @@ def tumbling_flight(
     return flight.positions(instants), flight.turns(instants).as_quat()
 
 
+def cube_gaps(
+    environment: Environment,
+    width: float,
+    positions: NDArray[np.float64],
+    axes: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Distance in m, shape (n,), of the lowest corner of a cube from the nearest plane.
+
+    Parameters
+    ----------
+    width : m, edge of the cube
+    positions : (n, 3) m, of its centre
+    axes : (n, 3, 3) rotation matrices, cube to world
+    """
+    gaps = np.full(len(axes), np.inf)
+    for plane in environment.planes:
+        reach = 0.5 * width * np.abs(plane.normal @ axes).sum(axis=-1)
+        gaps = np.minimum(gaps, plane.signed_distances(positions) - reach)
+    return gaps
+
+
 class _Flight:
     def __init__(self, environment: Environment, width: float, state: ObjectState) -> None:
         self._environment = environment
@@ -54,11 +75,7 @@ class _Flight:
     def gaps(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distance in m, shape (n,), of the lowest corner from the nearest plane."""
         axes = self.turns(times).as_matrix()
-        gaps = np.full(times.size, np.inf)
-        for plane in self._environment.planes:
-            reach = 0.5 * self._width * np.abs(plane.normal @ axes).sum(axis=-1)
-            gaps = np.minimum(gaps, plane.signed_distances(self.positions(times)) - reach)
-        return gaps
+        return cube_gaps(self._environment, self._width, self.positions(times), axes)
 
     def contact_time(self, before: float, after: float) -> float:
         """Time in s of first touch, given one before or at it and one after it."""

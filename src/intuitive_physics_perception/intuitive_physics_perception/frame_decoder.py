@@ -106,27 +106,14 @@ class FrameDecoder:
             When it has no readable x, y, z or its data do not fit its header.
         """
         return points_from_cloud_data(
-            cloud.data,
-            width=cloud.width,
-            height=cloud.height,
-            point_step=cloud.point_step,
-            row_step=cloud.row_step,
-            fields=[Field(f.name, f.offset, f.datatype, f.count) for f in cloud.fields],
-            is_bigendian=bool(cloud.is_bigendian),
+            cloud.data, **_layout(cloud), is_bigendian=bool(cloud.is_bigendian)
         )
 
     @staticmethod
     def cloud_colors(cloud: Any) -> NDArray[np.uint8] | None:
         """Return the colours (height, width, 3) of a PointCloud2 of which `cloud_points` has read
         the points; None where it has none."""
-        return colors_from_cloud_data(
-            cloud.data,
-            width=cloud.width,
-            height=cloud.height,
-            point_step=cloud.point_step,
-            row_step=cloud.row_step,
-            fields=[Field(f.name, f.offset, f.datatype, f.count) for f in cloud.fields],
-        )
+        return colors_from_cloud_data(cloud.data, **_layout(cloud))
 
     @staticmethod
     def image_colors(image: Any) -> NDArray[np.uint8]:
@@ -144,6 +131,17 @@ class FrameDecoder:
             encoding=image.encoding,
             step=image.step,
         )
+
+
+def _layout(cloud: Any) -> dict[str, Any]:
+    """Where the points of a PointCloud2, and what they consist of, are in its data."""
+    return {
+        "width": cloud.width,
+        "height": cloud.height,
+        "point_step": cloud.point_step,
+        "row_step": cloud.row_step,
+        "fields": [Field(f.name, f.offset, f.datatype, f.count) for f in cloud.fields],
+    }
 
 
 def _windowed(

@@ -45,7 +45,11 @@ def add_to(commands: Any) -> None:
     )
     parser.add_argument("path", type=Path, help=PATH_HELP)
     add_learning_options(
-        parser, None, f"{ITERATIONS}; 120 for cube tosses", f"{METHOD}; cma_es for cube tosses"
+        parser,
+        None,
+        f"{ITERATIONS}; 120 for cube tosses",
+        None,
+        f"{METHOD}; cma_es for cube tosses",
     )
     parser.add_argument(
         "--train-fraction",

@@ -33,17 +33,20 @@ def add_learning_options(
     parser: argparse.ArgumentParser,
     iterations: int | None = ITERATIONS,
     told_default: str = str(ITERATIONS),
+    method: str | None = METHOD,
     told_default_method: str = METHOD,
 ) -> None:
     """Add the options that say how to learn.
 
     Parameters
     ----------
-    iterations : the default; None leaves it to the command, which must set it
+    iterations, method : the defaults; None leaves one to the command, which must set it
     told_default, told_default_method : what the help says of the defaults
     """
     parser.add_argument(
-        "--method", help=f"of the search, such as cma_es (default: {told_default_method})"
+        "--method",
+        default=method,
+        help=f"of the search, such as cma_es (default: {told_default_method})",
     )
     parser.add_argument(
         "--iterations",
@@ -83,8 +86,7 @@ def learning_options(options: argparse.Namespace) -> Any:
     if options.seed < 0:
         raise InvalidInputError(f"seed is {options.seed}; expected 0 or more")
     criteria = ConvergenceCriteria(max_iterations=options.iterations)
-    method = METHOD if options.method is None else options.method
-    return LearningOptions(method=method, criteria=criteria, seed=options.seed)
+    return LearningOptions(method=options.method, criteria=criteria, seed=options.seed)
 
 
 def progress_to(bar: Any, options: argparse.Namespace) -> Callable[[Any], None]:

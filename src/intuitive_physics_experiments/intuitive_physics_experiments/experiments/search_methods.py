@@ -27,6 +27,7 @@ from intuitive_physics_experiments.experiments.outcome import (
 )
 from intuitive_physics_experiments.experiments.search_methods_figure import draw_search_methods
 from intuitive_physics_experiments.paper_dataset import make_paper_dataset
+from intuitive_physics_learner.cached_cost import CachedCost
 from intuitive_physics_learner.cost import TrajectoryCost
 from intuitive_physics_learner.search import ConvergenceCriteria, ParameterSearch
 from intuitive_physics_learner.update_rules import UPDATE_RULES, make_update_rule
@@ -136,7 +137,7 @@ def _search(
 ) -> dict[str, Any]:
     space = ParameterSpace(on.cost.materials)
     rule = make_update_rule(method, space.size, np.random.default_rng([settings.seed, run]))
-    search = ParameterSearch(on.cost.costs, space, rule)
+    search = ParameterSearch(CachedCost(on.cost).costs, space, rule)
     result = search.run(ConvergenceCriteria(max_iterations=settings.iterations))
     return {
         "parameters": space.size,

@@ -219,12 +219,12 @@ class _Task:
         """
         limit = self.options.criteria.time_limit
 
-        def out_of_time() -> bool:
-            return limit is not None and time.monotonic() - began >= limit
+        def seconds_left() -> float:
+            return np.inf if limit is None else limit - (time.monotonic() - began)
 
         if isinstance(search, JointSearch) and not search.lowers_cost:
             told = judge(
-                search.fit, self.cost, self.space, self.searched, self.influence, out_of_time
+                search.fit, self.cost, self.space, self.searched, self.influence, seconds_left
             )
         else:
             told = identify(self.cost, self.space, found.parameters, self.active, cancelled)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,24 +54,64 @@ class FirstStateDeviations:
         believed = np.array([seen.initial_state.to_vector() for seen in observation.objects])
         return FirstStateDeviations(believed, tuple(axes), np.array(deviations))
 
+
+@dataclass(frozen=True, eq=False)
+class BelievedStates:
+    """First states of W observations side by side, each with d components that may differ.
+
+    Parameters
+    ----------
+    believed : (W, O, 13), padded with rest
+    objects : (W,) how many each has
+    places : (W, d) index of each component on the axes (O, 12)
+    turns : whether any of them is of an orientation
+    """
+
+    believed: NDArray[np.float64]
+    objects: NDArray[np.int64]
+    places: NDArray[np.int64]
+    turns: bool
+
+    @staticmethod
+    def of(first: Sequence[FirstStateDeviations]) -> BelievedStates:
+        """Put together those of observations with equally many components."""
+        objects = np.array([len(each.believed) for each in first])
+        believed = resting(len(first), int(objects.max()))
+        for row, each in zip(believed, first, strict=True):
+            row[: len(each.believed)] = each.believed
+        axes = np.array([each.axes for each in first], dtype=np.int64).reshape(len(first), -1, 2)
+        turns = bool(((axes[..., 1] >= ROTATION.start) & (axes[..., 1] < ROTATION.stop)).any())
+        return BelievedStates(believed, objects, axes[..., 0] * 12 + axes[..., 1], turns)
+
     def states(self, deviations: NDArray[np.float64], objects: int) -> NDArray[np.float64]:
-        """Return first states (n, objects, 13), padded with rest, for deviations (n, d)."""
-        errors = np.zeros((len(deviations), len(self.believed), 12))
-        for column, (j, component) in enumerate(self.axes):
-            errors[:, j, component] = deviations[:, column]
-        states = np.zeros((len(deviations), objects, 13))
-        states[..., 6] = 1.0
-        own = states[:, : len(self.believed)]
-        own[..., 0:3] = self.believed[:, 0:3] + errors[..., 0:3]
-        own[..., 3:7] = _turned(self.believed[:, 3:7], errors[..., 3:6])
-        own[..., 7:13] = self.believed[:, 7:13] + errors[..., 6:12]
+        """Return first states (W, n, objects, 13), padded with rest, for deviations (W, n, d)."""
+        count, each = deviations.shape[:2]
+        own = self.believed.shape[1]
+        errors = np.zeros((count, each, own * 12))
+        rows = np.arange(count)[:, None, None], np.arange(each)[:, None]
+        errors[rows[0], rows[1], self.places[:, None]] = deviations
+        errors = errors.reshape(count, each, own, 12)
+        states = resting(count, each, objects)
+        states[:, :, :own] = self.believed[:, None]
+        states[:, :, :own, 0:3] += errors[..., 0:3]
+        if self.turns:
+            states[:, :, :own, 3:7] = _turned(self.believed[:, None, :, 3:7], errors[..., 3:6])
+        states[:, :, :own, 7:13] += errors[..., 6:12]
         return states
+
+
+def resting(*shape: int) -> NDArray[np.float64]:
+    """Return states (*shape, 13) at rest in the origin."""
+    states = np.zeros((*shape, 13))
+    states[..., 6] = 1.0
+    return states
 
 
 def _turned(
     quaternions: NDArray[np.float64], rotations: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Turn orientations (O, 4) by rotation vectors (n, O, 3) in the environment's frame."""
+    """Turn orientations (W, 1, O, 4) by rotation vectors (W, n, O, 3) in the environment's
+    frame."""
     angles = np.linalg.norm(rotations, axis=-1, keepdims=True)
     # sin(θ/2) / θ by NumPy's sinc(x) = sin(π x) / (π x), which is right at θ = 0 too.
     x1, y1, z1 = np.moveaxis(0.5 * np.sinc(angles / (2.0 * np.pi)) * rotations, -1, 0)

@@ -1,26 +1,12 @@
-"""Whether stated uncertainties are true: two fits to halves of the observations are compared.
-
-Slopes at an estimate tell how well the data hold it there, not whether it settled beside a better
-one, as fits to chaotic motion may. Two halves share no observation, so such errors of theirs have
-nothing in common, and they disagree by as much as both are wrong. By how much that is more than
-they say, the uncertainties are widened.
-"""
+"""Parting observations into halves, each with a cost of its own."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics_learner.cost import Cost
 from intuitive_physics_learner.trials import Trials
-
-PRIOR_DISAGREEMENTS = 3.0
-"""A parameter's own family of disagreements counts against this many of all parameters."""
-
-NORMAL_MEDIAN = 0.6745
-"""Median of |x| for x of the standard normal distribution."""
 
 
 class PartialCost(Cost):
@@ -71,31 +57,3 @@ def halves(influence: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
         surplus[row] += 1.0 if side == 0 else -1.0
         parts[side].append(observation)
     return [np.array(part, dtype=np.int64) for part in parts]
-
-
-def widening(
-    difference: NDArray[np.float64],
-    variance: NDArray[np.float64],
-    families: Sequence[NDArray[np.int64]],
-) -> NDArray[np.float64]:
-    """Factors (n,) ≥ 1 for standard deviations.
-
-    Parameters
-    ----------
-    difference : (n,) of the estimates of both halves; NaN where one of them tells nothing
-    variance : (n,) of that difference, by what both halves say
-    families : indices of parameters that are likely to err alike, each parameter in one
-    """
-    ratios = np.abs(difference) / np.sqrt(variance)
-    known = np.isfinite(ratios)
-    factors = np.ones(difference.size)
-    if not known.any():
-        return factors
-    typical = max(float(np.median(ratios[known])) / NORMAL_MEDIAN, 1.0)
-    for family in families:
-        own = ratios[family][known[family]]
-        square = (np.sum(own**2) + PRIOR_DISAGREEMENTS * typical**2) / (
-            own.size + PRIOR_DISAGREEMENTS
-        )
-        factors[family] = max(np.sqrt(square), 1.0)
-    return factors

@@ -47,10 +47,9 @@ PATIENCE = 1
 
 def first_horizons(block: ObservationBlock) -> NDArray[np.float64]:
     """Where to begin, (W,) s."""
-    objects = np.array([len(first.believed) for first in block.first_states])
     ordered = np.sort(block.times, axis=1)
     counts = np.isfinite(ordered).sum(axis=1)
-    last = np.minimum(FIRST_POINTS * objects, counts) - 1
+    last = np.minimum(FIRST_POINTS * block.first_states.objects, counts) - 1
     return np.minimum(ordered[np.arange(last.size), last], FIRST_DURATION)
 
 

@@ -11,7 +11,8 @@ from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
 from intuitive_physics_learner.active_parameters import ActiveSpace
 from intuitive_physics_learner.cost import Cost
 from intuitive_physics_learner.identifiability import LARGEST_DEVIATION, Identifiability
-from intuitive_physics_learner.joint_estimation.halves import PartialCost, halves, widening
+from intuitive_physics_learner.joint_estimation.agreement import Half, agreed_deviations
+from intuitive_physics_learner.joint_estimation.halves import PartialCost, halves
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.parameter_axes import ParameterAxes
 
@@ -28,7 +29,7 @@ def judge(
     space: ParameterSpace,
     searched: ActiveSpace,
     influence: NDArray[np.bool_],
-    out_of_time: Callable[[], bool] = lambda: False,
+    seconds_left: Callable[[], float] = lambda: np.inf,
 ) -> Identifiability:
     """State what is identified and how well, after a fit has settled.
 
@@ -37,16 +38,21 @@ def judge(
     fit : over the space `searched`
     space : of all parameters
     influence : (n_observations, |θ_s|) bool
-    out_of_time : looked at before each step of the fits to halves of the observations; stopped
+    seconds_left : looked at before each step of the fits to halves of the observations; stopped
         early, they agree less and the uncertainties get wider
     """
     active = np.asarray(influence.any(axis=0))
     parameters = searched.to_parameters(fit.unit)
+    began = seconds_left()
     posterior, sided = fit.posterior()
+    # Those of both halves take about as long as this one.
+    reserved = began - seconds_left() if np.isfinite(began) else 0.0
     covariance = posterior.covariance
     slopes = _slopes(searched, fit.unit)
-    factors = _widening(fit, cost, searched, influence[:, active], out_of_time)
-    factors *= sided / posterior.deviations
+    agreed = _agreed(
+        fit, sided, cost, searched, influence[:, active], lambda: seconds_left() < reserved
+    )
+    factors = agreed / posterior.deviations
     covariance = slopes @ (covariance * np.outer(factors, factors)) @ slopes.T
     deviations = np.sqrt(np.diag(covariance))
     axes = ParameterAxes(space, parameters)
@@ -74,16 +80,17 @@ def _vector(searched: ActiveSpace, unit: NDArray[np.float64]) -> NDArray[np.floa
     return parameter_vector(searched.to_parameters(unit))
 
 
-def _widening(
+def _agreed(
     fit: JointFit,
+    deviations: NDArray[np.float64],
     cost: Cost,
     searched: ActiveSpace,
     influence: NDArray[np.bool_],
     out_of_time: Callable[[], bool],
 ) -> NDArray[np.float64]:
-    size = fit.unit.size
+    """Fit halves of the observations, and return the deviations (n,) with which they agree."""
     if len(influence) < FEWEST_OBSERVATIONS:
-        return np.ones(size)
+        return deviations
     fits = [
         JointFit(PartialCost(cost, members), searched, influence[members], fit.start)
         for members in halves(influence)
@@ -93,12 +100,8 @@ def _widening(
         for part in fits:
             if not part.settled and not (part.steps and out_of_time()):
                 part.step()
-    first, second = fits
-    deviations = [part.posterior()[1] for part in fits]
-    told = (deviations[0] < LARGEST_DEVIATION) & (deviations[1] < LARGEST_DEVIATION)
-    difference = np.where(told, first.unit - second.unit, np.nan)
-    variance = deviations[0] ** 2 + deviations[1] ** 2
-    return widening(difference, variance, _families(searched.names))
+    first, second = (Half(part.unit, part.posterior()[1]) for part in fits)
+    return agreed_deviations(fit.unit, deviations, (first, second), _families(searched.names))
 
 
 def _families(names: list[str]) -> list[NDArray[np.int64]]:

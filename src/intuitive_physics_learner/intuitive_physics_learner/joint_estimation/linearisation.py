@@ -147,11 +147,12 @@ def residuals_at(
     """
     count = len(candidate_index)
     members = block.members.size
+    states = block.first_states.states(estimates.swapaxes(0, 1), _most_objects(cost))
     trials = Trials(
         candidates,
         np.broadcast_to(candidate_index, (count, members)).ravel(),
         np.tile(block.members, count),
-        np.concatenate([block.states(each[:, None], _most_objects(cost)) for each in estimates]),
+        np.concatenate(states.swapaxes(0, 1)),
         np.tile(until, count),
     )
     points = block.times.shape[1]
@@ -180,7 +181,7 @@ def _trials(
         steps.candidates,
         index.ravel(),
         np.repeat(block.members, each),
-        block.states(moved, objects),
+        np.concatenate(block.first_states.states(moved, objects)),
         np.repeat(until, each),
     )
 

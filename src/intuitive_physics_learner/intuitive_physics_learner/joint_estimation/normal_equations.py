@@ -67,9 +67,11 @@ class NormalEquations:
         count, k = linear.slopes.shape[:2]
         weighted = linear.slopes * (weights / noise)[:, None, :, None]
         weighted = weighted.reshape(count, k, 3 * lengths.shape[1])
-        hessian = weighted @ weighted.transpose(0, 2, 1)
-        target = (residuals * weights[..., None]).reshape(count, -1, 1)
-        gradient = (weighted @ target)[..., 0]
+        # Not by BLAS: on matrices so small its threads wait for one another, the longer the busier
+        # the machine is.
+        hessian = np.einsum("wip,wjp->wij", weighted, weighted)
+        target = (residuals * weights[..., None]).reshape(count, -1)
+        gradient = np.einsum("wip,wp->wi", weighted, target)
         d = estimate.shape[1]
         precision = block.prior_deviations**-2
         diagonal = np.arange(d)

@@ -9,7 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.observation import Observation
-from intuitive_physics_learner.joint_estimation.first_state_deviations import FirstStateDeviations
+from intuitive_physics_learner.joint_estimation.first_state_deviations import (
+    BelievedStates,
+    FirstStateDeviations,
+)
 from intuitive_physics_learner.packed_observations import times_after_start
 
 
@@ -20,7 +23,7 @@ class ObservationBlock:
     Parameters
     ----------
     members : (W,) index of each among all observations
-    first_states : of each
+    first_states : what each is believed to begin from
     parameters : (W, q) indices of the parameters that each can depend on
     times : (W, P) s after the start of each point; NaN beyond the last
     columns : (P,) which of the points that `Cost.trial_residuals` answers these are
@@ -29,7 +32,7 @@ class ObservationBlock:
     """
 
     members: NDArray[np.int64]
-    first_states: tuple[FirstStateDeviations, ...]
+    first_states: BelievedStates
     parameters: NDArray[np.int64]
     times: NDArray[np.float64]
     columns: NDArray[np.int64]
@@ -40,11 +43,6 @@ class ObservationBlock:
         """Return the same without the points that are later than `until` (W,) s in all of them."""
         kept = (self.times <= until[:, None]).any(axis=0)
         return replace(self, times=self.times[:, kept], columns=self.columns[kept])
-
-    def states(self, deviations: NDArray[np.float64], objects: int) -> NDArray[np.float64]:
-        """First states (W * n, objects, 13) for deviations (W, n, d)."""
-        each = zip(self.first_states, deviations, strict=True)
-        return np.concatenate([first.states(some, objects) for first, some in each])
 
 
 def observation_blocks(
@@ -85,7 +83,7 @@ def _block(
         padded[row, : times[i].size] = times[i]
     return ObservationBlock(
         np.array(members),
-        tuple(first_states[i] for i in members),
+        BelievedStates.of([first_states[i] for i in members]),
         np.array([np.flatnonzero(influence[i]) for i in members]),
         padded,
         np.arange(padded.shape[1]),

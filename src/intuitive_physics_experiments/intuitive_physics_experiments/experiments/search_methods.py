@@ -53,7 +53,7 @@ class SearchMethodsSettings:
     objects: tuple[int, ...] = (1, 10, 20)
     samples: tuple[int, ...] = (1, 10, 50)
     runs: int = 10
-    iterations: int = 1000
+    iterations: int = 500
     methods: tuple[str, ...] = tuple(UPDATE_RULES)
     seed: int = 0
 

@@ -30,7 +30,7 @@ from intuitive_physics_experiments.experiments.search_methods import (
 from intuitive_physics_experiments.paper_dataset import make_paper_dataset
 from intuitive_physics_learner.update_rules import UPDATE_RULES
 
-SMALL_CURVE = LearningCurveSettings((1, 2), (5,), repetitions=2, iterations=120)
+SMALL_CURVE = LearningCurveSettings((1, 2), (5,), repetitions=2, iterations=120, method="cma_es")
 
 
 def test_cells_are_made_once_and_kept(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from intuitive_physics_learner.learning_session import (
     LearningOptions,
     LearningResult,
     learn,
+    search_parameters,
 )
 from intuitive_physics_learner.methods import DEFAULT_METHOD, JOINT_METHOD, METHODS
 from intuitive_physics_learner.search import ParameterSearch
@@ -63,4 +64,5 @@ __all__ = [
     "learn",
     "learn_from_store",
     "make_update_rule",
+    "search_parameters",
 ]

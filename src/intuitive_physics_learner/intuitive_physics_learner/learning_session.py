@@ -107,27 +107,7 @@ def learn(
     InvalidInputError
         When no object was seen with anything it could touch, or `resume` is of another search.
     """
-    check_method(options.method)
-    if not observations:
-        raise NoObservationsError("there are no observations; expected at least one")
-    seen = observation_materials(observations)
-    if previous is None:
-        previous = LearnedParameters.defaults(seen)
-    previous = previous.extended(tuple(dict.fromkeys((*previous.materials, *seen))))
-    # In the order of all known materials, so that a pair has the same name in both.
-    materials = tuple(name for name in previous.materials if name in seen)
-    cost = make_cost(observations, simulator, materials)
-    if cancelled is not None:
-        cost = InterruptibleCost(cost, cancelled)
-    start = previous.parameters.extended(materials)
-    influence = parameter_influence(observations, materials)
-    if not influence.any():
-        raise InvalidInputError(
-            "no object was seen with anything it could touch; expected observations with planes, "
-            "boxes or several objects"
-        )
-    space = ParameterSpace(materials, options.bounds)
-    task = _Task(options, cost, space, influence, start)
+    previous, task = _begun(observations, simulator, options, previous, cancelled, make_cost)
     search = task.search()
     same = task.identity()
     if resume is not None:
@@ -148,12 +128,58 @@ def learn(
         LearnedParameters(
             *_merged(previous, parameters, told),
             version=previous.version + 1,
-            cost=float(cost.costs([parameters])[0]),
+            cost=float(task.cost.costs([parameters])[0]),
             observation_count=len(observations),
             method=options.method,
         ),
         found,
     )
+
+
+def search_parameters(
+    observations: Sequence[Observation], simulator: Simulator, options: LearningOptions
+) -> SearchResult:
+    """Search θ_s without asking what the observations tell of it, which takes as long again.
+
+    Raises
+    ------
+    NoObservationsError, UnknownMethodError, UnsupportedSceneError, InvalidInputError
+        As `learn`.
+    """
+    _, task = _begun(observations, simulator, options, None, None, TrajectoryCost)
+    return task.search().run(options.criteria)
+
+
+def _begun(
+    observations: Sequence[Observation],
+    simulator: Simulator,
+    options: LearningOptions,
+    previous: LearnedParameters | None,
+    cancelled: Callable[[], bool] | None,
+    make_cost: MakeCost,
+) -> tuple[LearnedParameters, _Task]:
+    """Return θ_s to begin from, with all materials, and what is to be learned."""
+    check_method(options.method)
+    if not observations:
+        raise NoObservationsError("there are no observations; expected at least one")
+    seen = observation_materials(observations)
+    if previous is None:
+        previous = LearnedParameters.defaults(seen)
+    previous = previous.extended(tuple(dict.fromkeys((*previous.materials, *seen))))
+    # In the order of all known materials, so that a pair has the same name in both.
+    materials = tuple(name for name in previous.materials if name in seen)
+    cost = make_cost(observations, simulator, materials)
+    if cancelled is not None:
+        cost = InterruptibleCost(cost, cancelled)
+    start = previous.parameters.extended(materials)
+    influence = parameter_influence(observations, materials)
+    if not influence.any():
+        raise InvalidInputError(
+            "no object was seen with anything it could touch; expected observations with planes, "
+            "boxes or several objects"
+        )
+    space = ParameterSpace(materials, options.bounds)
+    return previous, _Task(options, cost, space, influence, start)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from intuitive_physics_learner import (
     cost,
     learn,
     search,
+    search_parameters,
 )
 
 
@@ -47,6 +48,16 @@ def test_recovers_what_made_the_observations(event_driven, throws, true_paramete
     assert learned.method == method
     assert learned.observation_count == 8
     assert learned.version == 1
+
+
+@pytest.mark.parametrize("method", ["levenberg_marquardt", "adaptive_random"])
+def test_searches_without_judging_as_it_learns(event_driven, throws, method):
+    observed = throws(6, 3, noise=0.005)
+    how = options(300, method=method)
+    found = search_parameters(observed, event_driven, how)
+    learned = learn(observed, event_driven, how)
+    assert found.cost == learned.search.cost
+    assert found.parameters.to_dict() == learned.search.parameters.to_dict()
 
 
 def test_noisy_observations_cost_no_more_than_the_truth(event_driven, throws, true_parameters):

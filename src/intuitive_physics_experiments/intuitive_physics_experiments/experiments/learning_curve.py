@@ -27,7 +27,8 @@ from intuitive_physics_experiments.experiments.outcome import (
 )
 from intuitive_physics_experiments.paper_dataset import PaperDataset, make_paper_dataset
 from intuitive_physics_learner.cost import TrajectoryCost
-from intuitive_physics_learner.learning_session import LearningOptions, learn
+from intuitive_physics_learner.learning_session import LearningOptions, search_parameters
+from intuitive_physics_learner.methods import DEFAULT_METHOD
 from intuitive_physics_learner.search import ConvergenceCriteria
 
 ERRORS = ("learned", "oracle", "default")
@@ -43,7 +44,7 @@ class LearningCurveSettings:
     samples : trajectories of each object
     repetitions : sets drawn for each combination
     iterations : evaluations of J for each learning
-    method : update rule
+    method : of the learner
     engine : that moves the objects of the set; `auto` learns
     first_states : each is learned with; see `paper_dataset.FIRST_STATES`
     seed : of all randomness
@@ -52,14 +53,14 @@ class LearningCurveSettings:
     objects: tuple[int, ...] = (1, 5, 10)
     samples: tuple[int, ...] = (10, 50, 100)
     repetitions: int = 10
-    iterations: int = 2000
-    method: str = "cma_es"
+    iterations: int = 1000
+    method: str = DEFAULT_METHOD
     engine: str = "auto"
     first_states: tuple[str, ...] = ("three_points", "flight")
     seed: int = 0
 
 
-QUICK = {"objects": (1, 5), "samples": (10,), "repetitions": 2, "iterations": 200}
+QUICK = {"objects": (1, 5), "samples": (10,), "repetitions": 2, "iterations": 300}
 
 
 def run_learning_curve(
@@ -140,8 +141,8 @@ def _learn(
         criteria=ConvergenceCriteria(max_iterations=settings.iterations),
         seed=settings.seed + repetition,
     )
-    result = learn(dataset.training_observations, simulator, options)
-    return result.learned.parameters.extended(dataset.parameters.materials), result.search.seconds
+    result = search_parameters(dataset.training_observations, simulator, options)
+    return result.parameters.extended(dataset.parameters.materials), result.seconds
 
 
 def _costs(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -63,6 +64,40 @@ class Inputs:
     environment_version: int = 0
     learned: LearnedParameters | None = None
     seen: SeenStates | None = None
+
+    def perceived(self) -> tuple[Environment, SeenStates]:
+        """Return environment and states.
+
+        Raises
+        ------
+        NothingToPredictError
+            When one of them has not come yet.
+        """
+        if self.environment is None or self.seen is None:
+            missing = "environment" if self.environment is None else "object states"
+            raise NothingToPredictError(f"no {missing} yet")
+        return self.environment, self.seen
+
+    @cached_property
+    def scene(self) -> Scene:
+        """What is to be predicted.
+
+        Raises
+        ------
+        NothingToPredictError
+            When environment or states have not come yet, or hold no objects.
+        InvalidInputError
+            When they are in different frames or do not go together.
+        """
+        environment, seen = self.perceived()
+        if not seen.objects:
+            raise NoObjectsError("no objects are seen")
+        if seen.frame_id != environment.frame_id:
+            raise InvalidInputError(
+                f"object states are in frame {seen.frame_id!r}; "
+                f"expected {environment.frame_id!r}, the environment's"
+            )
+        return Scene(environment, seen.objects, seen.states)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,19 +168,9 @@ def predict_now(
     PredictionFailedError, UnsupportedSceneError
         As `noisy_newton.predict`.
     """
-    environment, seen = inputs.environment, inputs.seen
-    if environment is None or seen is None:
-        missing = "environment" if environment is None else "object states"
-        raise NothingToPredictError(f"no {missing} yet")
+    _, seen = inputs.perceived()
     check_fresh(seen, settings, now, monotonic)
-    if not seen.objects:
-        raise NoObjectsError("no objects are seen")
-    if seen.frame_id != environment.frame_id:
-        raise InvalidInputError(
-            f"object states are in frame {seen.frame_id!r}; "
-            f"expected {environment.frame_id!r}, the environment's"
-        )
-    scene = Scene(environment, seen.objects, seen.states)
+    scene = inputs.scene
     start = max(now, seen.stamp) if settings.options.carry_forward else seen.stamp
     distribution = settings.predict(
         scene,

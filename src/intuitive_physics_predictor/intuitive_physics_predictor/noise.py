@@ -67,29 +67,36 @@ class StateNoise:
         return fixed + factors[:, None] * state.covariance * factors
 
 
-def sample_states(
-    states: Sequence[ObjectState], noise: StateNoise, count: int, rng: np.random.Generator
-) -> NDArray[np.float64]:
-    """Draw noisy copies of the states of all objects of a scene.
+@dataclass(frozen=True, eq=False)
+class StateSpread:
+    """Normal distribution of the states of all objects of a scene.
 
-    Returns
-    -------
-    (count, n_objects, 13)
-        As `ObjectState.to_vector`. The noise of different objects is independent.
+    Parameters
+    ----------
+    means : (n_objects, 13) as `ObjectState.to_vector`
+    roots : (n_objects, 12, 12) of the covariances: R Rᵀ = Σ. Objects are independent.
     """
-    means = np.array([state.to_vector() for state in states])
-    covariances = np.array([noise.covariance(state) for state in states])
-    variances, axes = np.linalg.eigh(covariances)
-    roots = axes * np.sqrt(np.maximum(variances, 0.0))[:, None, :]
-    normal = rng.standard_normal((count, len(states), ERROR_SIZE))
-    errors = np.einsum("oij,soj->soi", roots, normal)
 
-    drawn = np.repeat(means[None], count, axis=0)
-    drawn[..., 0:3] += errors[..., POSITION]
-    drawn[..., 3:7] = _turned(drawn[..., 3:7], errors[..., ROTATION])
-    drawn[..., 7:10] += errors[..., LINEAR_VELOCITY]
-    drawn[..., 10:13] += errors[..., ANGULAR_VELOCITY]
-    return drawn
+    means: NDArray[np.float64]
+    roots: NDArray[np.float64]
+
+    @staticmethod
+    def of(states: Sequence[ObjectState], noise: StateNoise) -> StateSpread:
+        """Return that of perceived states with noise on them."""
+        variances, axes = np.linalg.eigh(np.array([noise.covariance(state) for state in states]))
+        roots = axes * np.sqrt(np.maximum(variances, 0.0))[:, None, :]
+        return StateSpread(np.array([state.to_vector() for state in states]), roots)
+
+    def draw(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Draw states (count, n_objects, 13)."""
+        normal = rng.standard_normal((count, len(self.means), ERROR_SIZE))
+        errors = np.einsum("oij,soj->soi", self.roots, normal)
+        drawn = np.repeat(self.means[None], count, axis=0)
+        drawn[..., 0:3] += errors[..., POSITION]
+        drawn[..., 3:7] = _turned(drawn[..., 3:7], errors[..., ROTATION])
+        drawn[..., 7:10] += errors[..., LINEAR_VELOCITY]
+        drawn[..., 10:13] += errors[..., ANGULAR_VELOCITY]
+        return drawn
 
 
 def draw_sizes(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from intuitive_physics.simulation import Simulator, WorldStatus, make_simulator,
 from intuitive_physics.simulation.contact_noise import ContactNoise
 from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
-from intuitive_physics_predictor.noise import StateNoise, draw_sizes, sample_states
+from intuitive_physics_predictor.noise import StateNoise, StateSpread, draw_sizes
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 DEFAULT_SAMPLE_COUNT = 20
@@ -65,12 +66,88 @@ def predict(
     PredictionFailedError
         When no sample could be simulated to the end.
     """
+    return predict_prepared(
+        PreparedScene.of(scene, static_parameters, noise or StateNoise()),
+        times,
+        rng=rng,
+        sample_count=sample_count,
+        size_noise=size_noise,
+        contact_noise=contact_noise,
+        simulator=simulator,
+        orientations=orientations,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedScene:
+    """What all samples of a scene have in common, to predict it again and again.
+
+    Parameters
+    ----------
+    scene : as perceived
+    static_parameters : θ_s, known or drawn for each sample
+    world : the scene packed, a batch of one
+    spread : of the objects' states
+    """
+
+    scene: Scene
+    static_parameters: StaticParameters | UncertainParameters
+    world: WorldBatch
+    spread: StateSpread
+
+    @staticmethod
+    def of(
+        scene: Scene,
+        static_parameters: StaticParameters | UncertainParameters,
+        noise: StateNoise,
+    ) -> PreparedScene:
+        """Prepare a scene.
+
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+            As `pack_worlds`.
+        """
+        known = static_parameters
+        if isinstance(known, UncertainParameters):
+            known = known.learned.parameters
+        spread = StateSpread.of(scene.states, noise)
+        return PreparedScene(scene, static_parameters, pack_worlds([scene], known), spread)
+
+    def sampled(self, count: int, size_noise: float, rng: np.random.Generator) -> WorldBatch:
+        """Return `count` copies, each with its own draw of all that is uncertain."""
+        one = self.world
+        changes: dict[str, Any] = {"states": self.spread.draw(count, rng)}
+        if isinstance(self.static_parameters, UncertainParameters):
+            changes["density"], changes["coefficients"] = self.static_parameters.draw(count, rng)
+            changes["parameter_index"] = np.arange(count, dtype=np.int64)
+        if size_noise != 0.0:
+            factors = draw_sizes((count, len(self.scene.objects)), size_noise, rng)[..., None]
+            changes["dimensions"] = one.dimensions * factors
+            changes["volumes"] = one.volumes * factors[..., 0] ** 3
+            changes["unit_inertias"] = one.unit_inertias * factors**5
+            # Drag grows with the silhouette, the Magnus force with the silhouette times the radius.
+            changes["air_factors"] = one.air_factors * factors ** np.array([2.0, 3.0])
+            changes["mass_centres"] = one.mass_centres * factors
+        return one.taken(np.zeros(count, dtype=np.int64), **changes)
+
+
+def predict_prepared(
+    prepared: PreparedScene,
+    times: ArrayLike,
+    *,
+    rng: np.random.Generator,
+    sample_count: int = DEFAULT_SAMPLE_COUNT,
+    size_noise: float = 0.0,
+    contact_noise: ContactNoise | None = None,
+    simulator: Simulator | None = None,
+    orientations: bool = False,
+) -> TrajectoryDistribution:
+    """Predict as `predict` does, the same to the bit, from a scene that was prepared."""
     if sample_count < 1:
         raise InvalidInputError(f"sample count is {sample_count}; expected at least 1")
     engine = simulator or make_simulator("auto")
-    worlds = _sampled_worlds(
-        scene, static_parameters, sample_count, noise or StateNoise(), size_noise, rng
-    )
+    worlds = prepared.sampled(sample_count, size_noise, rng)
     if contact_noise:
         worlds = worlds.with_contact_noise(contact_noise, rng)
     rollout = engine.rollout_batch(worlds, times, orientations=orientations)
@@ -84,37 +161,9 @@ def predict(
     if not ended.all():
         positions, turned = positions[ended], None if turned is None else turned[ended]
     return TrajectoryDistribution(
-        object_ids=tuple(thing.id for thing in scene.objects),
+        object_ids=tuple(thing.id for thing in prepared.scene.objects),
         times=np.array(times, dtype=np.float64),
         positions=positions,
         weights=np.full(len(positions), 1.0 / len(positions)),
         orientations=turned,
     )
-
-
-def _sampled_worlds(
-    scene: Scene,
-    static_parameters: StaticParameters | UncertainParameters,
-    count: int,
-    noise: StateNoise,
-    size_noise: float,
-    rng: np.random.Generator,
-) -> WorldBatch:
-    """Pack `count` copies of a scene, each with its own draw of all that is uncertain."""
-    changes: dict[str, Any] = {"states": sample_states(scene.states, noise, count, rng)}
-    if isinstance(static_parameters, UncertainParameters):
-        known = static_parameters.learned.parameters
-        changes["density"], changes["coefficients"] = static_parameters.draw(count, rng)
-        changes["parameter_index"] = np.arange(count, dtype=np.int64)
-    else:
-        known = static_parameters
-    one = pack_worlds([scene], known)
-    if size_noise != 0.0:
-        factors = draw_sizes((count, len(scene.objects)), size_noise, rng)[..., None]
-        changes["dimensions"] = one.dimensions * factors
-        changes["volumes"] = one.volumes * factors[..., 0] ** 3
-        changes["unit_inertias"] = one.unit_inertias * factors**5
-        # Drag grows with the silhouette, the Magnus force with the silhouette times the radius.
-        changes["air_factors"] = one.air_factors * factors ** np.array([2.0, 3.0])
-        changes["mass_centres"] = one.mass_centres * factors
-    return one.taken(np.zeros(count, dtype=np.int64), **changes)

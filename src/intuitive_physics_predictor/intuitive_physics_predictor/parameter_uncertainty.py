@@ -73,6 +73,7 @@ class UncertainParameters:
         reach = np.where(told, 1.0, min(share, 1.0))
         self._lower = self._mean + reach * (self._lower - self._mean)
         self._upper = self._mean + reach * (self._upper - self._mean)
+        self._pairs = np.triu_indices(len(learned.materials))
 
     def draw(
         self, count: int, rng: np.random.Generator
@@ -90,7 +91,7 @@ class UncertainParameters:
         self._order_frictions(drawn, uniform)
         values = np.where(self._logarithmic, np.exp(drawn * self._logarithmic), drawn)
         coefficients = np.empty((count, len(PAIR_COEFFICIENTS), m, m))
-        rows, columns = np.triu_indices(m)
+        rows, columns = self._pairs
         by_pair = values[:, m:].reshape(count, rows.size, len(PAIR_COEFFICIENTS)).swapaxes(1, 2)
         coefficients[:, :, rows, columns] = coefficients[:, :, columns, rows] = by_pair
         return np.ascontiguousarray(values[:, :m]), coefficients

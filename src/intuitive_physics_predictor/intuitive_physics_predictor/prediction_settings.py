@@ -10,7 +10,7 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
-from intuitive_physics_predictor.noisy_newton import predict
+from intuitive_physics_predictor.noisy_newton import PreparedScene, predict_prepared
 from intuitive_physics_predictor.options import PredictionOptions
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
@@ -36,6 +36,7 @@ class PredictionSettings:
         self.simulator = make_simulator(options.simulator, options.threads)
         self._newest: tuple[LearnedParameters | None, tuple[str, ...], UncertainParameters] | None
         self._newest = None
+        self._prepared: tuple[Scene, LearnedParameters | None, PreparedScene] | None = None
 
     def parameters(
         self, learned: LearnedParameters | None, materials: tuple[str, ...]
@@ -52,6 +53,21 @@ class PredictionSettings:
             self._newest = newest = (learned, materials, uncertain)
         return newest[2]
 
+    def prepared(self, scene: Scene, learned: LearnedParameters | None) -> PreparedScene:
+        """Prepare a scene to be predicted. The newest answer is kept.
+
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+            As `PreparedScene.of`.
+        """
+        newest = self._prepared
+        if newest is None or newest[0] is not scene or newest[1] is not learned:
+            uncertain = self.parameters(learned, scene.materials)
+            made = PreparedScene.of(scene, uncertain, self.noise)
+            self._prepared = newest = (scene, learned, made)
+        return newest[2]
+
     def predict(
         self,
         scene: Scene,
@@ -64,13 +80,11 @@ class PredictionSettings:
     ) -> TrajectoryDistribution:
         """Predict a scene, as `noisy_newton.predict`; without θ_s its materials may be anything."""
         check_size(sample_count, len(scene.objects), times.size)
-        return predict(
-            scene,
-            self.parameters(learned, scene.materials),
+        return predict_prepared(
+            self.prepared(scene, learned),
             times,
             rng=np.random.default_rng(seed),
             sample_count=sample_count,
-            noise=self.noise,
             size_noise=self.scales.size,
             contact_noise=self.contact_noise,
             simulator=self.simulator,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -91,7 +90,7 @@ class PredictorNode(Node):
     def _on_input(self, monitor: InputMonitor, take: Any, message: Any) -> None:
         now = 1e-9 * self.get_clock().now().nanoseconds
         try:
-            self._ticks.inputs = replace(self._ticks.inputs, **take(message, now))
+            self._ticks.take(**take(message, now))
         except IntuitivePhysicsError as error:
             monitor.rejected(error)
         else:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
 
 from intuitive_physics_msgs.msg import TrajectoryDistribution as DistributionMessage
 from rclpy.node import Node
@@ -58,6 +61,13 @@ class PredictionTicks:
             DistributionMessage, "~/trajectory_distribution", SENSOR_DATA
         )
         self._pacer = Pacer(self._on_tick, rate)
+
+    def take(self, **newer: Any) -> None:
+        """Take over inputs that are newer, and prepare what they have in common for all ticks."""
+        self.inputs = replace(self.inputs, **newer)
+        # What is missing or does not go together is told by the next tick.
+        with suppress(IntuitivePhysicsError):
+            self.settings.prepared(self.inputs.scene, self.inputs.learned)
 
     def start(self) -> None:
         """Begin, with the first tick at once."""

@@ -16,7 +16,7 @@ from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics.simulation.contact_noise import ContactNoise
 from intuitive_physics.state import ObjectState
-from intuitive_physics_predictor.noise import StateNoise, sample_states
+from intuitive_physics_predictor.noise import StateNoise, StateSpread
 from intuitive_physics_predictor.noisy_newton import PredictionFailedError, predict
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
@@ -44,7 +44,7 @@ def test_drawn_states_have_the_perceived_covariance():
     covariance = random_covariance(0)
     state = ObjectState((1, 2, 3), (0, 0, 0, 1), (4, 5, 6), (7, 8, 9), covariance)
     n = 40_000
-    drawn = sample_states([state], StateNoise(), n, np.random.default_rng(1))[:, 0]
+    drawn = StateSpread.of([state], StateNoise()).draw(n, np.random.default_rng(1))[:, 0]
     # Small rotations: the rotation vector is twice the quaternion's vector part.
     errors = np.hstack([drawn[:, 0:3], 2 * drawn[:, 3:6], drawn[:, 7:13]])
     np.testing.assert_allclose(
@@ -60,7 +60,7 @@ def test_fixed_noise_is_the_papers_option():
         perceived=False, position=0.1, rotation=0.02, linear_velocity=0.3, angular_velocity=0.4
     )
     state = ObjectState((0, 0, 0), covariance=np.eye(12))
-    drawn = sample_states([state], noise, 20_000, np.random.default_rng(0))[:, 0]
+    drawn = StateSpread.of([state], noise).draw(20_000, np.random.default_rng(0))[:, 0]
     spread = drawn.std(axis=0)
     truth = [0.1] * 3 + [0.01] * 3 + [0.3] * 3 + [0.4] * 3
     np.testing.assert_allclose(spread[[*range(6), *range(7, 13)]], truth, rtol=0.03)
@@ -70,7 +70,7 @@ def test_fixed_noise_is_the_papers_option():
 @settings(max_examples=30, deadline=None)
 def test_drawn_orientations_are_unit(seed, objects, count):
     scene = flying_scene(np.eye(12) * 9.0, count=objects)
-    drawn = sample_states(scene.states, StateNoise(), count, np.random.default_rng(seed))
+    drawn = StateSpread.of(scene.states, StateNoise()).draw(count, np.random.default_rng(seed))
     assert drawn.shape == (count, objects, 13)
     np.testing.assert_allclose(np.linalg.norm(drawn[..., 3:7], axis=-1), 1.0, atol=1e-12)
 

@@ -12,7 +12,7 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics_experiments.free_flight import free_flight
-from intuitive_physics_predictor.noise import StateNoise, sample_states
+from intuitive_physics_predictor.noise import StateNoise, StateSpread
 from intuitive_physics_predictor.noise_fit import spread_weights, weighted_energy_scores
 from intuitive_physics_predictor.noisy_newton import predict
 from intuitive_physics_predictor.outcomes import Outcome, Prediction
@@ -86,7 +86,7 @@ def free_flights(sample_count: int) -> Prediction:
 
     def sample(outcome: Outcome, rng: np.random.Generator) -> NDArray[np.float64]:
         scene = outcome.scene
-        states = sample_states(scene.states, StateNoise(), sample_count, rng)
+        states = StateSpread.of(scene.states, StateNoise()).draw(sample_count, rng)
         return np.array(
             [
                 [

@@ -20,6 +20,10 @@ run_environment = \
 # Open3D brings dash, whose pytest plug-in serves nothing here and warns in every run.
 pytest = .venv/bin/pytest -p no:dash
 
+# Tests of libraries share nothing but the machine: files of them run side by side.
+side_by_side = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
+	$(pytest) --numprocesses=auto --maxprocesses=4 --dist=loadfile
+
 python_packages = $(dir $(wildcard src/*/setup.py))
 node_tests = $(wildcard src/*/test/test_*node*.py)
 ros_packages = src/intuitive_physics_ros src/intuitive_physics_bringup
@@ -48,7 +52,7 @@ test: setup ## Lint, test the libraries, test the nodes and the whole system
 
 library-tests: setup ## Only test what knows nothing of ROS
 	@echo "── library tests"
-	@$(pytest) $(addsuffix test,$(filter-out $(addsuffix /,$(ros_packages)),$(python_packages))) \
+	@$(side_by_side) $(addsuffix test,$(filter-out $(addsuffix /,$(ros_packages)),$(python_packages))) \
 		$(addprefix --ignore=,$(node_tests))
 
 system-tests: setup ## Only test nodes, as processes that talk over DDS

@@ -1,0 +1,151 @@
+"""What simulations near an estimate of θ_s and first states tell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics_learner.cost import Cost
+from intuitive_physics_learner.joint_estimation import horizons
+from intuitive_physics_learner.joint_estimation.coordinate_scan import (
+    ScanCandidates,
+    scanned_states,
+)
+from intuitive_physics_learner.joint_estimation.damped_steps import PRIOR_PRECISION
+from intuitive_physics_learner.joint_estimation.linearisation import (
+    Linearisation,
+    ParameterSteps,
+    linearise,
+)
+from intuitive_physics_learner.joint_estimation.noise import position_noise
+from intuitive_physics_learner.joint_estimation.normal_equations import (
+    Elimination,
+    NormalEquations,
+)
+from intuitive_physics_learner.joint_estimation.observation_blocks import (
+    ObservationBlock,
+    observation_blocks,
+)
+from intuitive_physics_learner.joint_estimation.parameter_groups import separate_groups
+from intuitive_physics_learner.joint_estimation.posterior import Posterior
+from intuitive_physics_learner.joint_estimation.trajectory_fits import TrajectoryFits
+from intuitive_physics_learner.search import SearchSpace
+
+
+@dataclass(eq=False)
+class Estimate:
+    """θ_s and first states, and how sharply they are known.
+
+    Parameters
+    ----------
+    unit : (n,) θ_s on the unit cube
+    deviations : (n,) standard deviation of each parameter there
+    fits : first states, and how far each trajectory is fitted, of each block
+    """
+
+    unit: NDArray[np.float64]
+    deviations: NDArray[np.float64]
+    fits: list[TrajectoryFits]
+
+
+class TrajectoryModel:
+    """Simulates observations near an estimate.
+
+    Parameters
+    ----------
+    cost : simulates the observations
+    space : maps the unit cube of the parameters to θ_s
+    influence : (n_observations, n) bool, which observation can depend on which parameter
+
+    Attributes
+    ----------
+    noise : m, standard deviation of an observed position on each axis
+    simulations : of single observations, so far
+    """
+
+    def __init__(self, cost: Cost, space: SearchSpace, influence: NDArray[np.bool_]) -> None:
+        self.cost = cost
+        self.space = space
+        self.influence = influence
+        self.noise = position_noise(cost.observations)
+        self.simulations = 0
+        self.blocks = observation_blocks(cost.observations, influence)
+        self._groups = separate_groups(influence)
+
+    def beginning(self, unit: NDArray[np.float64]) -> Estimate:
+        """Return what is believed before any step."""
+        deviations = np.full(unit.size, PRIOR_PRECISION**-0.5)
+        return Estimate(unit, deviations, [TrajectoryFits.beginning(b) for b in self.blocks])
+
+    def parts(self, estimate: Estimate) -> Iterator[tuple[ObservationBlock, TrajectoryFits]]:
+        """Yield blocks, with the points that are in sight, and their fits."""
+        for block, fit in zip(self.blocks, estimate.fits, strict=True):
+            yield block.shortened(fit.horizons + horizons.LARGEST_ADVANCE), fit
+
+    def linearised(self, estimate: Estimate, widening: float = 1.0) -> list[Linearisation]:
+        """Slopes over `widening` times the usual steps."""
+        deviations = widening * estimate.deviations
+        steps = ParameterSteps(estimate.unit, deviations, self._groups, self.space.to_parameters)
+        found = []
+        for block, part in self.parts(estimate):
+            until = np.minimum(part.horizons + horizons.LARGEST_ADVANCE, block.durations)
+            unknowns = part.estimate.shape[1] + block.parameters.shape[1]
+            self.simulations += block.members.size * (1 + 2 * unknowns)
+            found.append(
+                linearise(
+                    self.cost,
+                    block,
+                    part.estimate,
+                    widening * part.deviations,
+                    deviations,
+                    steps,
+                    until,
+                )
+            )
+        return found
+
+    def equations(
+        self, estimate: Estimate, linear: Sequence[Linearisation]
+    ) -> list[NormalEquations]:
+        """Set up the equations of each block with the points that are fitted."""
+        return [
+            NormalEquations.of(block, part.estimate, each, part.horizons, self.noise)
+            for (block, part), each in zip(self.parts(estimate), linear, strict=True)
+        ]
+
+    def posterior(
+        self, equations: Sequence[NormalEquations]
+    ) -> tuple[Posterior, list[Elimination]]:
+        """What is believed of the parameters, and how first states go with them."""
+        eliminated = [each.eliminated() for each in equations]
+        return Posterior.of(eliminated, self.space.size, PRIOR_PRECISION), eliminated
+
+    def scanned(
+        self, estimate: Estimate, linear: Sequence[Linearisation], levels: Sequence[float]
+    ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+        """Try each parameter at each level.
+
+        Returns
+        -------
+        rises : (n, n_levels) of the loss of the observations that each parameter influences
+        found : of each block, first states (q, n_levels, W, d) that suit them
+        """
+        each = np.tile(levels, (estimate.unit.size, 1))
+        candidates = ScanCandidates(estimate.unit, self._groups, self.space, each)
+        rises = np.zeros(candidates.index.shape)
+        found = []
+        for (block, part), slopes in zip(self.parts(estimate), linear, strict=True):
+            states, residuals = scanned_states(
+                self.cost, block, part.estimate, slopes, candidates, part.horizons, self.noise
+            )
+            self.simulations += 2 * len(states) * block.members.size
+            parameters = block.parameters.shape[1]
+            here = part.losses(block, part.estimate[None], slopes.residuals[None], self.noise)
+            there = part.losses(block, states, residuals, self.noise) - here
+            by_level = there.T.reshape(*block.parameters.shape, len(levels))
+            np.add.at(rises, block.parameters, by_level)
+            found.append(states.reshape(parameters, len(levels), *part.estimate.shape))
+        return rises, found

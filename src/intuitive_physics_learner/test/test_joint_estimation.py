@@ -233,7 +233,7 @@ def test_agreeing_halves_widen_nothing_and_others_do():
     np.testing.assert_allclose(agreed, deviations)
     apart = half([0.7, 0.5, 0.502, 0.501]), half([0.3, 0.5, 0.498, 0.499])
     agreed = agreed_deviations(unit, deviations, apart, FAMILIES)
-    # s = 0.2 itself; what is of the same family is doubted too.
+    # 0.2 off themselves; what is of the same family is doubted too.
     assert agreed[0] == pytest.approx(0.2)
     assert agreed[1] > agreed[2] >= deviations[2]
 

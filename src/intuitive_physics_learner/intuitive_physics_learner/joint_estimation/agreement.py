@@ -2,14 +2,14 @@
 
 Slopes at an estimate tell how well the data hold it there, not whether it settled beside a better
 one, as fits to chaotic motion may. Two halves share no observation, so such errors of theirs have
-nothing in common: they lie about the estimate by as much as it is wrong. Were all slopes right, the
-estimate u would be the mean of the halves' estimates a and b, weighted by 1/σ_a² and 1/σ_b², so
+nothing in common: they lie about the estimate by as much as it is wrong. Were all slopes right and
+the halves as good as each other, the estimate u would be the mean of the halves' estimates a and b,
+and a - u have the variance σ_a² - σ_u² = σ_a² / 2, that of u. By how much
 
-    s² = ((a - u)² + (b - u)²) / 2,    E s² = (σ_a⁴ + σ_b⁴) / (2 (σ_a² + σ_b²)),
+    r² = mean over the halves that tell anything of (a - u)² / (σ_a² / 2)
 
-the variance of u where the halves are as good as each other. By how much s is more than expected,
-uncertainties are widened. Nor can all the data tell more than both halves together: where slopes
-at u alone are sharp, it is the place that is peculiar.
+is more than one, uncertainties are widened. Nor can all the data tell more than both halves
+together: where slopes at u alone are sharp, it is the place that is peculiar.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ NORMAL_MEDIAN = 0.6745
 """Median of |x| for x of the standard normal distribution."""
 
 BEYOND_CHANCE = 2.0
-"""Of its expectation, from which on s itself is the uncertainty."""
+"""From this r on, how far the halves lie from the estimate is itself the uncertainty."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,21 +60,27 @@ def agreed_deviations(
     deviations : (n,) standard deviation of each parameter by slopes
     families : indices of parameters that are likely to err alike, each parameter in one
     """
-    first, second = halves
-    scatter = np.sqrt(0.5 * ((first.unit - unit) ** 2 + (second.unit - unit) ** 2))
-    variances = np.array([first.deviations, second.deviations]) ** 2
-    expected = np.sqrt((variances**2).sum(axis=0) / (2.0 * variances.sum(axis=0)))
-    told = (first.deviations < LARGEST_DEVIATION) & (second.deviations < LARGEST_DEVIATION)
-    ratios = np.where(told, scatter / expected, np.nan)
+    apart = np.array([(half.unit - unit) ** 2 for half in halves])
+    variances = np.array([half.deviations for half in halves]) ** 2
+    told = variances < LARGEST_DEVIATION**2
+    ratios = np.sqrt(_mean(apart / (0.5 * variances), told))
     pooled = (1.0 / variances).sum(axis=0) ** -0.5
     agreed = np.maximum(deviations * _family_factors(ratios, families), pooled)
+    scatter = np.sqrt(_mean(apart, told))
     return np.where(ratios > BEYOND_CHANCE, np.maximum(agreed, scatter), agreed)
+
+
+def _mean(values: NDArray[np.float64], counted: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Mean (n,) over the halves of values (2, n) that count; NaN where none does."""
+    total = np.where(counted, values, 0.0).sum(axis=0)
+    count = counted.sum(axis=0)
+    return np.divide(total, count, out=np.full(total.size, np.nan), where=count > 0)
 
 
 def _family_factors(
     ratios: NDArray[np.float64], families: Sequence[NDArray[np.int64]]
 ) -> NDArray[np.float64]:
-    """Factors (n,) of at least one from ratios (n,), NaN where a half tells nothing."""
+    """Factors (n,) of at least one from ratios (n,), NaN where no half tells anything."""
     known = np.isfinite(ratios)
     factors = np.ones(ratios.size)
     if not known.any():

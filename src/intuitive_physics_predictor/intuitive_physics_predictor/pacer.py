@@ -7,6 +7,10 @@ import threading
 import time
 from collections.abc import Callable
 
+LATEST = 0.5
+"""Of a period, that a tick may begin late: one that took a little too long costs none of those that
+take less."""
+
 
 class Pacer:
     """Calls `tick` at whole periods, in a thread of its own.
@@ -15,8 +19,8 @@ class Pacer:
 
     Parameters
     ----------
-    tick : called with the s it comes late and how many periods were left out before it because
-        the one before took too long; must not raise
+    tick : called with the s it comes late, up to half a period, and how many periods were left out
+        before it because the one before took too long; must not raise
     rate : 1/s
     """
 
@@ -57,7 +61,7 @@ class Pacer:
         while not self._waited_until(start + number * period, period):
             self._tick(time.monotonic() - start - number * period, left_out)
             behind = time.monotonic() - start - (number + 1) * period
-            left_out = max(0, math.floor(behind / period) + 1)
+            left_out = max(0, math.floor(behind / period - LATEST) + 1)
             number += 1 + left_out
 
     def _waited_until(self, due: float, period: float) -> bool:

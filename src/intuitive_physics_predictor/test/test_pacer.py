@@ -56,14 +56,24 @@ def test_ticks_are_due_at_whole_periods(paced):
 
 
 def test_a_long_tick_leaves_out_those_it_covers(paced):
-    # At 20 a second, a tick of 0.12 s covers the two after it and the third comes at 0.15 s.
-    ticks = Ticks(4, lambda number: time.sleep(0.12) if number == 2 else None)
+    # At 20 a second, a tick of 0.14 s covers the two after it: the second would begin 0.04 s late.
+    ticks = Ticks(4, lambda number: time.sleep(0.14) if number == 2 else None)
     paced(ticks, 20.0)
     ticks.wait()
     assert ticks.left_out[:2] == [0, 0]
     # On a machine that is busy it may be later still, never earlier.
     assert ticks.left_out[2] >= 2
     assert ticks.due[2] - ticks.due[1] == pytest.approx((1 + ticks.left_out[2]) / 20.0, abs=0.005)
+
+
+def test_a_tick_that_takes_a_little_too_long_delays_the_next_one_only(paced):
+    # At 4 a second, one of 0.3 s ends 0.05 s after the next is due; 0.125 s are tolerated.
+    ticks = Ticks(4, lambda number: time.sleep(0.3) if number == 2 else None)
+    paced(ticks, 4.0)
+    ticks.wait()
+    assert ticks.left_out[2] == 0
+    assert ticks.late[2] == pytest.approx(0.05, abs=0.04)
+    assert ticks.late[3] < 0.04
 
 
 def test_the_rate_may_change(paced):

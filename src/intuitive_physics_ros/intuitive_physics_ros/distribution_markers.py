@@ -36,7 +36,7 @@ def distribution_markers(
     ----------
     positions : (n_samples, n_objects, n_times, 3) m
     mean : (n_objects, n_times, 3) m
-    covariance : (n_objects, n_times, 3, 3) m²
+    covariance : (n_objects, n_times, 3, 3) m²; an ellipsoid is left out where one is not finite
     """
     markers = [clearing_marker()]
     for i in range(len(object_ids)):
@@ -48,7 +48,8 @@ def distribution_markers(
             trajectory_marker(middle, header, MEAN_COLOR, namespace="mean", id=i, width=MEAN_WIDTH),
         ]
         shown = np.linspace(0, mean.shape[1] - 1, ELLIPSOIDS + 1).round().astype(int)[1:]
-        for k in np.unique(shown):
+        finite = np.isfinite(mean[i]).all(axis=1) & np.isfinite(covariance[i]).all(axis=(1, 2))
+        for k in np.unique(shown[finite[shown]]):
             marker = _ellipsoid(mean[i, k], covariance[i, k])
             marker.header, marker.id = header, i * ELLIPSOIDS + len(markers)
             markers.append(marker)

@@ -49,6 +49,16 @@ def test_each_object_has_thin_samples_a_mean_and_ellipsoids():
         assert len({marker.id for marker in found}) == len(found)
 
 
+def test_what_is_not_finite_has_no_ellipsoid():
+    covariance = np.broadcast_to(np.eye(3) * 1e-4, (2, 101, 3, 3)).copy()
+    covariance[1, 60:] = np.nan
+    ellipsoids = [marker for marker in shown(covariance) if marker.ns == "covariance"]
+    # Of the second object's eight, evenly up to point 100, the first four are before point 60.
+    assert len(ellipsoids) == ELLIPSOIDS + 4
+    for marker in ellipsoids:
+        assert np.isfinite([marker.scale.x, marker.scale.y, marker.scale.z]).all()
+
+
 def test_many_samples_are_no_load_on_rviz():
     few, many = (
         sum(len(m.points) for m in shown(samples=n, objects=1, times=501)) for n in (20, 5000)

@@ -22,22 +22,17 @@ class Posterior:
     Parameters
     ----------
     covariance : (n, n) of the parameters, on the unit cube
-    scores : (n, n) sum over observations of the squares of what each one's score is
     """
 
     covariance: NDArray[np.float64]
-    scores: NDArray[np.float64]
 
     @staticmethod
     def of(eliminations: Sequence[Elimination], size: int, prior_precision: float) -> Posterior:
         """Put together what all observations tell."""
         information = prior_precision * np.eye(size)
-        scores = np.zeros((size, size))
         for part in eliminations:
             part.add_to(information, np.zeros(size))
-            rows, columns = part.parameters[:, :, None], part.parameters[:, None, :]
-            np.add.at(scores, (rows, columns), part.scores[:, :, None] * part.scores[:, None, :])
-        return Posterior(np.asarray(np.linalg.inv(information), dtype=np.float64), scores)
+        return Posterior(np.asarray(np.linalg.inv(information), dtype=np.float64))
 
     @property
     def deviations(self) -> NDArray[np.float64]:

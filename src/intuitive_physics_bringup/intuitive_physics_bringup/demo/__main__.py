@@ -44,6 +44,9 @@ LEAST_SHARE_SEEN = 0.75
 LARGEST_PERCEPTION_ERROR = 0.02
 LOWEST_RATE = 50.0
 
+SLOWER = 0.5
+"""Of the speed of a replay in which fewer were, at which it is repeated."""
+
 
 class DemoError(IntuitivePhysicsError):
     """A part of the demo did not do what it should."""
@@ -107,19 +110,27 @@ def run(options: Options, progress: Progress) -> dict[str, float]:
         suite.wait_until_up(peer)
         learner = learner_client(peer)
         progress.stage("perceiving: the bag is replayed to the nodes")
-        replay(bags / "throws", options.rate, suite, peer, progress)
-        seen = _understood(heard, truth)
-        progress.detail(f"{len(seen.observations)} of {options.throws} throws became observations")
+        published = 0
+        for rate in (options.rate, SLOWER * options.rate):
+            heard.clear()
+            replay(bags / "throws", rate, suite, peer, progress)
+            count = len(heard.observations)
+            published += count
+            progress.detail(f"{count} of {options.throws} throws became observations")
+            if count >= LEAST_SHARE_SEEN * options.throws:
+                break
+            progress.detail(f"so few at {rate:g} times real time: this machine may be too busy")
         _require(
-            len(seen.observations) >= LEAST_SHARE_SEEN * options.throws,
-            f"only {len(seen.observations)} of {options.throws} throws were observed",
+            count >= LEAST_SHARE_SEEN * options.throws,
+            f"only {count} of {options.throws} throws were observed",
         )
+        seen = _understood(heard, truth)
         progress.stage(f"learning by {options.method}")
         learned = learn(peer, learner, options.method, options.iterations, options.seed, progress)
         _require(
-            learned.parameters.observation_count == len(seen.observations),
+            learned.parameters.observation_count == published,
             f"the learner learned from {learned.parameters.observation_count} observations, "
-            f"{len(seen.observations)} were published",
+            f"{published} were published",
         )
         heard.clear()
         progress.stage("predicting a throw that was not learned from")

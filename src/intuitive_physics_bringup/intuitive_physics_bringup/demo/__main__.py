@@ -120,10 +120,8 @@ def run(options: Options, progress: Progress) -> dict[str, float]:
             if count >= LEAST_SHARE_SEEN * options.throws:
                 break
             progress.detail(f"so few at {rate:g} times real time: this machine may be too busy")
-        _require(
-            count >= LEAST_SHARE_SEEN * options.throws,
-            f"only {count} of {options.throws} throws were observed",
-        )
+        else:
+            raise DemoError(f"only {count} of {options.throws} throws were observed")
         seen = _understood(heard, truth)
         progress.stage(f"learning by {options.method}")
         learned = learn(peer, learner, options.method, options.iterations, options.seed, progress)

@@ -21,12 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics_learner.identifiability import LARGEST_DEVIATION
+from intuitive_physics_learner.joint_estimation.noise import NORMAL_MEDIAN
 
 PRIOR_DISAGREEMENTS = 3.0
 """A parameter's own family of disagreements counts against this many of all parameters."""
-
-NORMAL_MEDIAN = 0.6745
-"""Median of |x| for x of the standard normal distribution."""
 
 BEYOND_CHANCE = 2.0
 """From this r on, how far the halves lie from the estimate is itself the uncertainty."""

@@ -143,8 +143,8 @@ class ClusterCost(Cost):
         super().__init__(observations, materials)
         self._client = client
         self._threads = max(1, sum(client.nthreads().values()))
-        local = TrajectoryCost(self.observations, simulator, self.materials)
-        self._there = self._guarded(lambda: client.scatter(local, broadcast=True, hash=False))
+        self._local = TrajectoryCost(self.observations, simulator, self.materials)
+        self._there = self._guarded(self._sent)
 
     @property
     def largest_share(self) -> int:
@@ -169,7 +169,23 @@ class ClusterCost(Cost):
             answers: list[NDArray[np.float64]] = self._client.gather(futures)
             return answers
 
-        return np.concatenate(self._guarded(ask))
+        def ask_again_if_lost() -> list[NDArray[np.float64]]:
+            try:
+                return ask()
+            except CancelledError:
+                if self._client.status != "running":
+                    raise
+                # Dask reduces copies to one after some seconds, and the worker that held it died.
+                self._there = self._sent()
+                return ask()
+
+        return np.concatenate(self._guarded(ask_again_if_lost))
+
+    def _sent(self) -> Any:
+        """The observations on all workers."""
+        return self._client.scatter(
+            self._local, broadcast=True, hash=False, timeout=CONNECT_TIMEOUT
+        )
 
     def _guarded(self, call: Callable[[], Any]) -> Any:
         distributed = _distributed()

@@ -59,6 +59,8 @@ def call_in_all_ways(simulator, scenes):
     simulator.rollout_batch(worlds.crossed([theta] * 100), [0.1], orientations=False)
     simulator.rollout_batch(worlds.taken(np.array([1, 0])), [0.1])
     one = pack_worlds(scenes[:1], theta)
+    view = np.ones((3, 2, 1)) * one.states
+    simulator.rollout_batch(one.taken(np.zeros(3, dtype=np.int64), states=view[:, :1]), [0.1])
     states = np.asfortranarray(np.repeat(one.states, 3, axis=0), dtype=np.float32)
     simulator.rollout_batch(one.repeated(states, [theta] * 3), [0.1])
 

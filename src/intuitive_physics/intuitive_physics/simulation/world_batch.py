@@ -157,7 +157,9 @@ class WorldBatch:
         own: dict[str, Any] = {
             name: getattr(self, name)[worlds] for name in per_world if name not in changes
         }
-        return replace(self, **own, **changes)
+        # Kernels are compiled for whole arrays, not for views that leave something out.
+        whole = {name: np.ascontiguousarray(changed) for name, changed in changes.items()}
+        return replace(self, **own, **whole)
 
 
 def pack_worlds(

@@ -1,8 +1,8 @@
-"""A step of a body that meets nothing, or of a sphere that stays on one plane.
+"""A step of a body that meets nothing, or of a sphere or a lying capsule that stays on one plane.
 
-These are most of all steps. They do what the general way (`parts`) does with no contact or one;
+These are most of all steps. They do what the general way (`parts`) does with few contacts or none;
 but for a sphere, whose normal passes through its centre, the impulses that `solver` searches can
-be written down.
+be written down, as they can for a capsule that rolls (`lying_capsule`).
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from intuitive_physics.simulation.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.stepped.collision import MARGIN, OVERLAP
 from intuitive_physics.simulation.stepped.contacts import STEADY, STICK_SPEED
+from intuitive_physics.simulation.stepped.lying_capsule import lies_on, roll_lying
 from intuitive_physics.simulation.stepped.motion import (
     begin,
     finish,
@@ -38,7 +39,7 @@ from intuitive_physics.simulation.vectors import (
     sub,
     tangential,
 )
-from intuitive_physics.simulation.world_batch import SPHERE
+from intuitive_physics.simulation.world_batch import CAPSULE, SPHERE
 
 FLIES, MEETS_MORE = -1, -2
 
@@ -49,7 +50,7 @@ def step_lone_body(world, i, start, duration):
 
     Returns
     -------
-    False, with nothing changed, where more may happen than flight or a sphere's stay on a plane.
+    False, with nothing changed, where more may happen than flight or a stay on a plane.
     """
     body = body_at(world, i)
     p = _plane_below(world, body, duration)
@@ -74,7 +75,7 @@ def step_lone_body(world, i, start, duration):
 
 @kernel
 def _plane_below(world, body, duration):
-    """Index of the plane that a sphere touches, where it can reach no other in a step, or FLIES."""
+    """Index of the plane a body lies on, where it can reach no other in a step, or FLIES."""
     position, velocity = load(body.position), load(body.velocity)
     gravity = load(world.gravity)
     way = duration * (norm(velocity) + duration * world.gravity_size) + MARGIN
@@ -93,7 +94,7 @@ def _plane_below(world, body, duration):
             stays_free = False
             closing = dot(n, velocity) + 0.5 * duration * min(0.0, dot(n, gravity))
             flies_free = flies_free and gap + duration * min(0.0, closing) > 0.0
-        elif body.kind == SPHERE and touched == FLIES and gap >= -OVERLAP:
+        elif touched == FLIES and _lies_on(body, plane, gap):
             touched = p
         else:
             return MEETS_MORE
@@ -101,9 +102,21 @@ def _plane_below(world, body, duration):
     return touched if free else MEETS_MORE
 
 
+@fast_inlined
+def _lies_on(body, plane, gap):
+    return gap >= -OVERLAP if body.kind == SPHERE else lies_on(body, plane)
+
+
 @kernel
 def _press(world, body, plane, duration):
-    """Give the sphere the velocities that it has after a step on a plane; whether it stays."""
+    """Give the body the velocities that it has after a step on a plane; whether it stays."""
+    if body.kind == CAPSULE:
+        return roll_lying(world, body, plane, duration)
+    return _press_sphere(world, body, plane, duration)
+
+
+@kernel
+def _press_sphere(world, body, plane, duration):
     n = load(plane.normal)
     velocity, spin = load(body.velocity), load(body.spin)
     gap = dot(n, load(body.position)) - plane.offset - body.radius

@@ -125,6 +125,8 @@ def roll_worlds(
         world.coefficients = coefficients[c].ctypes.data
         set_noise(world, contact_noise, noise_keys[w])
         world.end = row[wanted - 1]
+        for k in range(contacts.size):
+            contacts[k].until = -1.0
         status[w] = _roll_world(world, row[:wanted], max_events, positions[w], orientations[w])
 
 

@@ -103,6 +103,7 @@ CONTACT = np.dtype(
         ("normal_impulse", "f8"),  # N s, as are the next two, times m
         ("friction", "f8", 3),
         ("torque", "f8", 3),
+        ("until", "f8"),  # s, end of the step that the impulses are of, below zero if of none
     ],
     align=True,
 )

@@ -14,8 +14,8 @@ Two questions are asked of every parameter at the optimum θ_s of a search:
 
    The residuals of one trajectory are alike from one point to the next (an error of the first
    state moves them all), so they count as n / τ independent ones, τ being their integrated
-   autocorrelation time. A parameter whose standard deviation is not below half of that of its
-   bounds alone was not learned from the data either.
+   autocorrelation time. No deviation is below what its `reach` says. A parameter whose standard
+   deviation is not below half of that of its bounds alone was not learned from the data either.
 
 Both take a handful of simulations for each parameter of each observation that can depend on it.
 """
@@ -35,6 +35,7 @@ from intuitive_physics_learner.cached_cost import CachedCost
 from intuitive_physics_learner.cost import FAILED_DISTANCE, Cost
 from intuitive_physics_learner.errors import LearningCancelledError
 from intuitive_physics_learner.parameter_axes import ParameterAxes
+from intuitive_physics_learner.reach import ROUNDS, reach_deviations
 from intuitive_physics_learner.search import LARGEST_BATCH
 from intuitive_physics_learner.trials import Trials
 
@@ -83,7 +84,7 @@ def identification_trials(influence: NDArray[np.bool_]) -> int:
     ----------
     influence : (n_observations, |θ_s|) bool, of the parameters that are asked about
     """
-    return 2 * len(influence) + (len(SCAN_LEVELS) + 2) * int(influence.sum())
+    return 2 * len(influence) + (len(SCAN_LEVELS) + 2 + 2 * ROUNDS) * int(influence.sum())
 
 
 def identify(
@@ -116,7 +117,8 @@ def identify(
     asked = np.arange(axes.size) if active is None else np.flatnonzero(active)
     changes = np.zeros((axes.size, len(SCAN_LEVELS)))
     # Most parameters are of few observations, and only these are simulated again.
-    changes[asked] = _cost_changes(CachedCost(cost), axes, asked, parameters, cancelled)
+    saving = CachedCost(cost)
+    changes[asked] = _cost_changes(saving, axes, asked, parameters, cancelled)
     threshold = max(SMALLEST_RESPONSE, RESPONSE_THRESHOLD * noise.cost_standard_error)
     rising = np.flatnonzero(changes.max(axis=1) > threshold)
     deviations = np.full(axes.size, np.inf)
@@ -125,6 +127,10 @@ def identify(
         information = squares / noise.effective_variance(rising.size)
         covariance = np.linalg.inv(information + PRIOR_PRECISION * np.eye(rising.size))
         deviations[rising] = np.sqrt(np.diag(covariance))
+        told = reach_deviations(
+            saving, axes, parameters, influence, deviations, lambda: _stop_if(cancelled)
+        )
+        deviations = np.maximum(deviations, told)
     identified = deviations < LARGEST_DEVIATION
     deviations[~identified] = np.nan
     return Identifiability(

@@ -53,14 +53,22 @@ class ParameterAxes:
 
     def moved(self, axis: int, place: float) -> StaticParameters:
         """Return θ_s with one parameter at another place on its axis, between lower and upper."""
+        return self.dragged(axis, float(np.clip(place, self.lower[axis], self.upper[axis])))
+
+    def dragged(self, axis: int, place: float) -> StaticParameters:
+        """Return θ_s with one parameter anywhere within its bounds, place 0 to 1.
+
+        The other friction of its pair comes along where μ_d ≤ μ_s leaves no room.
+        """
         vector = self._vector.copy()
-        place = float(np.clip(place, self.lower[axis], self.upper[axis]))
         vector[axis] = _value(self._bounds[axis], place)
-        m = len(self._materials)
+        m, kinds = len(self._materials), len(PAIR_COEFFICIENTS)
         if axis >= m:
-            # Rounding must not put μ_d above μ_s.
-            static = m + (axis - m) // len(PAIR_COEFFICIENTS) * len(PAIR_COEFFICIENTS)
-            vector[static] = max(vector[static], vector[static + 1])
+            static = m + (axis - m) // kinds * kinds
+            if axis == static:
+                vector[static + 1] = min(vector[static + 1], vector[static])
+            else:
+                vector[static] = max(vector[static], vector[static + 1])
         return parameters_of_vector(self._materials, vector)
 
     def _to_axes(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -158,7 +158,9 @@ class WorldBatch:
             name: getattr(self, name)[worlds] for name in per_world if name not in changes
         }
         # Kernels are compiled for whole arrays, not for views that leave something out.
-        whole = {name: np.ascontiguousarray(changed) for name, changed in changes.items()}
+        whole: dict[str, Any] = {
+            name: np.ascontiguousarray(changed) for name, changed in changes.items()
+        }
         return replace(self, **own, **whole)
 
 

@@ -1,0 +1,90 @@
+"""How far a parameter can be moved away from an optimum with J as good as there.
+
+The slopes of the residuals at an optimum tell too much where the simulation lacks an effect, or
+where J has a kink: a ball that does not slip at one dynamic friction slips at no larger one either,
+and J stays the same up to the bound. So each parameter is moved outwards until J rises by more than
+its observations disagree about, which is the standard error of the mean of their changes. A number
+that may lie anywhere within a reach L has a standard deviation of L / √3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics_learner.cost import FAILED_DISTANCE, Cost
+from intuitive_physics_learner.parameter_axes import ParameterAxes
+
+AS_GOOD = 1.2
+"""Standard errors by which J may rise. With one observation that is worse among others that do not
+care it rises by exactly one."""
+
+SMALLEST_RISE = 1e-9
+"""m; a change of J below this is rounding."""
+
+UNIFORM = np.sqrt(3.0)
+"""How many standard deviations a number may be off that may be anywhere up to there."""
+
+ROUNDS = 5
+"""Of moving outwards …"""
+
+GROWTH = 3.0
+"""… so many times as far as in the round before."""
+
+
+def reach_deviations(
+    cost: Cost,
+    axes: ParameterAxes,
+    parameters: StaticParameters,
+    influence: NDArray[np.bool_],
+    deviations: NDArray[np.float64],
+    on_batch: Callable[[], None],
+) -> NDArray[np.float64]:
+    """Return the standard deviations that reaches stand for, on the axes, zero where there is none.
+
+    Parameters
+    ----------
+    cost : J over the observations
+    axes : through the optimum
+    parameters : θ_s of the optimum
+    influence : (n_observations, |θ_s|) bool
+    deviations : (|θ_s|,) on the axes, those that slopes tell; infinite for what is not looked at
+    on_batch : called before each batch of simulations; may raise
+    """
+    at_optimum = cost.observation_costs([parameters])[0]
+    looked = np.flatnonzero(np.isfinite(deviations))
+    chosen = np.repeat(looked, 2)
+    ways = np.tile([-UNIFORM, UNIFORM], looked.size) * deviations[chosen]
+    found = np.zeros(axes.size)
+    for _ in range(ROUNDS):
+        places = np.clip(axes.origin[chosen] + ways, 0.0, 1.0)
+        distances = np.abs(places - axes.origin[chosen])
+        going = distances > 0.0
+        chosen, ways, places = chosen[going], ways[going], places[going]
+        if chosen.size == 0:
+            break
+        on_batch()
+        moves = [axes.dragged(int(axis), z) for axis, z in zip(chosen, places, strict=True)]
+        rises = cost.observation_costs(moves) - at_optimum
+        good = np.array(
+            [is_as_good(rise[influence[:, k]]) for rise, k in zip(rises, chosen, strict=True)]
+        )
+        chosen, ways, places = chosen[good], ways[good], places[good]
+        np.maximum.at(found, chosen, np.abs(places - axes.origin[chosen]) / UNIFORM)
+        inside = (places > 0.0) & (places < 1.0)
+        chosen, ways = chosen[inside], GROWTH * ways[inside]
+    return found
+
+
+def is_as_good(rises: NDArray[np.float64]) -> bool:
+    """Whether observations whose costs rise so (m) do not agree that they do.
+
+    A world that the engine cannot finish is not as good.
+    """
+    if (rises > 0.5 * FAILED_DISTANCE).any():
+        return False
+    error = rises.std(ddof=1) / np.sqrt(rises.size) if rises.size > 1 else 0.0
+    return bool(rises.mean() <= max(SMALLEST_RISE, AS_GOOD * error))

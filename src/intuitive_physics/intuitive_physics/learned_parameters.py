@@ -35,6 +35,8 @@ class LearnedParameters:
     cost : J in m over the observations it was learned from (Eq. 8); NaN when there were none
     observation_count : number of those observations
     method : name of the update rule that found it, "" for version 0
+    intervals : (|θ_s|, 2) lower and upper end of where J is as good, for parameters that the
+        observations bound less to one side than the standard deviation says; NaN for all others
     """
 
     parameters: StaticParameters
@@ -44,6 +46,7 @@ class LearnedParameters:
     cost: float
     observation_count: int
     method: str
+    intervals: NDArray[np.float64]
 
     def __init__(
         self,
@@ -54,6 +57,7 @@ class LearnedParameters:
         cost: float,
         observation_count: int,
         method: str,
+        intervals: ArrayLike | None = None,
     ) -> None:
         size = len(parameter_names(parameters.materials))
         deviations = _vector(standard_deviations, "standard deviations", size, np.float64)
@@ -71,6 +75,7 @@ class LearnedParameters:
             self, "observation_count", _count(observation_count, "observation count")
         )
         object.__setattr__(self, "method", str(method))
+        object.__setattr__(self, "intervals", _intervals(intervals, size))
 
     @staticmethod
     def defaults(materials: Sequence[str]) -> LearnedParameters:
@@ -102,6 +107,8 @@ class LearnedParameters:
         identified = np.zeros(len(place), dtype=bool)
         deviations[new] = self.standard_deviations[old]
         identified[new] = self.identified[old]
+        intervals = np.full((len(place), 2), np.nan)
+        intervals[new] = self.intervals[old]
         return LearnedParameters(
             self.parameters.extended(materials),
             deviations,
@@ -110,6 +117,7 @@ class LearnedParameters:
             self.cost,
             self.observation_count,
             self.method,
+            intervals,
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -128,6 +136,11 @@ class LearnedParameters:
                 for name, sigma in zip(names, self.standard_deviations, strict=True)
             },
             "identified": [name for name, yes in zip(names, self.identified, strict=True) if yes],
+            "intervals": {
+                name: ends.tolist()
+                for name, ends in zip(names, self.intervals, strict=True)
+                if not np.isnan(ends).any()
+            },
         }
 
     @staticmethod
@@ -148,8 +161,8 @@ class LearnedParameters:
             parameters = _in_order(data["parameters"], data["materials"])
             names = parameter_names(parameters.materials)
             deviations = [_nan_for_none(data["standard_deviations"][name]) for name in names]
-            known = set(data["identified"])
-            unknown = sorted(known - set(names))
+            known, ends = set(data["identified"]), dict(data.get("intervals", {}))
+            unknown = sorted((known | set(ends)) - set(names))
             if unknown:
                 raise InvalidInputError(
                     f"{unknown[0]!r} is said to be identified; expected names of parameters of "
@@ -163,6 +176,7 @@ class LearnedParameters:
                 _nan_for_none(data["cost"]),
                 data["observation_count"],
                 data["method"],
+                [ends.get(name, [np.nan, np.nan]) for name in names],
             )
         except (KeyError, TypeError) as error:
             raise InvalidInputError(
@@ -203,6 +217,29 @@ def _vector(value: ArrayLike, name: str, size: int, kind: type) -> NDArray[Any]:
         )
     array.setflags(write=False)
     return array
+
+
+def _intervals(value: ArrayLike | None, size: int) -> NDArray[np.float64]:
+    try:
+        ends = np.array(np.full((size, 2), np.nan) if value is None else value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidInputError(
+            f"intervals are {value!r:.80}; expected {size} pairs of numbers, one for each parameter"
+        ) from None
+    if ends.shape != (size, 2):
+        raise InvalidInputError(
+            f"intervals have shape {ends.shape}; expected ({size}, 2), two ends for each parameter"
+        )
+    wrong = ~np.isnan(ends).all(axis=1) & ~(
+        np.isfinite(ends).all(axis=1) & (ends[:, 0] <= ends[:, 1])
+    )
+    if wrong.any():
+        raise InvalidInputError(
+            f"interval is {ends[wrong][0].tolist()}; expected two finite numbers that do not fall, "
+            "or NaN twice"
+        )
+    ends.setflags(write=False)
+    return ends
 
 
 def _count(value: Any, name: str) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from intuitive_physics.materials import PAIR_COEFFICIENTS, parameter_names
 from intuitive_physics.parameter_space import parameter_vector
@@ -67,9 +68,23 @@ def _draw_parameter(
     deviation = np.nan_to_num(learned.standard_deviations[index])
     axes.plot(learning.true.pair(*pair)[coefficient], y, "|", color=TRUE, ms=16, mew=2.2)
     if learned.identified[index]:
-        axes.errorbar(value, y, xerr=deviation, fmt="o", color=PREDICTED, ms=6, capsize=0)
+        axes.errorbar(
+            value,
+            y,
+            xerr=_reach(value, deviation, learned.intervals[index]),
+            fmt="o",
+            color=PREDICTED,
+            ms=6,
+            capsize=0,
+        )
     else:
         axes.plot(value, y, "o", mfc="white", color=DEFAULT, ms=6)
+
+
+def _reach(value: float, deviation: float, ends: NDArray[np.float64]) -> list[list[float]]:
+    """How far the bar goes down and up: a standard deviation, or to where J is as good."""
+    low, high = np.fmin(value - deviation, ends[0]), np.fmax(value + deviation, ends[1])
+    return [[value - float(low)], [float(high) - value]]
 
 
 def identified_pairs(learning: LearningOutcome) -> list[tuple[str, str]]:

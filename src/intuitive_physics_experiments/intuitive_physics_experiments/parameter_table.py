@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import (
     PAIR_COEFFICIENTS,
@@ -17,21 +19,18 @@ NEAR_BOUND = 0.01
 
 
 def parameter_table(learned: LearnedParameters) -> str:
-    """Return a table of the identified parameters, and a line that names the others.
-
-    A parameter on a bound tells of an effect that the model lacks, or of bounds too narrow.
-    """
+    """Return a table of the identified parameters, and a line that names the others."""
     names = parameter_names(learned.materials)
     values = parameter_vector(learned.parameters)
     defaults = parameter_vector(StaticParameters.uniform(learned.materials))
-    on_bound = bound_notes(learned)
+    notes = parameter_notes(learned)
     rows = [
         [
             name,
             f"{values[i]:.4g}",
             f"{learned.standard_deviations[i]:.2g}",
             f"{defaults[i]:.4g}",
-            on_bound[i],
+            notes[i],
         ]
         for i, name in enumerate(names)
         if learned.identified[i]
@@ -41,18 +40,25 @@ def parameter_table(learned: LearnedParameters) -> str:
     return f"{table}\nnot identified: {'; '.join(unknown)}" if unknown else table
 
 
-def bound_notes(learned: LearnedParameters) -> list[str]:
-    """A note for each parameter that the search pressed against a default bound."""
+def parameter_notes(learned: LearnedParameters) -> list[str]:
+    """A note for each parameter of which the standard deviation does not tell all.
+
+    One that the search pressed against a default bound tells of an effect that the model lacks, or
+    of bounds too narrow. One of which the observations tell less to one side is as good between two
+    ends.
+    """
     unit = ParameterSpace(learned.materials).to_unit(learned.parameters)
     notes = []
-    for name, place in zip(parameter_names(learned.materials), unit, strict=True):
+    for name, place, (low, high) in zip(
+        parameter_names(learned.materials), unit, learned.intervals, strict=True
+    ):
         if place < NEAR_BOUND:
             notes.append("on its lower bound")
         # The upper end of dynamic friction is the pair's static friction.
         elif place > 1.0 - NEAR_BOUND and not name.startswith("dynamic_friction"):
             notes.append("on its upper bound")
         else:
-            notes.append("")
+            notes.append("" if np.isnan(low) else f"as good: {low:.2g} to {high:.2g}")
     return notes
 
 

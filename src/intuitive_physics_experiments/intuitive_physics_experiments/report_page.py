@@ -14,7 +14,7 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.parameter_space import parameter_vector
 from intuitive_physics_experiments.figure_style import STYLE
-from intuitive_physics_experiments.parameter_table import bound_notes, unidentified
+from intuitive_physics_experiments.parameter_table import parameter_notes, unidentified
 
 RESOLUTION = 150
 QUANTILE_95 = 1.96
@@ -100,11 +100,13 @@ def parameter_section(learned: LearnedParameters, true: StaticParameters | None 
     values = parameter_vector(learned.parameters)
     default = parameter_vector(StaticParameters.uniform(learned.materials))
     known = None if true is None else parameter_vector(true.extended(learned.materials))
-    notes = bound_notes(learned)
+    notes = parameter_notes(learned)
     rows = []
     for i in np.flatnonzero(learned.identified):
         row = [names[i], f"{values[i]:.4g}"]
-        row += _spread(names[i], values[i], learned.standard_deviations[i])
+        row += _spread(
+            names[i], values[i], learned.standard_deviations[i], learned.intervals[i].tolist()
+        )
         row += [] if known is None else [f"{known[i]:.4g}"]
         rows.append([*row, f"{default[i]:.4g}", notes[i]])
     header = ["parameter", "learned", "± σ", "95 % interval"]
@@ -145,12 +147,14 @@ def png(size: tuple[float, float], draw: Callable[[Any], None]) -> bytes:
     return buffer.getvalue()
 
 
-def _spread(name: str, value: float, deviation: float) -> list[str]:
+def _spread(name: str, value: float, deviation: float, ends: Sequence[float]) -> list[str]:
     """Standard deviation and 95 % interval, within what the parameter can be."""
     if np.isnan(deviation):
         return ["", ""]
     low = max(value - QUANTILE_95 * deviation, 0.0)
     high = value + QUANTILE_95 * deviation
+    # As good up to an end that is farther away.
+    low, high = float(np.fmin(low, ends[0])), float(np.fmax(high, ends[1]))
     if name.startswith("restitution"):
         high = min(high, 1.0)
     return [f"{deviation:.2g}", f"{low:.3g} to {high:.3g}"]

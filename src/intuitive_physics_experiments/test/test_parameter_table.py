@@ -13,7 +13,9 @@ def learned(*identified: str) -> LearnedParameters:
     parameters = StaticParameters.uniform(MATERIALS, restitution=0.8, rolling_friction=0.2)
     known = [name in identified for name in parameter_names(MATERIALS)]
     deviations = np.where(known, 0.01, np.nan)
-    return LearnedParameters(parameters, deviations, known, 1, 0.02, 3, "cma_es")
+    ends = np.full((len(known), 2), np.nan)
+    ends[parameter_names(MATERIALS).index("dynamic_friction[ball, table]")] = 0.35, 1.0
+    return LearnedParameters(parameters, deviations, known, 1, 0.02, 3, "cma_es", ends)
 
 
 def test_what_is_known_is_a_row_and_a_bound_is_told() -> None:
@@ -23,6 +25,11 @@ def test_what_is_known_is_a_row_and_a_bound_is_told() -> None:
     rows = {line.split("  ")[0]: line for line in table}
     assert rows["restitution[ball, table]"].split()[2:] == ["0.8", "0.01", "0.5"]
     assert rows["rolling_friction[ball, table]"].endswith("on its upper bound")
+
+
+def test_ends_are_told_beside_the_deviation() -> None:
+    table = parameter_table(learned("dynamic_friction[ball, table]")).splitlines()
+    assert table[2].endswith("as good: 0.35 to 1")
 
 
 def test_what_is_not_known_is_named_once() -> None:

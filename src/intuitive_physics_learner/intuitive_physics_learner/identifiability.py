@@ -1,6 +1,6 @@
 """Which parameters the observations can tell, and how well.
 
-Two questions are asked of every parameter at the optimum θ_s of a search:
+Three questions are asked of every parameter at the optimum θ_s of a search:
 
 1. Does J respond? Each parameter is moved over its bounds, all others kept. Where J never rises by
    more than twice its own standard error, the observations cannot tell the parameter: the density
@@ -14,10 +14,13 @@ Two questions are asked of every parameter at the optimum θ_s of a search:
 
    The residuals of one trajectory are alike from one point to the next (an error of the first
    state moves them all), so they count as n / τ independent ones, τ being their integrated
-   autocorrelation time. No deviation is below what its `reach` says. A parameter whose standard
-   deviation is not below half of that of its bounds alone was not learned from the data either.
+   autocorrelation time. A parameter whose standard deviation is not below half of that of its
+   bounds alone was not learned from the data either.
+3. How far is J as good (see `reach`)? The deviation of a parameter that can be moved by L both ways
+   is at least L / √3. One that can be moved farther to one side than to the other, such as a
+   friction that only has to be large enough, has an interval besides.
 
-Both take a handful of simulations for each parameter of each observation that can depend on it.
+All take a handful of simulations for each parameter of each observation that can depend on it.
 """
 
 from __future__ import annotations
@@ -35,7 +38,7 @@ from intuitive_physics_learner.cached_cost import CachedCost
 from intuitive_physics_learner.cost import FAILED_DISTANCE, Cost
 from intuitive_physics_learner.errors import LearningCancelledError
 from intuitive_physics_learner.parameter_axes import ParameterAxes
-from intuitive_physics_learner.reach import ROUNDS, reach_deviations
+from intuitive_physics_learner.reach import ROUNDS, UNIFORM, reaches
 from intuitive_physics_learner.search import LARGEST_BATCH
 from intuitive_physics_learner.trials import Trials
 
@@ -54,6 +57,9 @@ SMALLEST_RESPONSE = 1e-9
 SMALLEST_NOISE = 1e-4
 """m; no camera measures better, and the numbers below stay well conditioned."""
 
+ONE_SIDED = 2.0 * UNIFORM
+"""Standard deviations beyond which J is not expected to be as good."""
+
 PRIOR_PRECISION = 12.0
 """One over the variance of a number known only to lie within the unit interval."""
 
@@ -70,11 +76,13 @@ class Identifiability:
     responsive : (|θ_s|,) bool, whether J depends on the parameter at all, within its bounds
     identified : (|θ_s|,) bool
     standard_deviations : (|θ_s|,) in the parameter's SI unit, NaN where not identified
+    intervals : (|θ_s|, 2) as `LearnedParameters.intervals`
     """
 
     responsive: NDArray[np.bool_]
     identified: NDArray[np.bool_]
     standard_deviations: NDArray[np.float64]
+    intervals: NDArray[np.float64]
 
 
 def identification_trials(influence: NDArray[np.bool_]) -> int:
@@ -127,15 +135,28 @@ def identify(
         information = squares / noise.effective_variance(rising.size)
         covariance = np.linalg.inv(information + PRIOR_PRECISION * np.eye(rising.size))
         deviations[rising] = np.sqrt(np.diag(covariance))
-        told = reach_deviations(
-            saving, axes, parameters, influence, deviations, lambda: _stop_if(cancelled)
-        )
-        deviations = np.maximum(deviations, told)
+    moved = reaches(saving, axes, parameters, influence, deviations, lambda: _stop_if(cancelled))
+    deviations = np.maximum(deviations, moved.min(axis=1) / UNIFORM)
     identified = deviations < LARGEST_DEVIATION
     deviations[~identified] = np.nan
     return Identifiability(
-        np.abs(changes).max(axis=1) > SMALLEST_RESPONSE, identified, deviations * axes.slopes
+        np.abs(changes).max(axis=1) > SMALLEST_RESPONSE,
+        identified,
+        deviations * axes.slopes,
+        _intervals(axes, moved, deviations),
     )
+
+
+def _intervals(
+    axes: ParameterAxes, moved: NDArray[np.float64], deviations: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Ends (|θ_s|, 2) of where J is as good, in SI units; NaN where deviations, on the axes, do."""
+    ends = np.full((axes.size, 2), np.nan)
+    for axis in np.flatnonzero(moved.max(axis=1) > ONE_SIDED * deviations):
+        way = np.maximum(moved[axis], UNIFORM * deviations[axis])
+        low, high = np.clip(axes.origin[axis] + way * (-1.0, 1.0), 0.0, 1.0)
+        ends[axis] = axes.value(int(axis), low), axes.value(int(axis), high)
+    return ends
 
 
 class _Noise:

@@ -124,15 +124,9 @@ def learn(
     if found.stop_reason is StopReason.CANCELLED:
         raise LearningCancelledError("learning was cancelled; nothing was stored")
     parameters, told = task.judge(search, found, cancelled, began)
+    cost = float(task.cost.costs([parameters])[0])
     return LearningResult(
-        LearnedParameters(
-            *_merged(previous, parameters, told),
-            version=previous.version + 1,
-            cost=float(task.cost.costs([parameters])[0]),
-            observation_count=len(observations),
-            method=options.method,
-        ),
-        found,
+        _merged(previous, parameters, told, cost, len(observations), options.method), found
     )
 
 
@@ -295,16 +289,32 @@ def _without_accidents(
 
 
 def _merged(
-    previous: LearnedParameters, parameters: StaticParameters, told: Identifiability
-) -> tuple[StaticParameters, NDArray[np.float64], NDArray[np.bool_]]:
-    """θ_s over all known materials, with standard deviations and what is identified."""
+    previous: LearnedParameters,
+    parameters: StaticParameters,
+    told: Identifiability,
+    cost: float,
+    observation_count: int,
+    method: str,
+) -> LearnedParameters:
+    """The next version of θ_s, over all known materials."""
     place = {name: i for i, name in enumerate(parameter_names(previous.materials))}
     searched = np.array([place[name] for name in parameter_names(parameters.materials)])
     values = parameter_vector(previous.parameters)
     deviations = previous.standard_deviations.copy()
     identified = previous.identified.copy()
+    intervals = previous.intervals.copy()
     values[searched] = parameter_vector(parameters)
     judged = searched[told.responsive]
     deviations[judged] = told.standard_deviations[told.responsive]
     identified[judged] = told.identified[told.responsive]
-    return parameters_of_vector(previous.materials, values), deviations, identified
+    intervals[judged] = told.intervals[told.responsive]
+    return LearnedParameters(
+        parameters_of_vector(previous.materials, values),
+        deviations,
+        identified,
+        previous.version + 1,
+        cost,
+        observation_count,
+        method,
+        intervals,
+    )

@@ -71,6 +71,10 @@ class ParameterAxes:
                 vector[static] = max(vector[static], vector[static + 1])
         return parameters_of_vector(self._materials, vector)
 
+    def value(self, axis: int, place: float) -> float:
+        """Return the parameter, in its SI unit, at a place of its axis."""
+        return _value(self._bounds[axis], place)
+
     def _to_axes(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.array([_place(b, v) for b, v in zip(self._bounds, vector, strict=True)])
 

@@ -1,10 +1,9 @@
-"""How far a parameter can be moved away from an optimum with J as good as there.
+"""How far a parameter can be moved away from an optimum, either way, with J as good as there.
 
 The slopes of the residuals at an optimum tell too much where the simulation lacks an effect, or
 where J has a kink: a ball that does not slip at one dynamic friction slips at no larger one either,
 and J stays the same up to the bound. So each parameter is moved outwards until J rises by more than
-its observations disagree about, which is the standard error of the mean of their changes. A number
-that may lie anywhere within a reach L has a standard deviation of L / √3.
+its observations disagree about, which is the standard error of the mean of their changes.
 """
 
 from __future__ import annotations
@@ -20,13 +19,17 @@ from intuitive_physics_learner.parameter_axes import ParameterAxes
 
 AS_GOOD = 1.2
 """Standard errors by which J may rise. With one observation that is worse among others that do not
-care it rises by exactly one."""
+care it rises by exactly one …"""
+
+GAINED = 0.1
+"""… and that may tell much, so it may rise by this share of itself at most: a number that is fitted
+to an observation whose errors are a handful of independent ones gains as much by chance."""
 
 SMALLEST_RISE = 1e-9
 """m; a change of J below this is rounding."""
 
 UNIFORM = np.sqrt(3.0)
-"""How many standard deviations a number may be off that may be anywhere up to there."""
+"""Standard deviations that a number reaches which is equally likely all the way to its ends."""
 
 ROUNDS = 5
 """Of moving outwards …"""
@@ -35,7 +38,7 @@ GROWTH = 3.0
 """… so many times as far as in the round before."""
 
 
-def reach_deviations(
+def reaches(
     cost: Cost,
     axes: ParameterAxes,
     parameters: StaticParameters,
@@ -43,7 +46,9 @@ def reach_deviations(
     deviations: NDArray[np.float64],
     on_batch: Callable[[], None],
 ) -> NDArray[np.float64]:
-    """Return the standard deviations that reaches stand for, on the axes, zero where there is none.
+    """Return how far each parameter can be moved down and up, (|θ_s|, 2) on the axes.
+
+    From √3 standard deviations on; 0 where J is worse there already.
 
     Parameters
     ----------
@@ -58,7 +63,7 @@ def reach_deviations(
     looked = np.flatnonzero(np.isfinite(deviations))
     chosen = np.repeat(looked, 2)
     ways = np.tile([-UNIFORM, UNIFORM], looked.size) * deviations[chosen]
-    found = np.zeros(axes.size)
+    found = np.zeros((axes.size, 2))
     for _ in range(ROUNDS):
         places = np.clip(axes.origin[chosen] + ways, 0.0, 1.0)
         distances = np.abs(places - axes.origin[chosen])
@@ -70,21 +75,25 @@ def reach_deviations(
         moves = [axes.dragged(int(axis), z) for axis, z in zip(chosen, places, strict=True)]
         rises = cost.observation_costs(moves) - at_optimum
         good = np.array(
-            [is_as_good(rise[influence[:, k]]) for rise, k in zip(rises, chosen, strict=True)]
+            [
+                is_as_good(rise[influence[:, k]], at_optimum[influence[:, k]])
+                for rise, k in zip(rises, chosen, strict=True)
+            ]
         )
         chosen, ways, places = chosen[good], ways[good], places[good]
-        np.maximum.at(found, chosen, np.abs(places - axes.origin[chosen]) / UNIFORM)
+        found[chosen, (ways > 0.0).astype(int)] = np.abs(places - axes.origin[chosen])
         inside = (places > 0.0) & (places < 1.0)
         chosen, ways = chosen[inside], GROWTH * ways[inside]
     return found
 
 
-def is_as_good(rises: NDArray[np.float64]) -> bool:
-    """Whether observations whose costs rise so (m) do not agree that they do.
+def is_as_good(rises: NDArray[np.float64], costs: NDArray[np.float64]) -> bool:
+    """Whether J is as good where the costs of observations, in m, rise so.
 
     A world that the engine cannot finish is not as good.
     """
     if (rises > 0.5 * FAILED_DISTANCE).any():
         return False
     error = rises.std(ddof=1) / np.sqrt(rises.size) if rises.size > 1 else 0.0
-    return bool(rises.mean() <= max(SMALLEST_RISE, AS_GOOD * error))
+    allowed = min(AS_GOOD * error, GAINED * costs.mean())
+    return bool(rises.mean() <= max(SMALLEST_RISE, allowed))

@@ -21,6 +21,8 @@ def learned_parameters(draw):
     space = ParameterSpace(tuple(materials))
     deviations = generator.random(space.size)
     deviations[generator.random(space.size) < 0.5] = np.nan
+    intervals = np.sort(generator.random((space.size, 2)), axis=1)
+    intervals[generator.random(space.size) < 0.5] = np.nan
     return LearnedParameters(
         space.to_parameters(generator.random(space.size)),
         deviations,
@@ -29,6 +31,7 @@ def learned_parameters(draw):
         draw(st.sampled_from([float("nan"), 0.0, 0.25])),
         draw(st.integers(0, 100)),
         draw(st.sampled_from(["", "cma_es"])),
+        intervals,
     )
 
 
@@ -38,6 +41,7 @@ def assert_same(a, b):
     np.testing.assert_array_equal(parameter_vector(a.parameters), parameter_vector(b.parameters))
     np.testing.assert_array_equal(a.standard_deviations, b.standard_deviations)
     np.testing.assert_array_equal(a.identified, b.identified)
+    np.testing.assert_array_equal(a.intervals, b.intervals)
 
 
 @given(learned_parameters())
@@ -57,6 +61,12 @@ def test_more_materials_and_back(learned, materials):
     assert_same(learned, wider.extended(learned.materials))
 
 
+def test_files_from_before_there_were_intervals_are_read():
+    data = LearnedParameters.defaults(["ball"]).to_dict()
+    del data["intervals"]
+    assert np.isnan(LearnedParameters.from_dict(data).intervals).all()
+
+
 def test_defaults():
     learned = LearnedParameters.defaults(["ball", "floor"])
     assert learned.version == 0
@@ -71,6 +81,10 @@ def test_defaults():
         ({"standard_deviations": [0.1] * 4}, r"shape \(4,\); expected \(5,\)"),
         ({"standard_deviations": [-0.1] * 5}, "expected finite numbers ≥ 0"),
         ({"identified": "yes"}, "identified"),
+        ({"intervals": [[0.0, 1.0]]}, r"shape \(1, 2\); expected \(5, 2\)"),
+        ({"intervals": [[1.0, 0.0]] * 5}, "expected two finite numbers that do not fall"),
+        ({"intervals": [[0.0, float("nan")]] * 5}, "expected two finite numbers"),
+        ({"intervals": "wide"}, "expected 5 pairs of numbers"),
         ({"version": -1}, "version is -1"),
         ({"version": 1.5}, "version is 1.5"),
         ({"cost": -1.0}, "cost is -1"),
@@ -100,6 +114,8 @@ def test_nonsense_is_refused(change, message):
         ({"materials": ["cork"]}, "expected those of the materials"),
         ({"identified": ["weight[ball]"]}, r"'weight\[ball\]' is said to be identified"),
         ({"standard_deviations": {}}, "cannot be read"),
+        ({"intervals": {"weight[ball]": [0.0, 1.0]}}, r"'weight\[ball\]' is said to be"),
+        ({"intervals": {"density[ball]": 1.0}}, "intervals"),
     ],
 )
 def test_files_with_nonsense_are_refused(change, message):

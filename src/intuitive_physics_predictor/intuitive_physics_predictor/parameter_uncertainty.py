@@ -26,10 +26,11 @@ class UncertainParameters:
     """A distribution of θ_s about what was learned.
 
     A parameter that the observations could tell has a normal distribution with the learner's
-    standard deviation (of its logarithm where its scale is logarithmic), cut off at its bounds.
-    One that they could not tell is anywhere within its bounds, as the search supposed before it
-    began: a value that nobody learned must not make a prediction look sure. Of the two frictions of
-    a pair the better known is drawn first and the other one then where μ_d ≤ μ_s leaves room.
+    standard deviation (of its logarithm where its scale is logarithmic), cut off at its bounds; or
+    is anywhere between the ends that the learner gives it. One that they could not tell is anywhere
+    within its bounds, as the search supposed before it began: a value that nobody learned must not
+    make a prediction look sure. Of the two frictions of a pair the better known is drawn first and
+    the other one then where μ_d ≤ μ_s leaves room.
 
     Parameters
     ----------
@@ -73,7 +74,19 @@ class UncertainParameters:
         reach = np.where(told, 1.0, min(share, 1.0))
         self._lower = self._mean + reach * (self._lower - self._mean)
         self._upper = self._mean + reach * (self._upper - self._mean)
+        self._draw_between(told & (scale > 0.0) & ~np.isnan(learned.intervals[:, 0]), mean)
         self._pairs = np.triu_indices(len(learned.materials))
+
+    def _draw_between(self, chosen: NDArray[np.bool_], mean: NDArray[np.float64]) -> None:
+        """Let parameters be anywhere between the ends that the learner gives them."""
+        ends = np.where(chosen[:, None], self.learned.intervals, mean[:, None])
+        low = np.clip(self._to_scale(ends[:, 0]), self._lower, self._mean)
+        high = np.clip(self._to_scale(ends[:, 1]), self._mean, self._upper)
+        self._lower = np.where(chosen, low, self._lower)
+        self._upper = np.where(chosen, high, self._upper)
+        # They are drawn before what nobody learned.
+        self._unsure = np.where(chosen, high - low, self._deviation)
+        self._deviation = np.where(chosen, np.inf, self._deviation)
 
     def draw(
         self, count: int, rng: np.random.Generator
@@ -101,7 +114,7 @@ class UncertainParameters:
         m, size = len(self.learned.materials), self._mean.size
         static = np.arange(m + STATIC, size, len(PAIR_COEFFICIENTS))
         dynamic = np.arange(m + DYNAMIC, size, len(PAIR_COEFFICIENTS))
-        first = self._deviation[dynamic] < self._deviation[static]
+        first = self._unsure[dynamic] < self._unsure[static]
         for less, better, is_static in (
             (static[first], dynamic[first], True),
             (dynamic[~first], static[~first], False),

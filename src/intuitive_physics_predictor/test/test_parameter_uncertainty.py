@@ -11,7 +11,7 @@ from scipy.stats import kstest, truncnorm
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_count, parameter_names
-from intuitive_physics.parameter_space import DEFAULT_BOUNDS, ParameterSpace
+from intuitive_physics.parameter_space import DEFAULT_BOUNDS, ParameterSpace, parameter_vector
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 MATERIALS = ("ball", "floor")
@@ -20,16 +20,18 @@ NAMES = parameter_names(MATERIALS)
 STATIC, DYNAMIC, ROLLING, RESTITUTION = range(4)
 
 
-def learned(deviations=np.nan, identified=False, **values) -> LearnedParameters:
+def learned(deviations=np.nan, identified=False, ends=None, **values) -> LearnedParameters:
     theta = StaticParameters.uniform(MATERIALS, **values)
     told = np.broadcast_to(identified, SIZE)
-    return LearnedParameters(theta, np.broadcast_to(deviations, SIZE), told, 1, 0.1, 5, "cma_es")
+    deviations = np.broadcast_to(deviations, SIZE)
+    return LearnedParameters(theta, deviations, told, 1, 0.1, 5, "cma_es", ends)
 
 
-def with_deviation(sigma: float, *names: str, **values) -> LearnedParameters:
-    """Only these parameters are identified, with this standard deviation."""
+def with_deviation(sigma: float, *names: str, ends=(np.nan, np.nan), **values) -> LearnedParameters:
+    """Only these parameters are identified, with this standard deviation or between these ends."""
     told = np.array([name in names for name in NAMES])
-    return learned(np.where(told, sigma, np.nan), told, **values)
+    between = np.where(told[:, None], ends, np.nan)
+    return learned(np.where(told, sigma, np.nan), told, between, **values)
 
 
 def draw(parameters, count=4000, seed=0, **options):
@@ -87,19 +89,35 @@ def test_a_known_friction_keeps_its_distribution_beside_an_unknown_one():
     assert values[:, STATIC].max() > 0.9
 
 
+def test_a_friction_that_only_has_to_be_large_enough_is_anywhere_above():
+    name = "dynamic_friction[ball, floor]"
+    given = with_deviation(0.01, name, ends=(0.35, 1.0), static_friction=0.4, dynamic_friction=0.37)
+    _, values = draw(given)
+    assert kstest((values[:, DYNAMIC] - 0.35) / 0.65, "uniform").pvalue > 1e-3
+    _, exact = draw(given, scale=0.0)
+    np.testing.assert_allclose(exact[:, DYNAMIC], 0.37)
+    density = with_deviation(50.0, "density[ball]", ends=(500.0, 2000.0), density=1000.0)
+    logarithms = np.log(draw(density)[0][:, 0] / 500.0) / np.log(4.0)
+    assert kstest(logarithms, "uniform").pvalue > 1e-3
+
+
 @given(
     st.lists(st.floats(0.0, 1.0), min_size=SIZE, max_size=SIZE),
     st.lists(st.one_of(st.just(np.nan), st.floats(0.0, 2.0)), min_size=SIZE, max_size=SIZE),
     st.floats(0.0, 10.0),
     st.floats(0.0, 0.5),
+    st.lists(st.booleans(), min_size=SIZE, max_size=SIZE),
     st.integers(0, 2**31),
 )
 @settings(max_examples=60, deadline=None)
-def test_every_draw_is_a_valid_theta_within_bounds(unit, deviations, scale, contact, seed):
+def test_every_draw_is_a_valid_theta_within_bounds(unit, deviations, scale, contact, between, seed):
     space = ParameterSpace(MATERIALS)
     theta = space.to_parameters(unit)
     told = ~np.isnan(deviations)
-    source = LearnedParameters(theta, deviations, told, 1, 0.1, 1, "cma_es")
+    # Ends from a tenth to ten times the value, be that within the bounds or not.
+    ends = np.outer(parameter_vector(theta), [0.1, 10.0])
+    ends[~np.array(between)] = np.nan
+    source = LearnedParameters(theta, deviations, told, 1, 0.1, 1, "cma_es", ends)
     density, coefficients = UncertainParameters(source, scale=scale, contact=contact).draw(
         7, np.random.default_rng(seed)
     )

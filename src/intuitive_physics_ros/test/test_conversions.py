@@ -99,6 +99,7 @@ def learned_parameters(draw):
         draw(st.one_of(st.just(math.nan), st.floats(0, 1e3))),
         draw(st.integers(0, 2**32 - 1)),
         draw(st.text(st.characters(codec="utf-8", exclude_characters="\0"))),
+        [draw(st.sampled_from([(math.nan, math.nan), (0.25, 1.0)])) for _ in range(size)],
     )
 
 
@@ -200,6 +201,7 @@ def assert_same_parameters(a, b):
     np.testing.assert_array_equal(a.parameters.density, b.parameters.density)
     np.testing.assert_array_equal(a.parameters.coefficients, b.parameters.coefficients)
     np.testing.assert_array_equal(a.standard_deviations, b.standard_deviations)
+    np.testing.assert_array_equal(a.intervals, b.intervals)
     np.testing.assert_array_equal(a.identified, b.identified)
     np.testing.assert_equal(a.cost, b.cost)
     assert (a.version, a.observation_count, a.method) == (b.version, b.observation_count, b.method)

@@ -61,7 +61,12 @@ def judge(
     with np.errstate(divide="ignore", invalid="ignore"):
         sharp = deviations / axes.slopes < LARGEST_DEVIATION
     identified = responsive & sharp & (axes.slopes > 0.0)
-    return Identifiability(responsive, identified, np.where(identified, deviations, np.nan))
+    return Identifiability(
+        responsive,
+        identified,
+        np.where(identified, deviations, np.nan),
+        np.full((identified.size, 2), np.nan),
+    )
 
 
 def _slopes(searched: ActiveSpace, unit: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -38,12 +38,15 @@ def static_parameters_to_message(
     values = parameter_vector(learned.parameters)[m:].reshape(-1, 4)
     deviations = learned.standard_deviations[m:].reshape(-1, 4)
     identified = learned.identified[m:].reshape(-1, 4)
+    ends = learned.intervals[m:].reshape(-1, 4, 2)
     return StaticParametersMessage(
         header=Header(stamp=stamp or Time()),
         version=learned.version,
         materials=list(learned.materials),
         densities=float64_field(learned.parameters.density),
         density_standard_deviations=float64_field(learned.standard_deviations[:m]),
+        density_lower_ends=float64_field(learned.intervals[:m, 0]),
+        density_upper_ends=float64_field(learned.intervals[:m, 1]),
         density_identified=learned.identified[:m].tolist(),
         pairs=[
             PairCoefficients(
@@ -51,6 +54,8 @@ def static_parameters_to_message(
                 material_b=b,
                 **dict(zip(PAIR_COEFFICIENTS, values[i].tolist(), strict=True)),
                 standard_deviations=deviations[i].copy(),
+                lower_ends=ends[i, :, 0].copy(),
+                upper_ends=ends[i, :, 1].copy(),
                 identified=identified[i].tolist(),
             )
             for i, (a, b) in enumerate(material_pairs(learned.materials))
@@ -92,7 +97,25 @@ def static_parameters_from_message(message: StaticParametersMessage) -> LearnedP
         message.cost,
         message.observation_count,
         message.method,
+        _intervals(message, pairs),
     )
+
+
+def _intervals(
+    message: StaticParametersMessage, pairs: list[PairCoefficients]
+) -> NDArray[np.float64]:
+    """Ends (|θ_s|, 2), NaN where a message has none."""
+    m = len(message.materials)
+    ends = []
+    for side in ("lower", "upper"):
+        field = f"density_{side}_ends"
+        own = list(getattr(message, field)) or [np.nan] * m
+        by_pair = [getattr(pair, f"{side}_ends") for pair in pairs]
+        ends.append(np.concatenate([_one_each(own, field, m), *by_pair]))
+    intervals = np.stack(ends, axis=1)
+    # A message that nobody filled in has zeros.
+    intervals[~(intervals[:, 0] != intervals[:, 1])] = np.nan
+    return intervals
 
 
 def _pairs_in_order(

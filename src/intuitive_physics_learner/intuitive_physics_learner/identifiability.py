@@ -25,7 +25,7 @@ All take a handful of simulations for each parameter of each observation that ca
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,11 +35,10 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.active_parameters import parameter_influence
 from intuitive_physics_learner.cached_cost import CachedCost
+from intuitive_physics_learner.cancellation import batches, stop_if
 from intuitive_physics_learner.cost import FAILED_DISTANCE, Cost
-from intuitive_physics_learner.errors import LearningCancelledError
 from intuitive_physics_learner.parameter_axes import ParameterAxes
 from intuitive_physics_learner.reach import ROUNDS, UNIFORM, reaches
-from intuitive_physics_learner.search import LARGEST_BATCH
 from intuitive_physics_learner.trials import Trials
 
 SCAN_LEVELS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
@@ -135,7 +134,7 @@ def identify(
         information = squares / noise.effective_variance(rising.size)
         covariance = np.linalg.inv(information + PRIOR_PRECISION * np.eye(rising.size))
         deviations[rising] = np.sqrt(np.diag(covariance))
-    moved = reaches(saving, axes, parameters, influence, deviations, lambda: _stop_if(cancelled))
+    moved = reaches(saving, axes, parameters, influence, deviations, cancelled)
     deviations = np.maximum(deviations, moved.min(axis=1) / UNIFORM)
     identified = deviations < LARGEST_DEVIATION
     deviations[~identified] = np.nan
@@ -214,7 +213,7 @@ def _cost_changes(
     places = lower + np.array(SCAN_LEVELS) * (upper - lower)
     moves = [axes.moved(axis, z) for axis, row in zip(chosen, places, strict=True) for z in row]
     changes = []
-    for batch in _batches(moves, cancelled):
+    for batch in batches(moves, cancelled):
         distances = cost.distances(batch)
         # A world that the engine cannot finish says nothing of what the data can tell.
         distances = np.where(distances < FAILED_DISTANCE, distances, at_optimum)
@@ -242,7 +241,7 @@ def _squares_of_slopes(
     moves += [axes.moved(axis, z) for axis, z in zip(chosen, above, strict=True)]
     squares = np.zeros((chosen.size, chosen.size))
     for observation, row in enumerate(influence):
-        _stop_if(cancelled)
+        stop_if(cancelled)
         own = np.flatnonzero(row & (width > 0.0))
         if own.size == 0:
             continue
@@ -254,16 +253,3 @@ def _squares_of_slopes(
         slopes = steps / width[own, None]
         squares[np.ix_(own, own)] += slopes @ slopes.T
     return squares
-
-
-def _batches(
-    candidates: list[StaticParameters], cancelled: Callable[[], bool] | None
-) -> Iterator[list[StaticParameters]]:
-    for first in range(0, len(candidates), LARGEST_BATCH):
-        _stop_if(cancelled)
-        yield candidates[first : first + LARGEST_BATCH]
-
-
-def _stop_if(cancelled: Callable[[], bool] | None) -> None:
-    if cancelled is not None and cancelled():
-        raise LearningCancelledError("learning was cancelled; nothing was stored")

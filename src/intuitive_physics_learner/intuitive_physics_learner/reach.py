@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
+from intuitive_physics_learner.cancellation import batches
 from intuitive_physics_learner.cost import FAILED_DISTANCE, Cost
 from intuitive_physics_learner.parameter_axes import ParameterAxes
 
@@ -44,7 +45,7 @@ def reaches(
     parameters: StaticParameters,
     influence: NDArray[np.bool_],
     deviations: NDArray[np.float64],
-    on_batch: Callable[[], None],
+    cancelled: Callable[[], bool] | None,
 ) -> NDArray[np.float64]:
     """Return how far each parameter can be moved down and up, (|θ_s|, 2) on the axes.
 
@@ -57,7 +58,12 @@ def reaches(
     parameters : θ_s of the optimum
     influence : (n_observations, |θ_s|) bool
     deviations : (|θ_s|,) on the axes, those that slopes tell; infinite for what is not looked at
-    on_batch : called before each batch of simulations; may raise
+    cancelled : looked at between batches
+
+    Raises
+    ------
+    LearningCancelledError
+        When `cancelled` returned True.
     """
     at_optimum = cost.observation_costs([parameters])[0]
     looked = np.flatnonzero(np.isfinite(deviations))
@@ -71,9 +77,9 @@ def reaches(
         chosen, ways, places = chosen[going], ways[going], places[going]
         if chosen.size == 0:
             break
-        on_batch()
         moves = [axes.dragged(int(axis), z) for axis, z in zip(chosen, places, strict=True)]
-        rises = cost.observation_costs(moves) - at_optimum
+        costs = [cost.observation_costs(batch) for batch in batches(moves, cancelled)]
+        rises = np.concatenate(costs) - at_optimum
         good = np.array(
             [
                 is_as_good(rise[influence[:, k]], at_optimum[influence[:, k]])

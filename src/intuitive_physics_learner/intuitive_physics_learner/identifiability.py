@@ -38,7 +38,7 @@ from intuitive_physics_learner.cached_cost import CachedCost
 from intuitive_physics_learner.cancellation import batches, stop_if
 from intuitive_physics_learner.cost import FAILED_DISTANCE, Cost
 from intuitive_physics_learner.parameter_axes import ParameterAxes
-from intuitive_physics_learner.reach import ROUNDS, UNIFORM, reaches
+from intuitive_physics_learner.reach import ROUNDS, SMALLEST_RESPONSE, UNIFORM, reaches
 from intuitive_physics_learner.trials import Trials
 
 SCAN_LEVELS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
@@ -49,9 +49,6 @@ JACOBIAN_STEP = 0.01
 
 RESPONSE_THRESHOLD = 2.0
 """Standard errors of J by which it must rise."""
-
-SMALLEST_RESPONSE = 1e-9
-"""m; a change of J below this is rounding."""
 
 SMALLEST_NOISE = 1e-4
 """m; no camera measures better, and the numbers below stay well conditioned."""

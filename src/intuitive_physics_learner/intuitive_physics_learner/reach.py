@@ -26,7 +26,7 @@ GAINED = 0.1
 """… and that may tell much, so it may rise by this share of itself at most: a number that is fitted
 to an observation whose errors are a handful of independent ones gains as much by chance."""
 
-SMALLEST_RISE = 1e-9
+SMALLEST_RESPONSE = 1e-9
 """m; a change of J below this is rounding."""
 
 UNIFORM = np.sqrt(3.0)
@@ -72,8 +72,7 @@ def reaches(
     found = np.zeros((axes.size, 2))
     for _ in range(ROUNDS):
         places = np.clip(axes.origin[chosen] + ways, 0.0, 1.0)
-        distances = np.abs(places - axes.origin[chosen])
-        going = distances > 0.0
+        going = places != axes.origin[chosen]
         chosen, ways, places = chosen[going], ways[going], places[going]
         if chosen.size == 0:
             break
@@ -102,4 +101,4 @@ def is_as_good(rises: NDArray[np.float64], costs: NDArray[np.float64]) -> bool:
         return False
     error = rises.std(ddof=1) / np.sqrt(rises.size) if rises.size > 1 else 0.0
     allowed = min(AS_GOOD * error, GAINED * costs.mean())
-    return bool(rises.mean() <= max(SMALLEST_RISE, allowed))
+    return bool(rises.mean() <= max(SMALLEST_RESPONSE, allowed))

@@ -114,7 +114,7 @@ def _intervals(
         ends.append(np.concatenate([_one_each(own, field, m), *by_pair]))
     intervals = np.stack(ends, axis=1)
     # A message that nobody filled in has zeros.
-    intervals[~(intervals[:, 0] != intervals[:, 1])] = np.nan
+    intervals[intervals[:, 0] == intervals[:, 1]] = np.nan
     return intervals
 
 

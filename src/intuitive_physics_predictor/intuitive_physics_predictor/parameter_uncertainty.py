@@ -76,6 +76,13 @@ class UncertainParameters:
         self._upper = self._mean + reach * (self._upper - self._mean)
         self._draw_between(told & (scale > 0.0) & ~np.isnan(learned.intervals[:, 0]), mean)
         self._pairs = np.triu_indices(len(learned.materials))
+        static, dynamic = (
+            np.arange(len(learned.materials) + kind, mean.size, len(PAIR_COEFFICIENTS))
+            for kind in (STATIC, DYNAMIC)
+        )
+        self._draws_static = self._unsure[dynamic] < self._unsure[static]
+        self._less_known = np.where(self._draws_static, static, dynamic)
+        self._better_known = np.where(self._draws_static, dynamic, static)
 
     def _draw_between(self, chosen: NDArray[np.bool_], mean: NDArray[np.float64]) -> None:
         """Let parameters be anywhere between the ends that the learner gives them."""
@@ -111,24 +118,14 @@ class UncertainParameters:
 
     def _order_frictions(self, drawn: NDArray[np.float64], uniform: NDArray[np.float64]) -> None:
         """Draw the less known friction of each pair again, where the other one leaves room."""
-        m, size = len(self.learned.materials), self._mean.size
-        static = np.arange(m + STATIC, size, len(PAIR_COEFFICIENTS))
-        dynamic = np.arange(m + DYNAMIC, size, len(PAIR_COEFFICIENTS))
-        first = self._unsure[dynamic] < self._unsure[static]
-        for less, better, is_static in (
-            (static[first], dynamic[first], True),
-            (dynamic[~first], static[~first], False),
-        ):
-            lower, upper = self._lower[less], self._upper[less]
-            if is_static:
-                lower = np.maximum(lower, drawn[:, better])
-                upper = np.maximum(upper, lower)
-            else:
-                upper = np.minimum(upper, drawn[:, better])
-                lower = np.minimum(lower, upper)
-            drawn[:, less] = _truncated_normal(
-                uniform[:, less], self._mean[less], self._deviation[less], lower, upper
-            )
+        less, known = self._less_known, drawn[:, self._better_known]
+        lower, upper = self._lower[less], self._upper[less]
+        lower = np.where(self._draws_static, np.maximum(lower, known), lower)
+        upper = np.where(self._draws_static, np.maximum(upper, lower), np.minimum(upper, known))
+        lower = np.minimum(lower, upper)
+        drawn[:, less] = _truncated_normal(
+            uniform[:, less], self._mean[less], self._deviation[less], lower, upper
+        )
 
     def _to_scale(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         logarithms = np.log(np.maximum(values, np.finfo(float).tiny))

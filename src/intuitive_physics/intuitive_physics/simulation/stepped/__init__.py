@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,8 +48,12 @@ class SteppedSimulator(Simulator):
         turned = np.full((*shape, 4) if orientations else (shape[0], 0, shape[2], 4), np.nan)
         status = np.zeros(worlds.size, dtype=np.int64)
 
+        rooms: dict[int, Scratch] = {}
+
         def roll(first: int, last: int) -> None:
-            scratch = Scratch(worlds)
+            thread = threading.get_ident()
+            if thread not in rooms:
+                rooms[thread] = Scratch(worlds)
             roll_worlds(
                 first,
                 last,
@@ -77,7 +83,7 @@ class SteppedSimulator(Simulator):
                 worlds.noise_keys,
                 worlds.contact_noise,
                 times,
-                scratch.world,
+                rooms[thread].world,
                 positions,
                 turned,
                 status,

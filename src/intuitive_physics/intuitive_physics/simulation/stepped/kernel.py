@@ -1,4 +1,4 @@
-"""The loops over worlds, steps and islands."""
+"""The loops over worlds and steps."""
 
 from __future__ import annotations
 
@@ -6,21 +6,15 @@ from math import inf, isfinite
 
 from intuitive_physics.simulation.kernels import entry, fast_inlined, kernel
 from intuitive_physics.simulation.noisy_impacts import set_noise
-from intuitive_physics.simulation.stepped.collision import are_near, find_contacts, part_overlaps
-from intuitive_physics.simulation.stepped.lone_body import step_lone_body
+from intuitive_physics.simulation.stepped.collision import find_contacts, part_overlaps
+from intuitive_physics.simulation.stepped.islands import carry_island, mark_islands
 from intuitive_physics.simulation.stepped.motion import TIME_ROUNDING, output_time, write_rest
-from intuitive_physics.simulation.stepped.parts import rebound_threshold, step_island
+from intuitive_physics.simulation.stepped.parts import rebound_threshold
 from intuitive_physics.simulation.stepped.set_up import place_environment, place_object
-from intuitive_physics.simulation.stepped.world import body_at, member_at
-from intuitive_physics.simulation.vectors import dot, load, norm, scaled, store
+from intuitive_physics.simulation.stepped.world import body_at
+from intuitive_physics.simulation.vectors import load, norm
 
 OK, NOT_FINITE = range(2)
-
-QUIET_SPEED = 2e-3
-"""m/s. Bodies no point of which moves faster …"""
-
-QUIET_STEPS = 10
-"""… for so many steps, while something holds them, fall asleep."""
 
 
 @entry
@@ -128,17 +122,17 @@ def _roll_world(world, moving, step):
     end = output_time(world, world.output_count - 1)
     steps = 0
     while steps * step < end - TIME_ROUNDING:
-        start = steps * step
-        _mark_islands(world, moving, step)
+        count = mark_islands(world, moving, step)
+        count = min(count, 1 + int((end - TIME_ROUNDING) / step) - steps)
         awake = False
         for root in range(moving):
             if body_at(world, root).island == root:
-                awake = _step_one(world, moving, root, start, step, threshold) or awake
+                awake = carry_island(world, moving, root, steps, count, step, threshold) or awake
         for i in range(moving):
             body = body_at(world, i)
             if not isfinite(_sum(load(body.position)) + _sum(load(body.velocity))):
                 return NOT_FINITE
-        steps += 1
+        steps += count
         if not awake:
             break
     for i in range(moving):
@@ -159,68 +153,3 @@ def _part_start(world, moving):
     part_overlaps(world, find_contacts(world, moving, world.body_count))
     for i in range(moving):
         write_rest(world, i, 0.0)
-
-
-@kernel
-def _mark_islands(world, moving, step):
-    """Give all bodies that may meet within a step, directly or through others, one number."""
-    fall = step * step * world.gravity_size
-    for i in range(moving):
-        body_at(world, i).island = i
-    for i in range(moving):
-        for j in range(i):
-            one, other = body_at(world, i), body_at(world, j)
-            if (one.asleep == 1 and other.asleep == 1) or one.island == other.island:
-                continue
-            if are_near(one, other, step, fall):
-                old, new = max(one.island, other.island), min(one.island, other.island)
-                for k in range(i + 1):
-                    if body_at(world, k).island == old:
-                        body_at(world, k).island = new
-
-
-@kernel
-def _step_one(world, moving, root, start, step, threshold):
-    """Step the island of a root, if any of it is awake; return whether."""
-    count = 0
-    awake = False
-    for i in range(root, moving):
-        if body_at(world, i).island == root:
-            body_at(world, count).member = i
-            count += 1
-            awake = awake or body_at(world, i).asleep == 0
-    if not awake:
-        for a in range(count):
-            write_rest(world, member_at(world, a), start + step)
-        return False
-    members = count
-    fall = step * step * world.gravity_size
-    for j in range(moving, world.body_count):
-        for a in range(count):
-            if are_near(body_at(world, member_at(world, a)), body_at(world, j), step, fall):
-                body_at(world, members).member = j
-                members += 1
-                break
-    if members > 1 or not step_lone_body(world, root, start, step):
-        step_island(world, count, members, start, step, threshold)
-    _put_to_sleep(world, count)
-    return True
-
-
-@kernel
-def _put_to_sleep(world, count):
-    """Let an island sleep when all of it has been quiet for long enough."""
-    quiet = True
-    for a in range(count):
-        body = body_at(world, member_at(world, a))
-        velocity, rim = load(body.velocity), scaled(load(body.spin), body.reach)
-        speeds = dot(velocity, velocity) + dot(rim, rim)
-        still = body.pressed == 1 and speeds < QUIET_SPEED * QUIET_SPEED
-        body.quiet_steps = body.quiet_steps + 1 if still else 0
-        quiet = quiet and body.quiet_steps >= QUIET_STEPS
-    for a in range(count):
-        body = body_at(world, member_at(world, a))
-        body.asleep = quiet
-        if quiet:
-            store(body.velocity, (0.0, 0.0, 0.0))
-            store(body.spin, (0.0, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""A step of a capsule that lies on one plane and rolls, with nothing else near.
+"""A step, or several at once, of a capsule that rolls on one plane with nothing else near.
 
 It touches the plane at both ends of its axis. Where neither slips, the impulses that `solver`
 searches can be written down: static friction ends all motion along the axis a and about the normal
@@ -11,6 +11,8 @@ from __future__ import annotations
 from intuitive_physics.simulation.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.stepped.collision import MARGIN, OVERLAP
 from intuitive_physics.simulation.stepped.contacts import STEADY, STICK_SPEED
+from intuitive_physics.simulation.stepped.leaps import SETTLED, is_level
+from intuitive_physics.simulation.stepped.sleep import is_still
 from intuitive_physics.simulation.stepped.world import ROLLING, STATIC, coefficient, column
 from intuitive_physics.simulation.vectors import (
     add_scaled,
@@ -44,18 +46,24 @@ def _gaps(body, plane):
 
 
 @kernel
-def roll_lying(world, body, plane, duration):
-    """Give the capsule the velocities that it has after a step; False where it may do else."""
+def roll_lying(world, body, plane, step, steps):
+    """Give the capsule the velocities that it has so many steps later; False where it may do else.
+
+    Over more than one step its forces must be the same in each.
+    """
+    duration = step * steps
     n, axis = load(plane.normal), column(body.rotation, 2)
     side = cross(n, axis)
     side = scaled(side, 1.0 / norm(side))
-    if not _keeps(world, body, n, axis, side, duration):
+    if not _keeps(world, body, n, axis, side, step, steps):
         return False
     r, half, spin = body.radius, body.half_extents[2], load(body.spin)
     falling = add_scaled(load(body.velocity), load(world.gravity), duration)
     mass, across, about = 1.0 / body.inverse_mass, body.inertia[0], body.inertia[2]
 
     lower, higher = _gaps(body, plane)
+    if steps > 1 and not (max(lower, higher) <= SETTLED and is_level(world, n)):
+        return False
     closing, other = -max(lower, 0.0) / duration, -max(higher, 0.0) / duration
     leaving, tilting = 0.5 * (closing + other), 0.5 * (closing - other) / half
     pressing = mass * (leaving - dot(n, falling))
@@ -77,16 +85,22 @@ def roll_lying(world, body, plane, duration):
     held = 2.0 * coefficient(world, STATIC, a, b) * least
     if holding * holding + grip * grip > held * held:
         return False
-    store(body.velocity, add_scaled(scaled(n, leaving), side, forward))
-    store(body.spin, add_scaled(scaled(axis, rolling), side, tilting))
+    after = add_scaled(scaled(n, leaving), side, forward)
+    turning_after = add_scaled(scaled(axis, rolling), side, tilting)
+    if steps > 1 and is_still(body, after, turning_after):
+        return False
+    store(body.velocity, after)
+    store(body.spin, turning_after)
     return True
 
 
 @fast_inlined
-def _keeps(world, body, n, axis, side, duration):
+def _keeps(world, body, n, axis, side, step, steps):
     """Whether both ends neither slip nor part nor close."""
     velocity, spin, half = load(body.velocity), load(body.spin), body.half_extents[2]
     sliding = tangential(add_scaled(velocity, cross(n, spin), body.radius), n)
     tilting, pivoting = half * abs(dot(side, spin)), half * abs(dot(cross(axis, side), spin))
-    play = STEADY * duration * world.gravity_size
-    return abs(dot(n, velocity)) + tilting <= play and norm(sliding) + pivoting < STICK_SPEED
+    play, slip = STEADY * step * world.gravity_size, STICK_SPEED
+    if steps > 1:
+        play = slip = SETTLED
+    return abs(dot(n, velocity)) + tilting <= play and norm(sliding) + pivoting < slip

@@ -25,8 +25,8 @@ def rotate(body, origin, angle):
     square = dot(angle, angle)
     h = 0.25 * square
     if square < SMALL_ANGLE * SMALL_ANGLE:
-        s = 0.5 - h * (1 / 12 - h * (1 / 240 - h * (1 / 10080 - h / 725760)))
-        w = 1.0 - h * (1 / 2 - h * (1 / 24 - h * (1 / 720 - h / 40320)))
+        s = 0.5 - h * (1 / 12 - h * (1 / 240 - h * (1 / 10080 - h * (1 / 725760))))
+        w = 1.0 - h * (1 / 2 - h * (1 / 24 - h * (1 / 720 - h * (1 / 40320))))
     else:
         size = sqrt(square)
         s = sin(0.5 * size) / size

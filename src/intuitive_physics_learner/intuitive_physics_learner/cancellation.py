@@ -27,4 +27,4 @@ def batches(
 def stop_if(cancelled: Callable[[], bool] | None) -> None:
     """Raise LearningCancelledError when `cancelled` returns True."""
     if cancelled is not None and cancelled():
-        raise LearningCancelledError("learning was cancelled; nothing was stored")
+        raise LearningCancelledError

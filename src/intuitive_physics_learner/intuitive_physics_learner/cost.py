@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.simulation import Simulator
-from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
+from intuitive_physics_learner.cancellation import stop_if
+from intuitive_physics_learner.errors import NoObservationsError
 from intuitive_physics_learner.packed_observations import (
     PackedObservations,
     packed_in_groups,
@@ -236,8 +237,7 @@ class InterruptibleCost(Cost):
 
     def _shares(self, trials: Trials) -> Iterator[Trials]:
         for part in _chunks(np.arange(trials.size), self._cost.largest_share):
-            if self._cancelled():
-                raise LearningCancelledError("learning was cancelled; nothing was stored")
+            stop_if(self._cancelled)
             yield trials.taken(part)
 
 

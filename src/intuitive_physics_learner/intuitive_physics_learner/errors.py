@@ -27,6 +27,9 @@ class StorageError(IntuitivePhysicsError):
 class LearningCancelledError(IntuitivePhysicsError):
     """Learning was told to stop before its end; nothing was stored."""
 
+    def __init__(self, message: str = "learning was cancelled; nothing was stored") -> None:
+        super().__init__(message)
+
 
 class IncompatibleEnvironmentError(UnsupportedSceneError):
     """The simulator cannot express the environment in which an observation was made."""

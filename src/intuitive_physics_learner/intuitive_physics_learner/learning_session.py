@@ -122,7 +122,7 @@ def learn(
         reserve=lambda seconds: task.judging_seconds(search, seconds),
     )
     if found.stop_reason is StopReason.CANCELLED:
-        raise LearningCancelledError("learning was cancelled; nothing was stored")
+        raise LearningCancelledError
     parameters, told = task.judge(search, found, cancelled, began)
     cost = float(task.cost.costs([parameters])[0])
     return LearningResult(

@@ -87,7 +87,7 @@ def _add_learning_curve(experiments: Any) -> None:
     _add_counts(parser, "--samples", "trajectories of each object")
     parser.add_argument("--repetitions", type=int, help="sets of each kind")
     parser.add_argument("--iterations", type=int, help="evaluations of J for each learning")
-    parser.add_argument("--method", default="cma_es", help="update rule (default: cma_es)")
+    parser.add_argument("--method", help="update rule (default: cma_es)")
     parser.set_defaults(run=_run_learning_curve)
 
 
@@ -99,9 +99,9 @@ def _run_learning_curve(options: argparse.Namespace) -> None:
     )
 
     given = _given(options, ("objects", "samples", "repetitions", "iterations"), QUICK)
-    settings = LearningCurveSettings(
-        **given, method=options.method, engine=options.engine, seed=options.seed
-    )
+    if options.method is not None:
+        given["method"] = options.method
+    settings = LearningCurveSettings(**given, engine=options.engine, seed=options.seed)
     with _bar("learning") as bar:
         run_learning_curve(options.output, settings, _command(), options.cores, _told(bar))
     _print_page(options.output)

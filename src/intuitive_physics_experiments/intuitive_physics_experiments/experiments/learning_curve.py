@@ -28,7 +28,6 @@ from intuitive_physics_experiments.experiments.outcome import (
 from intuitive_physics_experiments.paper_dataset import PaperDataset, make_paper_dataset
 from intuitive_physics_learner.cost import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions, search_parameters
-from intuitive_physics_learner.methods import DEFAULT_METHOD
 from intuitive_physics_learner.search import ConvergenceCriteria
 
 ERRORS = ("learned", "oracle", "default")
@@ -54,7 +53,7 @@ class LearningCurveSettings:
     samples: tuple[int, ...] = (10, 50, 100)
     repetitions: int = 10
     iterations: int = 1000
-    method: str = DEFAULT_METHOD
+    method: str = "cma_es"
     engine: str = "auto"
     first_states: tuple[str, ...] = ("three_points", "flight")
     seed: int = 0

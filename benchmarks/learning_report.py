@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.learning_beside import Lateness
 from benchmarks.learning_cluster import Pace
 from benchmarks.learning_peers import PeerResult
 from benchmarks.learning_runs import JointRun, Task, seconds_to_tolerance
 from benchmarks.report import table
+from benchmarks.steady_loop import Lateness
 from intuitive_physics_learner import UPDATE_RULES
 
 BARS = {"1x50": 2.0, "10x50": 30.0, "20x50": 120.0}

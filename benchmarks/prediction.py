@@ -23,6 +23,7 @@ from benchmarks.prediction_node import (
 from benchmarks.prediction_peers import PeerTime, peer_times
 from benchmarks.prediction_report import complaints, json_line, report_text
 from benchmarks.prediction_truth import Truth, truth
+from benchmarks.steady_loop import Lateness, watch_loops
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_experiments.calibration.paper_calibration import PaperCalibrationOptions
 
@@ -39,20 +40,22 @@ class Effort:
     steady : each scene with 20 samples; memory has to be flat over the first of them
     others : those after the first
     trial : each number of samples
+    loop : constant work, before and after the node
     truth : calibration on the synthetic set
     """
 
     steady: float
     others: float
     trial: float
+    loop: float
     truth: PaperCalibrationOptions
 
 
 SMALL_SET = PaperCalibrationOptions(samples=30, held_out=40, point_counts=(), sample_count=50)
 """Too small to hold the bars for sure: it shows that all works."""
 
-FULL = Effort(steady=300.0, others=60.0, trial=10.0, truth=PaperCalibrationOptions(point_counts=()))
-QUICK = Effort(steady=20.0, others=20.0, trial=4.0, truth=SMALL_SET)
+FULL = Effort(300.0, 60.0, trial=10.0, loop=10.0, truth=PaperCalibrationOptions(point_counts=()))
+QUICK = Effort(20.0, 20.0, trial=4.0, loop=4.0, truth=SMALL_SET)
 
 
 @dataclass(frozen=True)
@@ -63,12 +66,14 @@ class Results:
     ----------
     runs : of the node with 20 samples
     most_samples : largest number that holds 100 Hz, all of them published up to MOST_PUBLISHED
+    loops : of constant work on both cores, with nothing beside it
     peers : times of a prediction by ODE and PyBullet, the paper's way, and by ours
     truth : coverage and scores of what is predicted
     """
 
     runs: dict[str, Run]
     most_samples: dict[str, int]
+    loops: list[Lateness]
     peers: dict[str, list[PeerTime]]
     truth: Truth
 
@@ -100,6 +105,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def measure(effort: Effort) -> Results:
     """Measure all, one after the other."""
     runs, most = {}, {}
+    cores = sorted(os.sched_getaffinity(0))
+    _tell("constant work")
+    loops = [watch_loops("nothing, before", effort.loop, cores)]
     for i, name in enumerate(SCENES):
         _tell(f"{name}: 20 samples")
         with NodeUnderTest(Feed(name)) as node:
@@ -107,10 +115,11 @@ def measure(effort: Effort) -> Results:
         _tell(f"{name}: how many samples hold 100 Hz")
         with NodeUnderTest(Feed(name), published_samples=MOST_PUBLISHED) as node:
             most[name] = largest_sample_count(node, effort.trial)
+    loops.append(watch_loops("nothing, after", effort.loop, cores))
     _tell("other engines alone")
     peers = peer_times(SCENES)
     _tell("coverage and scores")
-    return Results(runs, most, peers, truth(effort.truth))
+    return Results(runs, most, loops, peers, truth(effort.truth))
 
 
 def _tell(what: str) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from benchmarks.prediction_node import HOLDS, MOST_PUBLISHED, RATE, Run
 from benchmarks.report import NOTHING, table
+from benchmarks.steady_loop import WORK, Lateness
 
 if TYPE_CHECKING:
     from benchmarks.prediction import Results
@@ -29,6 +30,7 @@ def report_text(results: Results, seconds: float) -> str:
                 "# Prediction benchmark",
                 _runs_text(results.runs),
                 _most_text(results),
+                _loops_text(results.loops),
                 _peers_text(results),
                 _truth_text(results),
                 f"Measured in {seconds:.0f} s.",
@@ -110,6 +112,15 @@ def _most_text(results: Results) -> str:
     return (
         f"## The most samples at {RATE:g} Hz\n\n"
         f"All of them published, up to {MOST_PUBLISHED}.\n\n" + table(["scene", "samples"], rows)
+    )
+
+
+def _loops_text(loops: list[Lateness]) -> str:
+    rows = [[loop.beside, f"{loop.median:.2f}", f"{loop.most:.2f}"] for loop in loops]
+    return (
+        f"## The machine by itself\n\nA loop on each core at {RATE:g} Hz, {1e3 * WORK:g} ms of the "
+        "same work each time: ms until it is done. What its 99 % is above its median, the machine "
+        "adds.\n\n" + table(["beside", "median", "99 %"], rows)
     )
 
 

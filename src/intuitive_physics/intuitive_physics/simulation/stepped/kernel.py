@@ -122,8 +122,8 @@ def _roll_world(world, moving, step):
     end = output_time(world, world.output_count - 1)
     steps = 0
     while steps * step < end - TIME_ROUNDING:
-        count = mark_islands(world, moving, step)
-        count = min(count, 1 + int((end - TIME_ROUNDING) / step) - steps)
+        left = 1 + int((end - TIME_ROUNDING) / step) - steps
+        count = max(1, min(left, mark_islands(world, moving, step)))
         awake = False
         for root in range(moving):
             if body_at(world, root).island == root:

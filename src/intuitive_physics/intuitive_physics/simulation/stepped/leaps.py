@@ -1,7 +1,7 @@
 """When several steps of a lone body may be taken at once, with the same result.
 
-Its forces must be the same in each of them. So are those on a sphere or a cube that flies, on a
-sphere that rolls or slides on a level plane and on a capsule that rolls on one.
+Its forces must be the same in each of them. So are those on a sphere that flies, that rolls or
+slides on a level plane, and on a capsule that rolls on one.
 """
 
 from __future__ import annotations

@@ -7,13 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics_learner.identifiability import PRIOR_PRECISION
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     NormalEquations,
     bounded_step,
 )
-
-PRIOR_PRECISION = 12.0
-"""One over the variance of a number known only to lie within the unit interval."""
 
 DAMPINGS = (0.1, 1.0, 10.0, 100.0)
 """Of the last damping: those that are tried at once."""

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics_learner.cost import Cost
+from intuitive_physics_learner.identifiability import PRIOR_PRECISION
 from intuitive_physics_learner.joint_estimation import horizons
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
     ScanCandidates,
     scanned_states,
 )
-from intuitive_physics_learner.joint_estimation.damped_steps import PRIOR_PRECISION
 from intuitive_physics_learner.joint_estimation.linearisation import (
     Linearisation,
     ParameterSteps,

@@ -120,8 +120,9 @@ def test_noise_of_a_bouncing_track_is_seen(sigma):
         orientations=False,
     ).positions[0, 0]
     track = Trajectory(times, positions + rng.normal(0.0, sigma, positions.shape))
-    # Sevens that hold a bounce, and those near the end where bounces are many, count as noise.
-    assert sigma * 0.8 < position_noise(track) < sigma * 1.5
+    # Sevens overlap, so some forty independent ones hold no bounce: 1/√(2 · 12 · 40) = 3 %. Bounces
+    # below the noise, near the end, count as noise.
+    assert sigma * 0.85 < position_noise(track) < sigma * 1.2
 
 
 @pytest.fixture(scope="module")

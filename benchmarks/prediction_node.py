@@ -25,7 +25,6 @@ from intuitive_physics_ros.peer import Peer
 PREDICTOR = "intuitive_physics_predictor.predictor_node"
 LEARNER = "intuitive_physics_learner.learner_node"
 NODE = "/predictor_node"
-RATE = 100.0
 HOLDS = 99.0
 """1/s, at least; as of the bars."""
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
-from benchmarks.prediction_node import HOLDS, MOST_PUBLISHED, RATE, Run
+from benchmarks.prediction_node import HOLDS, MOST_PUBLISHED, Run
 from benchmarks.report import NOTHING, table
-from benchmarks.steady_loop import WORK, Lateness
+from benchmarks.steady_loop import RATE, WORK, Lateness
 
 if TYPE_CHECKING:
     from benchmarks.prediction import Results

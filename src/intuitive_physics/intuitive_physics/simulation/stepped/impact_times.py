@@ -9,6 +9,7 @@ from intuitive_physics.simulation.stepped.collision import meet
 from intuitive_physics.simulation.stepped.impacts import IMPACT_GAP
 from intuitive_physics.simulation.stepped.manifolds import meet_plane
 from intuitive_physics.simulation.stepped.motion import place
+from intuitive_physics.simulation.stepped.poses import support
 from intuitive_physics.simulation.stepped.world import body_at, column, member_at, plane_at
 from intuitive_physics.simulation.vectors import dot, load, norm, sub
 from intuitive_physics.simulation.world_batch import SPHERE
@@ -87,9 +88,7 @@ def _is_through(body, n, offset):
     height = dot(n, load(body.position)) - offset
     if height > body.reach:
         return False
-    for k in range(3):
-        height -= abs(body.half_extents[k] * dot(n, column(body.rotation, k)))
-    return height < body.radius - CLOSED
+    return height < support(body, n) - CLOSED
 
 
 @fast_inlined

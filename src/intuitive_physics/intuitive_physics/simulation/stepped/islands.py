@@ -106,7 +106,7 @@ def carry_island(world, moving, root, first, count, step, threshold):
 def _leap(world, moving, root, start, step, steps):
     """Carry a body over so many steps at once, if they are alike; return whether they are."""
     body, duration = body_at(world, root), step * steps
-    if body.asleep == 1 or _is_by_a_box(world, moving, body, duration):
+    if _is_by_a_box(world, moving, body, duration):
         return False
     if not step_lone_body(world, root, start, step, steps):
         return False

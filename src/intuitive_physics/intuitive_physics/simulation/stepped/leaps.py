@@ -20,7 +20,7 @@ LEVEL = 1e-9
 @fast_inlined
 def may_leap(body):
     """Whether it is worth asking: a box never rolls, and a capsule does not fly like this."""
-    if body.drag != 0.0 or body.magnus != 0.0:
+    if body.asleep == 1 or body.drag != 0.0 or body.magnus != 0.0:
         return False
     return body.kind == SPHERE or (body.kind == CAPSULE and body.pressed == 1)
 

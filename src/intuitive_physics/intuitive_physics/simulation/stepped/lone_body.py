@@ -20,8 +20,8 @@ from intuitive_physics.simulation.stepped.motion import (
     plan_pressed,
     write_outputs,
 )
-from intuitive_physics.simulation.stepped.poses import rotate
-from intuitive_physics.simulation.stepped.world import body_at, column, plane_at
+from intuitive_physics.simulation.stepped.poses import rotate, support
+from intuitive_physics.simulation.stepped.world import body_at, plane_at
 from intuitive_physics.simulation.vectors import dot, load, norm, scaled
 from intuitive_physics.simulation.world_batch import CAPSULE, SPHERE
 
@@ -80,7 +80,7 @@ def _plane_below(world, body, duration):
             continue
         turning = 0.0
         if body.kind != SPHERE and gap <= MARGIN:
-            gap = height - _support(body, n)
+            gap = height - support(body, n)
             turning = _turning_way(body, duration)
         if gap > MARGIN:
             stays_free = False
@@ -92,16 +92,6 @@ def _plane_below(world, body, duration):
             return MEETS_MORE
     free = flies_free if touched == FLIES else stays_free
     return touched if free else MEETS_MORE
-
-
-@fast_inlined
-def _support(body, n):
-    """How far (m) a body reaches against a direction from its shape's centre."""
-    half = body.half_extents
-    support = body.radius
-    for k in range(3):
-        support += abs(half[k] * dot(n, column(body.rotation, k)))
-    return support
 
 
 @fast_inlined

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import cos, sin, sqrt
 
-from intuitive_physics.simulation.kernels import kernel
-from intuitive_physics.simulation.stepped.world import transposed_times
+from intuitive_physics.simulation.kernels import fast_inlined, kernel
+from intuitive_physics.simulation.stepped.world import column, transposed_times
 from intuitive_physics.simulation.vectors import add, dot, load, scaled
 from intuitive_physics.simulation.world_batch import SPHERE
 
@@ -100,3 +100,12 @@ def mass_centre(body):
     if body.lopsided == 0:
         return load(body.position)
     return add(load(body.position), turned(body, load(body.lever)))
+
+
+@fast_inlined
+def support(body, n):
+    """How far (m) a body reaches along a unit vector, or against it, from its shape's centre."""
+    reach = body.radius
+    for k in range(3):
+        reach += abs(body.half_extents[k] * dot(n, column(body.rotation, k)))
+    return reach

@@ -13,6 +13,7 @@ from benchmarks.scenes import POSITION_NOISE, VELOCITY_NOISE, thrown
 from benchmarks.scenes import SCENES as ALL_SCENES
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import parameter_names
+from intuitive_physics.scene import Scene
 from intuitive_physics_ros.conversions import (
     environment_to_message,
     object_states_to_message,
@@ -47,8 +48,8 @@ class Feed:
     def __init__(self, scene: str) -> None:
         rng = np.random.default_rng(SEED)
         self._throws = [thrown(SCENES[scene], rng) for _ in range(THROWS)]
-        deviations = [POSITION_NOISE, TURN_NOISE, VELOCITY_NOISE, SPIN_NOISE]
-        self._covariance = np.diag(np.repeat(np.square(deviations), 3))
+        # Made once: what is fed should cost the machine little beside the node.
+        self._messages = [_states_message(throw.scene) for throw in self._throws]
         self._begun = time.monotonic()
 
     def start(self, peer: Peer, node: str) -> None:
@@ -71,14 +72,14 @@ class Feed:
         return LearnedParameters(parameters, deviations, known, 1, 0.01, 10, "cma_es")
 
     def _publish(self) -> None:
-        number = int(time.monotonic() - self._begun) % THROWS
-        scene = self._throws[number].scene
-        states = [state.with_covariance(self._covariance) for state in scene.states]
-        self._states.publish(
-            object_states_to_message(
-                scene.objects,
-                states,
-                frame_id=scene.environment.frame_id,
-                stamp=stamp_from_seconds(time.time()),
-            )
-        )
+        message = self._messages[int(time.monotonic() - self._begun) % THROWS]
+        message.header.stamp = stamp_from_seconds(time.time())
+        self._states.publish(message)
+
+
+def _states_message(scene: Scene) -> ObjectStates:
+    deviations = [POSITION_NOISE, TURN_NOISE, VELOCITY_NOISE, SPIN_NOISE]
+    covariance = np.diag(np.repeat(np.square(deviations), 3))
+    states = [state.with_covariance(covariance) for state in scene.states]
+    frame_id = scene.environment.frame_id
+    return object_states_to_message(scene.objects, states, frame_id=frame_id)

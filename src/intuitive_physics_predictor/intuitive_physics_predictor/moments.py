@@ -7,7 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.simulation.kernels import entry
+from intuitive_physics.simulation.kernels import entry, inlined
+
+BLOCK = 384
+"""Numbers, whole points, whose sums are taken together."""
 
 
 def weighted_moments(
@@ -28,51 +31,65 @@ def weighted_moments(
     shape = points.shape[1:-1]
     flat = np.require(points, np.float64, ["C", "W"]).reshape(weights.size, -1)
     size = flat.shape[1]
-    mean, apart, products = np.zeros(size), np.zeros(size + 2), np.zeros((3, size))
-    covariance = np.empty((size // 3, 3, 3))
+    mean, covariance = np.empty(size), np.empty((size // 3, 3, 3))
     weights = np.require(weights, np.float64, ["C", "W"])
-    _moments(flat, weights, mean, apart, *products, covariance)
+    _moments(flat, weights, np.empty((5, BLOCK + 2)), mean, covariance)
     return mean.reshape(*shape, 3), covariance.reshape(*shape, 3, 3)
 
 
 @entry
-def _moments(
-    points: Any,
-    weights: Any,
-    mean: Any,
-    apart: Any,
-    own: Any,
-    next_one: Any,
-    after_next: Any,
-    covariance: Any,
-) -> None:
-    """Add up the mean (3 n,) of points (n_samples, 3 n), then write their covariance (n, 3, 3).
+def _moments(points: Any, weights: Any, room: Any, mean: Any, covariance: Any) -> None:
+    """Write the mean (3 n,) of points (n_samples, 3 n) and their covariance (n, 3, 3).
+
+    Both are added up from where the points are apart from the first sample, so that numbers which
+    are large beside their spread lose no digits, in one way through the memory. What is added up
+    for a block of points stays in the processor's nearest cache.
+
+    Parameters
+    ----------
+    room : (5, BLOCK + 2) scratch
+    """
+    samples, size = points.shape
+    room[:] = 0.0
+    for first in range(0, size, BLOCK):
+        count = min(BLOCK, size - first)
+        room[1:] = 0.0
+        for s in range(samples):
+            part = points[s, first : first + count]
+            _add_up(part, points[0, first : first + count], weights[s], room)
+        _write(points[0], room, first, count, mean, covariance)
+
+
+@inlined
+def _add_up(points: Any, origin: Any, weight: Any, room: Any) -> None:
+    """Add one sample's block of numbers to the sums of them and of their products.
 
     Number j is coordinate j % 3 of point j // 3. Each times itself, the next and the one after make
     all products of a point's coordinates, and some of two points' that nobody asks for: so every
     loop runs over numbers that lie side by side, which the compiler takes several at a time.
-
-    Parameters
-    ----------
-    mean, own, next_one, after_next : (3 n,), zero before, as is apart (3 n + 2,)
     """
-    samples, size = points.shape
-    for s in range(samples):
-        w = weights[s]
-        for j in range(size):
-            mean[j] += w * points[s, j]
-    for s in range(samples):
-        w = weights[s]
-        for j in range(size):
-            apart[j] = points[s, j] - mean[j]
-        for j in range(size):
-            weighted = w * apart[j]
-            own[j] += weighted * apart[j]
-            next_one[j] += weighted * apart[j + 1]
-            after_next[j] += weighted * apart[j + 2]
-    for k in range(size // 3):
-        matrix, j = covariance[k], 3 * k
-        matrix[0, 0], matrix[1, 1], matrix[2, 2] = own[j], own[j + 1], own[j + 2]
-        matrix[0, 1] = matrix[1, 0] = next_one[j]
-        matrix[1, 2] = matrix[2, 1] = next_one[j + 1]
-        matrix[0, 2] = matrix[2, 0] = after_next[j]
+    apart, total, own, next_one, after_next = room[0], room[1], room[2], room[3], room[4]
+    for j in range(points.size):
+        apart[j] = points[j] - origin[j]
+    for j in range(points.size):
+        weighted = weight * apart[j]
+        total[j] += weighted
+        own[j] += weighted * apart[j]
+        next_one[j] += weighted * apart[j + 1]
+        after_next[j] += weighted * apart[j + 2]
+
+
+@inlined
+def _write(origin: Any, room: Any, first: Any, count: Any, mean: Any, covariance: Any) -> None:
+    """Write the moments of a block of numbers from its sums: E[a b] - E[a] E[b]."""
+    total, own, next_one, after_next = room[1], room[2], room[3], room[4]
+    for j in range(count):
+        mean[first + j] = origin[first + j] + total[j]
+    for j in range(0, count, 3):
+        matrix = covariance[(first + j) // 3]
+        x, y, z = total[j], total[j + 1], total[j + 2]
+        matrix[0, 0], matrix[1, 1] = own[j] - x * x, own[j + 1] - y * y
+        matrix[2, 2] = own[j + 2] - z * z
+        matrix[0, 1] = matrix[1, 0] = next_one[j] - x * y
+        matrix[1, 2] = matrix[2, 1] = next_one[j + 1] - y * z
+        matrix[0, 2] = matrix[2, 0] = after_next[j] - x * z

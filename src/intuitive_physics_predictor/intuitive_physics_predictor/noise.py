@@ -4,10 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.simulation.kernels import entry, inlined
+from intuitive_physics.simulation.quaternions import (
+    load_quaternion,
+    store_quaternion,
+    turned_by,
+)
+from intuitive_physics.simulation.vectors import add, load, store
 from intuitive_physics.state import (
     ANGULAR_VELOCITY,
     ERROR_SIZE,
@@ -90,12 +98,8 @@ class StateSpread:
     def draw(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Draw states (count, n_objects, 13)."""
         normal = rng.standard_normal((count, len(self.means), ERROR_SIZE))
-        errors = np.einsum("oij,soj->soi", self.roots, normal)
-        drawn = np.repeat(self.means[None], count, axis=0)
-        drawn[..., 0:3] += errors[..., POSITION]
-        drawn[..., 3:7] = _turned(drawn[..., 3:7], errors[..., ROTATION])
-        drawn[..., 7:10] += errors[..., LINEAR_VELOCITY]
-        drawn[..., 10:13] += errors[..., ANGULAR_VELOCITY]
+        drawn = np.empty((count, *self.means.shape))
+        _add_errors(self.means, self.roots, normal, drawn)
         return drawn
 
 
@@ -112,17 +116,25 @@ def draw_sizes(
     return np.exp(non_negative_float(deviation, "size noise") * rng.standard_normal(shape))
 
 
-def _turned(quaternions: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Turn (…, 4) quaternions by (…, 3) rotation vectors in the environment's axes."""
-    half = 0.5 * np.sqrt((angles * angles).sum(axis=-1))
-    # sin(x) / x without dividing by zero
-    x, y, z = np.moveaxis(0.5 * np.sinc(half / np.pi)[..., None] * angles, -1, 0)
-    w = np.cos(half)
-    a, b, c, d = np.moveaxis(quaternions, -1, 0)
-    turned = np.empty_like(quaternions)
-    turned[..., 0] = w * a + d * x + (y * c - z * b)
-    turned[..., 1] = w * b + d * y + (z * a - x * c)
-    turned[..., 2] = w * c + d * z + (x * b - y * a)
-    turned[..., 3] = w * d - (x * a + y * b + z * c)
-    turned /= np.sqrt((turned * turned).sum(axis=-1, keepdims=True))
-    return turned
+@entry
+def _add_errors(means: Any, roots: Any, normal: Any, states: Any) -> None:
+    """Write states (count, n_objects, 13): the mean ones, and on them R times what is normal."""
+    for s in range(states.shape[0]):
+        for k in range(states.shape[1]):
+            mean, root, drawn, state = means[k], roots[k], normal[s, k], states[s, k]
+            store(state[0:3], add(load(mean[0:3]), _error(root, drawn, POSITION.start)))
+            turn = _error(root, drawn, ROTATION.start)
+            store_quaternion(state[3:7], turned_by(load_quaternion(mean[3:7]), turn))
+            store(state[7:10], add(load(mean[7:10]), _error(root, drawn, LINEAR_VELOCITY.start)))
+            store(state[10:13], add(load(mean[10:13]), _error(root, drawn, ANGULAR_VELOCITY.start)))
+
+
+@inlined
+def _error(root: Any, normal: Any, first: Any) -> Any:
+    """Three elements of R n, from the one numbered `first` on."""
+    x = y = z = 0.0
+    for j in range(normal.size):
+        x += root[first, j] * normal[j]
+        y += root[first + 1, j] * normal[j]
+        z += root[first + 2, j] * normal[j]
+    return x, y, z

@@ -29,6 +29,8 @@ class Pacer:
         self._rate = rate
         self._changed = threading.Condition()
         self._stopping = False
+        self._between_ticks = threading.Event()
+        self._between_ticks.set()
         self._thread = threading.Thread(target=self._run, name="pacer", daemon=True)
 
     def start(self) -> None:
@@ -49,6 +51,10 @@ class Pacer:
         if self._thread.is_alive():
             self._thread.join()
 
+    def wait_for_gap(self, most: float) -> None:
+        """Wait until no tick is under way, for `most` s: Python runs one thread at a time."""
+        self._between_ticks.wait(most)
+
     def _run(self) -> None:
         while not self._stopping:
             self._run_at(1.0 / self._rate)
@@ -59,7 +65,9 @@ class Pacer:
         number = 0
         left_out = 0
         while not self._waited_until(start + number * period, period):
+            self._between_ticks.clear()
             self._tick(time.monotonic() - start - number * period, left_out)
+            self._between_ticks.set()
             behind = time.monotonic() - start - (number + 1) * period
             left_out = max(0, math.floor(behind / period - LATEST) + 1)
             number += 1 + left_out

@@ -6,20 +6,17 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
 
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import PAIR_COEFFICIENTS
 from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
 from intuitive_physics.validation import non_negative_float
+from intuitive_physics_predictor.truncated_normal import TruncatedNormal
 
 STATIC = PAIR_COEFFICIENTS.index("static_friction")
 DYNAMIC = PAIR_COEFFICIENTS.index("dynamic_friction")
 AT_CONTACT = ("static_friction", "dynamic_friction", "restitution")
 """Coefficients that contact noise moves: what acts in an impact."""
-
-SMALLEST_DEVIATION = 1e-12
-"""What is known better than this is known exactly."""
 
 
 class UncertainParameters:
@@ -75,14 +72,29 @@ class UncertainParameters:
         self._lower = self._mean + reach * (self._lower - self._mean)
         self._upper = self._mean + reach * (self._upper - self._mean)
         self._draw_between(told & (scale > 0.0) & ~np.isnan(learned.intervals[:, 0]), mean)
-        self._pairs = np.triu_indices(len(learned.materials))
+        self._all = TruncatedNormal(self._mean, self._deviation, self._lower, self._upper)
+        self._elements = _elements_of_coefficients(len(learned.materials))
+        self._pair_frictions()
+
+    def _pair_frictions(self) -> None:
+        """Find out which friction of each pair is drawn first, and how the other one is then."""
+        m = len(self.learned.materials)
         static, dynamic = (
-            np.arange(len(learned.materials) + kind, mean.size, len(PAIR_COEFFICIENTS))
+            np.arange(m + kind, self._mean.size, len(PAIR_COEFFICIENTS))
             for kind in (STATIC, DYNAMIC)
         )
         self._draws_static = self._unsure[dynamic] < self._unsure[static]
-        self._less_known = np.where(self._draws_static, static, dynamic)
         self._better_known = np.where(self._draws_static, dynamic, static)
+        self._less_known = less = np.where(self._draws_static, static, dynamic)
+        # Mirrored at zero, a static friction too is at most the other one.
+        self._sign = np.where(self._draws_static, -1.0, 1.0)
+        lower, upper = self._lower[less], self._upper[less]
+        self._less_known_one = TruncatedNormal(
+            self._sign * self._mean[less],
+            self._deviation[less],
+            np.where(self._draws_static, -upper, lower),
+            np.where(self._draws_static, -lower, upper),
+        )
 
     def _draw_between(self, chosen: NDArray[np.bool_], mean: NDArray[np.float64]) -> None:
         """Let parameters be anywhere between the ends that the learner gives them."""
@@ -107,50 +119,25 @@ class UncertainParameters:
         """
         m = len(self.learned.materials)
         uniform = rng.random((count, self._mean.size))
-        drawn = _truncated_normal(uniform, self._mean, self._deviation, self._lower, self._upper)
-        self._order_frictions(drawn, uniform)
-        values = np.where(self._logarithmic, np.exp(drawn * self._logarithmic), drawn)
-        coefficients = np.empty((count, len(PAIR_COEFFICIENTS), m, m))
-        rows, columns = self._pairs
-        by_pair = values[:, m:].reshape(count, rows.size, len(PAIR_COEFFICIENTS)).swapaxes(1, 2)
-        coefficients[:, :, rows, columns] = coefficients[:, :, columns, rows] = by_pair
+        drawn = self._all.quantiles(uniform)
+        # The less known friction of each pair is drawn again, where the other one leaves room.
+        shares = self._draws_static + self._sign * uniform[:, self._less_known]
+        most = self._sign * drawn[:, self._better_known]
+        drawn[:, self._less_known] = self._sign * self._less_known_one.quantiles_up_to(most, shares)
+        values = np.exp(drawn, out=drawn, where=self._logarithmic)
+        coefficients = values.take(self._elements, axis=1)
         return np.ascontiguousarray(values[:, :m]), coefficients
-
-    def _order_frictions(self, drawn: NDArray[np.float64], uniform: NDArray[np.float64]) -> None:
-        """Draw the less known friction of each pair again, where the other one leaves room."""
-        less, known = self._less_known, drawn[:, self._better_known]
-        lower, upper = self._lower[less], self._upper[less]
-        lower = np.where(self._draws_static, np.maximum(lower, known), lower)
-        upper = np.where(self._draws_static, np.maximum(upper, lower), np.minimum(upper, known))
-        lower = np.minimum(lower, upper)
-        drawn[:, less] = _truncated_normal(
-            uniform[:, less], self._mean[less], self._deviation[less], lower, upper
-        )
 
     def _to_scale(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         logarithms = np.log(np.maximum(values, np.finfo(float).tiny))
         return np.where(self._logarithmic, logarithms, values)
 
 
-def _truncated_normal(
-    uniform: NDArray[np.float64],
-    mean: NDArray[np.float64],
-    deviation: NDArray[np.float64],
-    lower: NDArray[np.float64],
-    upper: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Quantiles of normal distributions between two bounds; uniform where `deviation` is infinite.
-
-    All arrays broadcast; where `deviation` is next to zero the answer is the mean.
-    """
-    wide, exact = np.isinf(deviation), deviation < SMALLEST_DEVIATION
-    spread = np.where(wide | exact, 1.0, deviation)
-    low, high = (lower - mean) / spread, (upper - mean) / spread
-    # The upper tail is read as the lower one of the mirrored distribution, where ndtr is precise.
-    mirrored = low > 0.0
-    a, b = np.where(mirrored, -high, low), np.where(mirrored, -low, high)
-    share = np.where(mirrored, 1.0 - uniform, uniform)
-    z = ndtri(ndtr(a) + share * (ndtr(b) - ndtr(a)))
-    normal = mean + np.where(exact, 0.0, np.where(mirrored, -z, z) * spread)
-    drawn = np.where(wide, lower + uniform * (upper - lower), normal)
-    return np.asarray(np.clip(drawn, lower, upper))
+def _elements_of_coefficients(m: int) -> NDArray[np.int64]:
+    """Return which parameter each element of the coefficients is, shape (4, m, m)."""
+    rows, columns = np.triu_indices(m)
+    kinds = len(PAIR_COEFFICIENTS)
+    elements = np.empty((kinds, m, m), dtype=np.int64)
+    of_pairs = m + np.arange(rows.size * kinds).reshape(rows.size, kinds).T
+    elements[:, rows, columns] = elements[:, columns, rows] = of_pairs
+    return elements

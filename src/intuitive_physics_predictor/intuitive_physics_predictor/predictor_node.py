@@ -89,6 +89,7 @@ class PredictorNode(Node):
 
     def _on_input(self, monitor: InputMonitor, take: Any, message: Any) -> None:
         now = 1e-9 * self.get_clock().now().nanoseconds
+        self._ticks.wait_for_gap()
         try:
             self._ticks.take(**take(message, now))
         except IntuitivePhysicsError as error:

@@ -25,6 +25,9 @@ from intuitive_physics_ros.conversions import DistributionWriter
 from intuitive_physics_ros.qos import SENSOR_DATA
 from intuitive_physics_ros.rate_monitor import RateMonitor
 
+LONGEST_WAIT = 0.02
+"""s, for a tick to end."""
+
 
 class PredictionTicks:
     """Publishes predictions at a steady rate, from a thread of its own.
@@ -68,6 +71,10 @@ class PredictionTicks:
         # What is missing or does not go together is told by the next tick.
         with suppress(IntuitivePhysicsError):
             self.settings.prepared(self.inputs.scene, self.inputs.learned)
+
+    def wait_for_gap(self) -> None:
+        """Wait until no tick is under way, so that what follows takes none of its time."""
+        self._pacer.wait_for_gap(LONGEST_WAIT)
 
     def start(self) -> None:
         """Begin, with the first tick at once."""

@@ -27,6 +27,9 @@ class Ticks:
         if len(self.due) >= self._enough:
             self._done.set()
 
+    def is_done(self):
+        return self._done.is_set()
+
     def wait(self):
         assert self._done.wait(20.0)
 
@@ -94,6 +97,41 @@ def test_it_stops_at_once_though_the_next_tick_is_far(paced):
     pacer.stop()
     assert time.monotonic() - start < 5.0
     assert len(ticks.due) == 1
+
+
+def test_who_waits_for_the_gap_begins_when_no_tick_is_under_way(paced):
+    # Ticks of 30 ms that begin every 50 ms: three in five moments are in one.
+    ended = []
+
+    def work(number):
+        time.sleep(0.03)
+        ended.append(number)
+
+    ticks = Ticks(15, work)
+    pacer = paced(ticks, 20.0)
+    in_a_tick = []
+    while not ticks.is_done():
+        pacer.wait_for_gap(1.0)
+        in_a_tick.append(len(ended) < len(ticks.due))
+        time.sleep(0.007)
+    # One may begin between the waking of who waits and its look.
+    assert len(in_a_tick) > 15
+    assert np.mean(in_a_tick) < 0.2
+
+
+def test_who_waits_for_the_gap_waits_no_longer_than_told(paced):
+    begun, end = threading.Event(), threading.Event()
+
+    def work(number):
+        begun.set()
+        end.wait(20.0)
+
+    pacer = paced(Ticks(1, work), 20.0)
+    assert begun.wait(20.0)
+    start = time.monotonic()
+    pacer.wait_for_gap(0.05)
+    assert 0.04 < time.monotonic() - start < 10.0
+    end.set()
 
 
 def test_what_never_started_can_be_stopped():

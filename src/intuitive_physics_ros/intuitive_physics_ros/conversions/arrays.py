@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from array import array
 from collections.abc import Sequence
 
@@ -30,7 +31,7 @@ def flat_array(field: Sequence[float], shape: Sequence[int]) -> NDArray[np.float
         When it has more or fewer numbers than the shape, or any that is not finite.
     """
     values = np.array(field, dtype=np.float64)
-    expected = int(np.prod(shape))
+    expected = math.prod(shape)
     if values.size != expected:
         raise InvalidInputError(f"has {values.size} numbers; expected {expected}")
     bad = int(values.size - np.isfinite(values).sum())

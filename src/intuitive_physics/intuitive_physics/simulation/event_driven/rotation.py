@@ -8,9 +8,13 @@ b = h² α and c = a × b it is a + (-20 a + c) × (b - a × c / 60) / 240, to t
 
 from __future__ import annotations
 
-from math import cos, sin, sqrt
-
 from intuitive_physics.simulation.kernels import inlined, kernel
+from intuitive_physics.simulation.quaternions import (
+    axis_times,
+    load_quaternion,
+    store_quaternion,
+    turned_by,
+)
 from intuitive_physics.simulation.vectors import (
     add,
     add_scaled,
@@ -44,7 +48,7 @@ ROUNDER = 6755399441055744.0
 def turned(q, spin, spin_acceleration, tau):
     """Return a quaternion (x, y, z, w) turned for tau (s) from where the spin is `spin`."""
     if keeps_direction(spin, spin_acceleration, tau):
-        return _turned_by(q, scaled(add_scaled(spin, spin_acceleration, 0.5 * tau), tau))
+        return turned_by(q, scaled(add_scaled(spin, spin_acceleration, 0.5 * tau), tau))
     fastest = max(norm(spin), norm(add_scaled(spin, spin_acceleration, tau)))
     pieces = MOST_PIECES
     if fastest * abs(tau) < MOST_PIECES * LONGEST_TURN:
@@ -56,7 +60,7 @@ def turned(q, spin, spin_acceleration, tau):
         c = cross(a, b)
         left = add_scaled(c, a, -20.0)
         right = add_scaled(b, cross(a, c), -1.0 / 60.0)
-        q = _turned_by(q, add_scaled(a, cross(left, right), 1.0 / 240.0))
+        q = turned_by(q, add_scaled(a, cross(left, right), 1.0 / 240.0))
     return q
 
 
@@ -66,42 +70,6 @@ def keeps_direction(spin, spin_acceleration, tau):
     change = scaled(spin_acceleration, tau)
     away = norm(cross(spin, change))
     return away <= SAME_DIRECTION * dot(spin, spin) or away <= SAME_DIRECTION * dot(change, change)
-
-
-@kernel
-def _turned_by(q, turn):
-    half = 0.5 * norm(turn)
-    # sin(x) / x, which is 1 - x² / 6 near zero.
-    share = 0.5 * (sin(half) / half if half > 1e-4 else 1.0 - half * half / 6.0)
-    px, py, pz, pw = _axis_times(turn, q)
-    c = cos(half)
-    x, y = c * q[0] + share * px, c * q[1] + share * py
-    z, w = c * q[2] + share * pz, c * q[3] + share * pw
-    scale = 1.0 / sqrt(x * x + y * y + z * z + w * w)
-    return x * scale, y * scale, z * scale, w * scale
-
-
-@kernel
-def _axis_times(axis, q):
-    """The product of the quaternions (axis, 0) and q."""
-    return (
-        axis[0] * q[3] + axis[1] * q[2] - axis[2] * q[1],
-        axis[1] * q[3] + axis[2] * q[0] - axis[0] * q[2],
-        axis[2] * q[3] + axis[0] * q[1] - axis[1] * q[0],
-        -(axis[0] * q[0] + axis[1] * q[1] + axis[2] * q[2]),
-    )
-
-
-@kernel
-def load_quaternion(array):
-    """The quaternion in an array of four."""
-    return array[0], array[1], array[2], array[3]
-
-
-@kernel
-def store_quaternion(array, q):
-    """Write a quaternion into an array of four."""
-    array[0], array[1], array[2], array[3] = q
 
 
 @kernel
@@ -132,7 +100,7 @@ def _write_turns(body, axis, rate, change, times, orientations):
     cosine are polynomials over an eighth of a turn, as branch-free as a vectorised loop must be.
     """
     bx, by, bz, bw = load_quaternion(body.orientation)
-    px, py, pz, pw = _axis_times(axis, (bx, by, bz, bw))
+    px, py, pz, pw = axis_times(axis, (bx, by, bz, bw))
     since = body.time
     for k in range(times.size):
         tau = times[k] - since

@@ -53,14 +53,13 @@ class Feed:
         self._begun = time.monotonic()
 
     def start(self, peer: Peer, node: str) -> None:
-        """Publish from now on, whenever the peer spins."""
+        """Publish environment and static parameters, which the node keeps."""
         first = self._throws[0]
         environment = peer.publisher(EnvironmentMessage, f"{node}/environment", LATCHED)
         environment.publish(environment_to_message(first.scene.environment, version=1))
         parameters = peer.publisher(StaticParametersMessage, f"{node}/static_parameters", LATCHED)
         parameters.publish(static_parameters_to_message(self.learned()))
         self._states = peer.publisher(ObjectStates, f"{node}/object_states", SENSOR_DATA)
-        peer.node.create_timer(1.0 / RATE, self._publish)
 
     def learned(self) -> LearnedParameters:
         """Return θ_s of the first throw, as if it had been learned."""
@@ -71,7 +70,8 @@ class Feed:
         known = np.ones(size, dtype=bool)
         return LearnedParameters(parameters, deviations, known, 1, 0.01, 10, "cma_es")
 
-    def _publish(self) -> None:
+    def publish(self) -> None:
+        """Publish the states of a throw, seen now."""
         message = self._messages[int(time.monotonic() - self._begun) % THROWS]
         message.header.stamp = stamp_from_seconds(time.time())
         self._states.publish(message)

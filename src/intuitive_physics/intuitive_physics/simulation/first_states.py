@@ -9,7 +9,7 @@ import numpy as np
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation.stepped.overlaps import OVERLAP, find_overlaps
-from intuitive_physics.simulation.stepped.scratch import Scratch
+from intuitive_physics.simulation.stepped.scratch import Scratch, scratch_sizes
 from intuitive_physics.simulation.world_batch import WorldBatch
 
 LARGEST_OVERLAP = 0.25
@@ -30,7 +30,7 @@ def check_overlaps(scenes: Sequence[Scene], worlds: WorldBatch) -> None:
     InvalidInputError
         When two objects do, or an object and a plane or a static box.
     """
-    scratch = Scratch(worlds, contacts_a_body=0)
+    scratch = Scratch(*scratch_sizes(worlds), contacts_a_body=0)
     overlaps = np.empty(worlds.size, OVERLAP)
     find_overlaps(
         LARGEST_OVERLAP,

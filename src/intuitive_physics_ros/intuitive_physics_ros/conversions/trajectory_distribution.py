@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -68,8 +69,7 @@ class DistributionWriter:
     """
 
     def __init__(self) -> None:
-        self._message = TrajectoryDistributionMessage()
-        self._shape = (0, 0, 0)
+        self._room = _Room(0, 0, 0)
 
     def write(
         self,
@@ -101,19 +101,19 @@ class DistributionWriter:
         samples = _shaped(positions, "positions", (n_samples, n_objects, n_times, 3))
         means = _shaped(mean, "mean", (n_objects, n_times, 3))
         covariances = _shaped(covariance, "covariance", (n_objects, n_times, 3, 3))
-        if shape != self._shape:
-            self._message, self._shape = _room_for(*shape), shape
-        message = self._message
+        if shape != self._room.shape:
+            self._room = _Room(*shape)
+        room, message = self._room, self._room.message
         message.header = Header(stamp=stamp, frame_id=frame_id)
         message.states_stamp = states_stamp
         message.simulated_count = simulated_count
-        _fill(message.times, np.asarray(times))
-        _fill(message.weights, np.asarray(weights))
-        for i, (predicted, object_id) in enumerate(zip(message.objects, object_ids, strict=True)):
-            predicted.object_id = object_id
-            _fill(predicted.mean, means[i])
-            _fill(predicted.covariance, covariances[i][:, ROWS, COLUMNS])
-            _fill(predicted.samples, samples[:, i])
+        room.times[...] = times
+        room.weights[...] = weights
+        for i, predicted in enumerate(message.objects):
+            predicted.object_id = object_ids[i]
+            room.means[i][...] = means[i]
+            room.covariances[i][...] = covariances[i][:, ROWS, COLUMNS]
+            room.samples[i][...] = samples[:, i]
         message.static_parameters_version = static_parameters_version
         message.environment_version = environment_version
         message.seed = seed
@@ -178,25 +178,34 @@ def _shaped(values: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[Any
     return array
 
 
-def _room_for(n_samples: int, n_objects: int, n_times: int) -> TrajectoryDistributionMessage:
-    """Return a message whose lists have the lengths they need."""
-    return TrajectoryDistributionMessage(
-        times=float32_field(np.zeros(n_times)),
-        sample_count=n_samples,
-        weights=float32_field(np.zeros(n_samples)),
-        objects=[
-            PredictedTrajectory(
-                mean=float32_field(np.zeros(3 * n_times)),
-                covariance=float32_field(np.zeros(ROWS.size * n_times)),
-                samples=float32_field(np.zeros(3 * n_samples * n_times)),
-            )
-            for _ in range(n_objects)
-        ],
-    )
+class _Room:
+    """A message whose lists have the lengths they need, and its lists as arrays."""
+
+    def __init__(self, n_samples: int, n_objects: int, n_times: int) -> None:
+        self.shape = (n_samples, n_objects, n_times)
+        self.message = TrajectoryDistributionMessage(
+            times=float32_field(np.zeros(n_times)),
+            sample_count=n_samples,
+            weights=float32_field(np.zeros(n_samples)),
+            objects=[
+                PredictedTrajectory(
+                    mean=float32_field(np.zeros(3 * n_times)),
+                    covariance=float32_field(np.zeros(ROWS.size * n_times)),
+                    samples=float32_field(np.zeros(3 * n_samples * n_times)),
+                )
+                for _ in range(n_objects)
+            ],
+        )
+        objects = self.message.objects
+        self.times = _as_array(self.message.times, n_times)
+        self.weights = _as_array(self.message.weights, n_samples)
+        self.means = [_as_array(one.mean, n_times, 3) for one in objects]
+        self.covariances = [_as_array(one.covariance, n_times, ROWS.size) for one in objects]
+        self.samples = [_as_array(one.samples, n_samples, n_times, 3) for one in objects]
 
 
-def _fill(field: Any, values: NDArray[Any]) -> None:
-    """Write an array into a `float32[]` field of as many numbers, in one copy."""
-    if values.size:
-        room = np.frombuffer(field, dtype=np.float32)
-        room.reshape(values.shape)[...] = values
+def _as_array(field: Any, *shape: int) -> NDArray[np.float32]:
+    """Return a `float32[]` field as an array that shares its memory."""
+    if math.prod(shape) == 0:
+        return np.empty(shape, dtype=np.float32)
+    return np.frombuffer(field, dtype=np.float32).reshape(shape)

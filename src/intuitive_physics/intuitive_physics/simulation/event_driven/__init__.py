@@ -19,10 +19,26 @@ from intuitive_physics.simulation.event_driven.world import (
 )
 from intuitive_physics.simulation.shares import run_in_shares
 from intuitive_physics.simulation.simulator import Rollout, Simulator
+from intuitive_physics.simulation.thread_scratch import ThreadScratch
 from intuitive_physics.simulation.world_batch import SPHERE, WorldBatch
 
 SMALLEST_SHARE = 64
 """Worlds for which another thread is worth its start."""
+
+
+class Scratch:
+    """Room for one world of so many objects, solids and features of solids."""
+
+    def __init__(self, objects: int, solids: int, features: int) -> None:
+        self.objects = np.empty(objects, OBJECT)
+        self.solids = np.empty(solids, SOLID)
+        self.features = np.empty(features, FEATURE)
+        self.contacts = np.empty(most_contacts(objects, solids), CONTACT)
+        self.pairs = np.empty(objects * objects, PAIR)
+        self.world = np.empty(1, WORLD)
+
+
+SCRATCH = ThreadScratch(Scratch)
 
 
 class EventDrivenSimulator(Simulator):
@@ -56,9 +72,11 @@ class EventDrivenSimulator(Simulator):
         positions = np.empty((count, objects, times.shape[1], 3))
         turned = np.empty((count, objects if orientations else 0, times.shape[1], 4))
         status = np.empty(count, dtype=np.int64)
+        solids = worlds.planes.shape[1] + worlds.boxes.shape[1]
+        features = most_features(worlds)
 
         def roll(first: int, last: int) -> None:
-            scratch = _Scratch(worlds)
+            scratch = SCRATCH.of_size(objects, solids, features)
             roll_worlds(
                 first,
                 last,
@@ -96,20 +114,6 @@ class EventDrivenSimulator(Simulator):
 
         run_in_shares(roll, count, self.threads, SMALLEST_SHARE)
         return Rollout(positions, turned if orientations else None, status)
-
-
-class _Scratch:
-    """Room for the largest world of a batch; the arrays live as long as this does."""
-
-    def __init__(self, worlds: WorldBatch) -> None:
-        objects = worlds.dimensions.shape[1]
-        solids = worlds.planes.shape[1] + worlds.boxes.shape[1]
-        self.objects = np.empty(objects, OBJECT)
-        self.solids = np.empty(solids, SOLID)
-        self.features = np.empty(most_features(worlds), FEATURE)
-        self.contacts = np.empty(most_contacts(objects, solids), CONTACT)
-        self.pairs = np.empty(objects * objects, PAIR)
-        self.world = np.empty(1, WORLD)
 
 
 def _check_supported(worlds: WorldBatch) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,13 +9,16 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.simulation.shares import run_in_shares
 from intuitive_physics.simulation.simulator import Rollout, Simulator
 from intuitive_physics.simulation.stepped.kernel import roll_worlds
-from intuitive_physics.simulation.stepped.scratch import Scratch
+from intuitive_physics.simulation.stepped.scratch import Scratch, scratch_sizes
+from intuitive_physics.simulation.thread_scratch import ThreadScratch
 from intuitive_physics.simulation.world_batch import WorldBatch
 
 DEFAULT_TIME_STEP = 0.01
 
 SMALLEST_SHARE = 4
 """Worlds for which another thread is worth its start."""
+
+SCRATCH = ThreadScratch(Scratch)
 
 
 class SteppedSimulator(Simulator):
@@ -44,16 +45,12 @@ class SteppedSimulator(Simulator):
         self, worlds: WorldBatch, times: NDArray[np.float64], orientations: bool
     ) -> Rollout:
         shape = (*worlds.states.shape[:2], times.shape[1])
-        positions = np.full((*shape, 3), np.nan)
-        turned = np.full((*shape, 4) if orientations else (shape[0], 0, shape[2], 4), np.nan)
-        status = np.zeros(worlds.size, dtype=np.int64)
-
-        rooms: dict[int, Scratch] = {}
+        positions = np.empty((*shape, 3))
+        turned = np.empty((*shape, 4) if orientations else (shape[0], 0, shape[2], 4))
+        status = np.empty(worlds.size, dtype=np.int64)
+        sizes = scratch_sizes(worlds)
 
         def roll(first: int, last: int) -> None:
-            thread = threading.get_ident()
-            if thread not in rooms:
-                rooms[thread] = Scratch(worlds)
             roll_worlds(
                 first,
                 last,
@@ -83,7 +80,7 @@ class SteppedSimulator(Simulator):
                 worlds.noise_keys,
                 worlds.contact_noise,
                 times,
-                rooms[thread].world,
+                SCRATCH.of_size(*sizes).world,
                 positions,
                 turned,
                 status,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite
+from math import inf, isfinite, nan
 
 from intuitive_physics.simulation.kernels import entry, fast_inlined, kernel
 from intuitive_physics.simulation.noisy_impacts import set_noise
@@ -98,6 +98,9 @@ def roll_worlds(
             boxes[e],
             box_materials[e],
         )
+        # What is never reached, and what is padding, has no place.
+        positions[w] = nan
+        orientations[w] = nan
         row = times[w if times.shape[0] > 1 else 0]
         world.output_room = world.output_count = row.size
         while not isfinite(row[world.output_count - 1]):

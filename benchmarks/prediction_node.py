@@ -32,6 +32,9 @@ HOLDS = 99.0
 MOST_PUBLISHED = 1000
 """Samples in a message: 6 MB an object; two of them fill the shared memory of a participant."""
 
+TRIES = 3
+"""Of each number of samples, until one holds."""
+
 FIRST = 60.0
 """s to wait for the first message."""
 
@@ -172,12 +175,13 @@ class NodeUnderTest:
 def largest_sample_count(node: NodeUnderTest, seconds: float) -> int:
     """Return the largest number of samples with which the node still predicts 99 times a second.
 
-    It grows by half until it is too large, then the last gap is halved twice.
+    It grows by half until it is too large, then the last gap is halved twice. Each number has a few
+    tries: what else the machine does can only take away.
     """
 
     def holds(count: int) -> bool:
         node.set(sample_count=count)
-        return node.run(seconds).rate >= HOLDS
+        return any(node.run(seconds).rate >= HOLDS for _ in range(TRIES))
 
     good, bad = 0, 20
     while bad <= 10_000 and holds(bad):

@@ -29,8 +29,10 @@ class Pacer:
         self._rate = rate
         self._changed = threading.Condition()
         self._stopping = False
-        self._between_ticks = threading.Event()
-        self._between_ticks.set()
+        self._gap = threading.Condition()
+        self._ticking = False
+        self._ended = 0
+        self._due = -math.inf
         self._thread = threading.Thread(target=self._run, name="pacer", daemon=True)
 
     def start(self) -> None:
@@ -51,9 +53,20 @@ class Pacer:
         if self._thread.is_alive():
             self._thread.join()
 
-    def wait_for_gap(self, most: float) -> None:
-        """Wait until no tick is under way, for `most` s: Python runs one thread at a time."""
-        self._between_ticks.wait(most)
+    def wait_for_gap(self, length: float, most: float) -> None:
+        """Wait until a tick ends, unless none is under way or due soon: Python runs one thread.
+
+        Parameters
+        ----------
+        length : s before the next tick that are enough to begin at once
+        most : s to wait
+        """
+        with self._gap:
+            ended = self._ended
+            self._gap.wait_for(lambda: self._ended != ended or self._is_free(length), most)
+
+    def _is_free(self, length: float) -> bool:
+        return not self._ticking and not 0.0 < self._due - time.monotonic() < length
 
     def _run(self) -> None:
         while not self._stopping:
@@ -65,12 +78,19 @@ class Pacer:
         number = 0
         left_out = 0
         while not self._waited_until(start + number * period, period):
-            self._between_ticks.clear()
+            self._ticking = True
             self._tick(time.monotonic() - start - number * period, left_out)
-            self._between_ticks.set()
             behind = time.monotonic() - start - (number + 1) * period
             left_out = max(0, math.floor(behind / period - LATEST) + 1)
             number += 1 + left_out
+            self._end_tick(start + number * period)
+
+    def _end_tick(self, due: float) -> None:
+        with self._gap:
+            self._ticking = False
+            self._due = due
+            self._ended += 1
+            self._gap.notify_all()
 
     def _waited_until(self, due: float, period: float) -> bool:
         """Wait; answer whether something changed, so that what was waited for is not due."""

@@ -14,6 +14,7 @@ from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessa
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.serialization import deserialize_message
 from visualization_msgs.msg import MarkerArray
 
 from intuitive_physics.errors import IntuitivePhysicsError
@@ -82,16 +83,17 @@ class PredictorNode(Node):
             ("static_parameters", StaticParametersMessage, parameters_inputs, LATCHED, None),
         ):
             monitor = InputMonitor(self, f"~/{name}", expected)
-            heard = partial(self._on_input, monitor, take)
-            self.create_subscription(kind, f"~/{name}", heard, qos)
+            heard = partial(self._on_input, monitor, kind, take)
+            self.create_subscription(kind, f"~/{name}", heard, qos, raw=True)
             diagnostics.add(name, monitor.check)
         diagnostics.add("prediction", self._ticks.monitor.check)
 
-    def _on_input(self, monitor: InputMonitor, take: Any, message: Any) -> None:
+    def _on_input(self, monitor: InputMonitor, kind: Any, take: Any, message: bytes) -> None:
+        """Take over an input between two ticks, from reading its bytes on."""
         now = 1e-9 * self.get_clock().now().nanoseconds
         self._ticks.wait_for_gap()
         try:
-            self._ticks.take(**take(message, now))
+            self._ticks.take(**take(deserialize_message(message, kind), now))
         except IntuitivePhysicsError as error:
             monitor.rejected(error)
         else:

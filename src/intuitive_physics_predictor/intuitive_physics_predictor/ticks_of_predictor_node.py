@@ -25,8 +25,8 @@ from intuitive_physics_ros.conversions import DistributionWriter
 from intuitive_physics_ros.qos import SENSOR_DATA
 from intuitive_physics_ros.rate_monitor import RateMonitor
 
-LONGEST_WAIT = 0.02
-"""s, for a tick to end."""
+INPUT_TIME, LONGEST_WAIT = 3e-3, 0.02
+"""s that an input takes to be taken over, and that it waits for a tick to end."""
 
 
 class PredictionTicks:
@@ -74,7 +74,7 @@ class PredictionTicks:
 
     def wait_for_gap(self) -> None:
         """Wait until no tick is under way, so that what follows takes none of its time."""
-        self._pacer.wait_for_gap(LONGEST_WAIT)
+        self._pacer.wait_for_gap(INPUT_TIME, LONGEST_WAIT)
 
     def start(self) -> None:
         """Begin, with the first tick at once."""

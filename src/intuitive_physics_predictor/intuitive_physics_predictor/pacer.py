@@ -54,11 +54,13 @@ class Pacer:
             self._thread.join()
 
     def wait_for_gap(self, length: float, most: float) -> None:
-        """Wait until a tick ends, unless none is under way or due soon: Python runs one thread.
+        """Wait until a tick has just ended; not at all where the next one is far.
+
+        Python runs one thread at a time: what another one does meanwhile delays a tick.
 
         Parameters
         ----------
-        length : s before the next tick that are enough to begin at once
+        length : s before the next tick that make it far
         most : s to wait
         """
         with self._gap:

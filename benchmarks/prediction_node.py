@@ -137,16 +137,16 @@ class NodeUnderTest:
     def run(self, seconds: float) -> Run:
         """Watch the node for so long, once it predicts steadily, from a thread that gives way."""
         with ThreadPoolExecutor(1, initializer=_give_way) as thread:
-            return thread.submit(self._run, seconds).result()
+            return thread.submit(self._measure, seconds).result()
 
-    def _run(self, seconds: float) -> Run:
+    def _measure(self, seconds: float) -> Run:
         self._heard.clear()
         deadline = time.monotonic() + FIRST
         while not self._heard and time.monotonic() < deadline:
             self._watch(0.1)
-        self._watch(SETTLING)
         if not self._heard:
             raise PeerTimeoutError(f"waited {FIRST:.0f} s in vain for the first prediction")
+        self._watch(SETTLING)
         self._heard.clear()
         pid = self._predictor.process.pid
         begun, used, memory = time.monotonic(), _cpu_seconds(pid), []

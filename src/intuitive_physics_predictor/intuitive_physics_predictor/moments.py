@@ -50,10 +50,9 @@ def _moments(points: Any, weights: Any, room: Any, mean: Any, covariance: Any) -
     room : (5, BLOCK + 2) scratch
     """
     samples, size = points.shape
-    room[:] = 0.0
     for first in range(0, size, BLOCK):
         count = min(BLOCK, size - first)
-        room[1:] = 0.0
+        room[:] = 0.0
         for s in range(samples):
             part = points[s, first : first + count]
             _add_up(part, points[0, first : first + count], weights[s], room)

@@ -30,9 +30,8 @@ class Pacer:
         self._changed = threading.Condition()
         self._stopping = False
         self._gap = threading.Condition()
-        self._ticking = False
         self._ended = 0
-        self._due = -math.inf
+        self._free_until = math.inf
         self._thread = threading.Thread(target=self._run, name="pacer", daemon=True)
 
     def start(self) -> None:
@@ -65,10 +64,9 @@ class Pacer:
         """
         with self._gap:
             ended = self._ended
-            self._gap.wait_for(lambda: self._ended != ended or self._is_free(length), most)
-
-    def _is_free(self, length: float) -> bool:
-        return not self._ticking and not 0.0 < self._due - time.monotonic() < length
+            self._gap.wait_for(
+                lambda: self._ended != ended or self._free_until - time.monotonic() >= length, most
+            )
 
     def _run(self) -> None:
         while not self._stopping:
@@ -80,7 +78,7 @@ class Pacer:
         number = 0
         left_out = 0
         while not self._waited_until(start + number * period, period):
-            self._ticking = True
+            self._free_until = -math.inf
             self._tick(time.monotonic() - start - number * period, left_out)
             behind = time.monotonic() - start - (number + 1) * period
             left_out = max(0, math.floor(behind / period - LATEST) + 1)
@@ -89,8 +87,7 @@ class Pacer:
 
     def _end_tick(self, due: float) -> None:
         with self._gap:
-            self._ticking = False
-            self._due = due
+            self._free_until = due
             self._ended += 1
             self._gap.notify_all()
 

@@ -66,16 +66,10 @@ def predict(
     PredictionFailedError
         When no sample could be simulated to the end.
     """
-    return predict_prepared(
-        PreparedScene.of(scene, static_parameters, noise or StateNoise()),
-        times,
-        rng=rng,
-        sample_count=sample_count,
-        size_noise=size_noise,
-        contact_noise=contact_noise,
-        simulator=simulator,
-        orientations=orientations,
-    )
+    prepared = PreparedScene.of(scene, static_parameters, noise or StateNoise())
+    worlds = prepared.sampled(sample_count, rng, size_noise, contact_noise)
+    engine = simulator or make_simulator("auto")
+    return predict_sampled(scene, worlds, times, simulator=engine, orientations=orientations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +108,16 @@ class PreparedScene:
         spread = StateSpread.of(scene.states, noise)
         return PreparedScene(scene, static_parameters, pack_worlds([scene], known), spread)
 
-    def sampled(self, count: int, size_noise: float, rng: np.random.Generator) -> WorldBatch:
-        """Return `count` copies, each with its own draw of all that is uncertain."""
+    def sampled(
+        self,
+        count: int,
+        rng: np.random.Generator,
+        size_noise: float = 0.0,
+        contact_noise: ContactNoise | None = None,
+    ) -> WorldBatch:
+        """Return `count` copies, each with its own draw of all that is uncertain, as `predict`."""
+        if count < 1:
+            raise InvalidInputError(f"sample count is {count}; expected at least 1")
         one = self.world
         changes: dict[str, Any] = {"states": self.spread.draw(count, rng)}
         if isinstance(self.static_parameters, UncertainParameters):
@@ -129,39 +131,31 @@ class PreparedScene:
             # Drag grows with the silhouette, the Magnus force with the silhouette times the radius.
             changes["air_factors"] = one.air_factors * factors ** np.array([2.0, 3.0])
             changes["mass_centres"] = one.mass_centres * factors
-        return one.taken(np.zeros(count, dtype=np.int64), **changes)
+        worlds = one.taken(np.zeros(count, dtype=np.int64), **changes)
+        return worlds.with_contact_noise(contact_noise, rng) if contact_noise else worlds
 
 
-def predict_prepared(
-    prepared: PreparedScene,
+def predict_sampled(
+    scene: Scene,
+    worlds: WorldBatch,
     times: ArrayLike,
     *,
-    rng: np.random.Generator,
-    sample_count: int = DEFAULT_SAMPLE_COUNT,
-    size_noise: float = 0.0,
-    contact_noise: ContactNoise | None = None,
-    simulator: Simulator | None = None,
+    simulator: Simulator,
     orientations: bool = False,
 ) -> TrajectoryDistribution:
-    """Predict as `predict` does, the same to the bit, from a scene that was prepared."""
-    if sample_count < 1:
-        raise InvalidInputError(f"sample count is {sample_count}; expected at least 1")
-    engine = simulator or make_simulator("auto")
-    worlds = prepared.sampled(sample_count, size_noise, rng)
-    if contact_noise:
-        worlds = worlds.with_contact_noise(contact_noise, rng)
-    rollout = engine.rollout_batch(worlds, times, orientations=orientations)
+    """Predict as `predict` does, the same to the bit, from samples that were drawn of a scene."""
+    rollout = simulator.rollout_batch(worlds, times, orientations=orientations)
     ended = rollout.status == WorldStatus.OK
     if not ended.any():
         raise PredictionFailedError(
-            f"none of {sample_count} samples could be simulated to the end; "
+            f"none of {worlds.size} samples could be simulated to the end; "
             "check the objects' states, their speeds above all"
         )
     positions, turned = rollout.positions, rollout.orientations
     if not ended.all():
         positions, turned = positions[ended], None if turned is None else turned[ended]
     return TrajectoryDistribution(
-        object_ids=tuple(thing.id for thing in prepared.scene.objects),
+        object_ids=tuple(thing.id for thing in scene.objects),
         times=np.array(times, dtype=np.float64),
         positions=positions,
         weights=np.full(len(positions), 1.0 / len(positions)),

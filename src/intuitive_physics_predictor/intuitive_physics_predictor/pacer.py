@@ -30,7 +30,7 @@ class Pacer:
         self._changed = threading.Condition()
         self._stopping = False
         self._gap = threading.Condition()
-        self._ended = 0
+        self._ended = self._waiting = 0
         self._free_until = math.inf
         self._thread = threading.Thread(target=self._run, name="pacer", daemon=True)
 
@@ -64,9 +64,16 @@ class Pacer:
         """
         with self._gap:
             ended = self._ended
+            self._waiting += 1
             self._gap.wait_for(
                 lambda: self._ended != ended or self._free_until - time.monotonic() >= length, most
             )
+            self._waiting -= 1
+
+    @property
+    def is_awaited(self) -> bool:
+        """Whether somebody waits for the tick under way to end."""
+        return self._waiting > 0
 
     def _run(self) -> None:
         while not self._stopping:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,13 +11,29 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation import make_simulator
+from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
-from intuitive_physics_predictor.noisy_newton import PreparedScene, predict_prepared
+from intuitive_physics_predictor.noisy_newton import PreparedScene, predict_sampled
 from intuitive_physics_predictor.options import PredictionOptions
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 LARGEST_PREDICTION = 50_000_000
 """Numbers in one predicted distribution: 400 MB, and what takes some seconds."""
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnSamples:
+    """Samples of a scene, and what they were drawn from.
+
+    Parameters
+    ----------
+    seed : of the noise
+    worlds : one a sample
+    """
+
+    prepared: PreparedScene
+    seed: int
+    worlds: WorldBatch
 
 
 class PredictionSettings:
@@ -37,6 +55,7 @@ class PredictionSettings:
         self._newest: tuple[LearnedParameters | None, tuple[str, ...], UncertainParameters] | None
         self._newest = None
         self._prepared: tuple[Scene, LearnedParameters | None, PreparedScene] | None = None
+        self._ahead: DrawnSamples | None = None
 
     def parameters(
         self, learned: LearnedParameters | None, materials: tuple[str, ...]
@@ -68,6 +87,18 @@ class PredictionSettings:
             self._prepared = newest = (scene, learned, made)
         return newest[2]
 
+    def draw_ahead(self, scene: Scene, learned: LearnedParameters | None, seed: int) -> None:
+        """Draw the samples that will be asked for next, as far as anyone knows, and keep them.
+
+        What is drawn depends on no time, so it need not wait until a prediction is due.
+
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+            As `PreparedScene.of`.
+        """
+        self._ahead = self._drawn(self.prepared(scene, learned), seed, self.options.sample_count)
+
     def predict(
         self,
         scene: Scene,
@@ -80,16 +111,19 @@ class PredictionSettings:
     ) -> TrajectoryDistribution:
         """Predict a scene, as `noisy_newton.predict`; without θ_s its materials may be anything."""
         check_size(sample_count, len(scene.objects), times.size)
-        return predict_prepared(
-            self.prepared(scene, learned),
-            times,
-            rng=np.random.default_rng(seed),
-            sample_count=sample_count,
-            size_noise=self.scales.size,
-            contact_noise=self.contact_noise,
-            simulator=self.simulator,
-            orientations=orientations,
+        samples = self._drawn(self.prepared(scene, learned), seed, sample_count)
+        return predict_sampled(
+            scene, samples.worlds, times, simulator=self.simulator, orientations=orientations
         )
+
+    def _drawn(self, prepared: PreparedScene, seed: int, count: int) -> DrawnSamples:
+        """Return so many samples of a scene, those drawn ahead if they are the ones."""
+        ahead = self._ahead
+        if ahead and (ahead.prepared, ahead.seed, ahead.worlds.size) == (prepared, seed, count):
+            return ahead
+        rng = np.random.default_rng(seed)
+        worlds = prepared.sampled(count, rng, self.scales.size, self.contact_noise)
+        return DrawnSamples(prepared, seed, worlds)
 
 
 def output_times(horizon: float, time_step: float) -> NDArray[np.float64]:

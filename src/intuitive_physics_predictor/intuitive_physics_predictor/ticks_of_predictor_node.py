@@ -25,7 +25,7 @@ from intuitive_physics_ros.conversions import DistributionWriter
 from intuitive_physics_ros.qos import SENSOR_DATA
 from intuitive_physics_ros.rate_monitor import RateMonitor
 
-INPUT_TIME, LONGEST_WAIT = 3e-3, 0.02
+INPUT_TIME, LONGEST_WAIT = 5e-3, 0.02
 """s that an input takes to be taken over, and that it waits for a tick to end."""
 
 
@@ -68,9 +68,7 @@ class PredictionTicks:
     def take(self, **newer: Any) -> None:
         """Take over inputs that are newer, and prepare what they have in common for all ticks."""
         self.inputs = replace(self.inputs, **newer)
-        # What is missing or does not go together is told by the next tick.
-        with suppress(IntuitivePhysicsError):
-            self.settings.prepared(self.inputs.scene, self.inputs.learned)
+        self._draw_ahead()
 
     def wait_for_gap(self) -> None:
         """Wait until no tick is under way, so that what follows takes none of its time."""
@@ -112,6 +110,15 @@ class PredictionTicks:
         if self._paused_for:
             self._node.get_logger().info("predicts again")
             self._paused_for = ""
+        # What waits is an input, after which they are drawn anyway.
+        if not self._pacer.is_awaited:
+            self._draw_ahead()
+
+    def _draw_ahead(self) -> None:
+        """Draw the samples of the next tick while nothing waits for them."""
+        # What goes wrong goes wrong again in the tick, which tells it.
+        with suppress(Exception):
+            self.settings.draw_ahead(self.inputs.scene, self.inputs.learned, self.seed)
 
     def _pause(self, error: Exception) -> None:
         """Say why nothing is predicted now: on /diagnostics, and in the log when it is news."""

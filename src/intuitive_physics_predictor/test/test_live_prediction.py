@@ -27,6 +27,7 @@ from intuitive_physics_predictor.live_prediction import (
 )
 from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
+from intuitive_physics_predictor.noisy_newton import PreparedScene
 from intuitive_physics_predictor.options import PredictionOptions
 from intuitive_physics_predictor.prediction_settings import PredictionSettings, output_times
 from intuitive_physics_predictor.question import Event, Question, answer
@@ -142,6 +143,41 @@ def test_asked_again_the_samples_are_the_very_same(shape):
     np.testing.assert_allclose(
         more.mean[0, :20], made.distribution.mean[0, :20], atol=5 * 0.003 / np.sqrt(20)
     )
+
+
+@given(st.integers(0, 3), st.integers(0, 3), st.integers(1, 3), st.booleans(), st.booleans())
+@settings(max_examples=30)
+def test_what_was_drawn_ahead_changes_no_prediction(seed, ahead, count, other_scene, noisy):
+    # Drawn ahead or not, and of whatever: the same question has the same answer, to the bit.
+    options = PredictionOptions(
+        horizon=0.5, sample_count=2, size_scale=0.1 * noisy, impact_tilt_noise=0.1 * noisy
+    )
+    higher = ObjectState((0, 0, 1.5), covariance=COVARIANCE)
+    scene = INPUTS.scene
+    elsewhere = replace(INPUTS, seen=replace(SEEN, states=(higher,))).scene
+
+    def predicted(settings):
+        return settings.predict(
+            scene, INPUTS.learned, settings.times, seed=seed, sample_count=count
+        ).positions
+
+    alone, after = PredictionSettings(options), PredictionSettings(options)
+    after.draw_ahead(elsewhere if other_scene else scene, INPUTS.learned, ahead)
+    np.testing.assert_array_equal(predicted(after), predicted(alone))
+
+
+def test_what_was_drawn_ahead_is_not_drawn_again(monkeypatch):
+    options = PredictionSettings(PredictionOptions(horizon=1.0))
+    options.draw_ahead(INPUTS.scene, INPUTS.learned, 1)
+    drawn = []
+    draw = PreparedScene.sampled
+    monkeypatch.setattr(
+        PreparedScene, "sampled", lambda *arguments: drawn.append(1) or draw(*arguments)
+    )
+    now(0.0, options=options, seed=1)
+    assert not drawn
+    now(0.0, options=options, seed=2)
+    assert len(drawn) == 1
 
 
 def test_no_prediction_is_of_a_kind_that_was_not_compiled():

@@ -129,6 +129,26 @@ def test_who_waits_for_the_gap_waits_no_longer_than_told(paced):
     end.set()
 
 
+def test_a_tick_can_tell_whether_somebody_waits_for_its_end():
+    begun, told = threading.Event(), []
+
+    def work(number):
+        told.append(pacer.is_awaited)
+        begun.set()
+        deadline = time.monotonic() + 20.0
+        while not pacer.is_awaited and time.monotonic() < deadline:
+            time.sleep(0.001)
+        told.append(pacer.is_awaited)
+
+    pacer = Pacer(Ticks(1, work), 1.0)
+    pacer.start()
+    assert begun.wait(20.0)
+    pacer.wait_for_gap(0.001, 20.0)
+    pacer.stop()
+    assert told == [False, True]
+    assert not pacer.is_awaited
+
+
 def test_without_ticks_all_is_gap():
     Pacer(Ticks(1), 20.0).wait_for_gap(0.01, 1e6)
 

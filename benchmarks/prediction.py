@@ -37,15 +37,13 @@ class Effort:
 
     Parameters
     ----------
-    steady : each scene with 20 samples; memory has to be flat over the first of them
-    others : those after the first
+    steady : each scene with 20 samples; memory has to be flat meanwhile
     trial : each number of samples
     loop : constant work, before and after the node
     truth : calibration on the synthetic set
     """
 
     steady: float
-    others: float
     trial: float
     loop: float
     truth: PaperCalibrationOptions
@@ -54,8 +52,8 @@ class Effort:
 SMALL_SET = PaperCalibrationOptions(samples=30, held_out=40, point_counts=(), sample_count=50)
 """Too small to hold the bars for sure: it shows that all works."""
 
-FULL = Effort(300.0, 60.0, trial=10.0, loop=10.0, truth=PaperCalibrationOptions(point_counts=()))
-QUICK = Effort(20.0, 20.0, trial=4.0, loop=4.0, truth=SMALL_SET)
+FULL = Effort(300.0, trial=10.0, loop=10.0, truth=PaperCalibrationOptions(point_counts=()))
+QUICK = Effort(20.0, trial=4.0, loop=4.0, truth=SMALL_SET)
 
 
 @dataclass(frozen=True)
@@ -108,10 +106,10 @@ def measure(effort: Effort) -> Results:
     cores = sorted(os.sched_getaffinity(0))
     _tell("constant work")
     loops = [watch_loops("nothing, before", effort.loop, cores)]
-    for i, name in enumerate(SCENES):
+    for name in SCENES:
         _tell(f"{name}: 20 samples")
         with NodeUnderTest(Feed(name)) as node:
-            runs[name] = node.run(effort.others if i else effort.steady)
+            runs[name] = node.run(effort.steady)
         _tell(f"{name}: how many samples hold 100 Hz")
         with NodeUnderTest(Feed(name), published_samples=MOST_PUBLISHED) as node:
             most[name] = largest_sample_count(node, effort.trial)

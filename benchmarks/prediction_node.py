@@ -97,7 +97,11 @@ class NodeUnderTest:
             TrajectoryDistribution, f"{NODE}/trajectory_distribution", hear, QUEUE, raw=True
         )
         self._feed = feed
-        feed.start(self.peer, NODE)
+        try:
+            feed.start(self.peer, NODE)
+        except BaseException:
+            self._stop()
+            raise
 
     def _watch(self, seconds: float) -> None:
         """Feed the node for so long, and take what it has sent since whenever it is fed.
@@ -166,6 +170,9 @@ class NodeUnderTest:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        self._stop()
+
+    def _stop(self) -> None:
         self.peer.close()
         self._predictor.stop()
         self._learner.stop()

@@ -7,6 +7,7 @@ import struct
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -82,26 +83,24 @@ class NodeUnderTest:
     """
 
     def __init__(self, feed: Feed, **parameters: object) -> None:
-        self._folder = tempfile.TemporaryDirectory()
-        database = Path(self._folder.name) / "learner.sqlite3"
         arguments = [
             part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")
         ]
-        self._learner = NodeProcess(LEARNER, ["-p", f"database:={database}"])
-        self._predictor = NodeProcess(PREDICTOR, arguments)
-        self.peer = Peer("bench", timeout=FIRST)
         self._heard: list[tuple[float, float, int, int]] = []
         # Its types do not tell that a callback may have a second argument.
         hear: Any = self._hear
-        self._subscription = self.peer.node.create_subscription(
-            TrajectoryDistribution, f"{NODE}/trajectory_distribution", hear, QUEUE, raw=True
-        )
         self._feed = feed
-        try:
+        with ExitStack() as started:
+            folder = started.enter_context(tempfile.TemporaryDirectory())
+            database = Path(folder) / "learner.sqlite3"
+            started.enter_context(NodeProcess(LEARNER, ["-p", f"database:={database}"]))
+            self._predictor = started.enter_context(NodeProcess(PREDICTOR, arguments))
+            self.peer = started.enter_context(Peer("bench", timeout=FIRST))
+            self._subscription = self.peer.node.create_subscription(
+                TrajectoryDistribution, f"{NODE}/trajectory_distribution", hear, QUEUE, raw=True
+            )
             feed.start(self.peer, NODE)
-        except BaseException:
-            self._stop()
-            raise
+            self._started = started.pop_all()
 
     def _watch(self, seconds: float) -> None:
         """Feed the node for so long, and take what it has sent since whenever it is fed.
@@ -170,13 +169,7 @@ class NodeUnderTest:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self._stop()
-
-    def _stop(self) -> None:
-        self.peer.close()
-        self._predictor.stop()
-        self._learner.stop()
-        self._folder.cleanup()
+        self._started.close()
 
 
 def largest_sample_count(node: NodeUnderTest, seconds: float) -> int:

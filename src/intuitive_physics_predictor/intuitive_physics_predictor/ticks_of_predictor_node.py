@@ -66,7 +66,7 @@ class PredictionTicks:
         self._pacer = Pacer(self._on_tick, rate)
 
     def take(self, **newer: Any) -> None:
-        """Take over inputs that are newer, and prepare what they have in common for all ticks."""
+        """Take over inputs that are newer, and draw the samples of the next tick from them."""
         self.inputs = replace(self.inputs, **newer)
         self._draw_ahead()
 

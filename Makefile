@@ -25,7 +25,7 @@ side_by_side = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
 	$(pytest) --numprocesses=auto --maxprocesses=4 --dist=loadfile
 
 python_packages = $(dir $(wildcard src/*/setup.py))
-node_tests = $(wildcard src/*/test/test_*node*.py)
+node_tests = $(wildcard src/*/test/nodes)
 ros_packages = src/intuitive_physics_ros src/intuitive_physics_bringup
 
 help: ## List the targets
@@ -60,7 +60,7 @@ system-tests: setup ## Only test nodes, as processes that talk over DDS
 	@$(run_environment) $(pytest) $(wildcard $(addsuffix /test,$(ros_packages)) test) $(node_tests)
 
 demo: setup ## Perceive, learn from and predict thrown balls; write a report
-	@$(run_environment) .venv/bin/python -m intuitive_physics_bringup.demo
+	@$(run_environment) .venv/bin/python -m intuitive_physics_experiments.demo
 
 bench-simulation: setup ## Race our simulators against ODE, PyBullet and MuJoCo; options="--quick"
 	@tools/bench_packages.sh

@@ -11,8 +11,8 @@ from benchmarks.learning_runs import Task
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner import TrajectoryCost
-from intuitive_physics_learner.cluster import CostMaker
-from intuitive_physics_learner.cost import Cost
+from intuitive_physics_learner.cost.cluster import CostMaker
+from intuitive_physics_learner.cost.cost_function import Cost
 
 WORKERS = 2
 CANDIDATES = 20

@@ -91,7 +91,7 @@ def _reached(joint: Joint) -> str:
         "bar",
         "test J / oracle's",
         "defaults' J / oracle's",
-        "J from true first states: learned",
+        "J from true initial states: learned",
         "oracle",
         "defaults",
         "s in all",

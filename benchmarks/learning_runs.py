@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
 from intuitive_physics.simulation import Simulator, make_simulator
-from intuitive_physics_experiments.paper_dataset import PaperDataset, make_paper_dataset
+from intuitive_physics_experiments.paper.paper_dataset import PaperDataset, make_paper_dataset
 from intuitive_physics_learner import (
     ActiveSpace,
     ConvergenceCriteria,
@@ -19,9 +19,9 @@ from intuitive_physics_learner import (
     TrajectoryCost,
     make_update_rule,
 )
-from intuitive_physics_learner.active_parameters import parameter_influence
-from intuitive_physics_learner.cached_cost import CachedCost
+from intuitive_physics_learner.cost.cached_cost import CachedCost
 from intuitive_physics_learner.joint_estimation import JointSearch, judge
+from intuitive_physics_learner.search.active_parameters import parameter_influence
 
 SAMPLES = 50
 THREADS = 2
@@ -35,11 +35,11 @@ class Task:
 
     Parameters
     ----------
-    dataset : with the paper's first states, from three points
+    dataset : with the paper's initial states, from three points
     simulator : of the learner
     start : θ_s that every search begins from or knows nothing better than
     oracle : J of the true θ_s in m, on the training and on the test split, and on the test split
-        from the true first states
+        from the true initial states
     """
 
     dataset: PaperDataset
@@ -58,8 +58,8 @@ class Task:
         return TrajectoryCost(observations, self.simulator, self.start.materials)
 
     def exact_cost(self) -> TrajectoryCost:
-        """J over the test split from the true first states, which tells of θ_s alone."""
-        observations = self.dataset.with_first_states("true").test_observations
+        """J over the test split from the true initial states, which tells of θ_s alone."""
+        observations = self.dataset.with_initial_states("true").test_observations
         return TrajectoryCost(observations, self.simulator, self.start.materials)
 
 
@@ -98,7 +98,7 @@ class JointRun:
     seconds : (n,) wall time after each step, set-up included, without the looks at J
     iterations : (n,) evaluations of J that would have simulated as much
     training, test : (n,) J in m by then
-    exact : J in m over the test split from the true first states, of what was learned
+    exact : J in m over the test split from the true initial states, of what was learned
     judging_seconds : wall time of finding the uncertainties
     scores : errors of the identified parameters in their stated standard deviations
     errors : (n_identified,) those errors on the unit interval of each parameter's bounds

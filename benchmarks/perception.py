@@ -36,7 +36,7 @@ from benchmarks.perception_run import (
 from benchmarks.perception_scenes import PAUSE, SceneKind, random_truth
 from benchmarks.perception_score import Ball, Score
 from benchmarks.perception_truth import TrueRecording
-from intuitive_physics_experiments.rendered_bag import RenderSettings, render_truth
+from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_truth
 from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.settings import PerceptionSettings
 

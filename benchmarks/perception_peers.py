@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from benchmarks.peers.engine import MissingPeerError
 from benchmarks.perception_score import Ball
-from intuitive_physics_perception.planes import DetectedPlane
+from intuitive_physics_perception.environment.planes import DetectedPlane
 
 PLANE_TOLERANCE = 0.03
 SPHERE_TOLERANCE = 0.01

@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.perception_run import Findings, Timing
 from benchmarks.perception_score import ENOUGH_PIXELS, NEAR, Hit, Score, rms
 from benchmarks.report import table
-from intuitive_physics_experiments.corner_room import BALL_RADII
+from intuitive_physics_experiments.rendering.corner_room import BALL_RADII
 
 BARS = {
     "frame_ms_p50": (10.0, "below"),

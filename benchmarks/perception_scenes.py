@@ -9,17 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics.rotation import rotation_matrix
 from intuitive_physics.scene import Environment, Plane, StaticBox
 from intuitive_physics.state import ObjectState
-from intuitive_physics_experiments.camera import Camera
-from intuitive_physics_experiments.corner_room import BALL_RADII, ROOM_MATERIAL, true_parameters
-from intuitive_physics_experiments.depth_renderer import DepthRenderer
-from intuitive_physics_experiments.ground_truth import GroundTruth
-from intuitive_physics_experiments.rendered_bag import START_TIME
-from intuitive_physics_experiments.thrown_ball import BallContact, BallMotion, move_ball
-from intuitive_physics_experiments.throws import Throw
+from intuitive_physics_experiments.rendering.camera import Camera
+from intuitive_physics_experiments.rendering.corner_room import (
+    BALL_RADII,
+    ROOM_MATERIAL,
+    true_parameters,
+)
+from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer
+from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
+from intuitive_physics_experiments.rendering.rendered_bag import START_TIME
+from intuitive_physics_experiments.rendering.thrown_ball import BallContact, BallMotion, move_ball
+from intuitive_physics_experiments.rendering.throws import Throw
 
 NEAREST, FARTHEST = 1.0, 3.0
 """m from the camera to a ball's centre."""

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.perception_scenes import first_bounce
-from intuitive_physics_experiments.depth_renderer import DepthRenderer
-from intuitive_physics_experiments.ground_truth import GroundTruth
-from intuitive_physics_experiments.throws import Throw
+from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer
+from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
+from intuitive_physics_experiments.rendering.throws import Throw
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,8 +24,8 @@ from benchmarks.prediction_feed import RATE, Feed
 from intuitive_physics_ros.node_process import NodeProcess
 from intuitive_physics_ros.peer import Peer, PeerTimeoutError
 
-PREDICTOR = "intuitive_physics_predictor.predictor_node"
-LEARNER = "intuitive_physics_learner.learner_node"
+PREDICTOR = "intuitive_physics_predictor.nodes.predictor_node"
+LEARNER = "intuitive_physics_learner.nodes.learner_node"
 NODE = "/predictor_node"
 HOLDS = 99.0
 """1/s, at least; as of the bars."""

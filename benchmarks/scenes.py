@@ -146,7 +146,7 @@ def room() -> Environment:
 
 
 def noisy_starts(scene: Scene, simulations: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return the first state and noisy copies of it, as a prediction wants them."""
+    """Return the initial state and noisy copies of it, as a prediction wants them."""
     first = np.array([state.to_vector() for state in scene.states])
     starts = np.repeat(first[None], simulations, axis=0)
     places, velocities = rng.normal(size=(2, simulations - 1, len(first), 3))

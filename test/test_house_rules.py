@@ -19,8 +19,11 @@ MAY_IMPORT: dict[str, set[str]] = {
     "intuitive_physics_perception": LIBRARY,
     "intuitive_physics_learner": LIBRARY,
     "intuitive_physics_predictor": LIBRARY,
-    "intuitive_physics_experiments": set(PYTHON_PACKAGES) - {"intuitive_physics_ros"},
-    "intuitive_physics_bringup": set(PYTHON_PACKAGES),
+    "intuitive_physics_recordings": LIBRARY,
+    "intuitive_physics_cli": set(PYTHON_PACKAGES)
+    - {"intuitive_physics_ros", "intuitive_physics_bringup"},
+    "intuitive_physics_experiments": set(PYTHON_PACKAGES),
+    "intuitive_physics_bringup": {"intuitive_physics_ros"},
 }
 ROS_ROOMS = {"intuitive_physics_ros", "intuitive_physics_bringup"}
 ROS_MODULES = {"rclpy", "rcl_interfaces", "builtin_interfaces", "launch", "launch_ros"}
@@ -45,7 +48,7 @@ def imported(path: Path) -> set[str]:
 def test_arrows_point_down_only(package):
     for path in modules(package):
         allowed = MAY_IMPORT[package] | {package}
-        if path.name.endswith("_node.py"):
+        if path.parent.name == "nodes":
             allowed = allowed | {"intuitive_physics_ros", "intuitive_physics_msgs"}
         if package in ROS_ROOMS:
             allowed = allowed | {"intuitive_physics_msgs"}
@@ -56,7 +59,7 @@ def test_arrows_point_down_only(package):
 @pytest.mark.parametrize("package", sorted(set(PYTHON_PACKAGES) - ROS_ROOMS))
 def test_ros_stays_in_its_rooms(package):
     for path in modules(package):
-        if not path.name.endswith("_node.py"):
+        if path.parent.name != "nodes":
             ros = {n for n in imported(path) if n in ROS_MODULES or n.endswith("_msgs")}
             assert not ros, f"{path} imports {ros}"
 

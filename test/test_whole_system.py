@@ -21,7 +21,7 @@ from intuitive_physics_bringup.connections import module
 from intuitive_physics_ros.node_process import NodeProcess
 from intuitive_physics_ros.peer import Peer
 
-DEMO = [sys.executable, "-m", "intuitive_physics_bringup.demo"]
+DEMO = [sys.executable, "-m", "intuitive_physics_experiments.demo"]
 
 
 @pytest.fixture(scope="module")

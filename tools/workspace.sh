@@ -17,5 +17,5 @@ env -u PYTHONPATH -u PYTHONHOME -u PYTHONDONTWRITEBYTECODE -u LD_LIBRARY_PATH \
     -DPython3_EXECUTABLE="$prefix/bin/python" \
     -DCMAKE_PROJECT_INCLUDE="$PWD/tools/ros_wheel_paths.cmake"
 
-command_line=lib/intuitive_physics_experiments/intuitive-physics
+command_line=lib/intuitive_physics_cli/intuitive-physics
 if [ -e ".venv/$command_line" ]; then ln -sfn "../$command_line" .venv/bin/intuitive-physics; fi

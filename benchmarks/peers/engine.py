@@ -22,7 +22,7 @@ class Prediction:
 
     Parameters
     ----------
-    seconds : wall time of setting the first states, simulating and writing the positions down
+    seconds : wall time of setting the initial states, simulating and writing the positions down
     positions : (n_simulations, n_objects, n_steps, 3) m, after each step
     """
 

@@ -17,11 +17,10 @@ setup(
     ],
     python_requires=">=3.10",
     install_requires=["setuptools"],
-    entry_points={"console_scripts": ["demo = intuitive_physics_bringup.demo.__main__:main"]},
     extras_require={"test": ["pytest"]},
     zip_safe=False,
     maintainer="Intuitive Physics maintainers",
     maintainer_email="maintainers@intuitive-physics.example",
-    description="Launch files, configuration and the demo of the intuitive physics suite",
+    description="Launch files and configuration of the intuitive physics suite",
     license="Apache-2.0",
 )

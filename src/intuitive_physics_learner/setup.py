@@ -11,7 +11,7 @@ setup(
         ("share/" + package_name, ["package.xml"]),
     ],
     entry_points={
-        "console_scripts": ["learner_node = intuitive_physics_learner.learner_node:main"]
+        "console_scripts": ["learner_node = intuitive_physics_learner.nodes.learner_node:main"]
     },
     python_requires=">=3.10",
     install_requires=["setuptools", "intuitive_physics", "numpy>=1.26", "cma"],

@@ -20,7 +20,7 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "perception_node = intuitive_physics_perception.perception_node:main",
+            "perception_node = intuitive_physics_perception.nodes.perception_node:main",
         ],
     },
 )

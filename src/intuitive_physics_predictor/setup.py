@@ -13,7 +13,9 @@ setup(
     python_requires=">=3.10",
     install_requires=["setuptools", "numpy>=1.26", "scipy", "scoringrules", "intuitive_physics"],
     entry_points={
-        "console_scripts": ["predictor_node = intuitive_physics_predictor.predictor_node:main"]
+        "console_scripts": [
+            "predictor_node = intuitive_physics_predictor.nodes.predictor_node:main"
+        ]
     },
     extras_require={"test": ["pytest", "hypothesis"]},
     zip_safe=False,

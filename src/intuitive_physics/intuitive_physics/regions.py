@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.rotation import rotation_matrix
+from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.validation import (
     finite_array,
     finite_float,

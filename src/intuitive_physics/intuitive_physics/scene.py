@@ -1,4 +1,4 @@
-"""What a simulator is given: environment Ω_e, objects Ω_o and their first states θ_d."""
+"""What a simulator is given: environment Ω_e, objects Ω_o and their initial states θ_d."""
 
 from __future__ import annotations
 
@@ -307,7 +307,7 @@ class SceneObject:
 
 @dataclass(frozen=True)
 class Scene:
-    """One world to simulate: environment, objects, and the first state of each.
+    """One world to simulate: environment, objects, and the initial state of each.
 
     Parameters
     ----------

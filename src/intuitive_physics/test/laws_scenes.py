@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics.rotation import rotation_matrix
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject, StaticBox
 from intuitive_physics.shapes import Capsule, Shape
 from intuitive_physics.simulation import Simulator
@@ -105,7 +105,7 @@ def engines(*chosen: Engine):
 
 @dataclass(frozen=True)
 class Body:
-    """An object and its first state."""
+    """An object and its initial state."""
 
     shape: Shape
     position: tuple[float, ...] | np.ndarray
@@ -185,7 +185,7 @@ class Motion:
 
 
 def first_motion(scene: Scene) -> Motion:
-    """Motion of the first states."""
+    """Motion of the initial states."""
     rows = np.array([state.to_vector() for state in scene.states])
     return Motion(rows[:, 0:3], rows[:, 7:10], rows[:, 3:7], rows[:, 10:13])
 

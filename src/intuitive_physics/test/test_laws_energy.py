@@ -79,7 +79,7 @@ TIMES = (SAMPLES[:, None] + GAP * np.arange(READINGS + 1)).ravel()
 
 
 class Batch:
-    """Masses (W, O), principal inertias (W, O, 3) and first states (W, O, 13) of many scenes.
+    """Masses (W, O), principal inertias (W, O, 3) and initial states (W, O, 13) of many scenes.
 
     Where a scene has fewer objects, the rest weighs nothing.
     """

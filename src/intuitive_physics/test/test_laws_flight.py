@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import ellipj, ellipkinc
 
-from intuitive_physics.rotation import rotation_matrix
+from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.shapes import Box, Capsule, Sphere
 
 from .laws_scenes import (

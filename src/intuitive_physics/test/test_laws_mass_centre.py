@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from intuitive_physics.rotation import rotation_matrix
+from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Capsule
 from intuitive_physics.state import ObjectState

@@ -1,1 +1,1 @@
-"""The suite put together: which node hears which, how all start, and the demo."""
+"""The suite put together: which node hears which, and how all start."""

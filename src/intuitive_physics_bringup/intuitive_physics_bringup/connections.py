@@ -1,4 +1,4 @@
-"""Which topic of which node is heard by which: said once, for launch files and the demo."""
+"""Which topic of which node is heard by which: said once, for all that start them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ NODES: dict[str, str] = {
     "learner_node": "intuitive_physics_learner",
     "predictor_node": "intuitive_physics_predictor",
 }
-"""Package of each node; node, executable and module have the same name."""
+"""Package of each node; node, executable and module (in `nodes/`) have the same name."""
 
 _HEARD: dict[str, dict[str, str]] = {
     "perception_node": {},
@@ -35,4 +35,4 @@ def remappings(node: str) -> list[tuple[str, str]]:
 
 def module(node: str) -> str:
     """Return the Python module whose `main` runs a node."""
-    return f"{NODES[node]}.{node}"
+    return f"{NODES[node]}.nodes.{node}"

@@ -51,7 +51,7 @@ def generate_launch_description() -> LaunchDescription:
         for name, package in NODES.items()
     ]
     replay = Node(
-        package="intuitive_physics_experiments",
+        package="intuitive_physics_recordings",
         executable="replay_node",
         output="screen",
         parameters=[{name: given[name] for name in ("bag", "rate", "loop")}],

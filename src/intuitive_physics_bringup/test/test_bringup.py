@@ -10,9 +10,9 @@ import pytest
 import yaml
 
 from intuitive_physics_bringup.connections import CAMERA_TOPICS, NODES, module, remappings
-from intuitive_physics_learner import learner_node
-from intuitive_physics_perception import perception_node
-from intuitive_physics_predictor import predictor_node
+from intuitive_physics_learner.nodes import learner_node
+from intuitive_physics_perception.nodes import perception_node
+from intuitive_physics_predictor.nodes import predictor_node
 from intuitive_physics_ros.node_process import NodeProcess
 from intuitive_physics_ros.peer import Peer
 

@@ -6,14 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
@@ -22,11 +14,11 @@ from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import ObjectState
-from intuitive_physics_experiments.corner_room import corner_camera, corner_environment
-from intuitive_physics_experiments.depth_renderer import DepthRenderer
-from intuitive_physics_experiments.rendered_bag import RenderSettings, render_bag
-from intuitive_physics_experiments.table_tennis import LAUNCH_BOUNCE_HEIGHT
-from intuitive_physics_experiments.toss_evaluation import toss_parameters
+from intuitive_physics_experiments.recorded_sets.table_tennis import LAUNCH_BOUNCE_HEIGHT
+from intuitive_physics_experiments.recorded_sets.toss_evaluation import toss_parameters
+from intuitive_physics_experiments.rendering.corner_room import corner_camera, corner_environment
+from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer
+from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_bag
 
 REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "real"
 GRAVITY = 9.81
@@ -164,22 +156,6 @@ def recorded_as_toss_set(
         "dt": np.array(times[1]),
         "cube_edge": np.array(0.1),
     }
-
-
-@pytest.fixture(scope="session")
-def latched() -> Qos:
-    """Offered quality of a latched topic."""
-    return Qos(
-        QosHistory.KEEP_LAST,
-        1,
-        QosReliability.RELIABLE,
-        QosDurability.TRANSIENT_LOCAL,
-        QosTime(0, 0),
-        QosTime(0, 0),
-        QosLiveliness.AUTOMATIC,
-        QosTime(0, 0),
-        False,
-    )
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,7 @@ from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_cli.evaluation.free_flight import free_flight
 from intuitive_physics_experiments.calibration.baselines import fixed_noise, free_flights
 from intuitive_physics_experiments.calibration.calibrate import FITTED, OURS
 from intuitive_physics_experiments.calibration.observed_outcomes import (
@@ -28,10 +29,9 @@ from intuitive_physics_experiments.calibration.paper_calibration import (
 from intuitive_physics_experiments.calibration.paper_outcomes import paper_outcomes
 from intuitive_physics_experiments.calibration.tables import reliability_rows, score_rows
 from intuitive_physics_experiments.calibration.verification import score
-from intuitive_physics_experiments.free_flight import free_flight
-from intuitive_physics_experiments.paper_dataset import POSITION_NOISE, make_paper_dataset
+from intuitive_physics_experiments.paper.paper_dataset import POSITION_NOISE, make_paper_dataset
 from intuitive_physics_predictor.noise_scales import NoiseScales
-from intuitive_physics_predictor.outcomes import Outcome, noisy_prediction
+from intuitive_physics_predictor.scores.outcomes import Outcome, noisy_prediction
 
 ENGINE = make_simulator("auto")
 TIMES = np.array([0.1, 0.2])
@@ -128,7 +128,7 @@ def test_noise_of_a_bouncing_track_is_seen(sigma):
 @pytest.fixture(scope="module")
 def sphere_set():
     return make_paper_dataset(
-        1, 40, np.random.default_rng(4), first_states="flight", kinds=("sphere",)
+        1, 40, np.random.default_rng(4), initial_states="flight", kinds=("sphere",)
     )
 
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_experiments.camera import Camera
+from intuitive_physics_experiments.rendering.camera import Camera
 
 coordinate = st.floats(-3.0, 3.0)
 points = st.tuples(coordinate, coordinate, coordinate)

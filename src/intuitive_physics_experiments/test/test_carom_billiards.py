@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_experiments.carom_billiards import DURATION, carom_observations
-from intuitive_physics_experiments.npz_file import load_arrays
+from intuitive_physics_experiments.recorded_sets.carom_billiards import DURATION, carom_observations
+from intuitive_physics_recordings.npz_file import load_arrays
 
 RADIUS, TABLE = 0.03, (1.4, 2.8)
 DECELERATION = 0.3

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from intuitive_physics_experiments.command_line import main
-from intuitive_physics_experiments.commands.observation_source import METHOD
-from intuitive_physics_learner.methods import DEFAULT_METHOD
+from intuitive_physics_cli.command_line import main
+from intuitive_physics_cli.commands.observation_source import METHOD
+from intuitive_physics_learner.search.methods import DEFAULT_METHOD
 
-COMMAND = [sys.executable, "-m", "intuitive_physics_experiments.command_line"]
+COMMAND = [sys.executable, "-m", "intuitive_physics_cli.command_line"]
 
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -53,8 +53,8 @@ def test_evaluate_prints_parameters_and_errors(launch_set: Path) -> None:
 
 
 def test_learn_then_predict(launch_set: Path, tmp_path: Path) -> None:
-    from intuitive_physics_experiments.observation_files import save_observations
-    from intuitive_physics_experiments.recorded_data import load_recorded_set
+    from intuitive_physics_experiments.recorded_sets.recorded_data import load_recorded_set
+    from intuitive_physics_recordings.observation_files import save_observations
 
     folder, parameters = tmp_path / "observations", tmp_path / "parameters.json"
     save_observations(load_recorded_set(launch_set)[1], folder)

@@ -15,14 +15,14 @@ from scipy.spatial.transform import Rotation
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.simulation import make_simulator
-from intuitive_physics_experiments.cube_tosses import LENGTH_CORRECTION, cube_tosses
-from intuitive_physics_experiments.recorded_data import (
+from intuitive_physics_experiments.recorded_sets.cube_tosses import LENGTH_CORRECTION, cube_tosses
+from intuitive_physics_experiments.recorded_sets.recorded_data import (
     holds_cube_tosses,
     load_cube_tosses,
     load_recorded_set,
 )
-from intuitive_physics_experiments.toss_errors import TossBatch
-from intuitive_physics_experiments.toss_evaluation import toss_parameters
+from intuitive_physics_experiments.recorded_sets.toss_errors import TossBatch
+from intuitive_physics_experiments.recorded_sets.toss_evaluation import toss_parameters
 
 TossArrays = Callable[..., dict[str, Any]]
 components = st.floats(-8.0, 8.0)

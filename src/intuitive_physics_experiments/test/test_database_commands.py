@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics_experiments.command_line import main
-from intuitive_physics_experiments.observation_files import save_observations
-from intuitive_physics_experiments.parameter_files import load_parameters, save_parameters
-from intuitive_physics_experiments.recorded_data import load_recorded_set
+from intuitive_physics_cli.command_line import main
+from intuitive_physics_experiments.recorded_sets.recorded_data import load_recorded_set
 from intuitive_physics_learner import ObservationStore
+from intuitive_physics_recordings.observation_files import save_observations
+from intuitive_physics_recordings.parameter_files import load_parameters, save_parameters
 
-COMMAND = [sys.executable, "-m", "intuitive_physics_experiments.command_line"]
+COMMAND = [sys.executable, "-m", "intuitive_physics_cli.command_line"]
 
 
 @pytest.fixture

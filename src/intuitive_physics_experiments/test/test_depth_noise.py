@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_experiments.depth_noise import DepthNoise, NoisyDepthCamera
-from intuitive_physics_experiments.depth_renderer import DepthImage, DepthRenderer
+from intuitive_physics_experiments.rendering.depth_noise import DepthNoise, NoisyDepthCamera
+from intuitive_physics_experiments.rendering.depth_renderer import DepthImage, DepthRenderer
 
 FOCAL_LENGTH = 460.0
 CLEAN = DepthNoise(

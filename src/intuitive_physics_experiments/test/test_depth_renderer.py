@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.scene import Environment, StaticBox
-from intuitive_physics_experiments.corner_room import corner_environment
-from intuitive_physics_experiments.depth_renderer import DepthRenderer
+from intuitive_physics_experiments.rendering.corner_room import corner_environment
+from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer
 
 
 def test_background_is_the_nearest_plane_of_each_ray(renderer: DepthRenderer) -> None:

@@ -13,10 +13,10 @@ from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_experiments.corner_room import corner_environment
-from intuitive_physics_experiments.evaluation import evaluate, split
-from intuitive_physics_learner.convergence import ConvergenceCriteria
+from intuitive_physics_cli.evaluation.evaluation import evaluate, split
+from intuitive_physics_experiments.rendering.corner_room import corner_environment
 from intuitive_physics_learner.learning_session import LearningOptions
+from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 
 TRUE = StaticParameters.uniform(("rubber", "room"), restitution=0.85)
 

@@ -12,23 +12,23 @@ import pytest
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import load_observation
-from intuitive_physics_experiments.command_line import main
-from intuitive_physics_experiments.experiments.cells import CellStore
-from intuitive_physics_experiments.experiments.learning_curve import (
+from intuitive_physics_cli.command_line import main
+from intuitive_physics_experiments.paper.cells import CellStore
+from intuitive_physics_experiments.paper.learning_curve import (
     LearningCurveSettings,
     run_learning_curve,
 )
-from intuitive_physics_experiments.experiments.prediction import (
+from intuitive_physics_experiments.paper.paper_dataset import make_paper_dataset
+from intuitive_physics_experiments.paper.prediction import (
     PredictionSettings,
     run_prediction,
 )
-from intuitive_physics_experiments.experiments.rgbd import RgbdSettings, run_rgbd
-from intuitive_physics_experiments.experiments.search_methods import (
+from intuitive_physics_experiments.paper.rgbd import RgbdSettings, run_rgbd
+from intuitive_physics_experiments.paper.search_methods import (
     SearchMethodsSettings,
     run_search_methods,
 )
-from intuitive_physics_experiments.paper_dataset import make_paper_dataset
-from intuitive_physics_learner.update_rules import UPDATE_RULES
+from intuitive_physics_learner.search.update_rules import UPDATE_RULES
 
 SMALL_CURVE = LearningCurveSettings((1, 2), (5,), repetitions=2, iterations=120, method="cma_es")
 
@@ -103,8 +103,8 @@ def test_learning_explains_better_than_not_learning(curve: tuple[Path, list[dict
         assert line["learned_training"] < line["default_training"]
 
 
-def test_better_first_states_leave_less_error(curve: tuple[Path, list[dict]]) -> None:
-    # What the oracle misses is the noise of the first states alone.
+def test_better_initial_states_leave_less_error(curve: tuple[Path, list[dict]]) -> None:
+    # What the oracle misses is the noise of the initial states alone.
     _, summary = curve
     by_source = {
         source: np.mean([li["oracle_training"] for li in summary if li["first_states"] == source])

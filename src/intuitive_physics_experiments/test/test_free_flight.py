@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics.state import ObjectState
-from intuitive_physics_experiments.corner_room import corner_environment
-from intuitive_physics_experiments.free_flight import free_flight
+from intuitive_physics_cli.evaluation.free_flight import free_flight
+from intuitive_physics_experiments.rendering.corner_room import corner_environment
 
 R = 0.05
 inside = st.floats(-1.0, 1.0 - R)

@@ -15,7 +15,7 @@ from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_experiments.calibration.launch_spread import QUANTITIES, launch_spread
-from intuitive_physics_experiments.first_state import fit_first_state
+from intuitive_physics_experiments.recorded_sets.initial_state import fit_initial_state
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 ENGINE = make_simulator("event_driven")
@@ -34,7 +34,7 @@ def launch(rng: np.random.Generator) -> Observation:
         [Scene(TABLE, (BALL,), (state,))], THETA, times, orientations=False
     ).positions[0, 0]
     positions += rng.normal(0.0, 1e-3, positions.shape)
-    fitted = fit_first_state(times[:40], positions[:40], TABLE.gravity)
+    fitted = fit_initial_state(times[:40], positions[:40], TABLE.gravity)
     seen = ObservedObject(BALL, Trajectory(times, positions), fitted)
     return Observation(TABLE, (seen,), 0.0)
 

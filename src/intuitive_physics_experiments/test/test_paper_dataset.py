@@ -1,4 +1,4 @@
-"""The synthetic set is what Sec. IV-B says: its numbers, its noise, its first states."""
+"""The synthetic set is what Sec. IV-B says: its numbers, its noise, its initial states."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from intuitive_physics.scene import SceneObject
 from intuitive_physics.shapes import Box, Capsule, Sphere
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import LINEAR_VELOCITY, POSITION
-from intuitive_physics_experiments.dataset_engines import dataset_parameters
-from intuitive_physics_experiments.paper_dataset import (
+from intuitive_physics_experiments.paper.dataset_engines import dataset_parameters
+from intuitive_physics_experiments.paper.paper_dataset import (
     POSITION_NOISE,
     PaperDataset,
     make_paper_dataset,
 )
-from intuitive_physics_experiments.paper_room import (
+from intuitive_physics_experiments.paper.paper_room import (
     DIMENSIONS,
     HALF_ROOM,
-    draw_first_states,
+    draw_initial_states,
     draw_pool,
     paper_room,
 )
-from intuitive_physics_learner.cost import TrajectoryCost
+from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 
 OBJECTS, SAMPLES = 4, 10
 
@@ -73,7 +73,7 @@ def test_starts_are_in_the_room_and_apart() -> None:
     rng = np.random.default_rng(1)
     pool = draw_pool(6, rng)
     for _ in range(50):
-        states = draw_first_states(pool, rng)
+        states = draw_initial_states(pool, rng)
         for i, (thing, state) in enumerate(zip(pool, states, strict=True)):
             reach = thing.shape.bounding_radius
             distances = [p.signed_distances(state.position) for p in paper_room().planes]
@@ -87,7 +87,7 @@ def test_first_velocities_point_to_the_circle_center() -> None:
     # Eq. 10: ẋ + x has the mean c; its deviation is 1, that of the mean of 400 is 0.05.
     rng = np.random.default_rng(2)
     pool = draw_pool(1, rng)
-    states = [draw_first_states(pool, rng)[0] for _ in range(400)]
+    states = [draw_initial_states(pool, rng)[0] for _ in range(400)]
     centers = np.mean([state.position + state.linear_velocity for state in states], axis=0)
     assert centers == pytest.approx([0.0, 0.0, 2.0], abs=0.2)
 
@@ -95,7 +95,7 @@ def test_first_velocities_point_to_the_circle_center() -> None:
 def test_too_many_objects_for_the_room_are_refused() -> None:
     pool = [SceneObject(f"ball_{i}", f"material_{i}", Sphere(1.0)) for i in range(100)]
     with pytest.raises(InvalidInputError, match="no free place"):
-        draw_first_states(pool, np.random.default_rng(0))
+        draw_initial_states(pool, np.random.default_rng(0))
 
 
 def test_points_are_noisy_and_the_truth_explains_them(dataset: PaperDataset) -> None:
@@ -108,7 +108,7 @@ def test_points_are_noisy_and_the_truth_explains_them(dataset: PaperDataset) -> 
         ]
     )
     assert noise.std() == pytest.approx(POSITION_NOISE, rel=0.02)
-    truly = dataset.with_first_states("true").training_observations
+    truly = dataset.with_initial_states("true").training_observations
     cost = TrajectoryCost(truly, make_simulator("auto"), dataset.parameters.materials)
     # The mean length of three normal components is σ √(8/π).
     expected = POSITION_NOISE * np.sqrt(8.0 / np.pi)
@@ -116,14 +116,14 @@ def test_points_are_noisy_and_the_truth_explains_them(dataset: PaperDataset) -> 
 
 
 @pytest.mark.parametrize("source", ["three_points", "flight"])
-def test_first_states_are_off_as_far_as_they_say(dataset: PaperDataset, source: str) -> None:
+def test_initial_states_are_off_as_far_as_they_say(dataset: PaperDataset, source: str) -> None:
     # (x̂ - x)ᵀ P⁻¹ (x̂ - x) has the mean 6 where the covariance P is right.
     runs = [*dataset.training, *dataset.test]
     inside = np.r_[POSITION, LINEAR_VELOCITY]
     squares = []
     for run in runs:
         for seen, truth in zip(
-            run.with_first_states(source).observation.objects, run.scene.states, strict=True
+            run.with_initial_states(source).observation.objects, run.scene.states, strict=True
         ):
             state = seen.initial_state
             error = np.append(
@@ -139,7 +139,7 @@ def test_more_points_know_the_velocity_better(dataset: PaperDataset) -> None:
     def error(source: str) -> float:
         pairs = [
             (seen.initial_state.linear_velocity, truth.linear_velocity)
-            for run in dataset.with_first_states(source).training
+            for run in dataset.with_initial_states(source).training
             for seen, truth in zip(run.observation.objects, run.scene.states, strict=True)
         ]
         return float(np.median([np.linalg.norm(a - b) for a, b in pairs]))
@@ -184,4 +184,4 @@ def test_what_cannot_be_made_is_refused() -> None:
     with pytest.raises(UnknownNameError, match="auto, stepped, bullet, mujoco"):
         make_paper_dataset(1, 10, rng, engine="havok")
     with pytest.raises(UnknownNameError, match="three_points"):
-        make_paper_dataset(1, 10, rng, first_states="oracle")
+        make_paper_dataset(1, 10, rng, initial_states="oracle")

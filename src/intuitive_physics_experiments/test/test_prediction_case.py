@@ -10,12 +10,12 @@ import pytest
 from intuitive_physics.observation import ObservedObject
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_experiments.paper_dataset import POSITION_NOISE, make_paper_dataset
-from intuitive_physics_experiments.prediction_case import predict_cases
+from intuitive_physics_cli.evaluation.prediction_case import predict_cases
+from intuitive_physics_experiments.paper.paper_dataset import POSITION_NOISE, make_paper_dataset
 
 
 def test_the_truth_predicts_what_was_seen() -> None:
-    made = make_paper_dataset(3, 3, np.random.default_rng(2)).with_first_states("true")
+    made = make_paper_dataset(3, 3, np.random.default_rng(2)).with_initial_states("true")
     rng = np.random.default_rng(0)
     cases = predict_cases(made.observations, made.parameters, make_simulator("auto"), rng, 3)
     assert len(cases) == 9
@@ -27,7 +27,7 @@ def test_the_truth_predicts_what_was_seen() -> None:
 
 
 def test_objects_seen_at_times_of_their_own_keep_them() -> None:
-    made = make_paper_dataset(4, 4, np.random.default_rng(1)).with_first_states("true")
+    made = make_paper_dataset(4, 4, np.random.default_rng(1)).with_initial_states("true")
     seen = next(one for one in made.observations if len(one.objects) > 1)
     first, second, *_ = seen.objects
     thinned = Trajectory(second.trajectory.times[::3], second.trajectory.positions[::3])
@@ -37,6 +37,6 @@ def test_objects_seen_at_times_of_their_own_keep_them() -> None:
     (_, case) = predict_cases(
         [both], made.parameters, make_simulator("auto"), np.random.default_rng(0), 2
     )
-    # The first point is the first state itself.
+    # The first point is the initial state itself.
     assert np.array_equal(case.times, thinned.times[1:])
     assert np.array_equal(case.observed, thinned.positions[1:])

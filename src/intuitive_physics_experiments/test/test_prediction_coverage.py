@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from intuitive_physics_experiments.corner_room import corner_environment
-from intuitive_physics_experiments.prediction_case import PredictionCase
-from intuitive_physics_experiments.prediction_coverage import LEVELS, region_coverage
+from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
+from intuitive_physics_cli.evaluation.prediction_coverage import LEVELS, region_coverage
+from intuitive_physics_experiments.rendering.corner_room import corner_environment
 
 POINTS, SAMPLES, CASES = 30, 60, 40
 

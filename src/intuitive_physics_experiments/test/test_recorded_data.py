@@ -13,9 +13,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_experiments.npz_file import load_arrays, load_cloud
-from intuitive_physics_experiments.recorded_data import load_recorded_set, load_table_tennis
-from intuitive_physics_experiments.table_tennis import (
+from intuitive_physics_experiments.recorded_sets.recorded_data import (
+    load_recorded_set,
+    load_table_tennis,
+)
+from intuitive_physics_experiments.recorded_sets.table_tennis import (
     BALL_MASS,
     GUN_BOUNCE_HEIGHT,
     LAUNCH_BOUNCE_HEIGHT,
@@ -25,6 +27,7 @@ from intuitive_physics_experiments.table_tennis import (
     launch_observations,
     recovered_times,
 )
+from intuitive_physics_recordings.npz_file import load_arrays, load_cloud
 
 
 def test_launches_become_observations(

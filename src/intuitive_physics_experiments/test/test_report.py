@@ -12,22 +12,22 @@ import pytest
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import parameter_names
-from intuitive_physics_experiments.corner_room import (
-    MATERIALS,
-    corner_camera,
-    corner_environment,
-    true_parameters,
-)
-from intuitive_physics_experiments.demo_result import (
+from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
+from intuitive_physics_experiments.demo.demo_result import (
     DemoResult,
     ExampleFrame,
     LearningOutcome,
     PredictionOutcome,
     ThrowErrors,
 )
-from intuitive_physics_experiments.frame_figure import _pixels, _silhouette
-from intuitive_physics_experiments.prediction_case import PredictionCase
-from intuitive_physics_experiments.report import write_report
+from intuitive_physics_experiments.demo.frame_figure import _pixels, _silhouette
+from intuitive_physics_experiments.demo.report import write_report
+from intuitive_physics_experiments.rendering.corner_room import (
+    MATERIALS,
+    corner_camera,
+    corner_environment,
+    true_parameters,
+)
 
 
 def example_frame() -> ExampleFrame:

@@ -12,14 +12,17 @@ from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import ObjectState
-from intuitive_physics_experiments.table_tennis import (
+from intuitive_physics_experiments.recorded_sets.table_tennis import (
     BALL_RADIUS,
     LAUNCH_BOUNCE_HEIGHT,
     AirCoefficients,
     ball_parameters,
     launch_observations,
 )
-from intuitive_physics_experiments.table_tennis_evaluation import learn_drag, look_ahead
+from intuitive_physics_experiments.recorded_sets.table_tennis_evaluation import (
+    learn_drag,
+    look_ahead,
+)
 
 DRAG = 0.45
 TRUE = ball_parameters().with_pair("ball", "table", restitution=0.9, dynamic_friction=0.2)

@@ -12,8 +12,8 @@ import pytest
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics.state import ObjectState
-from intuitive_physics_experiments.corner_room import corner_environment
-from intuitive_physics_experiments.thrown_ball import STEP, BallContact, move_ball
+from intuitive_physics_experiments.rendering.corner_room import corner_environment
+from intuitive_physics_experiments.rendering.thrown_ball import STEP, BallContact, move_ball
 
 G = 9.81
 R = 0.05

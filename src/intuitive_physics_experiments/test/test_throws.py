@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_experiments.corner_room import (
+from intuitive_physics_experiments.rendering.corner_room import (
     BALL_RADII,
     corner_camera,
     corner_environment,
     true_parameters,
 )
-from intuitive_physics_experiments.throws import Throw, make_throws
+from intuitive_physics_experiments.rendering.throws import Throw, make_throws
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from intuitive_physics_experiments.cube_tosses import CubeToss, cube_tosses
-from intuitive_physics_experiments.toss_errors import FAILED_DISTANCE, TossBatch, rotation_angles
+from intuitive_physics_experiments.recorded_sets.cube_tosses import CubeToss, cube_tosses
+from intuitive_physics_experiments.recorded_sets.toss_errors import (
+    FAILED_DISTANCE,
+    TossBatch,
+    rotation_angles,
+)
 
 WIDTH = 0.1
 angles = st.floats(0.0, np.pi)

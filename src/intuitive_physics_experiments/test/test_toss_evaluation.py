@@ -9,16 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_experiments.cube_tosses import cube_tosses
-from intuitive_physics_experiments.toss_errors import TossErrors
-from intuitive_physics_experiments.toss_evaluation import (
+from intuitive_physics_experiments.recorded_sets.cube_tosses import cube_tosses
+from intuitive_physics_experiments.recorded_sets.toss_errors import TossErrors
+from intuitive_physics_experiments.recorded_sets.toss_evaluation import (
     FrictionAndRestitution,
     evaluate_tosses,
     toss_cost,
 )
-from intuitive_physics_experiments.toss_table import toss_table
-from intuitive_physics_learner.convergence import ConvergenceCriteria
+from intuitive_physics_experiments.recorded_sets.toss_table import toss_table
 from intuitive_physics_learner.learning_session import LearningOptions
+from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 
 TossArrays = Callable[..., dict[str, Any]]
 OPTIONS = LearningOptions(method="cma_es", criteria=ConvergenceCriteria(max_iterations=80), seed=2)

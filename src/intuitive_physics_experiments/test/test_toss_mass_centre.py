@@ -14,12 +14,15 @@ from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_experiments.cube_tosses import CubeToss, cube_tosses
-from intuitive_physics_experiments.recorded_data import load_cube_tosses
-from intuitive_physics_experiments.toss_evaluation import evaluate_tosses
-from intuitive_physics_experiments.toss_mass_centre import fit_mass_centre, with_mass_centre
-from intuitive_physics_learner.convergence import ConvergenceCriteria
+from intuitive_physics_experiments.recorded_sets.cube_tosses import CubeToss, cube_tosses
+from intuitive_physics_experiments.recorded_sets.recorded_data import load_cube_tosses
+from intuitive_physics_experiments.recorded_sets.toss_evaluation import evaluate_tosses
+from intuitive_physics_experiments.recorded_sets.toss_mass_centre import (
+    fit_mass_centre,
+    with_mass_centre,
+)
 from intuitive_physics_learner.learning_session import LearningOptions
+from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 
 TossArrays = Callable[..., dict[str, Any]]
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics.state import ObjectState
-from intuitive_physics_experiments.tumbling_flight import tumbling_flight
+from intuitive_physics_experiments.recorded_sets.tumbling_flight import tumbling_flight
 
 WIDTH = 0.1
 TABLE = Environment([Plane("table", "table", (0.0, 0.0, 1.0), 0.0)])

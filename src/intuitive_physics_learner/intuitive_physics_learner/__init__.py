@@ -1,13 +1,7 @@
 """Learning θ_s from observations: cost J, update rules, search, what the data can tell, storage."""
 
-from intuitive_physics_learner.active_parameters import ActiveSpace, active_parameters
-from intuitive_physics_learner.convergence import (
-    ConvergenceCriteria,
-    SearchProgress,
-    SearchResult,
-    StopReason,
-)
-from intuitive_physics_learner.cost import Cost, TrajectoryCost
+from intuitive_physics_learner.cost.cost_function import Cost, TrajectoryCost
+from intuitive_physics_learner.cost.trials import Trials
 from intuitive_physics_learner.errors import (
     LearningCancelledError,
     MissingDependencyError,
@@ -15,24 +9,30 @@ from intuitive_physics_learner.errors import (
     StorageError,
     UnknownMethodError,
 )
-from intuitive_physics_learner.identifiability import Identifiability, identify
 from intuitive_physics_learner.learning_session import (
     LearningOptions,
     LearningResult,
     learn,
     search_parameters,
 )
-from intuitive_physics_learner.methods import DEFAULT_METHOD, JOINT_METHOD, METHODS
-from intuitive_physics_learner.search import ParameterSearch
-from intuitive_physics_learner.store import ObservationStore
-from intuitive_physics_learner.stored_learning import learn_from_store
-from intuitive_physics_learner.trials import Trials
-from intuitive_physics_learner.update_rules import (
+from intuitive_physics_learner.search.active_parameters import ActiveSpace, active_parameters
+from intuitive_physics_learner.search.convergence import (
+    ConvergenceCriteria,
+    SearchProgress,
+    SearchResult,
+    StopReason,
+)
+from intuitive_physics_learner.search.identifiability import Identifiability, identify
+from intuitive_physics_learner.search.methods import DEFAULT_METHOD, JOINT_METHOD, METHODS
+from intuitive_physics_learner.search.parameter_search import ParameterSearch
+from intuitive_physics_learner.search.update_rules import (
     FURTHER_RULES,
     UPDATE_RULES,
     UpdateRule,
     make_update_rule,
 )
+from intuitive_physics_learner.store import ObservationStore
+from intuitive_physics_learner.stored_learning import learn_from_store
 
 __all__ = [
     "DEFAULT_METHOD",

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics_learner.convergence import SearchProgress
 from intuitive_physics_learner.learning_session import LearningResult
+from intuitive_physics_learner.search.convergence import SearchProgress
 
 TELL_PERIOD = 0.1
 """s between two calls of `on_change` at least, except for the last."""

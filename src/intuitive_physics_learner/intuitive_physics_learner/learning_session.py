@@ -16,26 +16,31 @@ from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters, par
 from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
 from intuitive_physics.simulation import Simulator
-from intuitive_physics_learner.active_parameters import ActiveSpace, parameter_influence
-from intuitive_physics_learner.cached_cost import CachedCost
-from intuitive_physics_learner.convergence import (
+from intuitive_physics_learner.cost.cached_cost import CachedCost
+from intuitive_physics_learner.cost.cost_function import (
+    Cost,
+    InterruptibleCost,
+    MakeCost,
+    TrajectoryCost,
+)
+from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
+from intuitive_physics_learner.joint_estimation import JointSearch, judge
+from intuitive_physics_learner.search.active_parameters import ActiveSpace, parameter_influence
+from intuitive_physics_learner.search.convergence import (
     ConvergenceCriteria,
     SearchProgress,
     SearchResult,
     StopReason,
 )
-from intuitive_physics_learner.cost import Cost, InterruptibleCost, MakeCost, TrajectoryCost
-from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
-from intuitive_physics_learner.identifiability import (
+from intuitive_physics_learner.search.identifiability import (
     Identifiability,
     identification_trials,
     identify,
 )
-from intuitive_physics_learner.joint_estimation import JointSearch, judge
-from intuitive_physics_learner.methods import DEFAULT_METHOD, JOINT_METHOD, check_method
-from intuitive_physics_learner.parameter_axes import parameters_of_vector
-from intuitive_physics_learner.search import ParameterSearch, Search
-from intuitive_physics_learner.update_rules import make_update_rule
+from intuitive_physics_learner.search.methods import DEFAULT_METHOD, JOINT_METHOD, check_method
+from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
+from intuitive_physics_learner.search.parameter_search import ParameterSearch, Search
+from intuitive_physics_learner.search.update_rules import make_update_rule
 
 NEGLIGIBLE_COST = 1e-6
 """m of J that putting back what the data cannot tell may cost."""

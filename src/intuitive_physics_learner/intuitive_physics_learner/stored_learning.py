@@ -12,12 +12,12 @@ from typing import Any
 from intuitive_physics.errors import UnsupportedSceneError
 from intuitive_physics.observation import Observation
 from intuitive_physics.simulation import Simulator
-from intuitive_physics_learner.convergence import ConvergenceCriteria, SearchProgress
-from intuitive_physics_learner.cost import MakeCost, TrajectoryCost
+from intuitive_physics_learner.cost.cost_function import MakeCost, TrajectoryCost
 from intuitive_physics_learner.environment_check import check_environments
 from intuitive_physics_learner.errors import NoObservationsError
 from intuitive_physics_learner.learning_session import LearningOptions, LearningResult, learn
-from intuitive_physics_learner.methods import check_method
+from intuitive_physics_learner.search.convergence import ConvergenceCriteria, SearchProgress
+from intuitive_physics_learner.search.methods import check_method
 from intuitive_physics_learner.store import ObservationStore, SearchCheckpoint
 
 LARGEST_SAVING_SHARE = 0.05

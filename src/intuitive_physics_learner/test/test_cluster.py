@@ -16,7 +16,7 @@ from intuitive_physics_learner import (
     TrajectoryCost,
     learn,
 )
-from intuitive_physics_learner.cluster import CostMaker
+from intuitive_physics_learner.cost.cluster import CostMaker
 from intuitive_physics_learner.errors import ClusterError
 
 distributed = pytest.importorskip("distributed")
@@ -104,7 +104,7 @@ def test_scheduler_that_runs_elsewhere(throws):
 
 
 def test_scheduler_that_goes_away(throws, monkeypatch):
-    monkeypatch.setattr("intuitive_physics_learner.cluster.CONNECT_TIMEOUT", 2.0)
+    monkeypatch.setattr("intuitive_physics_learner.cost.cluster.CONNECT_TIMEOUT", 2.0)
     cluster = distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs="CRITICAL"
     )
@@ -116,7 +116,7 @@ def test_scheduler_that_goes_away(throws, monkeypatch):
 
 
 def test_scheduler_that_is_not_there(throws, monkeypatch):
-    monkeypatch.setattr("intuitive_physics_learner.cluster.CONNECT_TIMEOUT", 0.3)
+    monkeypatch.setattr("intuitive_physics_learner.cost.cluster.CONNECT_TIMEOUT", 0.3)
     with (
         CostMaker("tcp://127.0.0.1:9") as nowhere,
         pytest.raises(ClusterError, match="does not answer"),

@@ -11,8 +11,8 @@ from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.simulation import pack_worlds
 from intuitive_physics.trajectory import Trajectory, mean_distance
 from intuitive_physics_learner import NoObservationsError, TrajectoryCost
-from intuitive_physics_learner import cost as cost_module
-from intuitive_physics_learner.cost import FAILED_DISTANCE
+from intuitive_physics_learner.cost import cost_function as cost_module
+from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE
 
 
 def parameters(e, materials=("ball", "floor")):

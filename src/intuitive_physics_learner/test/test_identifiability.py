@@ -15,9 +15,9 @@ from intuitive_physics_learner import (
     identify,
     make_update_rule,
 )
-from intuitive_physics_learner.active_parameters import parameter_influence
-from intuitive_physics_learner.identifiability import identification_trials
-from intuitive_physics_learner.parameter_axes import ParameterAxes, parameters_of_vector
+from intuitive_physics_learner.search.active_parameters import parameter_influence
+from intuitive_physics_learner.search.identifiability import identification_trials
+from intuitive_physics_learner.search.parameter_axes import ParameterAxes, parameters_of_vector
 
 MATERIALS = ("ball", "floor")
 SPACE = ParameterSpace(MATERIALS)

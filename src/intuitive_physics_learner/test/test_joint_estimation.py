@@ -1,4 +1,4 @@
-"""Joint estimation finds θ_s in spite of noisy first states, and says truly how well."""
+"""Joint estimation finds θ_s in spite of noisy initial states, and says truly how well."""
 
 import json
 from dataclasses import replace
@@ -18,24 +18,24 @@ from intuitive_physics_learner import (
     TrajectoryCost,
     learn,
 )
-from intuitive_physics_learner.active_parameters import parameter_influence
 from intuitive_physics_learner.joint_estimation import JointSearch, judge
 from intuitive_physics_learner.joint_estimation.agreement import Half, agreed_deviations
-from intuitive_physics_learner.joint_estimation.first_state_deviations import (
+from intuitive_physics_learner.joint_estimation.halves import halves
+from intuitive_physics_learner.joint_estimation.initial_state_deviations import (
     PRIOR_WIDENING,
     BelievedStates,
-    FirstStateDeviations,
+    InitialStateDeviations,
 )
-from intuitive_physics_learner.joint_estimation.halves import halves
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.noise import position_noise
 from intuitive_physics_learner.joint_estimation.normal_equations import bounded_step
 from intuitive_physics_learner.joint_estimation.parameter_groups import separate_groups
-from intuitive_physics_learner.methods import JOINT_METHOD
+from intuitive_physics_learner.search.active_parameters import parameter_influence
+from intuitive_physics_learner.search.methods import JOINT_METHOD
 
 MATERIALS = ("ball", "floor")
 NOISE, STATE_NOISE = 0.005, 0.02
-"""m, and m of first states, whose velocities err by five times that in m/s."""
+"""m, and m of initial states, whose velocities err by five times that in m/s."""
 
 
 def joint_search(observed, simulator):
@@ -61,7 +61,7 @@ def blown_aside(observed, acceleration):
     return blown
 
 
-def test_noisy_first_states_do_not_bias(event_driven, throws, true_parameters):
+def test_noisy_initial_states_do_not_bias(event_driven, throws, true_parameters):
     observed = throws(8, 5, NOISE, STATE_NOISE)
     options = LearningOptions(JOINT_METHOD, ConvergenceCriteria(1000))
     learned = learn(observed, event_driven, options).learned
@@ -156,9 +156,9 @@ def test_noise_is_told_from_trajectories(throws):
     assert position_noise(throws(6, 0)) < 1e-3
 
 
-def test_first_states_move_as_their_deviations_say(throws):
+def test_initial_states_move_as_their_deviations_say(throws):
     observation = throws(1, 0, NOISE, STATE_NOISE)[0]
-    first = FirstStateDeviations.of(observation)
+    first = InitialStateDeviations.of(observation)
     # A sphere: three of position and three of velocity; its spin is known exactly.
     assert first.axes == tuple((0, k) for k in (0, 1, 2, 6, 7, 8))
     np.testing.assert_allclose(

@@ -11,9 +11,9 @@ from intuitive_physics.scene import Scene
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import TrajectoryCost, identify
-from intuitive_physics_learner.cost import FAILED_DISTANCE
-from intuitive_physics_learner.parameter_axes import ParameterAxes
-from intuitive_physics_learner.reach import is_as_good
+from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE
+from intuitive_physics_learner.search.parameter_axes import ParameterAxes
+from intuitive_physics_learner.search.reach import is_as_good
 
 MATERIALS = ("ball", "floor")
 PAIR = parameter_names(MATERIALS).index("dynamic_friction[ball, floor]")

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_perception.cluster_memory import SEARCHES
-from intuitive_physics_perception.environment_check import EnvironmentCheck
-from intuitive_physics_perception.environment_model import EnvironmentModel
-from intuitive_physics_perception.episodes import EpisodeRecorder
-from intuitive_physics_perception.foreground import Clusters, ForegroundFinder
-from intuitive_physics_perception.furniture import Furniture
-from intuitive_physics_perception.objects import all_objects
+from intuitive_physics_perception.detection.cluster_memory import SEARCHES
+from intuitive_physics_perception.detection.foreground import Clusters, ForegroundFinder
+from intuitive_physics_perception.detection.objects import all_objects
+from intuitive_physics_perception.detection.solids import SolidFinder
+from intuitive_physics_perception.detection.spheres import SphereFinder
+from intuitive_physics_perception.environment.environment_check import EnvironmentCheck
+from intuitive_physics_perception.environment.environment_model import EnvironmentModel
+from intuitive_physics_perception.environment.furniture import Furniture
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.solids import SolidFinder
-from intuitive_physics_perception.spheres import SphereFinder
-from intuitive_physics_perception.tracker import Tracker
+from intuitive_physics_perception.tracking.episodes import EpisodeRecorder
+from intuitive_physics_perception.tracking.tracker import Tracker
 
 
 class ModelledScene:

@@ -12,22 +12,22 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
 from intuitive_physics.validation import unit_vector
-from intuitive_physics_perception.detected_solid import DetectedSolid
-from intuitive_physics_perception.detected_sphere import DetectedSphere
-from intuitive_physics_perception.environment_model import (
+from intuitive_physics_perception.detection.detected_solid import DetectedSolid
+from intuitive_physics_perception.detection.detected_sphere import DetectedSphere
+from intuitive_physics_perception.detection.objects import all_objects
+from intuitive_physics_perception.environment.environment_model import (
     NoEnvironmentError,
     model_environment,
 )
-from intuitive_physics_perception.episodes import Episode
-from intuitive_physics_perception.modelled_scene import ModelledScene
-from intuitive_physics_perception.objects import all_objects
-from intuitive_physics_perception.perceived import (
+from intuitive_physics_perception.environment.static_boxes import with_static_boxes
+from intuitive_physics_perception.frame_result import (
     FrameDiagnostics,
     Perceived,
     PerceivedObject,
 )
+from intuitive_physics_perception.modelled_scene import ModelledScene
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.static_boxes import with_static_boxes
+from intuitive_physics_perception.tracking.episodes import Episode
 
 SEARCHES_IN_FRAME = 1
 """Clusters that are searched for spheres at random in one frame, which bounds its time."""

@@ -7,11 +7,11 @@ from numpy.typing import ArrayLike
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.scene import Environment
-from intuitive_physics_perception.detected_sphere import DetectedSphere, without_doubles
-from intuitive_physics_perception.environment_model import model_environment
-from intuitive_physics_perception.foreground import ForegroundFinder
+from intuitive_physics_perception.detection.detected_sphere import DetectedSphere, without_doubles
+from intuitive_physics_perception.detection.foreground import ForegroundFinder
+from intuitive_physics_perception.detection.spheres import SphereFinder
+from intuitive_physics_perception.environment.environment_model import model_environment
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.spheres import SphereFinder
 
 
 def perceive_cloud(

@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from intuitive_physics_perception.depth import Intrinsics, points_from_depth
-from intuitive_physics_perception.environment_model import EnvironmentModel, model_environment
+from intuitive_physics_perception.environment.environment_model import (
+    EnvironmentModel,
+    model_environment,
+)
+from intuitive_physics_perception.input.depth import Intrinsics, points_from_depth
 from intuitive_physics_perception.settings import PerceptionSettings
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 525.0

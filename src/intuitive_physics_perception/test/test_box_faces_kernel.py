@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from intuitive_physics_perception import box_faces
 from intuitive_physics_perception.compile import warm_up
+from intuitive_physics_perception.detection import box_faces
 
 
 @pytest.mark.parametrize("count", [100, 1500])

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from intuitive_physics_perception.cluster_memory import (
+from intuitive_physics_perception.detection.cluster_memory import (
     KEPT_UNSEEN,
     PERIOD,
     SEARCHES,

@@ -8,16 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_perception.colors import (
+from intuitive_physics_perception.detection.detected_sphere import DetectedSphere
+from intuitive_physics_perception.input.colors import (
     CHANNELS,
     colors_from_cloud_data,
     colors_from_image_data,
     with_color,
 )
-from intuitive_physics_perception.depth import Intrinsics, points_from_depth
-from intuitive_physics_perception.detected_sphere import DetectedSphere
+from intuitive_physics_perception.input.depth import Intrinsics, points_from_depth
+from intuitive_physics_perception.input.point_cloud import Field
 from intuitive_physics_perception.pipeline import PerceptionPipeline
-from intuitive_physics_perception.point_cloud import Field
 from intuitive_physics_perception.settings import PerceptionSettings
 
 FLOAT32, UINT32 = 7, 6

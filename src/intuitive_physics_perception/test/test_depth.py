@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_perception.depth import (
+from intuitive_physics_perception.input.depth import (
     Intrinsics,
     depth_from_image_data,
     points_from_depth,

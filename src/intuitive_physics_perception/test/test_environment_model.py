@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from intuitive_physics_perception.depth import Intrinsics, points_from_depth
-from intuitive_physics_perception.environment_model import (
+from intuitive_physics_perception.environment.environment_model import (
     NoEnvironmentError,
     model_environment,
 )
-from intuitive_physics_perception.fusion import fuse
-from intuitive_physics_perception.noise import RangeNoise
-from intuitive_physics_perception.planes import detect_planes
+from intuitive_physics_perception.environment.fusion import fuse
+from intuitive_physics_perception.environment.noise import RangeNoise
+from intuitive_physics_perception.environment.planes import detect_planes
+from intuitive_physics_perception.input.depth import Intrinsics, points_from_depth
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SETTINGS = PerceptionSettings()

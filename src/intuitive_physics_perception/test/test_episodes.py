@@ -1,4 +1,4 @@
-"""Observations: first states that are true, and rules of when they begin and end."""
+"""Observations: initial states that are true, and rules of when they begin and end."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import pytest
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Sphere
-from intuitive_physics_perception.detected_sphere import DetectedSphere
-from intuitive_physics_perception.episodes import EpisodeRecorder, observations_of
-from intuitive_physics_perception.initial_state import Record, state_at
+from intuitive_physics_perception.detection.detected_sphere import DetectedSphere
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracker import Tracker
+from intuitive_physics_perception.tracking.episodes import EpisodeRecorder, observations_of
+from intuitive_physics_perception.tracking.initial_state import Record, state_at
+from intuitive_physics_perception.tracking.tracker import Tracker
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
 SETTINGS = PerceptionSettings()
@@ -36,7 +36,7 @@ def record(rng, times, path, name="ball", noise=NOISE):
     )
 
 
-def test_the_first_state_is_least_squares_with_gravity_known(rng, bounce) -> None:
+def test_the_initial_state_is_least_squares_with_gravity_known(rng, bounce) -> None:
     times = 5.0 + np.arange(0, 0.8, STEP)
     velocity = np.array([1.2, -0.4, 1.0])
     path = bounce(times - 5.0, (0, 0, 0.5), velocity, RADIUS)
@@ -104,7 +104,7 @@ def test_an_episode_is_cut_where_a_ball_appears(rng, bounce) -> None:
     assert alone.objects[0].trajectory.times[-1] < late[0]
     assert {seen.object.id for seen in together.objects} == {"first", "second"}
     assert late[0] <= together.start_time < late[0] + 4 * STEP
-    # All first states hold at the start.
+    # All initial states hold at the start.
     for seen in together.objects:
         assert seen.initial_state.position == pytest.approx(seen.trajectory.positions[0], abs=0.006)
         assert seen.trajectory.times[0] == together.start_time

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_perception.depth import Intrinsics
-from intuitive_physics_perception.frame_decoder import FrameDecoder
+from intuitive_physics_perception.input.depth import Intrinsics
+from intuitive_physics_perception.input.frame_decoder import FrameDecoder
 
 WIDTH, HEIGHT = 8, 6
 K = [10.0, 0.0, 3.5, 0.0, 10.0, 2.5, 0.0, 0.0, 1.0]

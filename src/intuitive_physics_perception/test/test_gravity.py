@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_perception.gravity import REST_TIME, RestingAccelerometer
+from intuitive_physics_perception.environment.gravity import REST_TIME, RestingAccelerometer
 
 RATE = 200.0
 NOISE = 0.05

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics.scene import Environment, Plane
-from intuitive_physics_perception.motion import SIZE, predicted
+from intuitive_physics_perception.tracking.motion import SIZE, predicted
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
 CORNER = Environment([*FLOOR.planes, Plane("wall", "m", (-1, 0, 0), -1.0)])

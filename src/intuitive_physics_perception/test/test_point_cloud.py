@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_perception.point_cloud import Field, points_from_cloud_data
+from intuitive_physics_perception.input.point_cloud import Field, points_from_cloud_data
 
 XYZ = [Field("x", 0, 7, 1), Field("y", 4, 7, 1), Field("z", 8, 7, 1)]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_perception.environment_model import NoEnvironmentError
+from intuitive_physics_perception.environment.environment_model import NoEnvironmentError
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.single_cloud import perceive_cloud
 

@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from intuitive_physics.scene import Environment, StaticBox
 from intuitive_physics.shapes import Box, Capsule
-from intuitive_physics_perception.depth import points_from_depth
-from intuitive_physics_perception.foreground import ForegroundFinder
-from intuitive_physics_perception.furniture import Furniture
+from intuitive_physics_perception.detection.foreground import ForegroundFinder
+from intuitive_physics_perception.detection.solids import SolidFinder
+from intuitive_physics_perception.environment.furniture import Furniture
+from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.solids import SolidFinder
 
 SETTINGS = PerceptionSettings()
 

@@ -8,16 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from intuitive_physics_perception.clustering import neighbour_labels
-from intuitive_physics_perception.depth import points_from_depth
-from intuitive_physics_perception.detected_sphere import DetectedSphere
-from intuitive_physics_perception.foreground import ForegroundFinder
-from intuitive_physics_perception.noise import RangeNoise
-from intuitive_physics_perception.objects import all_objects
-from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
-from intuitive_physics_perception.solids import SolidFinder
-from intuitive_physics_perception.sphere_fit import refine_sphere
-from intuitive_physics_perception.sphere_ransac import (
+from intuitive_physics_perception.detection.clustering import neighbour_labels
+from intuitive_physics_perception.detection.detected_sphere import DetectedSphere
+from intuitive_physics_perception.detection.foreground import ForegroundFinder
+from intuitive_physics_perception.detection.objects import all_objects
+from intuitive_physics_perception.detection.solids import SolidFinder
+from intuitive_physics_perception.detection.sphere_fit import refine_sphere
+from intuitive_physics_perception.detection.sphere_ransac import (
     BATCH,
     NEIGHBOUR_DRAWS,
     outline_sphere,
@@ -25,7 +22,10 @@ from intuitive_physics_perception.sphere_ransac import (
     ransac_spheres,
     score_spheres,
 )
-from intuitive_physics_perception.spheres import SphereFinder
+from intuitive_physics_perception.detection.spheres import SphereFinder
+from intuitive_physics_perception.environment.noise import RangeNoise
+from intuitive_physics_perception.input.depth import points_from_depth
+from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
 
 SETTINGS = PerceptionSettings()
 NOTHING = np.zeros((0, 3))

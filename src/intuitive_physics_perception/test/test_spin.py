@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics.scene import Environment, Plane
-from intuitive_physics_perception.detected_sphere import DetectedSphere
+from intuitive_physics_perception.detection.detected_sphere import DetectedSphere
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.spin import rolling_spin
-from intuitive_physics_perception.tracker import Tracker
+from intuitive_physics_perception.tracking.spin import rolling_spin
+from intuitive_physics_perception.tracking.tracker import Tracker
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
 SETTINGS = PerceptionSettings()

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from intuitive_physics_perception.depth import Intrinsics, points_from_depth
-from intuitive_physics_perception.environment_model import model_environment
+from intuitive_physics_perception.environment.environment_model import model_environment
+from intuitive_physics_perception.environment.static_boxes import with_static_boxes
+from intuitive_physics_perception.input.depth import Intrinsics, points_from_depth
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.static_boxes import with_static_boxes
 
 FRAMES = 4
 SETTINGS = PerceptionSettings(environment_frames=FRAMES)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.simulation.kernels import entry, inlined
+from intuitive_physics.kernels import entry, inlined
 
 BLOCK = 384
 """Numbers, whole points, whose sums are taken together."""

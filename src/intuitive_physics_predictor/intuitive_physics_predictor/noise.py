@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.simulation.kernels import entry, inlined
-from intuitive_physics.simulation.quaternions import (
+from intuitive_physics.geometry.quaternions import (
     load_quaternion,
     store_quaternion,
     turned_by,
 )
-from intuitive_physics.simulation.vectors import add, load, store
+from intuitive_physics.geometry.vectors import add, load, store
+from intuitive_physics.kernels import entry, inlined
 from intuitive_physics.state import (
     ANGULAR_VELOCITY,
     ERROR_SIZE,

@@ -18,19 +18,19 @@ from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.simulation.event_driven.kernel import roll_worlds
 from intuitive_physics.state import ObjectState
 from intuitive_physics_predictor.compile import warm_up
-from intuitive_physics_predictor.live_prediction import (
+from intuitive_physics_predictor.live.live_prediction import (
     Inputs,
     NothingToPredictError,
     SeenStates,
     predict_now,
     predict_scene,
 )
+from intuitive_physics_predictor.live.options import PredictionOptions
+from intuitive_physics_predictor.live.prediction_settings import PredictionSettings, output_times
+from intuitive_physics_predictor.live.question import Event, Question, answer
 from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
 from intuitive_physics_predictor.noisy_newton import PreparedScene
-from intuitive_physics_predictor.options import PredictionOptions
-from intuitive_physics_predictor.prediction_settings import PredictionSettings, output_times
-from intuitive_physics_predictor.question import Event, Question, answer
 
 ROOM = Environment([Plane("floor", "wood", (0, 0, 1), 0.0)], frame_id="room")
 COVARIANCE = np.diag([1e-6] * 3 + [0.0] * 3 + [1e-4] * 3 + [1e-2] * 3)

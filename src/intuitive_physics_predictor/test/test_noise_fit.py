@@ -12,10 +12,10 @@ from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import ObjectState
-from intuitive_physics_predictor.noise_fit import fit_noise_scales
 from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
 from intuitive_physics_predictor.noisy_newton import predict
-from intuitive_physics_predictor.outcomes import Outcome
+from intuitive_physics_predictor.scores.noise_fit import fit_noise_scales
+from intuitive_physics_predictor.scores.outcomes import Outcome
 
 TIMES = np.array([0.3, 0.8])
 MATERIALS = ("ball", "floor")

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from intuitive_physics_predictor.pacer import Pacer
+from intuitive_physics_predictor.live.pacer import Pacer
 
 
 class Ticks:

@@ -15,7 +15,7 @@ from intuitive_physics.shapes import Box, Capsule, Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
 from intuitive_physics_predictor.noisy_newton import predict
-from intuitive_physics_predictor.queries import (
+from intuitive_physics_predictor.queries.events import (
     comes_to_rest,
     enters_region,
     falls_below,

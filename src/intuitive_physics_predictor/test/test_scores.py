@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.special import erf
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_predictor.highest_density import coverage, highest_density_levels
-from intuitive_physics_predictor.scores import crps, energy_scores
+from intuitive_physics_predictor.scores.highest_density import coverage, highest_density_levels
+from intuitive_physics_predictor.scores.proper_scores import crps, energy_scores
 
 
 def test_crps_of_a_normal_prediction():

@@ -25,7 +25,7 @@ class NodeProcess:
 
     Parameters
     ----------
-    module : with the node's `main`, such as "intuitive_physics_predictor.predictor_node"
+    module : with the node's `main`, such as "intuitive_physics_predictor.nodes.predictor_node"
     arguments : after `--ros-args`, such as ["-p", "rate:=50.0"]
     environment : of the process; None: that of this process
     """

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
-from intuitive_physics.rotation import rotation_matrix
+from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics_ros.distribution_markers import (
     ELLIPSOIDS,
     MAX_SAMPLES,

@@ -14,8 +14,8 @@ from math import cos, log, pi, sin, sqrt
 
 import numpy as np
 
-from intuitive_physics.simulation.kernels import inlined, kernel
-from intuitive_physics.simulation.vectors import add_scaled, cross, norm, scaled
+from intuitive_physics.geometry.vectors import add_scaled, cross, norm, scaled
+from intuitive_physics.kernels import inlined, kernel
 
 NOISE_FIELDS = [
     ("noisy", "i8"),  # 1 where impacts are noisy

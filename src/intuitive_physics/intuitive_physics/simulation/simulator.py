@@ -59,13 +59,13 @@ class Simulator(ABC):
         *,
         orientations: bool = True,
     ) -> Rollout:
-        """Simulate each scene from its first states.
+        """Simulate each scene from its initial states.
 
         Parameters
         ----------
         scenes : n_worlds scenes
         static_parameters : one θ_s for all scenes or one for each
-        times : (n_times,) s after the first states, strictly increasing, none negative
+        times : (n_times,) s after the initial states, strictly increasing, none negative
         orientations : whether to answer orientations too
 
         Raises
@@ -78,7 +78,7 @@ class Simulator(ABC):
             When this engine cannot express a scene.
         """
         # Imported late: it is built on an engine, which is built on this module.
-        from intuitive_physics.simulation.first_states import check_overlaps
+        from intuitive_physics.simulation.overlap_check import check_overlaps
 
         worlds = pack_worlds(scenes, static_parameters)
         check_overlaps(scenes, worlds)

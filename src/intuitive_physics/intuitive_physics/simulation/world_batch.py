@@ -113,7 +113,7 @@ class WorldBatch:
 
         Parameters
         ----------
-        states : (n, O, 13), the first states of each copy
+        states : (n, O, 13), the initial states of each copy
         parameter_sets : n times θ_s, one for each copy; None keeps that of the one world
         """
         if self.size != 1:

@@ -11,11 +11,11 @@ from scipy.optimize import minimize_scalar
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.state import ObjectState
-from intuitive_physics_experiments.free_flight import free_flight
+from intuitive_physics_cli.evaluation.free_flight import free_flight
 from intuitive_physics_predictor.noise import StateNoise, StateSpread
-from intuitive_physics_predictor.noise_fit import spread_weights, weighted_energy_scores
 from intuitive_physics_predictor.noisy_newton import predict
-from intuitive_physics_predictor.outcomes import Outcome, Prediction
+from intuitive_physics_predictor.scores.noise_fit import spread_weights, weighted_energy_scores
+from intuitive_physics_predictor.scores.outcomes import Outcome, Prediction
 
 FIXED_NOISE = 0.02
 """m, rad, m/s and rad/s. The paper has one noise model, N(0, 0.02); it does not say what it adds to

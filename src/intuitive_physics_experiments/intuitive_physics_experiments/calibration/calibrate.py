@@ -18,10 +18,10 @@ from intuitive_physics_experiments.calibration.baselines import (
     single_rollout,
 )
 from intuitive_physics_experiments.calibration.verification import Scores, score
-from intuitive_physics_predictor.highest_density import FEWEST_SAMPLES
-from intuitive_physics_predictor.noise_fit import FITTED_SCALES, NoiseFit, fit_noise_scales
 from intuitive_physics_predictor.noise_scales import NoiseScales
-from intuitive_physics_predictor.outcomes import Outcome, Prediction, noisy_prediction
+from intuitive_physics_predictor.scores.highest_density import FEWEST_SAMPLES
+from intuitive_physics_predictor.scores.noise_fit import FITTED_SCALES, NoiseFit, fit_noise_scales
+from intuitive_physics_predictor.scores.outcomes import Outcome, Prediction, noisy_prediction
 
 OURS = "noisy Newton"
 BASELINES = ("single rollout", "fixed noise", "free flight")

@@ -6,10 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from intuitive_physics_experiments.calibration.calibrate import OURS, Calibration
-from intuitive_physics_experiments.calibration.tables import LEVELS
-from intuitive_physics_experiments.calibration.verification import REGIONS, Scores
-from intuitive_physics_experiments.figure_style import (
+from intuitive_physics_cli.report.figure_style import (
     DEFAULT,
     GRAVITY,
     OBSERVED,
@@ -17,6 +14,9 @@ from intuitive_physics_experiments.figure_style import (
     PREDICTED,
     TRUE,
 )
+from intuitive_physics_experiments.calibration.calibrate import OURS, Calibration
+from intuitive_physics_experiments.calibration.tables import LEVELS
+from intuitive_physics_experiments.calibration.verification import REGIONS, Scores
 
 HORIZON_COLORS = (PREDICTED, OBSERVED, PLANE_COLORS[0], GRAVITY)
 BASELINE_COLORS = (DEFAULT, PLANE_COLORS[0], PLANE_COLORS[3], PLANE_COLORS[4])

@@ -1,4 +1,4 @@
-"""First states from the first points of an observation that nothing can have touched yet."""
+"""Initial states from the first points of an observation that nothing can have touched yet."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.scene import Environment
 from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION, ObjectState
-from intuitive_physics_experiments.noisy_flight import (
+from intuitive_physics_experiments.paper.noisy_flight import (
     FEWEST_POINTS,
     fit_noisy_flight,
     flight_length,
@@ -22,8 +22,8 @@ MARGIN = 3.0
 
 
 def with_first_points(observation: Observation, points: int, noise: float) -> Observation:
-    """Return an observation whose first states are fitted to its first points."""
-    states = first_states(observation, points, noise)
+    """Return an observation whose initial states are fitted to its first points."""
+    states = initial_states(observation, points, noise)
     return replace(
         observation,
         objects=tuple(
@@ -33,7 +33,7 @@ def with_first_points(observation: Observation, points: int, noise: float) -> Ob
     )
 
 
-def first_states(observation: Observation, points: int, noise: float) -> list[ObjectState]:
+def initial_states(observation: Observation, points: int, noise: float) -> list[ObjectState]:
     """Fit free flight to each object's first points; orientation and spin are as observed.
 
     A point no longer counts, at the latest, where the object's bounding sphere has come near a

@@ -20,7 +20,7 @@ from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Environment, Scene
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.state import ERROR_SIZE, LINEAR_VELOCITY, POSITION, ObjectState
-from intuitive_physics_experiments.experiments.outcome import markdown_table
+from intuitive_physics_experiments.paper.outcome import markdown_table
 from intuitive_physics_predictor.noisy_newton import predict
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
@@ -150,7 +150,7 @@ def _launch_state(
 def _state_at_start(
     seen: Observation, parameters: StaticParameters, simulator: Simulator
 ) -> NDArray[np.float64]:
-    """Position and velocity, (6,), with which a launch passes `START_X` from its first state."""
+    """Position and velocity, (6,), with which a launch passes `START_X` from its initial state."""
     times = np.arange(0.0, LONGEST_WAY, STEP)
     flight = simulator.rollout([seen.scene()], parameters, times, orientations=False)
     path = flight.positions[0, 0]

@@ -12,21 +12,21 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import parameter_names
 from intuitive_physics.observation import Observation
 from intuitive_physics.simulation import make_simulator
+from intuitive_physics_cli.commands.observation_source import read_observations
+from intuitive_physics_cli.evaluation.evaluation import split
 from intuitive_physics_experiments.calibration.calibrate import Calibration, calibrate
 from intuitive_physics_experiments.calibration.launch_spread import launch_spread
 from intuitive_physics_experiments.calibration.observed_outcomes import observed_outcomes
-from intuitive_physics_experiments.commands.observation_source import read_observations
-from intuitive_physics_experiments.evaluation import split
-from intuitive_physics_experiments.recorded_data import load_table_tennis
-from intuitive_physics_experiments.table_tennis import (
+from intuitive_physics_experiments.recorded_sets.recorded_data import load_table_tennis
+from intuitive_physics_experiments.recorded_sets.table_tennis import (
     BALL_MATERIAL,
     TABLE_MATERIAL,
     AirCoefficients,
     ball_parameters,
 )
 from intuitive_physics_learner.learning_session import LearningOptions, learn
-from intuitive_physics_learner.search import ConvergenceCriteria, SearchProgress
-from intuitive_physics_predictor.noise_fit import FITTED_SCALES
+from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria, SearchProgress
+from intuitive_physics_predictor.scores.noise_fit import FITTED_SCALES
 
 MASS_TOLERANCE = 0.02
 """Relative, of a ball by the rules of the sport (2.67 to 2.77 g)."""

@@ -13,10 +13,13 @@ from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION, ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_experiments.first_state import SMALLEST_NOISE
-from intuitive_physics_experiments.first_state_in_air import AirFactors, fit_first_state_in_air
-from intuitive_physics_experiments.noisy_flight import fit_noisy_flight, flight_length
-from intuitive_physics_predictor.outcomes import Outcome
+from intuitive_physics_experiments.paper.noisy_flight import fit_noisy_flight, flight_length
+from intuitive_physics_experiments.recorded_sets.initial_state import SMALLEST_NOISE
+from intuitive_physics_experiments.recorded_sets.initial_state_in_air import (
+    AirFactors,
+    fit_initial_state_in_air,
+)
+from intuitive_physics_predictor.scores.outcomes import Outcome
 
 WINDOW = 7
 """Points of a stretch that a parabola is laid through to see the noise."""
@@ -43,9 +46,9 @@ def observed_outcomes(
 ) -> list[Outcome]:
     """Return each observation as seen for its first points, and what was seen after them.
 
-    First states are fitted to those points, before the first bounce, anew: those of an observation
-    may know more of its motion. The points nearest in time to each horizon count; where an object
-    was not seen within a frame of it, what happened is not known.
+    Initial states are fitted to those points, before the first bounce, anew: those of an
+    observation may know more of its motion. The points nearest in time to each horizon count; where
+    an object was not seen within a frame of it, what happened is not known.
 
     Parameters
     ----------
@@ -95,7 +98,7 @@ def _outcome(
                 f"object {thing.object.id} of observation {seen.id} was seen "
                 f"{len(thing.trajectory)} times; expected at least {points}"
             )
-        states.append(_first_state(thing, start, points, noise, seen.environment, densities))
+        states.append(_initial_state(thing, start, points, noise, seen.environment, densities))
     last = float(clock[min(int(np.searchsorted(clock, 0.0)) + points, len(clock)) - 1])
     frame = float(np.median(np.diff(clock)))
     nearest = np.abs(clock[:, None] - (last + horizons)).argmin(axis=0)
@@ -111,7 +114,7 @@ def _outcome(
     return Outcome(scene, times, positions, float(np.hypot(np.median(noises), SYSTEMATIC)))
 
 
-def _first_state(
+def _initial_state(
     thing: ObservedObject,
     start: float,
     points: int,
@@ -127,7 +130,7 @@ def _first_state(
     if thing.object.drag_coefficient:
         density = densities[thing.object.material]
         air = air_factors(thing.object, environment.air_density, density)
-        fitted = fit_first_state_in_air(times, positions, gravity, air)
+        fitted = fit_initial_state_in_air(times, positions, gravity, air)
         position, velocity = fitted.position, fitted.linear_velocity
         covariance = fitted.covariance.copy()
     else:

@@ -16,22 +16,22 @@ from intuitive_physics_experiments.calibration.calibrate import OURS, Calibratio
 from intuitive_physics_experiments.calibration.first_points import with_first_points
 from intuitive_physics_experiments.calibration.paper_outcomes import HORIZONS, paper_outcomes
 from intuitive_physics_experiments.calibration.verification import Scores, score
-from intuitive_physics_experiments.paper_dataset import POSITION_NOISE, make_paper_dataset
-from intuitive_physics_experiments.paper_room import SHAPE_KINDS
+from intuitive_physics_experiments.paper.paper_dataset import POSITION_NOISE, make_paper_dataset
+from intuitive_physics_experiments.paper.paper_room import SHAPE_KINDS
 from intuitive_physics_learner.learning_session import LearningOptions, learn
-from intuitive_physics_learner.methods import JOINT_METHOD
-from intuitive_physics_learner.search import ConvergenceCriteria, SearchProgress
+from intuitive_physics_learner.search.methods import JOINT_METHOD
+from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria, SearchProgress
 from intuitive_physics_predictor.noise_scales import NoiseScales
-from intuitive_physics_predictor.outcomes import noisy_prediction
+from intuitive_physics_predictor.scores.outcomes import noisy_prediction
 
 LEARNED_SHARE = 0.6
 """Of the runs that are not held out: θ_s is learned from these, the noise fitted to the others."""
 
 LEARNED_POINTS = 30
-"""Points, at most, that first states of what is learned from are fitted to."""
+"""Points, at most, that initial states of what is learned from are fitted to."""
 
 FITTED_SCALES = ("static_parameters", "unidentified")
-"""Those of θ_s. Positions have the noise that first states are fitted with, so their covariances
+"""Those of θ_s. Positions have the noise that initial states are fitted with, so their covariances
 are right as they are, and a scale of them could only be chance."""
 
 START = NoiseScales(unidentified=0.2)
@@ -57,7 +57,7 @@ class PaperCalibrationOptions:
     point_counts : the same, for the error against how much was seen
     horizons : s after the last point
     sample_count : simulations of each prediction
-    iterations : of the search for θ_s, which estimates first states with it
+    iterations : of the search for θ_s, which estimates initial states with it
     engine : that makes the set, learns and predicts
     seed : of everything
     """
@@ -120,7 +120,7 @@ def calibrate_on_paper_set(
     """Make the set, learn θ_s from a part, fit the noise to another, score on the rest.
 
     Joint estimation learns, because the set obeys the laws it simulates: it takes the noise of
-    first states for what it is. A search by J alone makes θ_s answer for it, far beyond the
+    initial states for what it is. A search by J alone makes θ_s answer for it, far beyond the
     uncertainty it states (boxes get too little friction), and no scale mends a wrong mean.
 
     Parameters
@@ -138,7 +138,7 @@ def calibrate_on_paper_set(
         options.samples + options.held_out,
         np.random.default_rng(options.seed),
         engine=options.engine,
-        first_states="flight",
+        initial_states="flight",
         kinds=options.kinds,
     )
     runs = (*dataset.training, *dataset.test)

@@ -11,9 +11,9 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation import Simulator
-from intuitive_physics_experiments.calibration.first_points import first_states
-from intuitive_physics_experiments.paper_dataset import POSITION_NOISE, PaperRun
-from intuitive_physics_predictor.outcomes import Outcome
+from intuitive_physics_experiments.calibration.first_points import initial_states
+from intuitive_physics_experiments.paper.paper_dataset import POSITION_NOISE, PaperRun
+from intuitive_physics_predictor.scores.outcomes import Outcome
 
 HORIZONS = (0.5, 1.0, 2.0, 5.0)
 """s after the last point that was seen."""
@@ -65,7 +65,7 @@ def _outcome(
     last: int,
     horizons: NDArray[np.float64],
 ) -> Outcome:
-    states = first_states(run.observation, points, POSITION_NOISE)
+    states = initial_states(run.observation, points, POSITION_NOISE)
     after = run.observation.objects[0].trajectory.times[last - 1] + horizons
     truth = simulator.rollout([run.scene], parameters, after, orientations=False).positions[0]
     return Outcome(Scene(run.scene.environment, run.scene.objects, tuple(states)), after, truth)

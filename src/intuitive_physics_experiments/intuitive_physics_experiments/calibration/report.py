@@ -24,8 +24,8 @@ from intuitive_physics_experiments.calibration.tables import (
     score_rows,
 )
 from intuitive_physics_experiments.calibration.verification import Scores
-from intuitive_physics_experiments.experiments.cells import write_whole
-from intuitive_physics_experiments.experiments.outcome import (
+from intuitive_physics_experiments.paper.cells import write_whole
+from intuitive_physics_experiments.paper.outcome import (
     markdown_table,
     write_csv,
     write_figure,

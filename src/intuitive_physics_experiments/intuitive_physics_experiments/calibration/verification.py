@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_predictor.highest_density import (
+from intuitive_physics_predictor.scores.highest_density import (
     FEWEST_SAMPLES,
     coverage,
     highest_density_levels,
 )
-from intuitive_physics_predictor.outcomes import Outcome, Prediction, predict_outcomes
-from intuitive_physics_predictor.scores import crps, energy_scores
+from intuitive_physics_predictor.scores.outcomes import Outcome, Prediction, predict_outcomes
+from intuitive_physics_predictor.scores.proper_scores import crps, energy_scores
 
 REGIONS = (0.5, 0.9)
 """Probabilities of the regions whose coverage is reported."""

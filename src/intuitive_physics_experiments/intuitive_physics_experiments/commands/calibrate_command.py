@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_experiments.commands.observation_source import PATH_HELP, progress_to
+from intuitive_physics_cli.commands.observation_source import PATH_HELP, progress_to
 
 OBSERVED_HORIZONS = (0.1, 0.2, 0.4, 0.6)
 
@@ -82,14 +82,14 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _calibrate_on_paper_set(options: argparse.Namespace) -> None:
+    from intuitive_physics_cli.terminal import ProgressBar
     from intuitive_physics_experiments.calibration.paper_calibration import (
         PaperCalibrationOptions,
         calibrate_on_paper_set,
     )
     from intuitive_physics_experiments.calibration.paper_outcomes import HORIZONS
     from intuitive_physics_experiments.calibration.report import write_calibration
-    from intuitive_physics_experiments.paper_room import SHAPE_KINDS
-    from intuitive_physics_experiments.terminal import ProgressBar
+    from intuitive_physics_experiments.paper.paper_room import SHAPE_KINDS
 
     settings = PaperCalibrationOptions(
         objects=options.objects,
@@ -116,13 +116,13 @@ def _calibrate_on_paper_set(options: argparse.Namespace) -> None:
 
 
 def _calibrate_on_observations(options: argparse.Namespace) -> None:
+    from intuitive_physics_cli.terminal import ProgressBar
     from intuitive_physics_experiments.calibration.observed_calibration import (
         calibrate_on_observations,
         read_air_observations,
     )
     from intuitive_physics_experiments.calibration.report import write_calibration
-    from intuitive_physics_experiments.recorded_data import LAUNCHES
-    from intuitive_physics_experiments.terminal import ProgressBar
+    from intuitive_physics_experiments.recorded_sets.recorded_data import LAUNCHES
 
     title, observations, start = read_air_observations(options.observations, options.drag)
     with ProgressBar("learning") as bar:

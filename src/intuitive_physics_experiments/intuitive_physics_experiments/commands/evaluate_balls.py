@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_experiments.commands.observation_source import (
+from intuitive_physics_cli.commands.observation_source import (
     learning_options,
     progress_to,
     read_observations,
@@ -32,7 +32,7 @@ def evaluate_balls(options: argparse.Namespace) -> None:
     how = learning_options(options)
     start = None
     if options.drag != 0.0 or options.magnus:
-        from intuitive_physics_experiments.table_tennis import ball_parameters
+        from intuitive_physics_experiments.recorded_sets.table_tennis import ball_parameters
 
         title, observations = _table_tennis(options)
         start = ball_parameters()
@@ -44,9 +44,9 @@ def evaluate_balls(options: argparse.Namespace) -> None:
 
 
 def _table_tennis(options: argparse.Namespace) -> tuple[str, Any]:
-    from intuitive_physics_experiments.recorded_data import load_table_tennis
-    from intuitive_physics_experiments.table_tennis import AirCoefficients
-    from intuitive_physics_experiments.table_tennis_evaluation import learn_drag
+    from intuitive_physics_experiments.recorded_sets.recorded_data import load_table_tennis
+    from intuitive_physics_experiments.recorded_sets.table_tennis import AirCoefficients
+    from intuitive_physics_experiments.recorded_sets.table_tennis_evaluation import learn_drag
 
     def load(air: AirCoefficients) -> list[Any]:
         return load_table_tennis(options.path, air)[1]
@@ -64,9 +64,9 @@ def _table_tennis(options: argparse.Namespace) -> tuple[str, Any]:
 def _evaluate_with(
     engine: str, observations: Any, how: Any, start: Any, options: argparse.Namespace
 ) -> None:
-    from intuitive_physics_experiments.evaluation import evaluate
-    from intuitive_physics_experiments.parameter_table import parameter_table
-    from intuitive_physics_experiments.terminal import ProgressBar, format_table
+    from intuitive_physics_cli.evaluation.evaluation import evaluate
+    from intuitive_physics_cli.parameter_table import parameter_table
+    from intuitive_physics_cli.terminal import ProgressBar, format_table
 
     with ProgressBar("learning") as bar:
         evaluation = evaluate(
@@ -98,8 +98,11 @@ def _evaluate_with(
 def _print_look_ahead(evaluation: Any, start: Any) -> None:
     import numpy as np
 
-    from intuitive_physics_experiments.table_tennis_evaluation import WATCHED, look_ahead
-    from intuitive_physics_experiments.terminal import format_table
+    from intuitive_physics_cli.terminal import format_table
+    from intuitive_physics_experiments.recorded_sets.table_tennis_evaluation import (
+        WATCHED,
+        look_ahead,
+    )
 
     learned = evaluation.result.learned.parameters
     ahead = look_ahead(evaluation.test, learned, start)

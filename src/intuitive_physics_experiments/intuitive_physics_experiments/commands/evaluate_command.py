@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from intuitive_physics.simulation import ENGINE_GUIDE
-from intuitive_physics_experiments.commands.observation_source import (
+from intuitive_physics_cli.commands.observation_source import (
     ENGINE,
     ITERATIONS,
     METHOD,
@@ -39,7 +39,7 @@ def add_to(commands: Any) -> None:
         "evaluate",
         help="learn on a part of recorded observations, predict the rest",
         description="Learn the static parameters from a part of the observations, predict the "
-        "others from their first states, and compare with default parameters and free flight. "
+        "others from their initial states, and compare with default parameters and free flight. "
         "For cube tosses friction and restitution are fitted, errors count rotation too and stand "
         "beside those that others have published.",
     )
@@ -109,7 +109,7 @@ def run(options: argparse.Namespace) -> None:
     """Evaluate and print the tables."""
     from intuitive_physics_experiments.commands.evaluate_balls import evaluate_balls
     from intuitive_physics_experiments.commands.evaluate_cube_tosses import evaluate_cube_tosses
-    from intuitive_physics_experiments.recorded_data import holds_cube_tosses
+    from intuitive_physics_experiments.recorded_sets.recorded_data import holds_cube_tosses
 
     path = options.path
     tosses = path.suffix == ".npz" and path.is_file() and holds_cube_tosses(path)

@@ -5,15 +5,15 @@ from __future__ import annotations
 import argparse
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_experiments.commands.observation_source import learning_options, progress_to
+from intuitive_physics_cli.commands.observation_source import learning_options, progress_to
 
 
 def evaluate_cube_tosses(options: argparse.Namespace) -> None:
     """Fit each engine to some of the tosses, simulate the others, print errors."""
-    from intuitive_physics_experiments.recorded_data import load_cube_tosses
-    from intuitive_physics_experiments.terminal import ProgressBar
-    from intuitive_physics_experiments.toss_evaluation import evaluate_tosses
-    from intuitive_physics_experiments.toss_table import toss_table
+    from intuitive_physics_cli.terminal import ProgressBar
+    from intuitive_physics_experiments.recorded_sets.recorded_data import load_cube_tosses
+    from intuitive_physics_experiments.recorded_sets.toss_evaluation import evaluate_tosses
+    from intuitive_physics_experiments.recorded_sets.toss_table import toss_table
 
     if options.drag != 0.0 or options.magnus:
         raise InvalidInputError(

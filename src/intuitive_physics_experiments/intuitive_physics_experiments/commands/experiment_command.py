@@ -53,9 +53,9 @@ def _add_dataset(experiments: Any) -> None:
 def _run_dataset(options: argparse.Namespace) -> None:
     import numpy as np
 
-    from intuitive_physics_experiments.paper_dataset import make_paper_dataset
-    from intuitive_physics_experiments.paper_dataset_files import save_paper_dataset
-    from intuitive_physics_experiments.terminal import ProgressBar
+    from intuitive_physics_cli.terminal import ProgressBar
+    from intuitive_physics_experiments.paper.paper_dataset import make_paper_dataset
+    from intuitive_physics_experiments.paper.paper_dataset_files import save_paper_dataset
 
     _check_seed(options.seed)
     with ProgressBar("simulating") as bar:
@@ -64,7 +64,7 @@ def _run_dataset(options: argparse.Namespace) -> None:
             options.samples,
             np.random.default_rng(options.seed),
             engine=options.engine,
-            first_states=options.first_states,
+            initial_states=options.initial_states,
             on_progress=bar.update,
         )
     save_paper_dataset(dataset, options.output)
@@ -92,7 +92,7 @@ def _add_learning_curve(experiments: Any) -> None:
 
 
 def _run_learning_curve(options: argparse.Namespace) -> None:
-    from intuitive_physics_experiments.experiments.learning_curve import (
+    from intuitive_physics_experiments.paper.learning_curve import (
         QUICK,
         LearningCurveSettings,
         run_learning_curve,
@@ -123,7 +123,7 @@ def _add_search_methods(experiments: Any) -> None:
 
 
 def _run_search_methods(options: argparse.Namespace) -> None:
-    from intuitive_physics_experiments.experiments.search_methods import (
+    from intuitive_physics_experiments.paper.search_methods import (
         QUICK,
         SearchMethodsSettings,
         run_search_methods,
@@ -151,7 +151,7 @@ def _add_prediction(experiments: Any) -> None:
 
 
 def _run_prediction(options: argparse.Namespace) -> None:
-    from intuitive_physics_experiments.experiments.prediction import (
+    from intuitive_physics_experiments.paper.prediction import (
         QUICK,
         PredictionSettings,
         run_prediction,
@@ -178,7 +178,7 @@ def _add_rgbd(experiments: Any) -> None:
 
 
 def _run_rgbd(options: argparse.Namespace) -> None:
-    from intuitive_physics_experiments.experiments.rgbd import QUICK, RgbdSettings, run_rgbd
+    from intuitive_physics_experiments.paper.rgbd import QUICK, RgbdSettings, run_rgbd
 
     given = _given(options, ("throws", "iterations"), QUICK)
     settings = RgbdSettings(**given, seed=options.seed)
@@ -234,7 +234,7 @@ def _command() -> str:
 
 
 def _bar(label: str) -> Any:
-    from intuitive_physics_experiments.terminal import ProgressBar
+    from intuitive_physics_cli.terminal import ProgressBar
 
     return ProgressBar(label)
 

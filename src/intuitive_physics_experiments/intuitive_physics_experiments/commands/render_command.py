@@ -23,8 +23,8 @@ def add_to(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Render and say what was made."""
-    from intuitive_physics_experiments.rendered_bag import RenderSettings, render_bag
-    from intuitive_physics_experiments.terminal import ProgressBar
+    from intuitive_physics_cli.terminal import ProgressBar
+    from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_bag
 
     settings = RenderSettings(throws=options.throws, seed=options.seed)
     with ProgressBar("rendering") as bar:

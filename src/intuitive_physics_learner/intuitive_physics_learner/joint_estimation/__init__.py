@@ -1,7 +1,7 @@
-"""Estimating θ_s and the first states of all observations together, by damped Gauss-Newton steps.
+"""Estimating θ_s and the initial states of all observations together, by damped Gauss-Newton steps.
 
-The first states are nuisances: only θ_s is wanted, but the error of a first state, as three noisy
-points give it, moves a trajectory by metres. Given θ_s, the observations depend on nothing in
+The initial states are nuisances: only θ_s is wanted, but the error of an initial state, as three
+noisy points give it, moves a trajectory by metres. Given θ_s, the observations depend on nothing in
 common, so their states are eliminated one observation at a time (as points are in bundle
 adjustment) and what is left is a small problem in θ_s.
 """

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_learner.identifiability import LARGEST_DEVIATION
 from intuitive_physics_learner.joint_estimation.noise import NORMAL_MEDIAN
+from intuitive_physics_learner.search.identifiability import LARGEST_DEVIATION
 
 PRIOR_DISAGREEMENTS = 3.0
 """A parameter's own family of disagreements counts against this many of all parameters."""

@@ -1,8 +1,8 @@
 """Trying each parameter over its whole range, to leave an optimum that is only a local one.
 
 Coordinates are scanned side by side: parameters of one group share no observation, so one
-simulation of all observations judges a value of each of them. For each value the first states take
-the Gauss-Newton step that suits them best.
+simulation of all observations judges a value of each of them. For each value the initial states
+take the Gauss-Newton step that suits them best.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics_learner.cost import Cost
+from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     OUTLIER,
     NormalEquations,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
-from intuitive_physics_learner.search import SearchSpace
+from intuitive_physics_learner.search.parameter_search import SearchSpace
 
 LEVELS = (0.02, 0.14, 0.26, 0.38, 0.5, 0.62, 0.74, 0.86, 0.98)
 """Values of each parameter on the unit interval."""
@@ -71,11 +71,11 @@ def scanned_states(
     until: NDArray[np.float64],
     noise: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """First states that suit each level of each parameter of a block, and what they leave.
+    """Initial states that suit each level of each parameter of a block, and what they leave.
 
     Parameters
     ----------
-    estimate : (W, d) present deviations of the first states
+    estimate : (W, d) present deviations of the initial states
     linear : at the estimate
 
     Returns

@@ -1,8 +1,8 @@
-"""Lowering J itself, from the first states as they were observed, where no fit is to be had.
+"""Lowering J itself, from the initial states as they were observed, where no fit is to be had.
 
 Where the simulation lacks an effect that the observations have (the air, a spin, a shape that is
-not quite so), no θ_s and no first states explain them within their noise, and the θ_s wanted is the
-one that serves best: that of the lowest J. J is a sum of distances and not of their squares, so
+not quite so), no θ_s and no initial states explain them within their noise, and the θ_s wanted is
+the one that serves best: that of the lowest J. J is a sum of distances and not of their squares, so
 Gauss and Newton's steps weigh each point by one over its distance (Weiszfeld); only a step that
 lowers J is taken. Trying each parameter over its whole range leaves optima that are only local, and
 so do trials at random in the end, where the parameters are few.
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_learner.cost import Cost
+from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
     ScanCandidates,
     compatible_moves,
@@ -37,8 +37,8 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     observation_blocks,
 )
 from intuitive_physics_learner.joint_estimation.parameter_groups import separate_groups
-from intuitive_physics_learner.search import SearchSpace
-from intuitive_physics_learner.update_rules import HybridRandomSearch, UpdateRule
+from intuitive_physics_learner.search.parameter_search import SearchSpace
+from intuitive_physics_learner.search.update_rules import HybridRandomSearch, UpdateRule
 
 DAMPINGS = (1e-3, 1e-2, 0.1, 1.0, 10.0)
 """Parts by which the diagonal is enlarged, all tried at once."""

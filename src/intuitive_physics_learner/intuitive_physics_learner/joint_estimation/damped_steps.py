@@ -1,4 +1,4 @@
-"""Steps of Levenberg and Marquardt in θ_s and all first states, at several dampings at once."""
+"""Steps of Levenberg and Marquardt in θ_s and all initial states, at several dampings at once."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_learner.identifiability import PRIOR_PRECISION
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     NormalEquations,
     bounded_step,
 )
+from intuitive_physics_learner.search.identifiability import PRIOR_PRECISION
 
 DAMPINGS = (0.1, 1.0, 10.0, 100.0)
 """Of the last damping: those that are tried at once."""
@@ -40,19 +40,19 @@ def proposals(
     equations: Sequence[NormalEquations],
     damping: float,
 ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
-    """Propose θ_s and first states.
+    """Propose θ_s and initial states.
 
     Parameters
     ----------
     unit : (n,) the present θ_s on the unit cube
     start : (n,) where it was believed to be before
-    estimates : of each block, (W, d) of the first states' deviations
+    estimates : of each block, (W, d) of the initial states' deviations
     equations : of each block
 
     Returns
     -------
     units : (c, n) points of the cube, the present one first
-    states : of each block, first states (c, W, d) that go with them
+    states : of each block, initial states (c, W, d) that go with them
     """
     units = [unit]
     states = [[estimate] for estimate in estimates]

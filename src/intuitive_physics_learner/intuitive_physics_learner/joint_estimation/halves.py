@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_learner.cost import Cost
-from intuitive_physics_learner.trials import Trials
+from intuitive_physics_learner.cost.cost_function import Cost
+from intuitive_physics_learner.cost.trials import Trials
 
 
 class PartialCost(Cost):

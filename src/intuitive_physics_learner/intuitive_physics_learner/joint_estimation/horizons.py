@@ -49,7 +49,7 @@ def first_horizons(block: ObservationBlock) -> NDArray[np.float64]:
     """Where to begin, (W,) s."""
     ordered = np.sort(block.times, axis=1)
     counts = np.isfinite(ordered).sum(axis=1)
-    last = np.minimum(FIRST_POINTS * block.first_states.objects, counts) - 1
+    last = np.minimum(FIRST_POINTS * block.initial_states.objects, counts) - 1
     return np.minimum(ordered[np.arange(last.size), last], FIRST_DURATION)
 
 

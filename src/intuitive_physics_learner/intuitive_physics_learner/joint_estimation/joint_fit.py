@@ -1,4 +1,4 @@
-"""The estimate of θ_s and first states, and the steps by which it gets better."""
+"""The estimate of θ_s and initial states, and the steps by which it gets better."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from intuitive_physics_learner.cost import Cost
+from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation import horizons
 from intuitive_physics_learner.joint_estimation.coordinate_scan import LEVELS, compatible_moves
 from intuitive_physics_learner.joint_estimation.damped_steps import (
@@ -21,7 +21,7 @@ from intuitive_physics_learner.joint_estimation.normal_equations import NormalEq
 from intuitive_physics_learner.joint_estimation.posterior import Posterior
 from intuitive_physics_learner.joint_estimation.sharpness import sharpness, sharpness_simulations
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
-from intuitive_physics_learner.search import SearchSpace
+from intuitive_physics_learner.search.parameter_search import SearchSpace
 
 FIRST_DAMPING = 1e-2
 SCANS = (2, 5, 9, 14)
@@ -41,7 +41,7 @@ SETTLED_STEPS = 2
 
 
 class JointFit:
-    """Fits all trajectories, each from a first state of its own, as far as they can be foretold.
+    """Fits all trajectories, each from an initial state of its own, as far as they can be foretold.
 
     Parameters
     ----------
@@ -163,11 +163,11 @@ class JointFit:
         return ahead
 
     def _move(self, equations: Sequence[NormalEquations], ahead: list[NDArray[np.float64]]) -> None:
-        """Take the best of some damped steps, each first state's own or none, and new horizons."""
+        """Take the best of some damped steps, each initial state its own, and new horizons."""
         estimates = [part.estimate for _, part in self._model.parts(self._estimate)]
         units, states = proposals(self.unit, self.start, estimates, equations, self._damping)
         candidates = [self._model.space.to_parameters(unit) for unit in units]
-        # Each θ_s with the first states that go with it, and with those there are.
+        # Each θ_s with the initial states that go with it, and with those there are.
         index = np.concatenate([np.arange(len(units)), np.arange(1, len(units))])
         losses = prior_losses(units, self.start)
         chosen = []

@@ -1,4 +1,4 @@
-"""The search that estimates θ_s and first states jointly, by Levenberg and Marquardt's method."""
+"""The search that estimates θ_s and initial states jointly, by Levenberg and Marquardt's method."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics_learner.cost import Cost
+from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.cost_descent import CostDescent
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.search import Search, SearchSpace
+from intuitive_physics_learner.search.parameter_search import Search, SearchSpace
 
 LACKING = 0.3
 """Mean share of observations that do not fit, from which on the simulation lacks an effect. Where
@@ -31,8 +31,8 @@ class JointSearch(Search):
     could have been.
 
     Where so many trajectories cannot be fitted that the simulation must lack an effect which they
-    have, there are no true θ_s and first states to be found: from then on J itself is lowered, from
-    the first states as they were observed (`CostDescent`).
+    have, there are no true θ_s and initial states to be found: from then on J itself is lowered,
+    from the initial states as they were observed (`CostDescent`).
 
     Parameters
     ----------

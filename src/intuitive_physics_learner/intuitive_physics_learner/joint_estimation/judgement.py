@@ -1,4 +1,4 @@
-"""What the observations tell of each parameter, by the joint estimate of θ_s and first states."""
+"""What the observations tell of each parameter, by the joint estimate of θ_s and initial states."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
-from intuitive_physics_learner.active_parameters import ActiveSpace
-from intuitive_physics_learner.cost import Cost
-from intuitive_physics_learner.identifiability import LARGEST_DEVIATION, Identifiability
+from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.agreement import Half, agreed_deviations
 from intuitive_physics_learner.joint_estimation.halves import PartialCost, halves
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.parameter_axes import ParameterAxes
+from intuitive_physics_learner.search.active_parameters import ActiveSpace
+from intuitive_physics_learner.search.identifiability import LARGEST_DEVIATION, Identifiability
+from intuitive_physics_learner.search.parameter_axes import ParameterAxes
 
 FEWEST_OBSERVATIONS = 4
 """To part into halves."""

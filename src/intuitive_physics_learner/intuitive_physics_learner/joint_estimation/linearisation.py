@@ -1,4 +1,4 @@
-"""Residuals near an estimate of θ_s and first states: values, slopes, and how far slopes hold.
+"""Residuals near an estimate of θ_s and initial states: values, slopes, and how far slopes hold.
 
 Differences are taken to both sides over a part of the standard deviation that the estimate has, so
 that a slope is that of the region where the truth is believed to be, and a kink within it (a
@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics_learner.cost import Cost
+from intuitive_physics_learner.cost.cost_function import Cost
+from intuitive_physics_learner.cost.trials import Trials
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
-from intuitive_physics_learner.trials import Trials
 
 STEP = 0.5
 """Standard deviations to each side."""
@@ -27,7 +27,7 @@ SMALLEST_STEP, LARGEST_STEP = 1e-6, 0.05
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """Of a block's W observations, with P points and k = d + q unknowns: first states, then θ_s.
+    """Of a block's W observations, with P points and k = d + q unknowns: initial states, then θ_s.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def linearise(
 
     Parameters
     ----------
-    estimate : (W, d) of the first states' deviations
+    estimate : (W, d) of the initial states' deviations
     state_deviations : (W, d) standard deviation of each
     parameter_deviations : (n,) likewise of the parameters on the unit cube
     until : (W,) s up to which each observation is simulated
@@ -147,7 +147,7 @@ def residuals_at(
     """
     count = len(candidate_index)
     members = block.members.size
-    states = block.first_states.states(estimates.swapaxes(0, 1), _most_objects(cost))
+    states = block.initial_states.states(estimates.swapaxes(0, 1), _most_objects(cost))
     trials = Trials(
         candidates,
         np.broadcast_to(candidate_index, (count, members)).ravel(),
@@ -181,7 +181,7 @@ def _trials(
         steps.candidates,
         index.ravel(),
         np.repeat(block.members, each),
-        np.concatenate(block.first_states.states(moved, objects)),
+        np.concatenate(block.initial_states.states(moved, objects)),
         np.repeat(until, each),
     )
 

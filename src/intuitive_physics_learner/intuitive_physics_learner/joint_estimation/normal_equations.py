@@ -1,7 +1,7 @@
-"""Normal equations of θ_s and first states, with the first states eliminated.
+"""Normal equations of θ_s and initial states, with the initial states eliminated.
 
 With the residuals r of one observation divided by the noise, their slopes A = [A_s A_p] along its
-first states s and its parameters p, weights W against outliers, and the knowledge P_s of s before:
+initial states s and its parameters p, weights W against outliers, and the prior precision P_s of s:
 
     H = Aᵀ W A + diag(P_s, 0),    g = Aᵀ W r + (P_s s, 0).
 
@@ -30,7 +30,7 @@ def robust_loss(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Of the W observations of a block, with d components of first states and q parameters each.
+    """Of the W observations of a block, with d components of initial states and q parameters each.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class NormalEquations:
 
         Parameters
         ----------
-        estimate : (W, d) of the first states' deviations
+        estimate : (W, d) of the initial states' deviations
         noise : m, standard deviation of a point on each axis
         """
         counted = linear.valid & (block.times <= until[:, None])
@@ -80,7 +80,7 @@ class NormalEquations:
         return NormalEquations(block.parameters, d, hessian, gradient)
 
     def eliminated(self, damping: float = 0.0) -> Elimination:
-        """Solve for the first states, their diagonal enlarged by the part `damping`."""
+        """Solve for the initial states, their diagonal enlarged by the part `damping`."""
         d = self.state_size
         inner = self.hessian[:, :d, :d].copy()
         diagonal = np.arange(d)
@@ -100,7 +100,7 @@ class NormalEquations:
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
-    """First states as a function of the parameters, and what is left of the equations.
+    """Initial states as a function of the parameters, and what is left of the equations.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class Elimination:
         np.add.at(scores, self.parameters, self.scores)
 
     def state_steps(self, parameter_steps: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Steps (W, d) of the first states that go with steps (n,) of all parameters."""
+        """Steps (W, d) of the initial states that go with steps (n,) of all parameters."""
         own = parameter_steps[self.parameters][..., None]
         return -self.offsets - (self.gains @ own)[..., 0]
 

@@ -9,30 +9,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.observation import Observation
-from intuitive_physics_learner.joint_estimation.first_state_deviations import (
+from intuitive_physics_learner.cost.packed_observations import times_after_start
+from intuitive_physics_learner.joint_estimation.initial_state_deviations import (
     BelievedStates,
-    FirstStateDeviations,
+    InitialStateDeviations,
 )
-from intuitive_physics_learner.packed_observations import times_after_start
 
 
 @dataclass(frozen=True, eq=False)
 class ObservationBlock:
-    """W observations, each with d free components of first states, q parameters, up to P points.
+    """W observations, each with d free components of initial states, q parameters, up to P points.
 
     Parameters
     ----------
     members : (W,) index of each among all observations
-    first_states : what each is believed to begin from
+    initial_states : what each is believed to begin from
     parameters : (W, q) indices of the parameters that each can depend on
     times : (W, P) s after the start of each point; NaN beyond the last
     columns : (P,) which of the points that `Cost.trial_residuals` answers these are
     durations : (W,) s, time of the last point of each observation
-    prior_deviations : (W, d) standard deviations of the first states' components
+    prior_deviations : (W, d) standard deviations of the initial states' components
     """
 
     members: NDArray[np.int64]
-    first_states: BelievedStates
+    initial_states: BelievedStates
     parameters: NDArray[np.int64]
     times: NDArray[np.float64]
     columns: NDArray[np.int64]
@@ -56,9 +56,9 @@ def observation_blocks(
     Parameters
     ----------
     influence : (n_observations, n_parameters) bool
-    free_states : whether first states may differ from those observed
+    free_states : whether initial states may differ from those observed
     """
-    first_states = [FirstStateDeviations.of(seen, free_states) for seen in observations]
+    initial_states = [InitialStateDeviations.of(seen, free_states) for seen in observations]
     times = [
         np.concatenate([times_after_start(seen, thing) for thing in seen.objects])
         for seen in observations
@@ -67,14 +67,14 @@ def observation_blocks(
     groups: dict[tuple[int, int, int], list[int]] = {}
     for i in range(len(observations)):
         size = times[i].size.bit_length()
-        key = (len(first_states[i].axes), int(influence[i].sum()), size)
+        key = (len(initial_states[i].axes), int(influence[i].sum()), size)
         groups.setdefault(key, []).append(i)
-    return [_block(groups[key], first_states, influence, times) for key in sorted(groups)]
+    return [_block(groups[key], initial_states, influence, times) for key in sorted(groups)]
 
 
 def _block(
     members: list[int],
-    first_states: list[FirstStateDeviations],
+    initial_states: list[InitialStateDeviations],
     influence: NDArray[np.bool_],
     times: list[NDArray[np.float64]],
 ) -> ObservationBlock:
@@ -83,10 +83,10 @@ def _block(
         padded[row, : times[i].size] = times[i]
     return ObservationBlock(
         np.array(members),
-        BelievedStates.of([first_states[i] for i in members]),
+        BelievedStates.of([initial_states[i] for i in members]),
         np.array([np.flatnonzero(influence[i]) for i in members]),
         padded,
         np.arange(padded.shape[1]),
         np.nanmax(padded, axis=1),
-        np.array([first_states[i].standard_deviations for i in members]),
+        np.array([initial_states[i].standard_deviations for i in members]),
     )

@@ -1,4 +1,4 @@
-"""What is believed of θ_s and first states near an estimate, and of what they foretell."""
+"""What is believed of θ_s and initial states near an estimate, and of what they foretell."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Normal distribution of n parameters and of the first states of all observations.
+    """Normal distribution of n parameters and of the initial states of all observations.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Posterior:
     def state_deviations(
         self, equations: NormalEquations, eliminated: Elimination
     ) -> NDArray[np.float64]:
-        """Standard deviation (W, d) of each component of the first states of a block."""
+        """Standard deviation (W, d) of each component of the initial states of a block."""
         own = self._own_covariance(eliminated)
         variances = np.einsum("wdd->wd", _state_covariance(equations)).copy()
         variances += ((eliminated.gains @ own) * eliminated.gains).sum(axis=2)
@@ -68,6 +68,6 @@ class Posterior:
 
 
 def _state_covariance(equations: NormalEquations) -> NDArray[np.float64]:
-    """Covariance (W, d, d) of the first states, the parameters given."""
+    """Covariance (W, d, d) of the initial states, the parameters given."""
     d = equations.state_size
     return np.asarray(np.linalg.inv(equations.hessian[:, :d, :d]), dtype=np.float64)

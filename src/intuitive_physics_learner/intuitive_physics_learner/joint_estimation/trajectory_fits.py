@@ -17,7 +17,7 @@ FAILED_LENGTH = 1e4
 """Standard deviations of noise that a point counts as which the simulator did not reach."""
 
 LARGEST_STATE_DEVIATION = 0.3
-"""m, m/s, rad, rad/s at most over which a first state is moved to find slopes, to begin with."""
+"""m, m/s, rad, rad/s at most over which an initial state is moved to find slopes, to begin with."""
 
 
 @dataclass(eq=False)
@@ -26,7 +26,7 @@ class TrajectoryFits:
 
     Parameters
     ----------
-    estimate : (W, d) of the first states' deviations
+    estimate : (W, d) of the initial states' deviations
     deviations : (W, d) standard deviation of each
     horizons : (W,) s up to which each is fitted
     misfits : (W,) for how many steps each has not fitted
@@ -54,7 +54,7 @@ class TrajectoryFits:
         residuals: NDArray[np.float64],
         noise: float,
     ) -> NDArray[np.float64]:
-        """Loss (c, W) of first states (c, W, d) that leave residuals (c, W, P, 3) m."""
+        """Loss (c, W) of initial states (c, W, d) that leave residuals (c, W, P, 3) m."""
         lengths = np.linalg.norm(residuals, axis=3) / noise
         lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
         counted = block.times <= self.horizons[:, None]

@@ -1,4 +1,4 @@
-"""What simulations near an estimate of θ_s and first states tell."""
+"""What simulations near an estimate of θ_s and initial states tell."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_learner.cost import Cost
-from intuitive_physics_learner.identifiability import PRIOR_PRECISION
+from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation import horizons
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
     ScanCandidates,
@@ -32,18 +31,19 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
 from intuitive_physics_learner.joint_estimation.parameter_groups import separate_groups
 from intuitive_physics_learner.joint_estimation.posterior import Posterior
 from intuitive_physics_learner.joint_estimation.trajectory_fits import TrajectoryFits
-from intuitive_physics_learner.search import SearchSpace
+from intuitive_physics_learner.search.identifiability import PRIOR_PRECISION
+from intuitive_physics_learner.search.parameter_search import SearchSpace
 
 
 @dataclass(eq=False)
 class Estimate:
-    """θ_s and first states, and how sharply they are known.
+    """θ_s and initial states, and how sharply they are known.
 
     Parameters
     ----------
     unit : (n,) θ_s on the unit cube
     deviations : (n,) standard deviation of each parameter there
-    fits : first states, and how far each trajectory is fitted, of each block
+    fits : initial states, and how far each trajectory is fitted, of each block
     """
 
     unit: NDArray[np.float64]
@@ -119,7 +119,7 @@ class TrajectoryModel:
     def posterior(
         self, equations: Sequence[NormalEquations]
     ) -> tuple[Posterior, list[Elimination]]:
-        """What is believed of the parameters, and how first states go with them."""
+        """What is believed of the parameters, and how initial states go with them."""
         eliminated = [each.eliminated() for each in equations]
         return Posterior.of(eliminated, self.space.size, PRIOR_PRECISION), eliminated
 
@@ -131,7 +131,7 @@ class TrajectoryModel:
         Returns
         -------
         rises : (n, n_levels) of the loss of the observations that each parameter influences
-        found : of each block, first states (q, n_levels, W, d) that suit them
+        found : of each block, initial states (q, n_levels, W, d) that suit them
         """
         each = np.tile(levels, (estimate.unit.size, 1))
         candidates = ScanCandidates(estimate.unit, self._groups, self.space, each)

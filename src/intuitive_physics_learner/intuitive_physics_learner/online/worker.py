@@ -18,8 +18,8 @@ from dataclasses import asdict, dataclass
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.simulation import make_simulator
-from intuitive_physics_learner.convergence import SearchProgress
 from intuitive_physics_learner.online.improvement import OnlineOptions, OnlineSearch
+from intuitive_physics_learner.search.convergence import SearchProgress
 from intuitive_physics_learner.store import ObservationStore
 
 TELL_PERIOD = 0.2

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import IntuitivePhysicsError
-from intuitive_physics.rotation import rotation_matrix
+from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.scene import Environment
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 from intuitive_physics.simulation.bullet.plan import Plan

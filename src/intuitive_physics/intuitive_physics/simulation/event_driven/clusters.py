@@ -12,6 +12,19 @@ from math import inf
 
 from numba import int64
 
+from intuitive_physics.geometry.vectors import (
+    add_scaled,
+    clamped,
+    cross,
+    dot,
+    load,
+    norm,
+    scaled,
+    store,
+    sub,
+    tangential,
+)
+from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.event_driven.contact_geometry import nearest
 from intuitive_physics.simulation.event_driven.world import (
     DYNAMIC,
@@ -26,19 +39,6 @@ from intuitive_physics.simulation.event_driven.world import (
     pair_index,
     solid_at,
     solid_coefficient,
-)
-from intuitive_physics.simulation.kernels import kernel
-from intuitive_physics.simulation.vectors import (
-    add_scaled,
-    clamped,
-    cross,
-    dot,
-    load,
-    norm,
-    scaled,
-    store,
-    sub,
-    tangential,
 )
 
 STEP = 1e-3

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from math import inf
 
-from intuitive_physics.simulation.event_driven.world import BOX, EDGE, PLANE, SIDE, feature_at
-from intuitive_physics.simulation.kernels import kernel
-from intuitive_physics.simulation.vectors import (
+from intuitive_physics.geometry.vectors import (
     add,
     add_scaled,
     dot,
@@ -15,6 +13,8 @@ from intuitive_physics.simulation.vectors import (
     scaled,
     sub,
 )
+from intuitive_physics.kernels import kernel
+from intuitive_physics.simulation.event_driven.world import BOX, EDGE, PLANE, SIDE, feature_at
 
 ON_FACE, ON_EDGE, ON_CORNER = range(3)
 """Part of a solid that is nearest."""

@@ -25,6 +25,19 @@ from math import inf, sqrt
 
 from numba import int64
 
+from intuitive_physics.geometry.vectors import (
+    add,
+    add_scaled,
+    cross,
+    dot,
+    load,
+    norm,
+    scaled,
+    store,
+    sub,
+    tangential,
+)
+from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.event_driven.contact_geometry import (
     ON_EDGE,
     ON_FACE,
@@ -47,19 +60,6 @@ from intuitive_physics.simulation.event_driven.world import (
     object_at,
     solid_at,
     solid_coefficient,
-)
-from intuitive_physics.simulation.kernels import kernel
-from intuitive_physics.simulation.vectors import (
-    add,
-    add_scaled,
-    cross,
-    dot,
-    load,
-    norm,
-    scaled,
-    store,
-    sub,
-    tangential,
 )
 
 STILL = 1e-7

@@ -4,6 +4,15 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
+from intuitive_physics.geometry.vectors import (
+    add_scaled,
+    dot,
+    load,
+    norm,
+    sub,
+    tangential,
+)
+from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.event_driven.contact_geometry import arc_pull, nearest
 from intuitive_physics.simulation.event_driven.roots import (
     evaluate,
@@ -21,15 +30,6 @@ from intuitive_physics.simulation.event_driven.world import (
     pair_index,
     solid_at,
     touches,
-)
-from intuitive_physics.simulation.kernels import kernel
-from intuitive_physics.simulation.vectors import (
-    add_scaled,
-    dot,
-    load,
-    norm,
-    sub,
-    tangential,
 )
 
 REACHED = 1e-7

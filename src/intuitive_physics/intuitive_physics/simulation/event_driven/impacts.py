@@ -10,6 +10,19 @@ impulse of at most μ_r r J_n. With noise, each impact has a restitution and a n
 
 from __future__ import annotations
 
+from intuitive_physics.geometry.vectors import (
+    add,
+    add_scaled,
+    cross,
+    dot,
+    load,
+    norm,
+    scaled,
+    store,
+    sub,
+    tangential,
+)
+from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.event_driven.contact_geometry import nearest
 from intuitive_physics.simulation.event_driven.world import (
     DYNAMIC,
@@ -24,20 +37,7 @@ from intuitive_physics.simulation.event_driven.world import (
     solid_coefficient,
     touch,
 )
-from intuitive_physics.simulation.kernels import kernel
 from intuitive_physics.simulation.noisy_impacts import noisy_restitution, tilted
-from intuitive_physics.simulation.vectors import (
-    add,
-    add_scaled,
-    cross,
-    dot,
-    load,
-    norm,
-    scaled,
-    store,
-    sub,
-    tangential,
-)
 
 REBOUND_SPEED = 5e-3
 """m/s. A rebound slower than this ends the bouncing (Zeno): it would rise by about 1 µm."""

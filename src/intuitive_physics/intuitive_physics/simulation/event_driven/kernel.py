@@ -6,6 +6,8 @@ from math import inf, isfinite, nan, pi, sqrt
 
 from numba import int64
 
+from intuitive_physics.geometry.vectors import load, store
+from intuitive_physics.kernels import entry, kernel
 from intuitive_physics.simulation.event_driven.clusters import gather
 from intuitive_physics.simulation.event_driven.impacts import hit_object, hit_solid
 from intuitive_physics.simulation.event_driven.motion import carry, write_outputs
@@ -17,9 +19,7 @@ from intuitive_physics.simulation.event_driven.transitions import (
     replan,
 )
 from intuitive_physics.simulation.event_driven.world import object_at, pair_at, pair_index
-from intuitive_physics.simulation.kernels import entry, kernel
 from intuitive_physics.simulation.noisy_impacts import set_noise
-from intuitive_physics.simulation.vectors import load, store
 
 OK, NOT_FINITE, TOO_MANY_EVENTS = range(3)
 

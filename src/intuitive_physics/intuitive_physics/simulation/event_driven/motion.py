@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from intuitive_physics.geometry.quaternions import load_quaternion, store_quaternion
+from intuitive_physics.geometry.vectors import add_scaled, load, store
+from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.event_driven.rotation import turned, write_orientations
 from intuitive_physics.simulation.event_driven.world import object_at
-from intuitive_physics.simulation.kernels import kernel
-from intuitive_physics.simulation.quaternions import load_quaternion, store_quaternion
-from intuitive_physics.simulation.vectors import add_scaled, load, store
 
 
 @kernel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from intuitive_physics.simulation.kernels import entry, inlined, kernel
+from intuitive_physics.kernels import entry, inlined, kernel
 
 MOST_ITERATIONS = 100
 """Of a bracketed root; bisection alone needs about 60."""

@@ -8,14 +8,13 @@ b = h² α and c = a × b it is a + (-20 a + c) × (b - a × c / 60) / 240, to t
 
 from __future__ import annotations
 
-from intuitive_physics.simulation.kernels import inlined, kernel
-from intuitive_physics.simulation.quaternions import (
+from intuitive_physics.geometry.quaternions import (
     axis_times,
     load_quaternion,
     store_quaternion,
     turned_by,
 )
-from intuitive_physics.simulation.vectors import (
+from intuitive_physics.geometry.vectors import (
     add,
     add_scaled,
     cross,
@@ -24,6 +23,7 @@ from intuitive_physics.simulation.vectors import (
     norm,
     scaled,
 )
+from intuitive_physics.kernels import inlined, kernel
 
 LONGEST_TURN = 0.15
 """rad. A piece of a motion whose spin changes direction turns no further."""

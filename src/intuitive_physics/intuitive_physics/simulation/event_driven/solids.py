@@ -6,17 +6,7 @@ from math import inf
 
 from numba import int64
 
-from intuitive_physics.simulation.event_driven.world import (
-    BOX,
-    CORNER,
-    EDGE,
-    FACE,
-    PLANE,
-    SHEET,
-    SIDE,
-)
-from intuitive_physics.simulation.kernels import kernel
-from intuitive_physics.simulation.vectors import (
+from intuitive_physics.geometry.vectors import (
     add_scaled,
     cross,
     dot,
@@ -25,6 +15,16 @@ from intuitive_physics.simulation.vectors import (
     scaled,
     store,
     sub,
+)
+from intuitive_physics.kernels import kernel
+from intuitive_physics.simulation.event_driven.world import (
+    BOX,
+    CORNER,
+    EDGE,
+    FACE,
+    PLANE,
+    SHEET,
+    SIDE,
 )
 from intuitive_physics.simulation.world_batch import WorldBatch
 

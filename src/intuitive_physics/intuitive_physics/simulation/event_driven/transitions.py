@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from intuitive_physics.geometry.vectors import add_scaled, dot, load, norm, store, sub
+from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.event_driven.clusters import (
     gather,
     plan_cluster,
@@ -28,8 +30,6 @@ from intuitive_physics.simulation.event_driven.world import (
     solid_at,
     touch,
 )
-from intuitive_physics.simulation.kernels import kernel
-from intuitive_physics.simulation.vectors import add_scaled, dot, load, norm, store, sub
 
 JAM_GAP = 1e-7
 """m. Objects nearer than this take part in a jam."""

@@ -7,10 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from intuitive_physics.simulation.kernels import inlined, kernel
-from intuitive_physics.simulation.noisy_impacts import NOISE_FIELDS
-from intuitive_physics.simulation.pointers import float_at, record_getter
-from intuitive_physics.simulation.vectors import (
+from intuitive_physics.geometry.vectors import (
     add_scaled,
     load,
     norm,
@@ -18,6 +15,9 @@ from intuitive_physics.simulation.vectors import (
     store,
     sub,
 )
+from intuitive_physics.kernels import inlined, kernel
+from intuitive_physics.simulation.noisy_impacts import NOISE_FIELDS
+from intuitive_physics.simulation.pointers import float_at, record_getter
 
 MOST_TOUCHED = 12
 """Solids that one object can touch at once."""

@@ -7,12 +7,7 @@ from __future__ import annotations
 
 from math import inf
 
-from intuitive_physics.simulation.kernels import kernel
-from intuitive_physics.simulation.stepped.clipping import clip
-from intuitive_physics.simulation.stepped.manifolds import write_contact, write_face
-from intuitive_physics.simulation.stepped.points import nearest_of_segments
-from intuitive_physics.simulation.stepped.world import body_at, clipped_corner, column
-from intuitive_physics.simulation.vectors import (
+from intuitive_physics.geometry.vectors import (
     add_scaled,
     cross,
     dot,
@@ -21,6 +16,11 @@ from intuitive_physics.simulation.vectors import (
     scaled,
     sub,
 )
+from intuitive_physics.kernels import kernel
+from intuitive_physics.simulation.stepped.clipping import clip
+from intuitive_physics.simulation.stepped.closest_points import nearest_of_segments
+from intuitive_physics.simulation.stepped.manifolds import write_contact, write_face
+from intuitive_physics.simulation.stepped.world import body_at, clipped_corner, column
 
 FACES_PREFERRED = 1e-3
 """m per m of size. An edge axis has to separate by so much more than a face to be taken."""

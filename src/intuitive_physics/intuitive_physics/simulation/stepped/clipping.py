@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from intuitive_physics.simulation.kernels import kernel
+from intuitive_physics.geometry.vectors import add_scaled, cross, dot, load, store, sub
+from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.stepped.world import CLIPPED, boundary_corner, clipped_corner
-from intuitive_physics.simulation.vectors import add_scaled, cross, dot, load, store, sub
 
 
 @kernel

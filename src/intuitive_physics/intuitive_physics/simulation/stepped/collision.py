@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from intuitive_physics.simulation.kernels import kernel
+from intuitive_physics.geometry.vectors import add_scaled, dot, load, norm, store, sub
+from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.stepped.boxes import meet_boxes
 from intuitive_physics.simulation.stepped.manifolds import meet_box, meet_plane, meet_rounded
 from intuitive_physics.simulation.stepped.poses import set_inverse_inertia
 from intuitive_physics.simulation.stepped.world import body_at, contact_at, member_at, plane_at
-from intuitive_physics.simulation.vectors import add_scaled, dot, load, norm, store, sub
 from intuitive_physics.simulation.world_batch import BOX
 
 MARGIN = 2e-4

@@ -4,19 +4,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from intuitive_physics.simulation.kernels import fast_inlined, kernel
-from intuitive_physics.simulation.stepped.world import (
-    DYNAMIC,
-    RESTITUTION,
-    ROLLING,
-    STATIC,
-    body_at,
-    coefficient,
-    contact_at,
-    plane_at,
-    times,
-)
-from intuitive_physics.simulation.vectors import (
+from intuitive_physics.geometry.vectors import (
     add,
     add_scaled,
     cross,
@@ -27,6 +15,18 @@ from intuitive_physics.simulation.vectors import (
     store,
     sub,
     tangential,
+)
+from intuitive_physics.kernels import fast_inlined, kernel
+from intuitive_physics.simulation.stepped.world import (
+    DYNAMIC,
+    RESTITUTION,
+    ROLLING,
+    STATIC,
+    body_at,
+    coefficient,
+    contact_at,
+    plane_at,
+    times,
 )
 from intuitive_physics.simulation.world_batch import BOX
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from math import sqrt
 
-from intuitive_physics.simulation.kernels import fast_inlined, kernel
+from intuitive_physics.geometry.vectors import dot, load, norm, sub
+from intuitive_physics.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.stepped.collision import meet
 from intuitive_physics.simulation.stepped.impacts import IMPACT_GAP
 from intuitive_physics.simulation.stepped.manifolds import meet_plane
 from intuitive_physics.simulation.stepped.motion import place
 from intuitive_physics.simulation.stepped.poses import support
 from intuitive_physics.simulation.stepped.world import body_at, column, member_at, plane_at
-from intuitive_physics.simulation.vectors import dot, load, norm, sub
 from intuitive_physics.simulation.world_batch import SPHERE
 
 CLOSED = 1e-8

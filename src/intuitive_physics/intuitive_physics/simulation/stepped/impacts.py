@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from math import sqrt
 
-from intuitive_physics.simulation.kernels import kernel
+from intuitive_physics.geometry.vectors import dot, load, norm, scaled, store
+from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.noisy_impacts import noisy_restitution, tilted
 from intuitive_physics.simulation.stepped.contacts import (
     prepare,
@@ -21,7 +22,6 @@ from intuitive_physics.simulation.stepped.contacts import (
 )
 from intuitive_physics.simulation.stepped.solver import solve
 from intuitive_physics.simulation.stepped.world import body_at, contact_at
-from intuitive_physics.simulation.vectors import dot, load, norm, scaled, store
 from intuitive_physics.simulation.world_batch import SPHERE
 
 IMPACT_GAP = 1e-5

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from math import sqrt
 
-from intuitive_physics.simulation.kernels import fast_inlined, kernel
+from intuitive_physics.geometry.vectors import load, norm, sub
+from intuitive_physics.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.stepped.collision import MARGIN, are_near
 from intuitive_physics.simulation.stepped.leaps import may_leap
 from intuitive_physics.simulation.stepped.lone_body import step_lone_body
@@ -16,7 +17,6 @@ from intuitive_physics.simulation.stepped.motion import write_rest
 from intuitive_physics.simulation.stepped.parts import step_island
 from intuitive_physics.simulation.stepped.sleep import put_to_sleep
 from intuitive_physics.simulation.stepped.world import body_at, member_at
-from intuitive_physics.simulation.vectors import load, norm, sub
 
 MOST_STEPS = 32
 """In which bodies go their own ways."""

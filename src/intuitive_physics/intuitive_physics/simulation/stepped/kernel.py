@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from math import inf, isfinite, nan
 
-from intuitive_physics.simulation.kernels import entry, fast_inlined, kernel
+from intuitive_physics.geometry.vectors import load, norm
+from intuitive_physics.kernels import entry, fast_inlined, kernel
 from intuitive_physics.simulation.noisy_impacts import set_noise
 from intuitive_physics.simulation.stepped.collision import find_contacts, part_overlaps
 from intuitive_physics.simulation.stepped.islands import carry_island, mark_islands
@@ -12,7 +13,6 @@ from intuitive_physics.simulation.stepped.motion import TIME_ROUNDING, output_ti
 from intuitive_physics.simulation.stepped.parts import rebound_threshold
 from intuitive_physics.simulation.stepped.set_up import place_environment, place_object
 from intuitive_physics.simulation.stepped.world import body_at
-from intuitive_physics.simulation.vectors import load, norm
 
 OK, NOT_FINITE = range(2)
 
@@ -113,7 +113,7 @@ def roll_worlds(
 
 @kernel
 def _roll_world(world, moving, step):
-    """Roll out one world from its bodies' first states; return its status.
+    """Roll out one world from its bodies' initial states; return its status.
 
     Parameters
     ----------

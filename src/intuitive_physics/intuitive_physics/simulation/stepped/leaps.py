@@ -6,8 +6,8 @@ slides on a level plane, and on a capsule that rolls on one.
 
 from __future__ import annotations
 
-from intuitive_physics.simulation.kernels import fast_inlined
-from intuitive_physics.simulation.vectors import load, norm, tangential
+from intuitive_physics.geometry.vectors import load, norm, tangential
+from intuitive_physics.kernels import fast_inlined
 from intuitive_physics.simulation.world_batch import CAPSULE, SPHERE
 
 SETTLED = 1e-9

@@ -8,7 +8,8 @@ taken at once (`leaps`).
 
 from __future__ import annotations
 
-from intuitive_physics.simulation.kernels import fast_inlined, kernel
+from intuitive_physics.geometry.vectors import dot, load, norm, scaled
+from intuitive_physics.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.stepped.collision import MARGIN, OVERLAP
 from intuitive_physics.simulation.stepped.lying_capsule import lies_on, roll_lying
 from intuitive_physics.simulation.stepped.lying_sphere import press_sphere
@@ -22,7 +23,6 @@ from intuitive_physics.simulation.stepped.motion import (
 )
 from intuitive_physics.simulation.stepped.poses import rotate, support
 from intuitive_physics.simulation.stepped.world import body_at, plane_at
-from intuitive_physics.simulation.vectors import dot, load, norm, scaled
 from intuitive_physics.simulation.world_batch import CAPSULE, SPHERE
 
 FLIES, MEETS_MORE = -1, -2

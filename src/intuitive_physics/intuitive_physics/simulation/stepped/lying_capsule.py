@@ -8,13 +8,7 @@ contact is kept, which only rolling friction lowers.
 
 from __future__ import annotations
 
-from intuitive_physics.simulation.kernels import fast_inlined, kernel
-from intuitive_physics.simulation.stepped.collision import MARGIN, OVERLAP
-from intuitive_physics.simulation.stepped.contacts import STEADY, STICK_SPEED
-from intuitive_physics.simulation.stepped.leaps import SETTLED, is_level
-from intuitive_physics.simulation.stepped.sleep import is_still
-from intuitive_physics.simulation.stepped.world import ROLLING, STATIC, coefficient, column
-from intuitive_physics.simulation.vectors import (
+from intuitive_physics.geometry.vectors import (
     add_scaled,
     cross,
     dot,
@@ -24,6 +18,12 @@ from intuitive_physics.simulation.vectors import (
     store,
     tangential,
 )
+from intuitive_physics.kernels import fast_inlined, kernel
+from intuitive_physics.simulation.stepped.collision import MARGIN, OVERLAP
+from intuitive_physics.simulation.stepped.contacts import STEADY, STICK_SPEED
+from intuitive_physics.simulation.stepped.leaps import SETTLED, is_level
+from intuitive_physics.simulation.stepped.sleep import is_still
+from intuitive_physics.simulation.stepped.world import ROLLING, STATIC, coefficient, column
 from intuitive_physics.simulation.world_batch import CAPSULE
 
 

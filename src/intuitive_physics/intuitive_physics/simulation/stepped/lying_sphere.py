@@ -6,12 +6,7 @@ down, rolling and sliding.
 
 from __future__ import annotations
 
-from intuitive_physics.simulation.kernels import fast_inlined, kernel
-from intuitive_physics.simulation.stepped.contacts import STEADY, STICK_SPEED
-from intuitive_physics.simulation.stepped.leaps import SETTLED, is_level
-from intuitive_physics.simulation.stepped.sleep import is_still
-from intuitive_physics.simulation.stepped.world import DYNAMIC, ROLLING, STATIC, coefficient
-from intuitive_physics.simulation.vectors import (
+from intuitive_physics.geometry.vectors import (
     add_scaled,
     cross,
     dot,
@@ -22,6 +17,11 @@ from intuitive_physics.simulation.vectors import (
     sub,
     tangential,
 )
+from intuitive_physics.kernels import fast_inlined, kernel
+from intuitive_physics.simulation.stepped.contacts import STEADY, STICK_SPEED
+from intuitive_physics.simulation.stepped.leaps import SETTLED, is_level
+from intuitive_physics.simulation.stepped.sleep import is_still
+from intuitive_physics.simulation.stepped.world import DYNAMIC, ROLLING, STATIC, coefficient
 
 
 @kernel

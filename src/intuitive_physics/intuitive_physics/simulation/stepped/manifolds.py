@@ -9,9 +9,20 @@ from __future__ import annotations
 
 from math import inf
 
-from intuitive_physics.simulation.kernels import kernel
+from intuitive_physics.geometry.vectors import (
+    add,
+    add_scaled,
+    cross,
+    dot,
+    load,
+    norm,
+    scaled,
+    store,
+    sub,
+)
+from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.stepped.clipping import clip_by_edges
-from intuitive_physics.simulation.stepped.points import (
+from intuitive_physics.simulation.stepped.closest_points import (
     nearest_of_segments,
     nearest_on_polygon,
     nearest_on_segment,
@@ -27,17 +38,6 @@ from intuitive_physics.simulation.stepped.world import (
     column,
     contact_at,
     plane_at,
-)
-from intuitive_physics.simulation.vectors import (
-    add,
-    add_scaled,
-    cross,
-    dot,
-    load,
-    norm,
-    scaled,
-    store,
-    sub,
 )
 from intuitive_physics.simulation.world_batch import BOX, CAPSULE, SPHERE
 

@@ -8,17 +8,7 @@ body in free flight keeps it to rounding, and its kinetic energy to fourth order
 
 from __future__ import annotations
 
-from intuitive_physics.simulation.kernels import fast_inlined, kernel
-from intuitive_physics.simulation.pointers import float_at, put_float
-from intuitive_physics.simulation.stepped.poses import (
-    angular_momentum,
-    mass_centre,
-    rotate,
-    set_rotation,
-    turned,
-)
-from intuitive_physics.simulation.stepped.world import body_at, transposed_times
-from intuitive_physics.simulation.vectors import (
+from intuitive_physics.geometry.vectors import (
     add,
     add_scaled,
     cross,
@@ -28,6 +18,16 @@ from intuitive_physics.simulation.vectors import (
     store,
     sub,
 )
+from intuitive_physics.kernels import fast_inlined, kernel
+from intuitive_physics.simulation.pointers import float_at, put_float
+from intuitive_physics.simulation.stepped.poses import (
+    angular_momentum,
+    mass_centre,
+    rotate,
+    set_rotation,
+    turned,
+)
+from intuitive_physics.simulation.stepped.world import body_at, transposed_times
 from intuitive_physics.simulation.world_batch import SPHERE
 
 TIME_ROUNDING = 1e-12

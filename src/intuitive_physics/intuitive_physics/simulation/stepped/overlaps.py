@@ -6,13 +6,13 @@ from math import inf
 
 import numpy as np
 
-from intuitive_physics.simulation.kernels import entry, kernel
+from intuitive_physics.geometry.vectors import dot, load, sub
+from intuitive_physics.kernels import entry, kernel
+from intuitive_physics.simulation.stepped.closest_points import part_over_polygon, segment_end
 from intuitive_physics.simulation.stepped.collision import meet
 from intuitive_physics.simulation.stepped.manifolds import meet_plane
-from intuitive_physics.simulation.stepped.points import part_over_polygon, segment_end
 from intuitive_physics.simulation.stepped.set_up import place_environment, place_shape
 from intuitive_physics.simulation.stepped.world import body_at, plane_at
-from intuitive_physics.simulation.vectors import dot, load, sub
 from intuitive_physics.simulation.world_batch import CAPSULE
 
 OVERLAP = np.dtype(

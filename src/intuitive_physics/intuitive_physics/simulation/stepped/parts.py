@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from intuitive_physics.simulation.kernels import fast_inlined, kernel
+from intuitive_physics.geometry.vectors import add_scaled, load, scaled, store
+from intuitive_physics.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.stepped.collision import find_contacts, part_overlaps
 from intuitive_physics.simulation.stepped.contacts import STEADY, prepare, speed_along
 from intuitive_physics.simulation.stepped.impact_times import first_impact
@@ -20,7 +21,6 @@ from intuitive_physics.simulation.stepped.motion import (
 from intuitive_physics.simulation.stepped.poses import rotate
 from intuitive_physics.simulation.stepped.solver import keep, solve, start_from_kept
 from intuitive_physics.simulation.stepped.world import body_at, contact_at, member_at
-from intuitive_physics.simulation.vectors import add_scaled, load, scaled, store
 from intuitive_physics.simulation.world_batch import SPHERE
 
 PARTS = 16

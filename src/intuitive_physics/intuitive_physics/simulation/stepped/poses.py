@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from math import cos, sin, sqrt
 
-from intuitive_physics.simulation.kernels import fast_inlined, kernel
+from intuitive_physics.geometry.vectors import add, dot, load, scaled
+from intuitive_physics.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.stepped.world import column, transposed_times
-from intuitive_physics.simulation.vectors import add, dot, load, scaled
 from intuitive_physics.simulation.world_batch import SPHERE
 
 SMALL_ANGLE = 0.4

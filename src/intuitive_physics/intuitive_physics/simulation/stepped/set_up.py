@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from intuitive_physics.simulation.kernels import kernel
+from intuitive_physics.geometry.vectors import add, cross, load, norm, store
+from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.stepped.poses import (
     set_inverse_inertia,
     set_rotation,
     turned,
 )
 from intuitive_physics.simulation.stepped.world import body_at, plane_at
-from intuitive_physics.simulation.vectors import add, cross, load, norm, store
 from intuitive_physics.simulation.world_batch import BOX, CAPSULE
 
 

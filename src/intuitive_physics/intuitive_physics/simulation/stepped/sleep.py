@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from intuitive_physics.simulation.kernels import fast_inlined, kernel
+from intuitive_physics.geometry.vectors import dot, load, scaled, store
+from intuitive_physics.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.stepped.world import body_at, member_at
-from intuitive_physics.simulation.vectors import dot, load, scaled, store
 
 QUIET_SPEED = 2e-3
 """m/s. Bodies no point of which moves faster …"""

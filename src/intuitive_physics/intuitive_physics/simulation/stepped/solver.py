@@ -9,15 +9,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from intuitive_physics.simulation.kernels import fast_inlined, kernel
-from intuitive_physics.simulation.stepped.contacts import (
-    push,
-    relative_spin,
-    speed_along,
-    twist,
-)
-from intuitive_physics.simulation.stepped.world import KEPT, body_at, contact_at
-from intuitive_physics.simulation.vectors import (
+from intuitive_physics.geometry.vectors import (
     add_scaled,
     dot,
     load,
@@ -25,6 +17,14 @@ from intuitive_physics.simulation.vectors import (
     store,
     sub,
 )
+from intuitive_physics.kernels import fast_inlined, kernel
+from intuitive_physics.simulation.stepped.contacts import (
+    push,
+    relative_spin,
+    speed_along,
+    twist,
+)
+from intuitive_physics.simulation.stepped.world import KEPT, body_at, contact_at
 
 KEPT_FOR = 0.3
 """Of a body's reach. A contact that moved less in a step is taken for the same."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from intuitive_physics.simulation.kernels import fast_inlined
+from intuitive_physics.kernels import fast_inlined
 from intuitive_physics.simulation.noisy_impacts import NOISE_FIELDS
 from intuitive_physics.simulation.pointers import float_at, record_getter
 

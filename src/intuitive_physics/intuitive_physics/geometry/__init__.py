@@ -1,0 +1,1 @@
+"""Rotations, polygons and distances, each once: as arrays and as kernels."""

@@ -1,0 +1,78 @@
+"""The command `intuitive-physics`: everything that needs no ROS."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+
+from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics_cli.commands import (
+    export_command,
+    import_command,
+    learn_command,
+    perceive_command,
+    predict_command,
+    report_command,
+)
+from intuitive_physics_experiments.commands import (
+    calibrate_command,
+    evaluate_command,
+    experiment_command,
+    render_command,
+)
+
+INTERRUPTED = 130
+"""Exit code of a program that Ctrl-C ended, as shells have it."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one subcommand.
+
+    Returns
+    -------
+    int
+        0 when it did what it was asked, 1 after an error that one line on standard error
+        explains, 130 after Ctrl-C.
+    """
+    options = _parser().parse_args(arguments)
+    try:
+        options.run(options)
+        sys.stdout.flush()
+    except IntuitivePhysicsError as error:
+        print(f"intuitive-physics: error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("intuitive-physics: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read the output has left, as `head` does; Python must not write any more.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="intuitive-physics",
+        description="Learn how things move from seeing them move, with no ROS needed.",
+    )
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    for command in (
+        render_command,
+        perceive_command,
+        learn_command,
+        predict_command,
+        evaluate_command,
+        calibrate_command,
+        import_command,
+        export_command,
+        experiment_command,
+        report_command,
+    ):
+        command.add_to(commands)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

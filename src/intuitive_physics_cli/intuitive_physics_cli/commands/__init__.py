@@ -1,0 +1,1 @@
+"""The subcommands of `intuitive-physics`, a file each."""

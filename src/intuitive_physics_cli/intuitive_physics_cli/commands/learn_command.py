@@ -1,0 +1,82 @@
+"""`learn`: learn static parameters and keep them in a file."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from intuitive_physics_cli.commands.database_option import DATABASE_SUFFIX, open_database
+from intuitive_physics_cli.commands.observation_source import (
+    ENGINE,
+    PATH_HELP,
+    add_learning_options,
+    learning_options,
+    progress_to,
+    read_observations,
+)
+
+
+def add_to(commands: Any) -> None:
+    """Add the subcommand to a parser."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "learn",
+        help="learn static parameters from observations and save them",
+        description="Learn the static parameters that make simulations reproduce observations. "
+        "What is learned from a learner's database becomes its next version, and a search on it "
+        "that was interrupted, even killed, goes on when the same is asked for again.",
+    )
+    parser.add_argument("path", type=Path, help=PATH_HELP)
+    parser.add_argument("output", type=Path, help="YAML or JSON file for the parameters")
+    add_learning_options(parser)
+    parser.add_argument(
+        "--time-limit", type=float, metavar="S", help="s to search at most (default: no limit)"
+    )
+    parser.add_argument(
+        "--cluster",
+        default="",
+        metavar="WHERE",
+        help="what evaluates J: local:N, N processes of this machine, or ADDRESS:PORT, the workers "
+        "of that Dask scheduler (default: this process)",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Learn, print and save."""
+    from intuitive_physics.simulation import make_simulator
+    from intuitive_physics_cli.parameter_table import parameter_table
+    from intuitive_physics_cli.terminal import ProgressBar
+    from intuitive_physics_learner.cost.cluster import CostMaker
+    from intuitive_physics_recordings.parameter_files import check_suffix, save_parameters
+
+    check_suffix(options.output)
+    how = learning_options(options)
+    how = replace(how, criteria=replace(how.criteria, time_limit=options.time_limit))
+    with CostMaker(options.cluster) as make_cost, ProgressBar("learning") as bar:
+        learned = _learn(
+            options.path,
+            make_simulator(ENGINE),
+            how,
+            on_progress=progress_to(bar, options),
+            make_cost=make_cost,
+        )
+    save_parameters(learned, options.output)
+    print(parameter_table(learned))
+    print(
+        f"J is {learned.cost:.4f} m over {learned.observation_count} observations; "
+        f"saved in {options.output}"
+    )
+
+
+def _learn(path: Path, simulator: Any, how: Any, **watching: Any) -> Any:
+    """Learn from a database, which keeps what is learned, or from other observations."""
+    from intuitive_physics_learner.learning_session import learn
+    from intuitive_physics_learner.stored_learning import learn_from_store
+
+    if path.suffix == DATABASE_SUFFIX:
+        with open_database(path) as store:
+            return learn_from_store(store, simulator, how, **watching).learned
+    _, observations = read_observations(path)
+    return learn(observations, simulator, how, **watching).learned

@@ -1,0 +1,101 @@
+"""What `learn` and `evaluate` share: where observations come from, and how to learn."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.observation import Observation
+from intuitive_physics_cli.commands.database_option import (
+    DATABASE_SUFFIX,
+    open_database,
+)
+
+PATH_HELP = (
+    "a folder of saved observations, an .mcap file or bag with observations, a learner's database "
+    "(.sqlite3), or a recorded set (.npz)"
+)
+ENGINE = "auto"
+
+
+ITERATIONS = 2000
+
+
+METHOD = "levenberg_marquardt"
+"""The library's `DEFAULT_METHOD`, which would take a second to import."""
+
+
+def add_learning_options(
+    parser: argparse.ArgumentParser,
+    iterations: int | None = ITERATIONS,
+    told_default: str = str(ITERATIONS),
+    method: str | None = METHOD,
+    told_default_method: str = METHOD,
+) -> None:
+    """Add the options that say how to learn.
+
+    Parameters
+    ----------
+    iterations, method : the defaults; None leaves one to the command, which must set it
+    told_default, told_default_method : what the help says of the defaults
+    """
+    parser.add_argument(
+        "--method",
+        default=method,
+        help=f"of the search, such as cma_es (default: {told_default_method})",
+    )
+    parser.add_argument(
+        "--iterations",
+        type=int,
+        default=iterations,
+        help=f"evaluations of J at most (default: {told_default})",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of all randomness (default: 0)")
+
+
+def read_observations(path: Path) -> tuple[str, list[Observation]]:
+    """Return title and observations of what `PATH_HELP` tells of."""
+    from intuitive_physics_experiments.recorded_sets.recorded_data import load_recorded_set
+    from intuitive_physics_recordings.bag_reader import METADATA_FILE
+    from intuitive_physics_recordings.observation_bag import SUFFIX, read_observation_bag
+    from intuitive_physics_recordings.observation_files import load_observations
+
+    if path.suffix == SUFFIX or (path / METADATA_FILE).exists():
+        return "recorded observations", read_observation_bag(path)
+    if path.is_dir():
+        return "saved observations", load_observations(path)
+    if not path.exists():
+        raise InvalidInputError(f"there is no {path}; expected {PATH_HELP}")
+    if path.suffix == DATABASE_SUFFIX:
+        with open_database(path) as store:
+            return "stored observations", store.observations()
+    if path.suffix != ".npz":
+        raise InvalidInputError(f"{path} is no .npz file; expected {PATH_HELP}")
+    return load_recorded_set(path)
+
+
+def learning_options(options: argparse.Namespace) -> Any:
+    """Return the library's options."""
+    from intuitive_physics_learner.learning_session import LearningOptions
+    from intuitive_physics_learner.search.convergence import ConvergenceCriteria
+
+    if options.seed < 0:
+        raise InvalidInputError(f"seed is {options.seed}; expected 0 or more")
+    criteria = ConvergenceCriteria(max_iterations=options.iterations)
+    return LearningOptions(method=options.method, criteria=criteria, seed=options.seed)
+
+
+def progress_to(bar: Any, options: argparse.Namespace) -> Callable[[Any], None]:
+    """Return what shows the search's progress on a bar."""
+
+    def show(progress: Any) -> None:
+        left = progress.seconds_left
+        soon = f", {left:.0f} s left" if math.isfinite(left) else ""
+        note = f"J {progress.best_cost:.4f} m{soon}"
+        bar.update(progress.iteration, options.iterations, note)
+
+    return show

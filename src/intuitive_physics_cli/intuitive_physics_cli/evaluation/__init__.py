@@ -1,0 +1,1 @@
+"""Learning from a part of observations and predicting the rest."""

@@ -1,0 +1,192 @@
+"""Learn from a part of recorded observations, predict the rest, compare with knowing nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.observation import Observation
+from intuitive_physics.simulation import pack_worlds
+from intuitive_physics_cli.evaluation.free_flight import free_flight
+from intuitive_physics_experiments.engines.experiment_engines import make_experiment_simulator
+from intuitive_physics_learner.learning_session import (
+    LearningOptions,
+    LearningResult,
+    learn,
+)
+from intuitive_physics_learner.search.convergence import SearchProgress
+
+Seen = TypeVar("Seen")
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How far predictions are from what was observed, over some observations.
+
+    Parameters
+    ----------
+    mean : m, mean over objects of D̄ (Eq. 6): J of Eq. 8
+    last : m, mean over objects of the distance at the last observed point
+    """
+
+    mean: float
+    last: float
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What an evaluation found.
+
+    Parameters
+    ----------
+    training, test : observations learned from and not learned from
+    result : what was learned and how the search went
+    errors : for each way to predict, its errors in training and in the test
+    """
+
+    training: tuple[Observation, ...]
+    test: tuple[Observation, ...]
+    result: LearningResult
+    errors: dict[str, tuple[Errors, Errors]]
+
+
+def evaluate(
+    observations: Sequence[Observation],
+    options: LearningOptions,
+    train_fraction: float = 0.8,
+    engine: str = "auto",
+    on_progress: Callable[[SearchProgress], None] | None = None,
+    start: StaticParameters | None = None,
+) -> Evaluation:
+    """Split at random (by the options' seed), learn from one part, predict both.
+
+    Parameters
+    ----------
+    observations : at least two
+    train_fraction : share that is learned from, above 0 and below 1
+    engine : simulator that learns and predicts
+    start : θ_s that learning starts from and is compared with; None: the defaults
+
+    Raises
+    ------
+    InvalidInputError
+        When there are too few observations or the share is not between 0 and 1.
+    """
+    training, test = split(observations, train_fraction, options.seed)
+    known = None if start is None else _not_learned(start)
+    result = learn(
+        training,
+        make_experiment_simulator(engine),
+        options,
+        previous=known,
+        on_progress=on_progress,
+    )
+    learned = result.learned.parameters
+    default = StaticParameters.uniform(learned.materials) if start is None else start
+    parts = (training, test)
+    simulated = {
+        "learned parameters": learned,
+        "default parameters": default,
+    }
+    errors = {
+        name: (
+            _errors(parts[0], _simulate(parts[0], parameters, engine)),
+            _errors(parts[1], _simulate(parts[1], parameters, engine)),
+        )
+        for name, parameters in simulated.items()
+    }
+    flights = [_errors(part, [_fly(seen) for seen in part]) for part in parts]
+    errors["free flight"] = (flights[0], flights[1])
+    return Evaluation(tuple(training), tuple(test), result, errors)
+
+
+def split(
+    observations: Sequence[Seen], train_fraction: float, seed: int
+) -> tuple[list[Seen], list[Seen]]:
+    """Return two parts, each with at least one observation, in their first order."""
+    if not 0.0 < train_fraction < 1.0:
+        raise InvalidInputError(
+            f"train fraction is {train_fraction:g}; expected a number above 0 and below 1"
+        )
+    count = len(observations)
+    if count < 2:
+        raise InvalidInputError(
+            f"there is {count} observation; expected at least 2, to learn from one and to test "
+            "with another"
+        )
+    learned_from = min(max(round(train_fraction * count), 1), count - 1)
+    chosen = set(np.random.default_rng(seed).permutation(count)[:learned_from].tolist())
+    training = [seen for i, seen in enumerate(observations) if i in chosen]
+    test = [seen for i, seen in enumerate(observations) if i not in chosen]
+    return training, test
+
+
+def _not_learned(parameters: StaticParameters) -> LearnedParameters:
+    unknown = LearnedParameters.defaults(parameters.materials)
+    return LearnedParameters(
+        parameters,
+        unknown.standard_deviations,
+        unknown.identified,
+        unknown.version,
+        unknown.cost,
+        unknown.observation_count,
+        unknown.method,
+    )
+
+
+def _simulate(
+    observations: Sequence[Observation], parameters: StaticParameters, engine: str
+) -> list[list[NDArray[np.float64]]]:
+    """Simulated positions (n, 3) m at the times each object was observed."""
+    simulator = make_experiment_simulator(engine)
+    simulated = []
+    for seen in observations:
+        instants = np.unique(np.concatenate([_times(seen, j) for j in range(len(seen.objects))]))
+        worlds = pack_worlds([seen.scene()], parameters)
+        positions = simulator.rollout_batch(worlds, instants, orientations=False).positions[0]
+        simulated.append(
+            [
+                positions[j, np.searchsorted(instants, _times(seen, j))]
+                for j in range(len(seen.objects))
+            ]
+        )
+    return simulated
+
+
+def _fly(seen: Observation) -> list[NDArray[np.float64]]:
+    return [
+        free_flight(
+            seen.environment,
+            thing.object.shape.bounding_radius,
+            thing.initial_state,
+            _times(seen, j),
+        )
+        for j, thing in enumerate(seen.objects)
+    ]
+
+
+def _errors(
+    observations: Sequence[Observation], predicted: Sequence[Sequence[NDArray[np.float64]]]
+) -> Errors:
+    means, lasts = [], []
+    for seen, positions in zip(observations, predicted, strict=True):
+        for thing, path in zip(seen.objects, positions, strict=True):
+            observed = thing.trajectory.positions[-len(path) :]
+            distances = np.linalg.norm(path - observed, axis=1)
+            means.append(distances.mean())
+            lasts.append(distances[-1])
+    return Errors(float(np.mean(means)), float(np.mean(lasts)))
+
+
+def _times(seen: Observation, index: int) -> NDArray[np.float64]:
+    """Times in s after the observation's start of the points of one object that come after it."""
+    since = seen.objects[index].trajectory.times - seen.start_time
+    # Stamps and clocks are rounded: a hair before the start is at the start.
+    return np.maximum(since[since >= -1e-6], 0.0)

@@ -1,0 +1,123 @@
+"""Observations predicted from their initial states by noisy Newton, to be judged and shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.observation import Observation
+from intuitive_physics.scene import Environment
+from intuitive_physics.simulation import Simulator
+from intuitive_physics_predictor.noisy_newton import predict
+from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
+
+LONGEST_NAME, SHORT_NAME = 16, 8
+
+
+@dataclass(frozen=True, eq=False)
+class PredictionCase:
+    """One object of one observation: what was predicted and what was seen.
+
+    Parameters
+    ----------
+    name : of the observation and the object, shown to people
+    environment : Ω_e
+    radius : m, of the smallest sphere about the object
+    times : (n_times,) s after the initial state, those at which the object was seen
+    samples : (n_samples, n_times, 3) m
+    observed : (n_times, 3) m
+    """
+
+    name: str
+    environment: Environment
+    radius: float
+    times: NDArray[np.float64]
+    samples: NDArray[np.float64]
+    observed: NDArray[np.float64]
+
+    @property
+    def mean(self) -> NDArray[np.float64]:
+        """Mean of the samples, (n_times, 3) m."""
+        return self.samples.mean(axis=0)
+
+    @property
+    def distances(self) -> NDArray[np.float64]:
+        """Distance of the mean from what was seen, (n_times,) m."""
+        return np.linalg.norm(self.mean - self.observed, axis=1)
+
+    @property
+    def error(self) -> float:
+        """D̄ (Eq. 6) of the mean, m."""
+        return float(self.distances.mean())
+
+    @property
+    def spread(self) -> NDArray[np.float64]:
+        """Root of the mean squared distance of the samples from their mean, (n_times,) m."""
+        offsets = self.samples - self.mean
+        return np.asarray(np.sqrt((offsets**2).sum(axis=2).mean(axis=0)))
+
+
+def predict_cases(
+    observations: Sequence[Observation],
+    parameters: StaticParameters | UncertainParameters,
+    simulator: Simulator,
+    rng: np.random.Generator,
+    sample_count: int = 100,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[PredictionCase]:
+    """Predict each object of each observation from the observation's initial states.
+
+    Parameters
+    ----------
+    parameters : θ_s of all materials of the observations, or its distribution
+    sample_count : simulations of each observation
+    on_progress : is told how many observations of how many are done
+    """
+    cases = []
+    for done, seen in enumerate(observations):
+        cases += _cases_of(seen, parameters, simulator, rng, sample_count)
+        on_progress(done + 1, len(observations))
+    return cases
+
+
+def _cases_of(
+    seen: Observation,
+    parameters: StaticParameters | UncertainParameters,
+    simulator: Simulator,
+    rng: np.random.Generator,
+    sample_count: int,
+) -> list[PredictionCase]:
+    after = [thing.trajectory.times > seen.start_time for thing in seen.objects]
+    since = [
+        thing.trajectory.times[later] - seen.start_time
+        for thing, later in zip(seen.objects, after, strict=True)
+    ]
+    instants = np.unique(np.concatenate(since))
+    distribution = predict(
+        seen.scene(),
+        parameters,
+        instants,
+        rng=rng,
+        sample_count=sample_count,
+        simulator=simulator,
+    )
+    return [
+        PredictionCase(
+            name=f"{_short(seen.id)}: {thing.object.id}",
+            environment=seen.environment,
+            radius=thing.object.shape.bounding_radius,
+            times=times,
+            samples=distribution.positions[:, j][:, np.searchsorted(instants, times)],
+            observed=thing.trajectory.positions[later],
+        )
+        for j, (thing, times, later) in enumerate(zip(seen.objects, since, after, strict=True))
+    ]
+
+
+def _short(name: str) -> str:
+    """A made-up id is told by its first letters, a given one as it is."""
+    return name if len(name) <= LONGEST_NAME else name[:SHORT_NAME]

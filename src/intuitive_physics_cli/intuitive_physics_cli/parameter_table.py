@@ -1,0 +1,76 @@
+"""What was learned, as text for people."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import (
+    PAIR_COEFFICIENTS,
+    StaticParameters,
+    material_pairs,
+    parameter_names,
+)
+from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
+from intuitive_physics_cli.terminal import format_table
+
+NEAR_BOUND = 0.01
+"""Share of a parameter's range that counts as its end."""
+
+
+def parameter_table(learned: LearnedParameters) -> str:
+    """Return a table of the identified parameters, and a line that names the others."""
+    names = parameter_names(learned.materials)
+    values = parameter_vector(learned.parameters)
+    defaults = parameter_vector(StaticParameters.uniform(learned.materials))
+    notes = parameter_notes(learned)
+    rows = [
+        [
+            name,
+            f"{values[i]:.4g}",
+            f"{learned.standard_deviations[i]:.2g}",
+            f"{defaults[i]:.4g}",
+            notes[i],
+        ]
+        for i, name in enumerate(names)
+        if learned.identified[i]
+    ]
+    table = format_table(["identified parameter", "learned", "± σ", "default", ""], rows)
+    unknown = unidentified(learned)
+    return f"{table}\nnot identified: {'; '.join(unknown)}" if unknown else table
+
+
+def parameter_notes(learned: LearnedParameters) -> list[str]:
+    """A note for each parameter of which the standard deviation does not tell all.
+
+    One that the search pressed against a default bound tells of an effect that the model lacks, or
+    of bounds too narrow. One of which the observations tell less to one side is as good between two
+    ends.
+    """
+    unit = ParameterSpace(learned.materials).to_unit(learned.parameters)
+    notes = []
+    for name, place, (low, high) in zip(
+        parameter_names(learned.materials), unit, learned.intervals, strict=True
+    ):
+        if place < NEAR_BOUND:
+            notes.append("on its lower bound")
+        # The upper end of dynamic friction is the pair's static friction.
+        elif place > 1.0 - NEAR_BOUND and not name.startswith("dynamic_friction"):
+            notes.append("on its upper bound")
+        else:
+            notes.append("" if np.isnan(low) else f"as good: {low:.2g} to {high:.2g}")
+    return notes
+
+
+def unidentified(learned: LearnedParameters) -> list[str]:
+    """Names of what the observations cannot tell; a pair of which nothing is known is one entry."""
+    known = dict(zip(parameter_names(learned.materials), learned.identified, strict=True))
+    densities = [name for name in learned.materials if not known[f"density[{name}]"]]
+    lines = [f"density of {', '.join(densities)}"] if densities else []
+    for pair in material_pairs(learned.materials):
+        missing = [kind for kind in PAIR_COEFFICIENTS if not known[f"{kind}[{', '.join(pair)}]"]]
+        if len(missing) == len(PAIR_COEFFICIENTS):
+            lines.append(f"all of [{', '.join(pair)}]")
+        elif missing:
+            lines.append(f"{', '.join(missing)} of [{', '.join(pair)}]")
+    return lines

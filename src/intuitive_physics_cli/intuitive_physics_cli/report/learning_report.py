@@ -1,0 +1,156 @@
+"""A report on observations of one's own: learn from a part, predict the rest, show both."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.observation import Observation
+from intuitive_physics.simulation import make_simulator
+from intuitive_physics_cli.evaluation.evaluation import Evaluation, evaluate
+from intuitive_physics_cli.evaluation.prediction_case import PredictionCase, predict_cases
+from intuitive_physics_cli.report.prediction_sections import prediction_sections
+from intuitive_physics_cli.report.report_page import (
+    footer,
+    heading,
+    page,
+    parameter_section,
+    table,
+)
+from intuitive_physics_cli.report.report_plots import cost_plot, library_script
+from intuitive_physics_learner.learning_session import LearningOptions
+from intuitive_physics_learner.search.parameter_search import SearchProgress
+
+SAMPLE_COUNT = 100
+
+
+@dataclass(frozen=True, eq=False)
+class LearningReport:
+    """What a report shows.
+
+    Parameters
+    ----------
+    title : of the observations, plain text
+    evaluation : what was learned, and errors
+    cases : predictions of the observations that were not learned from
+    noise : m, standard deviation of a point that was seen
+    about : how it was made
+    """
+
+    title: str
+    evaluation: Evaluation
+    cases: tuple[PredictionCase, ...]
+    noise: float
+    about: Mapping[str, str]
+
+
+def make_learning_report(
+    title: str,
+    observations: Sequence[Observation],
+    options: LearningOptions,
+    train_fraction: float,
+    engine: str,
+    on_progress: Callable[[SearchProgress], None] | None = None,
+) -> LearningReport:
+    """Learn from a part of the observations and predict the others by noisy Newton.
+
+    Raises
+    ------
+    InvalidInputError
+        As `evaluation.evaluate`.
+    """
+    evaluation = evaluate(observations, options, train_fraction, engine, on_progress)
+    cases = predict_cases(
+        evaluation.test,
+        evaluation.result.learned.parameters,
+        make_simulator(engine),
+        np.random.default_rng(options.seed),
+        SAMPLE_COUNT,
+    )
+    about = {
+        "observations": str(len(observations)),
+        "learned from": str(len(evaluation.training)),
+        "update rule": options.method,
+        "engine": engine,
+        "seed": str(options.seed),
+    }
+    noise = _point_noise(evaluation.test)
+    return LearningReport(title, evaluation, tuple(cases), noise, about)
+
+
+def write_learning_report(report: LearningReport, path: Path) -> None:
+    """Write the report as one page of HTML that needs nothing else.
+
+    Raises
+    ------
+    InvalidInputError
+        When the file cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(_page(report), encoding="utf-8")
+    except OSError as error:
+        raise InvalidInputError(f"cannot write the report {path}: {error.strerror}") from None
+
+
+def _page(report: LearningReport) -> str:
+    evaluation = report.evaluation
+    default = evaluation.errors["default parameters"][0].mean
+    flight = evaluation.errors["free flight"][0].mean
+    numbers = {
+        "error_in_test_m": evaluation.errors["learned parameters"][1].mean,
+        "with_default_parameters_m": evaluation.errors["default parameters"][1].mean,
+        "in_free_flight_m": evaluation.errors["free flight"][1].mean,
+    }
+    introduction = (
+        f"From {len(evaluation.training)} observations the material parameters were learned that "
+        f"make a simulation do the same; the other {len(evaluation.test)} were predicted from "
+        "their initial states."
+    )
+    sections = [
+        heading(report.title, introduction, numbers),
+        "<h2>What was learned</h2>",
+        parameter_section(evaluation.result.learned),
+        "<h2>How the cost fell</h2><p>J is the mean distance between simulated and observed "
+        "trajectories of the observations learned from.</p>",
+        cost_plot(
+            "cost",
+            evaluation.result.search.history,
+            {"default parameters": default, "free flight": flight},
+        ),
+        _error_table(evaluation),
+        *prediction_sections(
+            report.cases, report.noise, "Predictions of what was not learned from"
+        ),
+        footer(report.about),
+    ]
+    return page(f"Intuitive physics: {report.title}", library_script(), sections)
+
+
+def _error_table(evaluation: Evaluation) -> str:
+    rows = [
+        (name, *(f"{value:.4f}" for e in errors for value in (e.mean, e.last)))
+        for name, errors in evaluation.errors.items()
+    ]
+    header = (
+        "error (m)",
+        "learned from: mean",
+        "last point",
+        "predicted: mean",
+        "last point",
+    )
+    return table(header, rows)
+
+
+def _point_noise(observations: Sequence[Observation]) -> float:
+    """Noise of a point, as the covariances of the initial states tell it, m on each axis."""
+    deviations = [
+        np.sqrt(np.trace(thing.initial_state.covariance[:3, :3]) / 3.0)
+        for seen in observations
+        for thing in seen.objects
+    ]
+    return float(np.median(deviations))

@@ -1,0 +1,218 @@
+"""The demo's report: one self-contained page, and one picture for the README."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
+from intuitive_physics_cli.report.prediction_sections import prediction_sections
+from intuitive_physics_cli.report.report_page import (
+    footer,
+    heading,
+    page,
+    parameter_section,
+    png,
+    png_figure,
+    table,
+)
+from intuitive_physics_cli.report.report_plots import cost_plot, library_script, prediction_plot
+from intuitive_physics_experiments.demo.demo_result import (
+    DemoResult,
+    LearningOutcome,
+    PredictionOutcome,
+    ThrowErrors,
+)
+from intuitive_physics_experiments.demo.frame_figure import draw_frame
+from intuitive_physics_experiments.demo.learning_figures import (
+    draw_cost,
+    draw_parameters,
+    parameter_legend,
+)
+from intuitive_physics_experiments.demo.prediction_figures import (
+    draw_prediction_3d,
+    draw_prediction_error,
+    draw_prediction_side,
+)
+
+PAGE_NAME, PICTURE_NAME = "report.html", "demo.png"
+
+TITLE = "Balls thrown, seen, learned from and predicted"
+INTRODUCTION = (
+    "A rendered depth camera watched balls thrown into a corner. From what it saw, the material "
+    "parameters were learned that make a simulation do the same; then one more throw was predicted."
+)
+
+
+@dataclass(frozen=True)
+class ReportPaths:
+    """Where a report was written.
+
+    Parameters
+    ----------
+    page : self-contained HTML
+    picture : PNG
+    """
+
+    page: Path
+    picture: Path
+
+
+def write_report(result: DemoResult, folder: Path) -> ReportPaths:
+    """Write page and picture into a folder, which is made where it is missing.
+
+    Raises
+    ------
+    InvalidInputError
+        When the folder cannot be written.
+    """
+    paths = ReportPaths(folder / PAGE_NAME, folder / PICTURE_NAME)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        paths.picture.write_bytes(png((13.0, 9.4), lambda figure: _draw_picture(figure, result)))
+        paths.page.write_text(_page(result), encoding="utf-8")
+    except OSError as error:
+        raise InvalidInputError(f"cannot write the report into {folder}: {error}") from None
+    return paths
+
+
+def _page(result: DemoResult) -> str:
+    prediction, learning = result.prediction, result.learning
+    levels = {
+        "default parameters": learning.default_cost,
+        "true parameters": learning.oracle_cost,
+    }
+    sections = [
+        heading(TITLE, INTRODUCTION, result.summary),
+        "<h2>What the camera saw</h2>",
+        png_figure(
+            (9.0, 7.0),
+            lambda figure: draw_frame(figure.add_subplot(), result.example),
+            "A depth frame (missing readings are white) with the planes that were found, the ball, "
+            "its track over the whole throw, and the direction of gravity.",
+        ),
+        "<h2>What was learned</h2>",
+        png_figure(
+            (11.0, 3.2),
+            lambda figure: _draw_parameters(figure, learning),
+            "Coefficients of each pair of materials that touched.",
+        ),
+        parameter_section(learning.learned, learning.true),
+        "<h2>How the cost fell</h2><p>J is the mean distance between simulated and observed "
+        "trajectories. Below the line of the true parameters there is only noise to be learned."
+        "</p>",
+        cost_plot("cost", learning.cost_history, levels),
+        "<h2>What was predicted, and what then happened</h2>"
+        f"<p>A {html.escape(prediction.material)} ball of {100.0 * prediction.radius:.0f} cm "
+        "radius that was not learned from: simulations from noisy copies of its perceived state, "
+        "and where it then was seen.</p>",
+        prediction_plot("unseen", _as_case(prediction)),
+        png_figure(
+            (11.0, 3.6),
+            lambda figure: _draw_prediction_over_time(figure, result),
+            "Height, and distance of the predicted mean from the truth beside the spread that the "
+            "prediction claims.",
+        ),
+        *prediction_sections(
+            result.cases,
+            result.point_noise,
+            "Throws that were learned from, each simulated from its initial state",
+        ),
+        "<h2>Every throw</h2>",
+        _throw_table(result.throws),
+        footer(result.about),
+    ]
+    return page("Intuitive physics: demo", library_script(), sections)
+
+
+def _as_case(prediction: PredictionOutcome) -> PredictionCase:
+    """The prediction at the times at which the ball was seen after it."""
+    times, seen_at = prediction.times, prediction.observed_times
+    inside = (seen_at >= times[0]) & (seen_at <= times[-1])
+    samples = np.stack(
+        [
+            np.column_stack([np.interp(seen_at[inside], times, axis) for axis in sample.T])
+            for sample in prediction.samples
+        ]
+    )
+    return PredictionCase(
+        name="the throw that was predicted",
+        environment=prediction.environment,
+        radius=prediction.radius,
+        times=seen_at[inside],
+        samples=samples,
+        observed=prediction.observed[inside],
+    )
+
+
+def _throw_table(throws: Sequence[ThrowErrors]) -> str:
+    header = (
+        "throw",
+        "material",
+        "radius (cm)",
+        "seen",
+        "perception RMSE (mm)",
+        "D̄ learned (mm)",
+        "D̄ true θ (mm)",
+        "D̄ defaults (mm)",
+    )
+    rows = [
+        (
+            throw.name,
+            throw.material,
+            f"{100.0 * throw.radius:.0f}",
+            str(throw.points),
+            f"{1000.0 * throw.perception_rmse:.1f}",
+            f"{1000.0 * throw.learned_distance:.0f}",
+            f"{1000.0 * throw.oracle_distance:.0f}",
+            f"{1000.0 * throw.default_distance:.0f}",
+        )
+        for throw in sorted(throws, key=lambda throw: -throw.learned_distance)
+    ]
+    return (
+        f"{table(header, rows)}<p>The worst first. D̄ is the mean distance between the simulated "
+        "and the observed trajectory of a throw, under the learned, the true and the default "
+        "parameters.</p>"
+    )
+
+
+def _draw_parameters(figure: Any, learning: LearningOutcome) -> None:
+    grid = figure.add_gridspec(2, 4, height_ratios=(1.0, 0.05))
+    first = figure.add_subplot(grid[0, 0])
+    others = [figure.add_subplot(grid[0, k], sharey=first) for k in (1, 2, 3)]
+    for axes in others:
+        axes.tick_params(axis="y", labelleft=False)
+    draw_parameters([first, *others], learning)
+    below = figure.add_subplot(grid[1, :])
+    below.set_axis_off()
+    below.legend(handles=parameter_legend(), loc="center", ncols=3)
+
+
+def _draw_prediction_over_time(figure: Any, result: DemoResult) -> None:
+    left, right = figure.subplots(1, 2)
+    draw_prediction_side(left, result.prediction)
+    draw_prediction_error(right, result.prediction)
+
+
+def _draw_picture(figure: Any, result: DemoResult) -> None:
+    top, bottom = figure.subfigures(2, 1, height_ratios=(1.65, 1.0))
+    seen, predicted = top.subfigures(1, 2, width_ratios=(1.12, 1.0))
+    cost, parameters = bottom.subfigures(1, 2, width_ratios=(1.0, 1.55))
+    draw_frame(_titled(seen, "seen by a depth camera").add_subplot(), result.example)
+    draw_prediction_3d(
+        _titled(predicted, "predicted, and what then happened").add_subplot(projection="3d"),
+        result.prediction,
+    )
+    draw_cost(_titled(cost, "cost while learning").add_subplot(), result.learning)
+    _draw_parameters(_titled(parameters, "learned against true"), result.learning)
+
+
+def _titled(figure: Any, title: str) -> Any:
+    figure.suptitle(title, x=0.02, ha="left", fontsize=12, weight="bold")
+    return figure

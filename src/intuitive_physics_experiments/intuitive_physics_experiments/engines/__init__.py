@@ -1,0 +1,1 @@
+"""Further engines, for experiments only."""

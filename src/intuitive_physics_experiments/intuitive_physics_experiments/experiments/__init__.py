@@ -1,1 +1,0 @@
-"""The paper's experiments, a file each; `intuitive-physics experiment` runs them."""

@@ -1,0 +1,1 @@
+"""The paper's synthetic set and its experiments."""

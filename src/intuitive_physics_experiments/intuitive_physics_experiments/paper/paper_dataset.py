@@ -1,0 +1,223 @@
+"""The paper's synthetic set (Sec. IV-B): random objects thrown through the room, seen with noise.
+
+Each run is a scene with its true motion and the observation that a learner gets of it: positions at
+30 Hz with noise N(0, 0.02), and initial states estimated from them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.scene import Environment, Scene, SceneObject
+from intuitive_physics.simulation import Simulator, WorldStatus
+from intuitive_physics.state import ANGULAR_VELOCITY, ObjectState
+from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_experiments.paper.dataset_engines import (
+    dataset_parameters,
+    dataset_simulator,
+)
+from intuitive_physics_experiments.paper.noisy_flight import fit_noisy_flight, flight_length
+from intuitive_physics_experiments.paper.paper_room import (
+    SHAPE_KINDS,
+    SPIN_DEVIATION,
+    draw_initial_states,
+    draw_pool,
+    paper_room,
+)
+
+DURATION = 5.0
+SAMPLE_RATE = 30.0
+POSITION_NOISE = 0.02
+"""m, the standard deviation of N(0, 0.02) on each axis."""
+
+TRAINING_SHARE = 0.8
+INITIAL_STATES = ("three_points", "flight", "true")
+"""Where an observation's initial states come from: the paper's first three points, all points
+before the first surprise, or the truth (which no learner has)."""
+
+
+@dataclass(frozen=True, eq=False)
+class PaperRun:
+    """One simulation run of the set.
+
+    Parameters
+    ----------
+    scene : with the true initial states
+    positions : (n_objects, n_times, 3) m, the true ones at the times of the observation
+    observation : what a learner gets
+    """
+
+    scene: Scene
+    positions: NDArray[np.float64]
+    observation: Observation
+
+    def with_initial_states(self, source: str) -> PaperRun:
+        """Return the same run with the initial states of another of `INITIAL_STATES`."""
+        _check_source(source)
+        objects = tuple(
+            ObservedObject(
+                seen.object,
+                seen.trajectory,
+                _initial_state(seen.trajectory, truth, self.scene.environment, source),
+            )
+            for seen, truth in zip(self.observation.objects, self.scene.states, strict=True)
+        )
+        return replace(self, observation=replace(self.observation, objects=objects))
+
+
+@dataclass(frozen=True, eq=False)
+class PaperDataset:
+    """A pool of objects, the θ_s they obey, and what was seen of them.
+
+    Parameters
+    ----------
+    pool : objects, each of its own material
+    parameters : the true θ_s, of the pool's materials and the room's
+    engine : name of the engine that moved the objects
+    training, test : runs, 80 % and 20 %; a single run is one to train on
+    """
+
+    pool: tuple[SceneObject, ...]
+    parameters: StaticParameters
+    engine: str
+    training: tuple[PaperRun, ...]
+    test: tuple[PaperRun, ...]
+
+    @property
+    def observations(self) -> list[Observation]:
+        """All of them."""
+        return self.training_observations + self.test_observations
+
+    @property
+    def training_observations(self) -> list[Observation]:
+        """What is learned from."""
+        return [run.observation for run in self.training]
+
+    @property
+    def test_observations(self) -> list[Observation]:
+        """What is predicted."""
+        return [run.observation for run in self.test]
+
+    def with_initial_states(self, source: str) -> PaperDataset:
+        """Return the same set with initial states of another of `INITIAL_STATES`."""
+        return replace(
+            self,
+            training=tuple(run.with_initial_states(source) for run in self.training),
+            test=tuple(run.with_initial_states(source) for run in self.test),
+        )
+
+
+def make_paper_dataset(
+    objects: int,
+    samples: int,
+    rng: np.random.Generator,
+    *,
+    engine: str = "auto",
+    initial_states: str = "three_points",
+    kinds: Sequence[str] = SHAPE_KINDS,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> PaperDataset:
+    """Draw a pool of objects and throw them until each has enough trajectories.
+
+    A run has k = ⌈N(1, 1)⌉ objects, at least one, of those that still lack trajectories; so in the
+    end each has just `samples` of them.
+
+    Parameters
+    ----------
+    objects : in the pool; |θ_s| is 14, 275, 945 for 1, 10, 20 (Eq. 3)
+    samples : trajectories of each object
+    rng : of all randomness; the same generator state makes the same set
+    engine : one of `dataset_engines.DATASET_ENGINES`
+    initial_states : one of `INITIAL_STATES`
+    kinds : of shapes in the pool, some of `paper_room.SHAPE_KINDS`
+    on_progress : is told how many trajectories of how many are there
+
+    Raises
+    ------
+    InvalidInputError
+        When a number is too small or a simulation fails.
+    UnknownNameError
+        When there is no such engine, source of initial states or kind of shapes.
+    """
+    _check_source(initial_states)
+    if samples < 1:
+        raise InvalidInputError(f"samples of each object are {samples}; expected at least 1")
+    simulator = dataset_simulator(engine)
+    pool = draw_pool(objects, rng, kinds)
+    parameters = dataset_parameters(engine, pool, rng)
+    lacking = np.full(objects, samples)
+    runs = []
+    while lacking.any():
+        chosen = _draw_objects(lacking, rng)
+        lacking[chosen] -= 1
+        runs.append(_run([pool[i] for i in chosen], parameters, simulator, initial_states, rng))
+        if on_progress is not None:
+            on_progress(objects * samples - int(lacking.sum()), objects * samples)
+    order = rng.permutation(len(runs))
+    training = max(min(round(TRAINING_SHARE * len(runs)), len(runs) - 1), 1)
+    return PaperDataset(
+        pool,
+        parameters,
+        engine,
+        tuple(runs[i] for i in np.sort(order[:training])),
+        tuple(runs[i] for i in np.sort(order[training:])),
+    )
+
+
+def _draw_objects(lacking: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
+    candidates = np.flatnonzero(lacking)
+    count = int(np.clip(np.ceil(rng.normal(1.0, 1.0)), 1, candidates.size))
+    return rng.choice(candidates, count, replace=False)
+
+
+def _run(
+    objects: Sequence[SceneObject],
+    parameters: StaticParameters,
+    simulator: Simulator,
+    initial_states: str,
+    rng: np.random.Generator,
+) -> PaperRun:
+    scene = Scene(paper_room(), tuple(objects), draw_initial_states(objects, rng))
+    times = np.arange(round(DURATION * SAMPLE_RATE) + 1) / SAMPLE_RATE
+    rollout = simulator.rollout([scene], parameters, times, orientations=False)
+    if rollout.status[0] != WorldStatus.OK:
+        raise InvalidInputError(
+            f"simulation with {simulator.name} ended with {WorldStatus(rollout.status[0]).name}; "
+            "expected another engine or seed to do better"
+        )
+    positions = rollout.positions[0]
+    noisy = positions + rng.normal(0.0, POSITION_NOISE, positions.shape)
+    seen = []
+    for thing, truth, points in zip(objects, scene.states, noisy, strict=True):
+        trajectory = Trajectory(times, points)
+        state = _initial_state(trajectory, truth, scene.environment, initial_states)
+        seen.append(ObservedObject(thing, trajectory, state))
+    observation = Observation(scene.environment, tuple(seen), 0.0, rng.bytes(16).hex())
+    return PaperRun(scene, positions, observation)
+
+
+def _initial_state(
+    trajectory: Trajectory, truth: ObjectState, environment: Environment, source: str
+) -> ObjectState:
+    """Position and velocity as the points tell; spin as Eq. 10 draws it; orientation is known."""
+    if source == "true":
+        return truth
+    t, x, g = trajectory.times, trajectory.positions, environment.gravity
+    count = 3 if source == "three_points" else flight_length(t, x, g, POSITION_NOISE)
+    position, velocity, covariance = fit_noisy_flight(t[:count], x[:count], g, POSITION_NOISE)
+    covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = SPIN_DEVIATION**2 * np.eye(3)
+    return ObjectState(position, truth.orientation, velocity, covariance=covariance)
+
+
+def _check_source(source: str) -> None:
+    if source not in INITIAL_STATES:
+        raise UnknownNameError(
+            f"initial states are {source!r}; expected one of {', '.join(INITIAL_STATES)}"
+        )

@@ -1,0 +1,155 @@
+"""What the paper's synthetic set is drawn from (Secs. IV-A, IV-B): room, object pool, θ_s, Eq. 10.
+
+What the paper leaves open is decided here, in one place:
+
+- Floor and walls are planes instead of five boxes. Their inner faces are the same and nothing gets
+  behind them, but a plane has no edges, so it costs less and spheres can go from event to event.
+- A dimension of U(0.1, 0.7) m is a sphere's diameter, a box's edge, a capsule's diameter and the
+  length of its cylinder.
+- The circle that starts are drawn about lies 2 m, two standard deviations of Eq. 10, above the
+  floor and from each wall, so that few starts have to be drawn again.
+- Eq. 10 gives no orientation: objects start along the axes of the room.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.parameter_space import Bounds, ParameterSpace
+from intuitive_physics.scene import Environment, Plane, SceneObject
+from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
+from intuitive_physics.state import ObjectState
+
+ROOM_MATERIAL = "room"
+HALF_ROOM = 5.0
+"""m from the room's middle to each wall."""
+
+SHAPE_KINDS = (Sphere.kind, Box.kind, Capsule.kind)
+DIMENSIONS = (0.1, 0.7)
+CIRCLE_CENTER = (0.0, 0.0, 2.0)
+CIRCLE_RADIUS = 3.0
+START_DEVIATION = 1.0
+"""m and m/s, of the positions and the velocities of Eq. 10."""
+
+SPIN_DEVIATION = 0.1
+"""rad/s, of the angular velocities of Eq. 10."""
+
+CLEARANCE = 0.01
+"""m at least between the bounding spheres of two objects, and to the room, at the start."""
+
+MOST_ATTEMPTS = 1000
+
+TRUE_RANGES = {
+    "density": Bounds(200.0, 2000.0, "logarithmic"),
+    "static_friction": Bounds(0.1, 1.0),
+    "dynamic_friction": Bounds(0.1, 1.0),
+    "rolling_friction": Bounds(1e-3, 0.1, "logarithmic"),
+    "restitution": Bounds(0.1, 0.9),
+}
+"""What θ_s is drawn from, uniformly on each scale; within the bounds that learners search."""
+
+
+def paper_room() -> Environment:
+    """Return Ω_e: a floor z = 0 and four walls about 10 × 10 m, all of one material."""
+    walls = [
+        Plane(f"wall_{axis}_{side}", ROOM_MATERIAL, -sign * np.eye(3)["xy".index(axis)], -HALF_ROOM)
+        for axis in "xy"
+        for side, sign in (("plus", 1.0), ("minus", -1.0))
+    ]
+    return Environment([Plane("floor", ROOM_MATERIAL, (0.0, 0.0, 1.0), 0.0), *walls])
+
+
+def draw_pool(
+    count: int, rng: np.random.Generator, kinds: Sequence[str] = SHAPE_KINDS
+) -> tuple[SceneObject, ...]:
+    """Draw objects of random shape, of these kinds, and size, each with a material of its own."""
+    if count < 1:
+        raise InvalidInputError(f"pool has {count} objects; expected at least 1")
+    unknown = [kind for kind in kinds if kind not in SHAPE_KINDS]
+    if unknown or not kinds:
+        raise UnknownNameError(
+            f"kinds of shapes are {list(kinds)}; expected some of {', '.join(SHAPE_KINDS)}"
+        )
+    shapes = [_draw_shape(kinds[int(rng.integers(len(kinds)))], rng) for _ in range(count)]
+    return tuple(
+        SceneObject(f"{shape.kind}_{i}", f"material_{i}", shape) for i, shape in enumerate(shapes)
+    )
+
+
+def pool_materials(pool: Sequence[SceneObject]) -> tuple[str, ...]:
+    """Materials of a pool and its room: m = objects + 1."""
+    return (*(thing.material for thing in pool), ROOM_MATERIAL)
+
+
+def draw_parameters(pool: Sequence[SceneObject], rng: np.random.Generator) -> StaticParameters:
+    """Draw θ_s, each parameter for itself from `TRUE_RANGES`, with μ_d ≤ μ_s."""
+    space = ParameterSpace(pool_materials(pool), TRUE_RANGES)
+    return space.to_parameters(rng.random(space.size))
+
+
+def draw_initial_states(
+    objects: Sequence[SceneObject], rng: np.random.Generator
+) -> tuple[ObjectState, ...]:
+    """Draw θ_d of each object by Eq. 10, again where it reaches out of the room or into another.
+
+    Raises
+    ------
+    InvalidInputError
+        When there are more objects than find room.
+    """
+    states: list[ObjectState] = []
+    for thing in objects:
+        for _ in range(MOST_ATTEMPTS):
+            state = _draw_initial_state(rng)
+            if _is_free(state.position, thing.shape, states, objects):
+                states.append(state)
+                break
+        else:
+            raise InvalidInputError(
+                f"object {len(states) + 1} of {len(objects)} found no free place in "
+                f"{MOST_ATTEMPTS} draws; expected fewer objects in one scene"
+            )
+    return tuple(states)
+
+
+def _draw_shape(kind: str, rng: np.random.Generator) -> Shape:
+    match kind:
+        case Sphere.kind:
+            return Sphere(rng.uniform(*DIMENSIONS) / 2.0)
+        case Box.kind:
+            x, y, z = rng.uniform(*DIMENSIONS, size=3)
+            return Box((x, y, z))
+        case _:
+            diameter, length = rng.uniform(*DIMENSIONS, size=2)
+            return Capsule(diameter / 2.0, length)
+
+
+def _draw_initial_state(rng: np.random.Generator) -> ObjectState:
+    # Eq. 10
+    angle = rng.uniform(-np.pi, np.pi)
+    center = np.array(CIRCLE_CENTER)
+    on_circle = center + CIRCLE_RADIUS * np.array([np.sin(angle), np.cos(angle), 0.0])
+    position = on_circle + rng.normal(0.0, START_DEVIATION, 3)
+    velocity = center - position + rng.normal(0.0, START_DEVIATION, 3)
+    spin = rng.normal(0.0, SPIN_DEVIATION, 3)
+    return ObjectState(position, linear_velocity=velocity, angular_velocity=spin)
+
+
+def _is_free(
+    position: NDArray[np.float64],
+    shape: Shape,
+    others: Sequence[ObjectState],
+    objects: Sequence[SceneObject],
+) -> bool:
+    reach = shape.bounding_radius + CLEARANCE
+    if position[2] < reach or np.abs(position[:2]).max() > HALF_ROOM - reach:
+        return False
+    return all(
+        np.linalg.norm(position - other.position) > reach + thing.shape.bounding_radius
+        for other, thing in zip(others, objects, strict=False)
+    )

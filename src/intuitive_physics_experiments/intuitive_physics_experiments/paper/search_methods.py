@@ -1,0 +1,222 @@
+"""Fig. 6 and Table I: J over iterations of the nine update rules, on sets of several sizes.
+
+All parameters of θ_s are searched (14, 275, 945 for 1, 10, 20 objects), as in the paper. Every run
+of every rule searches on the same set; runs differ by the search's seed only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.parameter_space import ParameterSpace
+from intuitive_physics.simulation import Simulator, make_simulator
+from intuitive_physics_experiments.paper.cells import Cell, CellStore
+from intuitive_physics_experiments.paper.outcome import (
+    markdown_table,
+    write_csv,
+    write_figure,
+    write_page,
+)
+from intuitive_physics_experiments.paper.paper_dataset import make_paper_dataset
+from intuitive_physics_experiments.paper.search_methods_figure import draw_search_methods
+from intuitive_physics_learner.cost.cached_cost import CachedCost
+from intuitive_physics_learner.cost.cost_function import TrajectoryCost
+from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria, ParameterSearch
+from intuitive_physics_learner.search.update_rules import UPDATE_RULES, make_update_rule
+
+CURVE_POINTS = 60
+"""Iterations, spaced evenly on a logarithmic scale, at which curves are written."""
+
+
+@dataclass(frozen=True)
+class SearchMethodsSettings:
+    """What is searched.
+
+    Parameters
+    ----------
+    objects : sizes of the pool
+    samples : trajectories of each object
+    runs : searches by each rule on each set, averaged
+    iterations : evaluations of J in each search
+    methods : update rules, with the settings of Table I
+    seed : of all randomness
+    """
+
+    objects: tuple[int, ...] = (1, 10, 20)
+    samples: tuple[int, ...] = (1, 10, 50)
+    runs: int = 10
+    iterations: int = 500
+    methods: tuple[str, ...] = tuple(UPDATE_RULES)
+    seed: int = 0
+
+
+QUICK = {"objects": (1, 10), "samples": (1,), "runs": 2, "iterations": 200}
+
+
+@dataclass(frozen=True, eq=False)
+class SearchSet:
+    """One set: its cost and what to compare with.
+
+    Parameters
+    ----------
+    cost : J
+    oracle, default : J of the true and of the default θ_s, m
+    """
+
+    cost: TrajectoryCost
+    oracle: float
+    default: float
+
+
+def run_search_methods(
+    folder: Path,
+    settings: SearchMethodsSettings,
+    command: str,
+    cores: int = 1,
+    on_progress: Callable[[int, int, str], None] = lambda done, total, name: None,
+) -> list[dict[str, Any]]:
+    """Search with every rule on every set, write tables and figure, return the final costs."""
+    simulator = make_simulator("auto")
+    store = CellStore(folder, {"experiment": "search-methods", **asdict(settings)})
+    found = store.run(_cells(settings, simulator), on_progress, cores)
+    curves = _curves(settings, found)
+    final = _final(settings, found)
+    write_csv(folder / "curves.csv", curves)
+    write_csv(folder / "final.csv", final)
+    height = 1.0 + 2.6 * len(settings.samples)
+    write_figure(
+        folder / "search_methods.png",
+        (4.2 * len(settings.objects), height),
+        lambda figure: draw_search_methods(figure, curves, final),
+    )
+    write_page(folder, "Search methods (Fig. 6, Table I)", command, _body(settings, final))
+    return final
+
+
+def _cells(settings: SearchMethodsSettings, simulator: Simulator) -> dict[str, Cell]:
+    # One set at a time is kept: the cells of a set follow one another.
+    @lru_cache(maxsize=1)
+    def search_set(objects: int, samples: int) -> SearchSet:
+        rng = np.random.default_rng([settings.seed, objects, samples])
+        dataset = make_paper_dataset(objects, samples, rng)
+        cost = TrajectoryCost(dataset.observations, simulator, dataset.parameters.materials)
+        default = StaticParameters.uniform(cost.materials)
+        oracle_cost, default_cost = cost.costs([dataset.parameters, default])
+        return SearchSet(cost, float(oracle_cost), float(default_cost))
+
+    def cell(objects: int, samples: int, method: str, run: int) -> dict[str, Any]:
+        return _search(settings, search_set(objects, samples), method, run)
+
+    return {_name(*key): partial(cell, *key) for key in _keys(settings)}
+
+
+def _keys(settings: SearchMethodsSettings) -> list[tuple[int, int, str, int]]:
+    return [
+        (objects, samples, method, run)
+        for objects in settings.objects
+        for samples in settings.samples
+        for method in settings.methods
+        for run in range(settings.runs)
+    ]
+
+
+def _name(objects: int, samples: int, method: str, run: int) -> str:
+    return f"{objects:02d}_objects_{samples:02d}_samples_{method}_{run:02d}"
+
+
+def _search(
+    settings: SearchMethodsSettings, on: SearchSet, method: str, run: int
+) -> dict[str, Any]:
+    space = ParameterSpace(on.cost.materials)
+    rule = make_update_rule(method, space.size, np.random.default_rng([settings.seed, run]))
+    search = ParameterSearch(CachedCost(on.cost).costs, space, rule)
+    result = search.run(ConvergenceCriteria(max_iterations=settings.iterations))
+    return {
+        "parameters": space.size,
+        "history": [float(f"{value:.6g}") for value in result.history],
+        "seconds": result.seconds,
+        "oracle": on.oracle,
+        "default": on.default,
+    }
+
+
+def _histories(
+    settings: SearchMethodsSettings, found: Mapping[str, Any], objects: int, samples: int, rule: str
+) -> NDArray[np.float64]:
+    """Lowest J so far (runs, iterations) m; a search that ended early keeps its last value."""
+    rows = []
+    for run in range(settings.runs):
+        history = found[_name(objects, samples, rule, run)]["history"]
+        rows.append(history + [history[-1]] * (settings.iterations - len(history)))
+    return np.array(rows)
+
+
+def _curves(settings: SearchMethodsSettings, found: Mapping[str, Any]) -> list[dict[str, Any]]:
+    shown = np.unique(np.geomspace(1, settings.iterations, CURVE_POINTS).round().astype(int))
+    rows = []
+    for objects in settings.objects:
+        for samples in settings.samples:
+            for rule in settings.methods:
+                histories = _histories(settings, found, objects, samples, rule)
+                for iteration in shown:
+                    values = histories[:, iteration - 1]
+                    rows.append(
+                        {
+                            "objects": objects,
+                            "samples": samples,
+                            "method": rule,
+                            "iteration": int(iteration),
+                            "J": float(values.mean()),
+                            "deviation": float(values.std()),
+                        }
+                    )
+    return rows
+
+
+def _final(settings: SearchMethodsSettings, found: Mapping[str, Any]) -> list[dict[str, Any]]:
+    rows = []
+    for objects in settings.objects:
+        for samples in settings.samples:
+            for rule in settings.methods:
+                last = _histories(settings, found, objects, samples, rule)[:, -1]
+                first = found[_name(objects, samples, rule, 0)]
+                rows.append(
+                    {
+                        "objects": objects,
+                        "samples": samples,
+                        "parameters": first["parameters"],
+                        "method": rule,
+                        "J": float(last.mean()),
+                        "deviation": float(last.std()),
+                        "oracle": first["oracle"],
+                        "default": first["default"],
+                    }
+                )
+    return rows
+
+
+def _body(settings: SearchMethodsSettings, final: Sequence[dict[str, Any]]) -> str:
+    sets = list(dict.fromkeys((row["objects"], row["samples"]) for row in final))
+    by_set = {
+        (row["objects"], row["samples"], row["method"]): f"{row['J']:.3f} ± {row['deviation']:.3f}"
+        for row in final
+    }
+    rows = [[rule, *(by_set[(*one, rule)] for one in sets)] for rule in settings.methods]
+    for name in ("oracle", "default"):
+        first = {(row["objects"], row["samples"]): row[name] for row in final}
+        rows.append([name, *(f"{first[one]:.3f}" for one in sets)])
+    header = ["J (m)", *(f"{objects} × {samples}" for objects, samples in sets)]
+    return (
+        f"J after {settings.iterations} evaluations, mean ± σ over {settings.runs} runs, for "
+        "objects × samples of each, with the settings of Table I. Oracle: the true θ_s from the "
+        f"same noisy initial states. Default: nothing learned.\n\n"
+        f"{markdown_table(header, rows)}\n\n![J over iterations](search_methods.png)"
+    )

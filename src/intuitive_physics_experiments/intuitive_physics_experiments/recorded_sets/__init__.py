@@ -1,0 +1,1 @@
+"""Motions recorded by others, as observations."""

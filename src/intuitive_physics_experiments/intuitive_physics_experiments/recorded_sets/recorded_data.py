@@ -1,0 +1,160 @@
+"""Recorded data of others: one door that knows a set by its arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.observation import Observation
+from intuitive_physics_experiments.recorded_sets.carom_billiards import carom_observations
+from intuitive_physics_experiments.recorded_sets.cube_tosses import (
+    CubeToss,
+    cube_toss_observations,
+    cube_tosses,
+)
+from intuitive_physics_experiments.recorded_sets.table_tennis import (
+    AirCoefficients,
+    gun_observations,
+    launch_observations,
+)
+from intuitive_physics_recordings.npz_file import Arrays, load_arrays
+
+
+@dataclass(frozen=True)
+class RecordedSet:
+    """A kind of recorded set.
+
+    Parameters
+    ----------
+    title : what a user calls it
+    arrays : names that the file has
+    load : makes observations of its arrays
+    """
+
+    title: str
+    arrays: frozenset[str]
+    load: Callable[[Arrays], list[Observation]]
+
+
+CUBE_TOSSES = RecordedSet(
+    "cube tosses",
+    frozenset(
+        {
+            "position",
+            "quaternion_wxyz",
+            "velocity_world",
+            "angular_velocity_body",
+            "offsets",
+            "dt",
+            "cube_edge",
+        }
+    ),
+    cube_toss_observations,
+)
+
+LAUNCHES = RecordedSet(
+    "table-tennis launches",
+    frozenset({"time", "position", "offsets", "radius"}),
+    launch_observations,
+)
+
+GUN_FLIGHTS = RecordedSet(
+    "table-tennis gun flights",
+    frozenset({"position", "velocity", "offsets", "dt_implied"}),
+    gun_observations,
+)
+
+CAROM_SHOTS = RecordedSet(
+    "carom billiards",
+    frozenset({"shot_ball_t_x_y", "ball_radius", "table"}),
+    carom_observations,
+)
+
+RECORDED_SETS = (LAUNCHES, GUN_FLIGHTS, CUBE_TOSSES, CAROM_SHOTS)
+
+
+def load_recorded_set(path: Path) -> tuple[str, list[Observation]]:
+    """Return title and observations of a recorded set.
+
+    Raises
+    ------
+    InvalidInputError
+        When the arrays are of no known set, or not what that set has.
+    """
+    known, arrays = _read(path)
+    with _telling(path, known):
+        return known.title, known.load(arrays)
+
+
+def holds_cube_tosses(path: Path) -> bool:
+    """Whether a file is a set of cube tosses.
+
+    Raises
+    ------
+    InvalidInputError
+        When the arrays are of no known set.
+    """
+    return _read(path)[0] is CUBE_TOSSES
+
+
+def load_cube_tosses(
+    path: Path, length_correction: float = 1.0, measured_inertia: bool = False
+) -> list[CubeToss]:
+    """Return the tosses of a set of cube tosses, with orientations.
+
+    Parameters
+    ----------
+    length_correction : factor on all recorded lengths
+    measured_inertia : whether the cube turns as it was measured to, or as a solid one
+
+    Raises
+    ------
+    InvalidInputError
+        When the arrays are of another set, or not what that set has.
+    """
+    known, arrays = _read(path)
+    if known is not CUBE_TOSSES:
+        raise InvalidInputError(f"{path} is a set of {known.title}; expected cube tosses")
+    with _telling(path, known):
+        return cube_tosses(arrays, length_correction, measured_inertia)
+
+
+def load_table_tennis(path: Path, air: AirCoefficients) -> tuple[str, list[Observation]]:
+    """Return title and observations of a table-tennis set, of balls that fly through air.
+
+    Raises
+    ------
+    InvalidInputError
+        When the arrays are of another set, or not what that set has.
+    """
+    known, arrays = _read(path)
+    load = {LAUNCHES: launch_observations, GUN_FLIGHTS: gun_observations}.get(known)
+    if load is None:
+        raise InvalidInputError(f"{path} is a set of {known.title}; expected table tennis")
+    with _telling(path, known):
+        return known.title, load(arrays, air)
+
+
+def _read(path: Path) -> tuple[RecordedSet, dict[str, NDArray]]:
+    arrays = load_arrays(path)
+    for known in RECORDED_SETS:
+        if known.arrays <= arrays.keys():
+            return known, arrays
+    expected = "; ".join(f"{', '.join(sorted(s.arrays))} ({s.title})" for s in RECORDED_SETS)
+    raise InvalidInputError(
+        f"{path} has the arrays {', '.join(sorted(arrays))}; expected {expected}"
+    )
+
+
+@contextmanager
+def _telling(path: Path, known: RecordedSet) -> Iterator[None]:
+    """Make errors name the file and the kind of set."""
+    try:
+        yield
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{path} ({known.title}): {error}") from None

@@ -1,0 +1,169 @@
+"""What is particular to table tennis: drag learned from flight, and a look ahead."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.simulation import make_simulator
+from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_cli.evaluation.evaluation import split
+from intuitive_physics_cli.evaluation.free_flight import free_flight
+from intuitive_physics_experiments.recorded_sets.table_tennis import (
+    AirCoefficients,
+    ball_parameters,
+    fit_ball_state,
+    rows_before_contact,
+)
+from intuitive_physics_learner.cost.cost_function import TrajectoryCost
+
+LARGEST_DRAG = 1.0
+DRAG_TOLERANCE = 0.005
+FEWEST_POINTS = 6
+
+WATCHED, MOST_AHEAD = 0.2, 1.0
+"""s for which a ball is watched, and s after that at which it is expected, at most."""
+
+AHEAD_STEP = 0.1
+UNFIT = 1e3
+"""m; misfit of air in which a flight cannot be fitted."""
+
+
+@dataclass(frozen=True, eq=False)
+class LookAhead:
+    """Where balls were expected some time after they were watched, and where they then were.
+
+    Parameters
+    ----------
+    ahead : s, at most `MOST_AHEAD`: as long as all balls were seen
+    errors : by the way to predict, (n_balls,) m
+    spread : m, root of the mean squared distance of the balls from their mean place at that time
+    """
+
+    ahead: float
+    errors: dict[str, NDArray[np.float64]]
+    spread: float
+
+
+def learn_drag(
+    load: Callable[[AirCoefficients], Sequence[Observation]],
+    magnus: float,
+    train_fraction: float,
+    seed: int,
+) -> float:
+    """Find the drag coefficient that makes flights before the first bounce fit best.
+
+    Parameters
+    ----------
+    load : makes the observations of a set in some air
+    magnus : C_M, which stays
+    train_fraction, seed : as `evaluation.split` takes them; only that part is learned from
+
+    Returns
+    -------
+    C_d, between 0 and `LARGEST_DRAG`
+    """
+    simulator = make_simulator("stepped")
+
+    def misfit(drag: float) -> float:
+        try:
+            observations = load(AirCoefficients(float(drag), magnus))
+        except InvalidInputError:
+            return UNFIT
+        training, _ = split(observations, train_fraction, seed)
+        cost = TrajectoryCost([_before_bounce(seen) for seen in training], simulator)
+        return float(cost.costs([ball_parameters().extended(cost.materials)])[0])
+
+    found = minimize_scalar(
+        misfit, bounds=(0.0, LARGEST_DRAG), method="bounded", options={"xatol": DRAG_TOLERANCE}
+    )
+    return float(found.x)
+
+
+def look_ahead(
+    observations: Sequence[Observation], learned: StaticParameters, default: StaticParameters
+) -> LookAhead | None:
+    """Predict where each ball is up to a second after its first 0.2 s, from those alone.
+
+    Balls that bounce while they are watched are left out.
+
+    Returns
+    -------
+    None where all are, or none is seen for longer.
+    """
+    pairs = [(seen, _watched(seen)) for seen in observations]
+    due = [(seen, early) for seen, early in pairs if early is not None]
+    lasts = [seen.objects[0].trajectory.times[-1] - seen.start_time for seen, _ in due]
+    ahead = min(MOST_AHEAD, AHEAD_STEP * ((min(lasts, default=0.0) - WATCHED) // AHEAD_STEP))
+    if ahead <= 0.0:
+        return None
+    at = WATCHED + ahead
+    arrived = np.array([_place_at(seen, at) for seen, _ in due])
+    early = [one for _, one in due]
+    expected = {
+        "learned parameters": _simulated(early, learned, at),
+        "default parameters": _simulated(early, default, at),
+        "free flight": np.array([_flown(one, at) for one in early]),
+    }
+    offsets = arrived - arrived.mean(axis=0)
+    return LookAhead(
+        ahead,
+        {name: np.linalg.norm(places - arrived, axis=1) for name, places in expected.items()},
+        float(np.sqrt((offsets**2).sum(axis=1).mean())),
+    )
+
+
+def _before_bounce(seen: Observation) -> Observation:
+    (ball,) = seen.objects
+    return _first_rows(seen, rows_before_contact(_heights(seen)), ball)
+
+
+def _watched(seen: Observation) -> Observation | None:
+    """The observation as it is known after `WATCHED`, with an initial state of that alone."""
+    (ball,) = seen.objects
+    since = ball.trajectory.times - seen.start_time
+    count = int(np.searchsorted(since, WATCHED, side="right"))
+    free = rows_before_contact(_heights(seen))
+    if count < FEWEST_POINTS or free < count:
+        return None
+    times, positions = ball.trajectory.times[:count], ball.trajectory.positions[:count]
+    state = fit_ball_state(times, positions, seen.environment, ball.object)
+    return _first_rows(seen, count, replace(ball, initial_state=state))
+
+
+def _first_rows(seen: Observation, count: int, ball: ObservedObject) -> Observation:
+    trajectory = Trajectory(ball.trajectory.times[:count], ball.trajectory.positions[:count])
+    return replace(seen, objects=(replace(ball, trajectory=trajectory),))
+
+
+def _heights(seen: Observation) -> NDArray[np.float64]:
+    (ball,) = seen.objects
+    above = seen.environment.planes[0].signed_distances(ball.trajectory.positions)
+    return above - ball.object.shape.bounding_radius
+
+
+def _place_at(seen: Observation, since: float) -> NDArray[np.float64]:
+    trajectory = seen.objects[0].trajectory
+    at = seen.start_time + since
+    return np.array([np.interp(at, trajectory.times, x) for x in trajectory.positions.T])
+
+
+def _simulated(
+    observations: Sequence[Observation], parameters: StaticParameters, at: float
+) -> NDArray[np.float64]:
+    scenes = [seen.scene() for seen in observations]
+    rollout = make_simulator("auto").rollout(scenes, parameters, [at], orientations=False)
+    return rollout.positions[:, 0, 0]
+
+
+def _flown(seen: Observation, at: float) -> NDArray[np.float64]:
+    (ball,) = seen.objects
+    radius = ball.object.shape.bounding_radius
+    return free_flight(seen.environment, radius, ball.initial_state, [at])[0]

@@ -1,0 +1,213 @@
+"""Fit friction and restitution to a part of recorded tosses, simulate the others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.simulation import Simulator
+from intuitive_physics.validation import finite_array
+from intuitive_physics_cli.evaluation.evaluation import split
+from intuitive_physics_experiments.engines.experiment_engines import make_experiment_simulator
+from intuitive_physics_experiments.recorded_sets.cube_tosses import MATERIALS, CubeToss
+from intuitive_physics_experiments.recorded_sets.toss_errors import TossBatch, TossErrors
+from intuitive_physics_experiments.recorded_sets.toss_mass_centre import (
+    MassCentreFit,
+    fit_mass_centre,
+    with_mass_centre,
+)
+from intuitive_physics_experiments.recorded_sets.tumbling_flight import tumbling_flight
+from intuitive_physics_learner.learning_session import LearningOptions
+from intuitive_physics_learner.search.convergence import SearchProgress, SearchResult
+from intuitive_physics_learner.search.parameter_search import ParameterSearch
+from intuitive_physics_learner.search.update_rules import make_update_rule
+
+DEFAULT_FRICTION, DEFAULT_RESTITUTION = 0.4, 0.5
+"""The library's defaults, with dynamic friction for both."""
+
+MUJOCO_STEP, MUJOCO_CONTACT_TIMES = 0.002, (0.008, 0.016, 0.032)
+"""s; MuJoCo's contacts are springs: a bounce lasts one of these times, the one that fits best."""
+
+CMA_SETTINGS = {"population": 8}
+"""Two parameters need no generations as large as those of Table I."""
+
+
+class FrictionAndRestitution:
+    """The search space of μ_s = μ_d and e, each from 0 to 1, of a cube and a table."""
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return 2
+
+    def to_parameters(self, unit: ArrayLike) -> StaticParameters:
+        """Map (friction, restitution), clipped to the unit square, to θ_s."""
+        point = np.clip(finite_array(unit, "friction and restitution", (2,)), 0.0, 1.0)
+        return toss_parameters(*point.tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class TossFit:
+    """What one engine made of the tosses.
+
+    Parameters
+    ----------
+    simulator : the engine, of those of that name the one that fitted best
+    search : how the fit went; its cost is that of `toss_cost`, m
+    fitted, default : errors in training and in the test with fitted and with default parameters
+    """
+
+    simulator: Simulator
+    search: SearchResult
+    fitted: tuple[TossErrors, TossErrors]
+    default: tuple[TossErrors, TossErrors]
+
+
+@dataclass(frozen=True, eq=False)
+class TossEvaluation:
+    """What an evaluation found.
+
+    Parameters
+    ----------
+    training, test : tosses fitted to and not fitted to
+    fits : by the engine's name
+    free_flight : errors in training and in the test of flying until the first touch
+    mass_centre : what was learned of it, if it was
+    """
+
+    training: tuple[CubeToss, ...]
+    test: tuple[CubeToss, ...]
+    fits: dict[str, TossFit]
+    free_flight: tuple[TossErrors, TossErrors]
+    mass_centre: MassCentreFit | None = None
+
+
+def toss_parameters(friction: float, restitution: float) -> StaticParameters:
+    """θ_s of cube and table: μ_s = μ_d, e, and no rolling friction, which a cube does not feel."""
+    return StaticParameters.uniform(
+        MATERIALS,
+        static_friction=friction,
+        dynamic_friction=friction,
+        rolling_friction=0.0,
+        restitution=restitution,
+    )
+
+
+def toss_cost(errors: TossErrors, width: float) -> NDArray[np.float64]:
+    """Cost in m, shape (...), of errors (..., n_tosses): mean distance plus turn × half the width.
+
+    A turn moves the middle of a face by half the cube's width times the angle, so both parts say
+    how far the cube's surface is from where it was seen.
+    """
+    return width * (errors.position + 0.5 * errors.rotation).mean(axis=-1)
+
+
+def evaluate_tosses(
+    tosses: Sequence[CubeToss],
+    engines: Sequence[str],
+    options: LearningOptions,
+    train_fraction: float = 0.25,
+    on_progress: Callable[[SearchProgress], None] | None = None,
+    learn_mass_centre: bool = False,
+) -> TossEvaluation:
+    """Split at random (by the options' seed), fit each engine to one part, simulate both.
+
+    Parameters
+    ----------
+    tosses : at least two
+    engines : names of simulators; each gets a fit of its own
+    options : method, criteria and seed of the fit
+    train_fraction : share that is fitted to, above 0 and below 1
+    learn_mass_centre : whether the cube's centre of mass is fitted too, to the training's flights
+
+    Raises
+    ------
+    InvalidInputError
+        When there are too few tosses, the share is not between 0 and 1, or the flights do not tell
+        the centre of mass.
+    """
+    training, test = split(tosses, train_fraction, options.seed)
+    centre = fit_mass_centre(training) if learn_mass_centre else None
+    if centre is not None:
+        training, test = (
+            [with_mass_centre(toss, centre.mass_centre) for toss in part]
+            for part in (training, test)
+        )
+    parts = (TossBatch(training), TossBatch(test))
+    fits = {}
+    for name in engines:
+        found = [
+            (_fit(parts[0], simulator, options, on_progress), simulator)
+            for simulator in toss_simulators(name)
+        ]
+        search, simulator = min(found, key=lambda one: one[0].cost)
+        default = toss_parameters(DEFAULT_FRICTION, DEFAULT_RESTITUTION)
+        fits[name] = TossFit(
+            simulator,
+            search,
+            fitted=_both(parts, simulator, search.parameters),
+            default=_both(parts, simulator, default),
+        )
+    flights = (_fly(training, parts[0]), _fly(test, parts[1]))
+    return TossEvaluation(tuple(training), tuple(test), fits, flights, centre)
+
+
+def toss_simulators(name: str) -> list[Simulator]:
+    """Engines of that name to fit with: MuJoCo's contacts are fitted in their softness too."""
+    if name == "mujoco":
+        from intuitive_physics_experiments.engines.mujoco_simulator import MujocoSimulator
+
+        return [
+            MujocoSimulator(time_step=MUJOCO_STEP, contact_time=time)
+            for time in MUJOCO_CONTACT_TIMES
+        ]
+    return [make_experiment_simulator(name)]
+
+
+def _fit(
+    batch: TossBatch,
+    simulator: Simulator,
+    options: LearningOptions,
+    on_progress: Callable[[SearchProgress], None] | None,
+) -> SearchResult:
+    space = FrictionAndRestitution()
+    rule = make_update_rule(
+        options.method,
+        space.size,
+        np.random.default_rng(options.seed),
+        (DEFAULT_FRICTION, DEFAULT_RESTITUTION),
+        **(CMA_SETTINGS if options.method == "cma_es" else {}),
+    )
+
+    def costs(candidates: Sequence[StaticParameters]) -> NDArray[np.float64]:
+        return toss_cost(batch.simulated(simulator, candidates), batch.width)
+
+    search = ParameterSearch(costs, space, rule)
+    return search.run(options.criteria, on_progress=on_progress)
+
+
+def _both(
+    parts: tuple[TossBatch, TossBatch], simulator: Simulator, parameters: StaticParameters
+) -> tuple[TossErrors, TossErrors]:
+    training, test = (part.simulated(simulator, [parameters]) for part in parts)
+    return _only(training), _only(test)
+
+
+def _only(errors: TossErrors) -> TossErrors:
+    return TossErrors(errors.position[0], errors.rotation[0])
+
+
+def _fly(tosses: Sequence[CubeToss], batch: TossBatch) -> TossErrors:
+    positions = np.full((*batch.times.shape, 3), np.nan)
+    orientations = np.full((*batch.times.shape, 4), np.nan)
+    for row, (toss, times) in enumerate(zip(tosses, batch.times, strict=True)):
+        (cube,) = toss.observation.objects
+        flown = times[np.isfinite(times)]
+        positions[row, : flown.size], orientations[row, : flown.size] = tumbling_flight(
+            toss.observation.environment, toss.width, cube.initial_state, flown
+        )
+    return batch.errors(positions, orientations)

@@ -1,0 +1,1 @@
+"""Rendered RGBD recordings with known ground truth."""

@@ -1,0 +1,139 @@
+"""Writing depth images as a rosbag2 recording (MCAP), which `ros2 bag play` plays too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import (
+    Connection,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_experiments.rendering.camera import Camera
+
+DEPTH_TOPIC = "/camera/depth/image_rect_raw"
+CAMERA_INFO_TOPIC = "/camera/depth/camera_info"
+_ENDLESS = QosTime(9223372036, 854775807)
+_SENSOR_QOS = Qos(
+    QosHistory.KEEP_LAST,
+    5,
+    QosReliability.RELIABLE,
+    QosDurability.VOLATILE,
+    _ENDLESS,
+    _ENDLESS,
+    QosLiveliness.AUTOMATIC,
+    _ENDLESS,
+    False,
+)
+
+
+class DepthBagWriter:
+    """A bag being written; use it as a context manager, which completes the bag at its end.
+
+    Parameters
+    ----------
+    path : folder to make; it must not exist
+    camera : of all images
+    """
+
+    def __init__(self, path: Path, camera: Camera) -> None:
+        if path.exists():
+            raise InvalidInputError(f"{path} exists already; expected a new folder for the bag")
+        self._typestore = get_typestore(Stores.ROS2_JAZZY)
+        self._types = self._typestore.types
+        self._camera = camera
+        self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+        # Chunks, not messages: other MCAP readers know only compressed chunks.
+        self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        try:
+            self._writer.open()
+        except OSError as error:
+            raise InvalidInputError(f"cannot write {path}: {error.strerror}") from None
+        self._image_connection = self._add_topic(DEPTH_TOPIC, "sensor_msgs/msg/Image")
+        self._info_connection = self._add_topic(CAMERA_INFO_TOPIC, "sensor_msgs/msg/CameraInfo")
+
+    def __enter__(self) -> DepthBagWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self._writer.close()
+        else:
+            self._writer.abort()
+
+    def write(self, time: int, image: NDArray[np.uint16]) -> None:
+        """Append one image with its camera info.
+
+        Parameters
+        ----------
+        time : ns since the epoch
+        image : (height, width) millimetres, 0 where there is no reading
+        """
+        expected = (self._camera.height, self._camera.width)
+        if image.shape != expected or image.dtype != np.uint16:
+            raise InvalidInputError(
+                f"image has shape {image.shape} of {image.dtype}; expected {expected} of uint16"
+            )
+        header = self._header(time)
+        info, depth = self._camera_info(header), self._image(header, image)
+        for connection, message in ((self._info_connection, info), (self._image_connection, depth)):
+            data = self._typestore.serialize_cdr(message, connection.msgtype)
+            self._writer.write(connection, time, data)
+
+    def _add_topic(self, topic: str, type_name: str) -> Connection:
+        return self._writer.add_connection(
+            topic, type_name, typestore=self._typestore, offered_qos_profiles=[_SENSOR_QOS]
+        )
+
+    def _header(self, time: int) -> Any:
+        seconds, nanoseconds = divmod(time, 1_000_000_000)
+        stamp = self._types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
+        return self._types["std_msgs/msg/Header"](stamp=stamp, frame_id=self._camera.frame_id)
+
+    def _image(self, header: Any, image: NDArray[np.uint16]) -> Any:
+        little_endian = np.ascontiguousarray(image, dtype="<u2")
+        return self._types["sensor_msgs/msg/Image"](
+            header=header,
+            height=self._camera.height,
+            width=self._camera.width,
+            encoding="16UC1",
+            is_bigendian=0,
+            step=2 * self._camera.width,
+            data=little_endian.view(np.uint8).ravel(),
+        )
+
+    def _camera_info(self, header: Any) -> Any:
+        matrix = self._camera.matrix()
+        region = self._types["sensor_msgs/msg/RegionOfInterest"](
+            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+        )
+        return self._types["sensor_msgs/msg/CameraInfo"](
+            header=header,
+            height=self._camera.height,
+            width=self._camera.width,
+            distortion_model="plumb_bob",
+            d=np.zeros(5),
+            k=matrix.ravel(),
+            r=np.eye(3).ravel(),
+            p=np.column_stack([matrix, np.zeros(3)]).ravel(),
+            binning_x=0,
+            binning_y=0,
+            roi=region,
+        )

@@ -1,0 +1,144 @@
+"""Balls thrown by hand into a corner (Sec. VI-C): random initial states and what became of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.scene import Environment
+from intuitive_physics.state import ObjectState
+from intuitive_physics_experiments.rendering.camera import Camera
+from intuitive_physics_experiments.rendering.corner_room import BALL_RADII, ROOM_MATERIAL
+from intuitive_physics_experiments.rendering.thrown_ball import BallContact, BallMotion, move_ball
+
+MOST_ATTEMPTS = 500
+IMAGE_MARGIN = 4.0
+"""Pixels kept free between a ball and the image's edge."""
+
+HIGHEST_CENTER = 1.0
+"""m; a hand does not throw over the walls."""
+
+
+@dataclass(frozen=True, eq=False)
+class Throw:
+    """One ball, thrown once.
+
+    Parameters
+    ----------
+    material : name, one of `BALL_RADII`
+    radius : m
+    start_time : s after the recording's start
+    motion : what the ball did, times after `start_time`, in the world
+    """
+
+    material: str
+    radius: float
+    start_time: float
+    motion: BallMotion
+
+    @property
+    def end_time(self) -> float:
+        """Time in s after the recording's start when the ball is taken away."""
+        return self.start_time + float(self.motion.times[-1])
+
+    def positions_at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Centre (n, 3) m at times (n,) s after the recording's start.
+
+        Raises
+        ------
+        InvalidInputError
+            When a time lies outside the throw.
+        """
+        since = np.asarray(times, dtype=np.float64) - self.start_time
+        known = self.motion.times
+        if since.size and (since.min() < -1e-6 or since.max() > known[-1] + 1e-6):
+            raise InvalidInputError(
+                f"times reach from {since.min():.6g} to {since.max():.6g} s of the throw; "
+                f"expected 0 to {known[-1]:.6g} s"
+            )
+        return np.column_stack(
+            [np.interp(since, known, self.motion.positions[:, k]) for k in range(3)]
+        )
+
+
+def make_throws(
+    count: int,
+    camera: Camera,
+    environment: Environment,
+    parameters: StaticParameters,
+    rng: np.random.Generator,
+    *,
+    first_start: float,
+    duration: float,
+    pause: float,
+) -> list[Throw]:
+    """Throw the balls of `BALL_RADII` in turn, each in view of the camera from hand to end.
+
+    Parameters
+    ----------
+    count : number of throws
+    environment, parameters : Ω_e and the true θ_s
+    first_start : s after the recording's start when the first ball appears
+    duration : s of each throw
+    pause : s without a ball after each
+    """
+    materials = list(BALL_RADII)
+    throws = []
+    for i in range(count):
+        material = materials[i % len(materials)]
+        motion = _throw_in_view(material, camera, environment, parameters, rng, duration)
+        start_time = first_start + i * (duration + pause)
+        throws.append(Throw(material, BALL_RADII[material], start_time, motion))
+    return throws
+
+
+def _throw_in_view(
+    material: str,
+    camera: Camera,
+    environment: Environment,
+    parameters: StaticParameters,
+    rng: np.random.Generator,
+    duration: float,
+) -> BallMotion:
+    radius = BALL_RADII[material]
+    pair = parameters.pair(material, ROOM_MATERIAL)
+    contact = BallContact(pair["static_friction"], pair["rolling_friction"], pair["restitution"])
+    density = float(parameters.density[parameters.index(material)])
+    for _ in range(MOST_ATTEMPTS):
+        start = _release(rng)
+        motion = move_ball(environment, radius, density, contact, start, duration)
+        if _in_view(camera, motion.positions, radius):
+            return motion
+    raise InvalidInputError(
+        f"none of {MOST_ATTEMPTS} throws of {duration:g} s stayed in the camera's view; "
+        "expected a shorter throw or a camera that sees more of the corner"
+    )
+
+
+def _release(rng: np.random.Generator) -> ObjectState:
+    """Draw the initial state of a throw towards the corner, somewhat upward, with little spin."""
+    along, across = rng.uniform(-0.1, 0.4), rng.uniform(-0.35, 0.35)
+    diagonal = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
+    sideways = np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0)
+    position = along * diagonal + across * sideways + np.array([0.0, 0.0, rng.uniform(0.35, 0.85)])
+    heading = rng.normal(0.0, np.radians(30.0))
+    speed = rng.uniform(1.0, 2.6)
+    velocity = speed * (np.cos(heading) * diagonal + np.sin(heading) * sideways)
+    velocity[2] = rng.uniform(-0.5, 1.6)
+    return ObjectState(
+        position, linear_velocity=velocity, angular_velocity=rng.normal(0.0, 2.0, size=3)
+    )
+
+
+def _in_view(camera: Camera, positions: NDArray[np.float64], radius: float) -> bool:
+    depth = camera.to_optical(positions)[:, 2]
+    if depth.min() < 0.6 or positions[:, 2].max() > HIGHEST_CENTER:
+        return False
+    pixels = camera.project(positions)
+    reach = (camera.focal_length * radius / (depth - radius) + IMAGE_MARGIN)[:, None]
+    size = np.array([camera.width, camera.height])
+    return bool(((pixels > reach) & (pixels < size - 1 - reach)).all())

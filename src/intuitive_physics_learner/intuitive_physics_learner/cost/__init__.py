@@ -1,0 +1,1 @@
+"""The cost J(θ_s), evaluated on one machine or many."""

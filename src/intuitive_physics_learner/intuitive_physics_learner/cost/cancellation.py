@@ -1,0 +1,30 @@
+"""Work in portions, between which it may be called off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics_learner.errors import LearningCancelledError
+from intuitive_physics_learner.search.parameter_search import LARGEST_BATCH
+
+
+def batches(
+    candidates: list[StaticParameters], cancelled: Callable[[], bool] | None
+) -> Iterator[list[StaticParameters]]:
+    """Hand out so many θ_s as are worth evaluating at once.
+
+    Raises
+    ------
+    LearningCancelledError
+        Before a batch, when `cancelled` returned True.
+    """
+    for first in range(0, len(candidates), LARGEST_BATCH):
+        stop_if(cancelled)
+        yield candidates[first : first + LARGEST_BATCH]
+
+
+def stop_if(cancelled: Callable[[], bool] | None) -> None:
+    """Raise LearningCancelledError when `cancelled` returns True."""
+    if cancelled is not None and cancelled():
+        raise LearningCancelledError

@@ -1,0 +1,225 @@
+"""Evaluating J in many processes or on many machines, through dask.distributed.
+
+Dask and not joblib, because J is evaluated thousands of times over the same observations: Dask
+keeps them, packed once, in the memory of its workers and sends candidates only, while joblib's
+pools forget everything between two calls. And one engine serves both: processes of this machine
+and the workers of a scheduler elsewhere.
+
+A trial's outcome depends on nothing but the trial, so it does not matter who simulates it: the
+result is the same to the bit as without a cluster, as long as the machines are alike.
+"""
+
+from __future__ import annotations
+
+import re
+import signal
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.observation import Observation
+from intuitive_physics.simulation import Simulator
+from intuitive_physics_learner.cost.cost_function import Cost, TrajectoryCost
+from intuitive_physics_learner.cost.trials import Trials
+from intuitive_physics_learner.errors import ClusterError, MissingDependencyError
+
+SMALLEST_SHARE = 50
+"""Trials that are worth the milliseconds of a message to a worker and back."""
+
+CONNECT_TIMEOUT = 10.0
+"""s until a scheduler, or the processes of this machine, must have answered."""
+
+WHERE_GUIDE = (
+    "empty: in this process; local:N: in N processes of this machine; ADDRESS:PORT: by the "
+    "workers of that Dask scheduler"
+)
+
+
+class CostMaker:
+    """Makes the J of observations, evaluated where a user wants it; closes what it has started.
+
+    Parameters
+    ----------
+    where : empty for this process, `local:N` for N processes of this machine, or the address of a
+        Dask scheduler, such as `tcp://192.168.1.2:8786`
+
+    Raises
+    ------
+    InvalidInputError
+        When `where` is none of those.
+    MissingDependencyError
+        When it needs the package distributed, which is not installed.
+    """
+
+    def __init__(self, where: str = "") -> None:
+        local = re.fullmatch(r"local:([1-9]\d{0,3})", where)
+        elsewhere = re.fullmatch(r"([a-z]+://)?(?!local:)[^\s:]+:\d+", where)
+        if where and not local and not elsewhere:
+            raise InvalidInputError(f"cluster is {where!r}; expected one of: {WHERE_GUIDE}")
+        if where:
+            _distributed()
+        self._where = where
+        self._processes = int(local[1]) if local else 0
+        self._client: Any = None
+
+    def __enter__(self) -> CostMaker:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __call__(
+        self,
+        observations: Sequence[Observation],
+        simulator: Simulator,
+        materials: Sequence[str] | None = None,
+    ) -> Cost:
+        """Return J of observations, as `TrajectoryCost` takes them.
+
+        The simulator should use one thread: the cluster knows how many a worker has.
+
+        Raises
+        ------
+        ClusterError
+            When the scheduler does not answer or has no workers.
+        """
+        if not self._where:
+            return TrajectoryCost(observations, simulator, materials)
+        if self._client is None:
+            self._client = self._connect()
+        return ClusterCost(self._client, observations, simulator, materials)
+
+    def close(self) -> None:
+        """End the processes that were started, leave a cluster that was not."""
+        client, self._client = self._client, None
+        if client is not None:
+            client.close()
+            if self._processes:
+                client.cluster.close()
+
+    def _connect(self) -> Any:
+        distributed = _distributed()
+        try:
+            if self._processes:
+                cluster = distributed.LocalCluster(
+                    n_workers=self._processes,
+                    threads_per_worker=1,
+                    dashboard_address=":0",
+                    silence_logs="ERROR",
+                )
+                client = distributed.Client(cluster, timeout=CONNECT_TIMEOUT)
+                client.run(_leave_interrupts_to_parent)
+                return client
+            client = distributed.Client(self._where, timeout=CONNECT_TIMEOUT)
+            client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise ClusterError(
+                f"cluster {self._where} does not answer ({error}); expected a Dask scheduler with "
+                "at least one worker: start them with `dask scheduler` and `dask worker ADDRESS`"
+            ) from None
+        return client
+
+
+class ClusterCost(Cost):
+    """J evaluated by the workers of a Dask cluster, each of which holds all observations.
+
+    Parameters
+    ----------
+    client : `distributed.Client` of the cluster
+    observations, simulator, materials : as `TrajectoryCost` takes them
+    """
+
+    def __init__(
+        self,
+        client: Any,
+        observations: Sequence[Observation],
+        simulator: Simulator,
+        materials: Sequence[str] | None = None,
+    ) -> None:
+        super().__init__(observations, materials)
+        self._client = client
+        self._threads = max(1, sum(client.nthreads().values()))
+        self._local = TrajectoryCost(self.observations, simulator, self.materials)
+        self._there = self._guarded(self._sent)
+
+    @property
+    def largest_share(self) -> int:
+        return super().largest_share * self._threads
+
+    def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
+        return self._spread(TrajectoryCost.trial_distances, trials)
+
+    def trial_residuals(self, trials: Trials) -> NDArray[np.float64]:
+        return self._spread(TrajectoryCost.trial_residuals, trials)
+
+    def _spread(
+        self, method: Callable[[TrajectoryCost, Trials], NDArray[np.float64]], trials: Trials
+    ) -> NDArray[np.float64]:
+        count = max(1, min(self._threads, trials.size // SMALLEST_SHARE))
+        shares = [trials.taken(part) for part in np.array_split(np.arange(trials.size), count)]
+
+        def ask() -> list[NDArray[np.float64]]:
+            futures = [
+                self._client.submit(method, self._there, share, pure=False) for share in shares
+            ]
+            answers: list[NDArray[np.float64]] = self._client.gather(futures)
+            return answers
+
+        def ask_again_if_lost() -> list[NDArray[np.float64]]:
+            try:
+                return ask()
+            except CancelledError:
+                if self._client.status != "running":
+                    raise
+                # Dask reduces copies to one after some seconds, and the worker that held it died.
+                self._there = self._sent()
+                return ask()
+
+        return np.concatenate(self._guarded(ask_again_if_lost))
+
+    def _sent(self) -> Any:
+        """The observations on all workers."""
+        return self._client.scatter(
+            self._local, broadcast=True, hash=False, timeout=CONNECT_TIMEOUT
+        )
+
+    def _guarded(self, call: Callable[[], Any]) -> Any:
+        distributed = _distributed()
+        try:
+            return call()
+        except ImportError as error:
+            raise ClusterError(
+                f"a worker of the cluster lacks a package ({error}); install "
+                "intuitive_physics_learner in the same version on all its machines"
+            ) from None
+        except (
+            distributed.KilledWorker,
+            CancelledError,
+            distributed.comm.CommClosedError,
+            OSError,
+            TimeoutError,
+        ) as error:
+            raise ClusterError(
+                f"the cluster failed ({type(error).__name__}: {error}); start its scheduler and "
+                "workers again and learn again: the search goes on from its last checkpoint"
+            ) from None
+
+
+def _leave_interrupts_to_parent() -> None:
+    """Ignore Ctrl-C, which reaches all processes of a terminal: who started this one ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ImportError:
+        raise MissingDependencyError(
+            "evaluating J on a cluster needs the package distributed, which is not installed; "
+            "install it with: pip install distributed"
+        ) from None
+    return distributed

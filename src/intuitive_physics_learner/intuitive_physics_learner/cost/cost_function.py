@@ -1,0 +1,247 @@
+"""J(θ_s), the cost of Eqs. 8 and 9: mean distance between simulated and observed trajectories."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.observation import Observation, observation_materials
+from intuitive_physics.simulation import Simulator
+from intuitive_physics_learner.cost.cancellation import stop_if
+from intuitive_physics_learner.cost.packed_observations import (
+    PackedObservations,
+    packed_in_groups,
+    times_after_start,
+)
+from intuitive_physics_learner.cost.trials import Trials
+from intuitive_physics_learner.errors import NoObservationsError
+
+FAILED_DISTANCE = 1000.0
+"""D̄ in m of each object of a world that did not simulate to its end; no distance counts more."""
+
+LARGEST_CHUNK = 4_000_000
+"""Coordinates simulated in one call at most, to bound the memory: 32 MB of positions."""
+
+LARGEST_SHARE = 500
+"""Trials between two looks at whether to stop: a part of a second."""
+
+
+class Cost(ABC):
+    """J of any θ_s over a fixed set of observations; what simulates them is left open.
+
+    Parameters
+    ----------
+    observations : Y, at least one
+    materials : of the θ_s that will be judged, in their order; by default those of the observations
+
+    Attributes
+    ----------
+    observations : Y
+    materials : names
+    trajectory_observation : (n_trajectories,) index of the observation each trajectory is from
+    trajectory_object : (n_trajectories,) index of its object in that observation
+    trajectory_points : (n_trajectories,) number of its points that count
+    point_trajectory : (n_points,) index of the trajectory each point of `residuals` is from; the
+        points of a trajectory stand together, in the order of their times
+
+    Raises
+    ------
+    NoObservationsError
+        When there are none.
+    """
+
+    def __init__(
+        self, observations: Sequence[Observation], materials: Sequence[str] | None = None
+    ) -> None:
+        if len(observations) == 0:
+            raise NoObservationsError("there are no observations; expected at least one")
+        self.observations = tuple(observations)
+        self.materials = tuple(materials or observation_materials(observations))
+        owners = [(i, j) for i, seen in enumerate(observations) for j in range(len(seen.objects))]
+        self.trajectory_observation = np.array([i for i, _ in owners])
+        self.trajectory_object = np.array([j for _, j in owners])
+        self.trajectory_points = np.array(
+            [
+                int((times_after_start(seen, thing) >= 0.0).sum())
+                for seen in observations
+                for thing in seen.objects
+            ]
+        )
+        self.point_trajectory = np.repeat(np.arange(len(owners)), self.trajectory_points)
+
+    @property
+    def largest_share(self) -> int:
+        """Trials to ask for at once at most where one wants to be able to stop."""
+        return LARGEST_SHARE
+
+    def costs(self, candidates: Sequence[StaticParameters]) -> NDArray[np.float64]:
+        """J of each candidate (Eq. 8), shape (n_candidates,), in m."""
+        return self.distances(candidates).mean(axis=1)
+
+    def observation_costs(self, candidates: Sequence[StaticParameters]) -> NDArray[np.float64]:
+        """Mean D̄ over the objects of each observation, shape (n_candidates, n_observations), m."""
+        distances = self.distances(candidates)
+        objects = np.bincount(self.trajectory_observation, minlength=len(self.observations))
+        sums = np.zeros((len(distances), len(self.observations)))
+        np.add.at(sums.T, self.trajectory_observation, distances.T)
+        return sums / objects
+
+    def distances(self, candidates: Sequence[StaticParameters]) -> NDArray[np.float64]:
+        """D̄ (Eq. 6) of each trajectory, shape (n_candidates, n_trajectories), in m."""
+        count = len(self.observations)
+        by_trial = self.trial_distances(Trials.crossed(candidates, count))
+        by_object = by_trial.reshape(len(candidates), count, -1)
+        return by_object[:, self.trajectory_observation, self.trajectory_object]
+
+    def residuals(self, candidates: Sequence[StaticParameters]) -> NDArray[np.float64]:
+        """Simulated minus observed position, shape (n_candidates, n_points, 3), in m.
+
+        NaN where a world did not simulate to its end.
+        """
+        count = len(self.observations)
+        by_trial = self.trial_residuals(Trials.crossed(candidates, count))
+        points = np.bincount(self.trajectory_observation, self.trajectory_points, count)
+        there = np.arange(by_trial.shape[1]) < points[:, None]
+        return by_trial.reshape(len(candidates), count, -1, 3)[:, there]
+
+    @abstractmethod
+    def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
+        """D̄ (Eq. 6) of each object of each trial, shape (N, O), in m.
+
+        `FAILED_DISTANCE` where a world did not simulate to its end, NaN for objects beyond those
+        that an observation has.
+        """
+
+    @abstractmethod
+    def trial_residuals(self, trials: Trials) -> NDArray[np.float64]:
+        """Simulated minus observed position of each point of each trial, shape (N, P, 3), in m.
+
+        The points of one object after those of the other, each in the order of times. P is the
+        largest number of points of an observation; NaN beyond those that an observation has or a
+        trial wants, and in all points of a world that did not simulate to its end.
+        """
+
+
+MakeCost = Callable[[Sequence[Observation], Simulator, Sequence[str]], Cost]
+"""Makes the J of observations over materials, by a simulator, as `TrajectoryCost` does."""
+
+
+class TrajectoryCost(Cost):
+    """J by simulating in this process, with the observations packed once for many evaluations.
+
+    The simulator is asked at the very times at which the objects were seen, so the interpolation
+    of Eq. 5 has nothing left to do. Points before an observation's start time are left out, as
+    `trajectory.synchronise` leaves out points that the simulated trajectory does not span.
+
+    Parameters
+    ----------
+    observations : Y, at least one
+    simulator : the engine that makes X
+    materials : of the θ_s that will be judged, in their order; by default those of the observations
+    """
+
+    def __init__(
+        self,
+        observations: Sequence[Observation],
+        simulator: Simulator,
+        materials: Sequence[str] | None = None,
+    ) -> None:
+        super().__init__(observations, materials)
+        self._simulator = simulator
+        self._groups = packed_in_groups(self.observations, self.materials)
+        self._row = np.empty(len(self.observations), dtype=np.int64)
+        self._group = np.empty(len(self.observations), dtype=np.int64)
+        for g, group in enumerate(self._groups):
+            self._row[group.members] = np.arange(group.members.size)
+            self._group[group.members] = g
+        self._objects = max(group.seen.shape[1] for group in self._groups)
+        self._points = max(group.points.shape[1] for group in self._groups)
+
+    def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
+        distances = np.full((trials.size, self._objects), np.nan)
+        for part in self._simulated(trials):
+            lengths = np.sqrt(np.einsum("notk,notk->not", part.offsets, part.offsets))
+            lengths[~part.counted] = 0.0
+            # An object that was not seen early enough to count is at no distance.
+            means = lengths.sum(axis=2) / np.maximum(part.counted.sum(axis=2), 1)
+            means[part.failed] = FAILED_DISTANCE
+            means = np.nan_to_num(means, nan=FAILED_DISTANCE, posinf=FAILED_DISTANCE)
+            distances[part.trials, : means.shape[1]] = np.minimum(means, FAILED_DISTANCE)
+        return distances
+
+    def trial_residuals(self, trials: Trials) -> NDArray[np.float64]:
+        residuals = np.full((trials.size, self._points, 3), np.nan)
+        for part in self._simulated(trials):
+            part.offsets[~part.counted] = np.nan
+            part.offsets[part.failed] = np.nan
+            whole = np.full((*part.group.seen[part.rows].shape, 3), np.nan)
+            whole[:, :, : part.offsets.shape[2]] = part.offsets
+            points = part.group.points[part.rows]
+            taken = np.take_along_axis(
+                whole.reshape(part.rows.size, -1, 3), np.maximum(points, 0)[:, :, None], axis=1
+            )
+            taken[points < 0] = np.nan
+            residuals[part.trials, : points.shape[1]] = taken
+        return residuals
+
+    def _simulated(self, trials: Trials) -> Iterator[_Simulated]:
+        for g, group in enumerate(self._groups):
+            members = np.flatnonzero(self._group[trials.observation_index] == g)
+            for part in _chunks(members, LARGEST_CHUNK // group.observed[0].size):
+                some = trials.taken(part)
+                rows = self._row[some.observation_index]
+                yield _Simulated(part, group, rows, *group.simulate(self._simulator, some, rows))
+
+
+@dataclass(frozen=True, eq=False)
+class _Simulated:
+    """Some trials, the group they are in and their rows there; the rest as `simulate` returns."""
+
+    trials: NDArray[np.int64]
+    group: PackedObservations
+    rows: NDArray[np.int64]
+    offsets: NDArray[np.float64]
+    counted: NDArray[np.bool_]
+    failed: NDArray[np.bool_]
+
+
+class InterruptibleCost(Cost):
+    """Another cost, asked in small shares between which it can be stopped.
+
+    Parameters
+    ----------
+    cost : what to ask
+    cancelled : looked at before each share
+
+    Raises
+    ------
+    LearningCancelledError
+        From its methods, when `cancelled` returned True.
+    """
+
+    def __init__(self, cost: Cost, cancelled: Callable[[], bool]) -> None:
+        super().__init__(cost.observations, cost.materials)
+        self._cost = cost
+        self._cancelled = cancelled
+
+    def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
+        return np.concatenate([self._cost.trial_distances(t) for t in self._shares(trials)])
+
+    def trial_residuals(self, trials: Trials) -> NDArray[np.float64]:
+        return np.concatenate([self._cost.trial_residuals(t) for t in self._shares(trials)])
+
+    def _shares(self, trials: Trials) -> Iterator[Trials]:
+        for part in _chunks(np.arange(trials.size), self._cost.largest_share):
+            stop_if(self._cancelled)
+            yield trials.taken(part)
+
+
+def _chunks(indices: NDArray[np.int64], size: int) -> Iterator[NDArray[np.int64]]:
+    step = max(1, size)
+    for first in range(0, indices.size, step):
+        yield indices[first : first + step]

@@ -1,0 +1,1 @@
+"""The learner node, its services and its parameters."""

@@ -1,0 +1,261 @@
+"""The learner as a ROS node: observations in, versions of θ_s out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+
+from intuitive_physics_msgs.msg import Observation as ObservationMessage
+from intuitive_physics_msgs.msg import ResultCode
+from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
+from intuitive_physics_msgs.srv import AddObservation, GetStaticParameters, SetStaticParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.observation import Observation, observation_materials
+from intuitive_physics.simulation import make_simulator
+from intuitive_physics_learner.cost.cluster import CostMaker
+from intuitive_physics_learner.errors import StorageError
+from intuitive_physics_learner.learning_job import Work
+from intuitive_physics_learner.learning_session import LearningOptions
+from intuitive_physics_learner.nodes.learning_services import CODES, AskedSearches
+from intuitive_physics_learner.nodes.parameters import (
+    ONLINE_PREFIX,
+    node_parameters,
+    online_options,
+)
+from intuitive_physics_learner.online.background_learning import BackgroundLearning
+from intuitive_physics_learner.online.worker import FAILED, SEARCHING
+from intuitive_physics_learner.store import ObservationStore
+from intuitive_physics_learner.stored_learning import learn_from_store
+from intuitive_physics_ros.conversions import (
+    observation_from_message,
+    static_parameters_from_message,
+    static_parameters_to_message,
+)
+from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
+from intuitive_physics_ros.input_monitor import InputMonitor
+from intuitive_physics_ros.parameters import declare_parameters
+from intuitive_physics_ros.qos import LATCHED
+from intuitive_physics_ros.result_codes import error_result, ok_result
+from intuitive_physics_ros.run_node import run_node
+
+OBSERVATIONS = QoSProfile(
+    depth=50,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""A learner that starts late, or again, still gets the newest observations."""
+
+STOP_PATIENCE = 2.0
+"""s to wait at the end for a search to stop; it is asked after every batch of candidates."""
+
+
+class LearnerNode(Node):
+    """Stores observations, learns from them when asked and in the background, publishes θ_s."""
+
+    def __init__(self) -> None:
+        super().__init__("learner_node")
+        values = declare_parameters(self, node_parameters())
+        # A cluster shares the work itself.
+        cores = 1 if values["cluster"] else values["cores"] or len(os.sched_getaffinity(0))
+        self._simulator = make_simulator(values["simulator"], threads=cores)
+        self._make_cost = CostMaker(values["cluster"])
+        self._store = ObservationStore(values["database"])
+        self._materials = observation_materials(self._store.observations())
+        self._newest = self._store.newest_parameters()
+        self._input = InputMonitor(self, "~/observation", timeout=None)
+        self._publisher = self.create_publisher(
+            StaticParametersMessage, "~/static_parameters", LATCHED
+        )
+        # Triggered from the thread that watches the background, it calls back in this node's.
+        improved = self.create_guard_condition(self._read_newest)
+        self._background = BackgroundLearning(
+            self._store.path, values["simulator"], improved.trigger
+        )
+        self._searches = AskedSearches(
+            self, self._work, self._message, self._background.stop, self._on_search_ended
+        )
+        self._offer()
+        self._publish()
+        self.get_logger().info(
+            f"{self._store.path} holds {self._store.count()} observations and "
+            f"version {self._newest.version if self._newest else 0} of the static parameters"
+        )
+        self._run_background()
+
+    def destroy_node(self) -> None:
+        """Stop what learns and close the database."""
+        self._background.stop()
+        if not self._searches.stop(STOP_PATIENCE):
+            self.get_logger().warning("the search did not stop in time and is left behind")
+        self._make_cost.close()
+        self._store.close()
+        super().destroy_node()
+
+    def _offer(self) -> None:
+        self.create_subscription(
+            ObservationMessage, "~/observation", self._on_observation, OBSERVATIONS
+        )
+        self.create_service(AddObservation, "~/add_observation", self._on_add_observation)
+        self.create_service(
+            GetStaticParameters, "~/get_static_parameters", self._on_get_static_parameters
+        )
+        self.create_service(
+            SetStaticParameters, "~/set_static_parameters", self._on_set_static_parameters
+        )
+        self.add_post_set_parameters_callback(self._on_parameters_set)
+        diagnostics = Diagnostics(self)
+        diagnostics.add("observation input", self._input.check)
+        diagnostics.add("learning", self._check_learning)
+        diagnostics.add("learning in the background", self._check_background)
+
+    def _on_observation(self, message: ObservationMessage) -> None:
+        try:
+            self._add(observation_from_message(message))
+        except IntuitivePhysicsError as error:
+            self._input.rejected(error)
+        else:
+            self._input.accepted()
+
+    def _on_add_observation(
+        self, request: AddObservation.Request, response: AddObservation.Response
+    ) -> AddObservation.Response:
+        try:
+            response.added = self._add(observation_from_message(request.observation))
+            response.observation_count = self._store.count()
+            response.result = ok_result()
+        except IntuitivePhysicsError as error:
+            response.result = error_result(error, CODES)
+        return response
+
+    def _on_get_static_parameters(
+        self, request: GetStaticParameters.Request, response: GetStaticParameters.Response
+    ) -> GetStaticParameters.Response:
+        current = self._current()
+        if current is None:
+            response.result = ResultCode(
+                value=ResultCode.NOT_READY,
+                message="no material is known yet; add an observation or set static parameters",
+            )
+        else:
+            response.static_parameters = self._message(current)
+            response.result = ok_result()
+        return response
+
+    def _on_set_static_parameters(
+        self, request: SetStaticParameters.Request, response: SetStaticParameters.Response
+    ) -> SetStaticParameters.Response:
+        try:
+            given = static_parameters_from_message(request.static_parameters)
+            stored = self._store.add_parameters(given)
+            self._take_over(stored)
+            self._background.look()
+            response.version = stored.version
+            response.result = ok_result()
+        except IntuitivePhysicsError as error:
+            response.result = error_result(error, CODES)
+        return response
+
+    def _on_parameters_set(self, parameters: Sequence[RosParameter]) -> None:
+        if any(one.name.startswith(ONLINE_PREFIX) for one in parameters):
+            self._run_background()
+
+    def _work(self, options: LearningOptions) -> Work:
+        return lambda on_progress, cancelled: learn_from_store(
+            self._store,
+            self._simulator,
+            options,
+            on_progress=on_progress,
+            cancelled=cancelled,
+            make_cost=self._make_cost,
+        )
+
+    def _on_search_ended(self, learned: LearnedParameters | None) -> None:
+        if learned is not None:
+            self._take_over(learned)
+        self._run_background()
+
+    def _run_background(self) -> None:
+        """Learn in the background, or not, as the parameters say and nothing else runs."""
+        self._background.stop()
+        self._read_newest()
+        if self.get_parameter(ONLINE_PREFIX).value and self._searches.running is None:
+            cores = self.get_parameter(f"{ONLINE_PREFIX}_cores").value
+            priority = self.get_parameter(f"{ONLINE_PREFIX}_priority").value
+            self._background.start(online_options(self), cores, priority)
+
+    def _add(self, observation: Observation) -> bool:
+        added = self._store.add(observation)
+        known = len(self._materials)
+        self._materials = tuple(dict.fromkeys((*self._materials, *observation.materials)))
+        if len(self._materials) > known:
+            self._publish()
+        if added:
+            self._background.look()
+        return added
+
+    def _read_newest(self) -> None:
+        """Take over what the background has stored."""
+        newest = self._store.newest_parameters()
+        if newest is not None and (self._newest is None or newest.version > self._newest.version):
+            self._take_over(newest)
+
+    def _take_over(self, learned: LearnedParameters) -> None:
+        self._newest = learned
+        self._publish()
+
+    def _current(self) -> LearnedParameters | None:
+        """Newest θ_s over all materials that were observed; None while no material is known."""
+        if self._newest is None and not self._materials:
+            return None
+        newest = self._newest or LearnedParameters.defaults(self._materials)
+        return newest.extended(tuple(dict.fromkeys((*newest.materials, *self._materials))))
+
+    def _publish(self) -> None:
+        current = self._current()
+        if current is not None:
+            self._publisher.publish(self._message(current))
+
+    def _message(self, learned: LearnedParameters) -> StaticParametersMessage:
+        return static_parameters_to_message(learned, stamp=self.get_clock().now().to_msg())
+
+    def _check_learning(self) -> Status:
+        try:
+            count = self._store.count()
+        except StorageError as error:
+            return Status(Level.ERROR, str(error))
+        newest = self._newest
+        values = {
+            "observations": count,
+            "version": newest.version if newest else 0,
+            "cost": newest.cost if newest else "",
+        }
+        job = self._searches.running
+        if job is not None:
+            return Status(Level.OK, f"searching, at iteration {job.iteration}", values)
+        return Status(Level.OK, "waiting to be asked", values)
+
+    def _check_background(self) -> Status:
+        if not self.get_parameter(ONLINE_PREFIX).value:
+            return Status(Level.OK, f"off; the parameter {ONLINE_PREFIX} turns it on")
+        if not self._background.running:
+            return Status(Level.OK, "waits for the end of the search that was asked for")
+        report = self._background.report
+        values = {
+            "iteration": report.iteration,
+            "best cost": "" if report.best_cost is None else report.best_cost,
+            "newest improvement": f"version {report.version}" if report.version else "none yet",
+        }
+        if report.state == FAILED:
+            return Status(Level.ERROR, report.message, values)
+        sentence = "searching" if report.state == SEARCHING else "waiting for observations"
+        return Status(Level.OK, sentence, values)
+
+
+def main() -> int:
+    """Run the node until it is told to stop."""
+    return run_node(LearnerNode)

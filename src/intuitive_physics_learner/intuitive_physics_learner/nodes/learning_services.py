@@ -1,0 +1,177 @@
+"""The learner node's service and action that search θ_s because somebody asked."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable
+
+from intuitive_physics_msgs.action import LearnParameters
+from intuitive_physics_msgs.msg import ResultCode
+from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
+from intuitive_physics_msgs.srv import Learn
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+
+from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics_learner.errors import (
+    ClusterError,
+    IncompatibleEnvironmentError,
+    LearningCancelledError,
+    MissingDependencyError,
+    NoObservationsError,
+    StorageError,
+    UnknownMethodError,
+)
+from intuitive_physics_learner.learning_job import JobProgress, LearningJob, Work
+from intuitive_physics_learner.learning_session import LearningOptions
+from intuitive_physics_learner.nodes.parameters import learning_options
+from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_result
+from intuitive_physics_ros.worker_signal import WorkerSignal
+
+CODES: dict[type[BaseException], int] = {
+    NoObservationsError: ResultCode.NO_OBSERVATIONS,
+    UnknownMethodError: ResultCode.UNKNOWN_METHOD,
+    MissingDependencyError: ResultCode.MISSING_DEPENDENCY,
+    LearningCancelledError: ResultCode.CANCELLED,
+    StorageError: ResultCode.STORAGE_FAILED,
+    IncompatibleEnvironmentError: ResultCode.INCOMPATIBLE_ENVIRONMENT,
+    ClusterError: ResultCode.CLUSTER_FAILED,
+}
+
+MakeWork = Callable[[LearningOptions], Work]
+"""Makes what a job runs from what a caller asked for."""
+
+
+class AskedSearches:
+    """Offers `~/learn` and `~/learn_parameters`, one search at a time.
+
+    Parameters
+    ----------
+    node : that offers them
+    make_work : what a search runs, in a thread of its own
+    to_message : θ_s as the node publishes it
+    on_begin : called before a search begins
+    on_end : called in the node's executor when it has ended, with what was learned; None when
+        nothing was
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        make_work: MakeWork,
+        to_message: Callable[[LearnedParameters], StaticParametersMessage],
+        on_begin: Callable[[], None],
+        on_end: Callable[[LearnedParameters | None], None],
+    ) -> None:
+        self._node = node
+        self._make_work = make_work
+        self._to_message = to_message
+        self._on_begin = on_begin
+        self._on_end = on_end
+        self._job: LearningJob | None = None
+        self._changed = WorkerSignal(node)
+        # While a search waits in a callback, others of its group must go on.
+        together = ReentrantCallbackGroup()
+        node.create_service(Learn, "~/learn", self._on_learn, callback_group=together)
+        self._action = ActionServer(
+            node,
+            LearnParameters,
+            "~/learn_parameters",
+            self._on_learn_parameters,
+            callback_group=together,
+            cancel_callback=self._on_cancel,
+        )
+
+    @property
+    def running(self) -> LearningJob | None:
+        """The search that runs."""
+        return None if self._job is None or self._job.done else self._job
+
+    def stop(self, patience: float) -> bool:
+        """Cancel a search that runs and return whether it has ended within so many seconds."""
+        return self._job is None or self._job.stop(patience)
+
+    async def _on_learn(self, request: Learn.Request, response: Learn.Response) -> Learn.Response:
+        try:
+            job = self._start(learning_options(self._node, request.options))
+            await self._watched(job)
+            self._fill(response, job)
+        except Exception as error:
+            response.result = self._refusal(error)
+        return response
+
+    async def _on_learn_parameters(self, goal: ServerGoalHandle) -> LearnParameters.Result:
+        answer = LearnParameters.Result()
+        try:
+            options = learning_options(self._node, goal.request.options)
+            job = self._start(options)
+            answer.cost_history = await self._watched(job, goal, options)
+            self._fill(answer, job)
+        except Exception as error:
+            answer.result = self._refusal(error)
+            goal.canceled() if goal.is_cancel_requested else goal.abort()
+        else:
+            goal.succeed()
+        return answer
+
+    def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
+        # Whoever watches the job sees the request and passes it on.
+        self._changed.set()
+        return CancelResponse.ACCEPT
+
+    def _start(self, options: LearningOptions) -> LearningJob:
+        if self.running is not None:
+            raise RefusedError(
+                ResultCode.BUSY,
+                f"a search runs already and is at iteration {self.running.iteration}; "
+                "wait for its end or cancel it",
+            )
+        self._on_begin()
+        self._job = LearningJob(self._make_work(options), self._changed.set)
+        return self._job
+
+    async def _watched(
+        self,
+        job: LearningJob,
+        goal: ServerGoalHandle | None = None,
+        options: LearningOptions | None = None,
+    ) -> array[float]:
+        """Wait for the end of a job, tell a goal of its progress, return its cost history."""
+        history = array("d")
+        while True:
+            change = self._changed.next()
+            done = job.done
+            progress = job.take_progress()
+            history.extend(progress.new_costs)
+            if goal is not None and options is not None and progress.new_costs:
+                goal.publish_feedback(_feedback(progress, options))
+            if goal is not None and goal.is_cancel_requested:
+                job.cancel()
+            if done:
+                self._on_end(job.learned())
+                return history
+            await change
+
+    def _fill(self, answer: Learn.Response | LearnParameters.Result, job: LearningJob) -> None:
+        answer.iterations = job.iteration
+        answer.computation_time = job.seconds
+        answer.static_parameters = self._to_message(job.result().learned)
+        answer.result = ok_result()
+
+    def _refusal(self, error: Exception) -> ResultCode:
+        if not isinstance(error, IntuitivePhysicsError):
+            self._node.get_logger().error(f"learning failed: {type(error).__name__}: {error}")
+        return error_result(error, CODES)
+
+
+def _feedback(progress: JobProgress, options: LearningOptions) -> LearnParameters.Feedback:
+    return LearnParameters.Feedback(
+        iteration=progress.iteration,
+        max_iterations=options.criteria.max_iterations,
+        best_cost=progress.best_cost,
+        cost_history=array("d", progress.new_costs),
+        time_left=progress.seconds_left,
+    )

@@ -1,0 +1,190 @@
+"""Parameters of the learner node, and what they say about a search."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+from intuitive_physics_msgs.msg import LearningOptions as LearningOptionsMessage
+from intuitive_physics_msgs.msg import ParameterBounds, ResultCode
+from rclpy.node import Node
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.parameter_space import Bounds, ParameterSpace
+from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS
+from intuitive_physics_learner.cost.cluster import WHERE_GUIDE
+from intuitive_physics_learner.learning_session import LearningOptions
+from intuitive_physics_learner.online.improvement import OnlineOptions
+from intuitive_physics_learner.online.priority import PRIORITIES
+from intuitive_physics_learner.search.convergence import ConvergenceCriteria
+from intuitive_physics_learner.search.methods import DEFAULT_METHOD, METHODS
+from intuitive_physics_learner.store.database_path import default_database_path
+from intuitive_physics_ros.conversions import bounds_from_messages
+from intuitive_physics_ros.parameters import Parameter
+from intuitive_physics_ros.result_codes import RefusedError
+
+ONLINE_PREFIX = "online"
+"""Of the parameters that tell how to learn in the background."""
+
+
+def node_parameters() -> tuple[Parameter, ...]:
+    """Parameters of the node; those that are not read-only count from the next search on."""
+    return (
+        Parameter(
+            "database",
+            str(default_database_path()),
+            "SQLite file of observations and learned parameters; made where it does not exist",
+        ),
+        Parameter(
+            "simulator",
+            "auto",
+            f"engine that simulates candidates. {ENGINE_GUIDE}",
+            choices=tuple(SIMULATORS),
+        ),
+        Parameter(
+            "cores",
+            0,
+            "of this machine that a search somebody asked for may use; 0: all",
+            range=(0, 1024),
+        ),
+        Parameter(
+            "cluster",
+            "",
+            f"where a search somebody asked for evaluates J. {WHERE_GUIDE}",
+        ),
+        *_search_parameters(),
+        *_online_parameters(),
+    )
+
+
+def _search_parameters() -> tuple[Parameter, ...]:
+    return (
+        Parameter("method", DEFAULT_METHOD, "of the search", choices=METHODS, read_only=False),
+        Parameter(
+            "max_iterations",
+            2000,
+            "evaluations of the cost J at most",
+            range=(1, 10_000_000),
+            read_only=False,
+        ),
+        Parameter(
+            "max_iterations_without_gain",
+            0,
+            "stop after so many evaluations of J without gain; 0: never for that reason",
+            range=(0, 10_000_000),
+            read_only=False,
+        ),
+        Parameter(
+            "cost_threshold",
+            0.0,
+            "m, stop when J falls below this",
+            range=(0.0, 1000.0),
+            read_only=False,
+        ),
+        Parameter(
+            "time_limit",
+            0.0,
+            "s of wall time for a search at most; 0: no limit",
+            range=(0.0, 1e6),
+            read_only=False,
+        ),
+        Parameter("seed", 0, "of the search's random numbers", range=(0, 2**62), read_only=False),
+    )
+
+
+def _online_parameters() -> tuple[Parameter, ...]:
+    return (
+        Parameter(
+            ONLINE_PREFIX,
+            True,
+            "whether to learn in the background as observations arrive",
+            read_only=False,
+        ),
+        Parameter(
+            f"{ONLINE_PREFIX}_method",
+            DEFAULT_METHOD,
+            "of the search in the background",
+            choices=METHODS,
+            read_only=False,
+        ),
+        Parameter(
+            f"{ONLINE_PREFIX}_cores",
+            1,
+            "cores that learning in the background uses at most",
+            range=(1, os.cpu_count() or 1),
+            read_only=False,
+        ),
+        Parameter(
+            f"{ONLINE_PREFIX}_priority",
+            "idle",
+            "of learning in the background; idle: it gets only what nobody else wants; low: the "
+            "least share of a busy core, but never none",
+            choices=PRIORITIES,
+            read_only=False,
+        ),
+        Parameter(
+            f"{ONLINE_PREFIX}_seconds",
+            30.0,
+            "s of CPU time for searching in the background at most after each new observation",
+            range=(0.1, 1e6),
+            read_only=False,
+        ),
+        Parameter(
+            f"{ONLINE_PREFIX}_iterations_without_gain",
+            OnlineOptions.iterations_without_gain,
+            "evaluations of J without gain after which the background rests until there is news",
+            range=(1, 10_000_000),
+            read_only=False,
+        ),
+    )
+
+
+def online_options(node: Node) -> OnlineOptions:
+    """What the node's parameters say about learning in the background."""
+    return OnlineOptions(
+        method=node.get_parameter(f"{ONLINE_PREFIX}_method").value,
+        seed=node.get_parameter("seed").value,
+        seconds=node.get_parameter(f"{ONLINE_PREFIX}_seconds").value,
+        iterations_without_gain=node.get_parameter(
+            f"{ONLINE_PREFIX}_iterations_without_gain"
+        ).value,
+    )
+
+
+def learning_options(node: Node, message: LearningOptionsMessage) -> LearningOptions:
+    """What a caller asked for; what it left at zero is that of the node.
+
+    Raises
+    ------
+    RefusedError
+        When the bounds are inverted or otherwise not what they must be.
+    InvalidInputError
+        When another number is out of its range.
+    """
+
+    def chosen(name: str) -> Any:
+        return getattr(message, name) or node.get_parameter(name).value
+
+    return LearningOptions(
+        method=chosen("method"),
+        criteria=ConvergenceCriteria(
+            max_iterations=chosen("max_iterations"),
+            max_iterations_without_gain=chosen("max_iterations_without_gain") or None,
+            cost_threshold=chosen("cost_threshold") or None,
+            time_limit=chosen("time_limit") or None,
+        ),
+        seed=chosen("seed"),
+        bounds=_bounds(message.bounds),
+        observation_ids=tuple(message.observation_ids),
+    )
+
+
+def _bounds(messages: Sequence[ParameterBounds]) -> dict[str, Bounds]:
+    try:
+        bounds = bounds_from_messages(messages)
+        # What kinds must be to one another does not depend on the materials.
+        ParameterSpace(("any",), bounds)
+    except InvalidInputError as error:
+        raise RefusedError(ResultCode.INVALID_BOUNDS, str(error)) from None
+    return bounds

@@ -1,0 +1,252 @@
+"""Which parameters the observations can tell, and how well.
+
+Three questions are asked of every parameter at the optimum θ_s of a search:
+
+1. Does J respond? Each parameter is moved over its bounds, all others kept. Where J never rises by
+   more than twice its own standard error, the observations cannot tell the parameter: the density
+   of a lone sphere, a pair that never touches, a friction that never acted.
+2. How sharp is the optimum? Near it the residuals r (simulated minus observed positions) are
+   linear in θ_s. With their Jacobian A over the unit interval of each parameter, their variance
+   σ² and the knowledge that a parameter lies within its bounds (a variance of 1/12), the
+   covariance of θ_s is
+
+       Σ = (Aᵀ A / (σ² τ) + 12 I)⁻¹.
+
+   The residuals of one trajectory are alike from one point to the next (an error of the first
+   state moves them all), so they count as n / τ independent ones, τ being their integrated
+   autocorrelation time. A parameter whose standard deviation is not below half of that of its
+   bounds alone was not learned from the data either.
+3. How far is J as good (see `reach`)? The deviation of a parameter that can be moved by L both ways
+   is at least L / √3. One that can be moved farther to one side than to the other, such as a
+   friction that only has to be large enough, has an interval besides.
+
+All take a handful of simulations for each parameter of each observation that can depend on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.parameter_space import ParameterSpace
+from intuitive_physics_learner.cost.cached_cost import CachedCost
+from intuitive_physics_learner.cost.cancellation import batches, stop_if
+from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE, Cost
+from intuitive_physics_learner.cost.trials import Trials
+from intuitive_physics_learner.search.active_parameters import parameter_influence
+from intuitive_physics_learner.search.parameter_axes import ParameterAxes
+from intuitive_physics_learner.search.reach import ROUNDS, SMALLEST_RESPONSE, UNIFORM, reaches
+
+SCAN_LEVELS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
+"""Where on its interval each parameter is tried."""
+
+JACOBIAN_STEP = 0.01
+"""Of the unit interval, to both sides: large against the kinks of single contacts."""
+
+RESPONSE_THRESHOLD = 2.0
+"""Standard errors of J by which it must rise."""
+
+SMALLEST_NOISE = 1e-4
+"""m; no camera measures better, and the numbers below stay well conditioned."""
+
+ONE_SIDED = 2.0 * UNIFORM
+"""Standard deviations beyond which J is not expected to be as good."""
+
+PRIOR_PRECISION = 12.0
+"""One over the variance of a number known only to lie within the unit interval."""
+
+LARGEST_DEVIATION = 0.5 / np.sqrt(PRIOR_PRECISION)
+"""Standard deviation on the unit interval from which on a parameter is not identified."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """What the observations tell of each parameter, in the order of `parameter_names`.
+
+    Parameters
+    ----------
+    responsive : (|θ_s|,) bool, whether J depends on the parameter at all, within its bounds
+    identified : (|θ_s|,) bool
+    standard_deviations : (|θ_s|,) in the parameter's SI unit, NaN where not identified
+    intervals : (|θ_s|, 2) as `LearnedParameters.intervals`
+    """
+
+    responsive: NDArray[np.bool_]
+    identified: NDArray[np.bool_]
+    standard_deviations: NDArray[np.float64]
+    intervals: NDArray[np.float64]
+
+
+def identification_trials(influence: NDArray[np.bool_]) -> int:
+    """Simulations of single observations that `identify` takes at most.
+
+    Parameters
+    ----------
+    influence : (n_observations, |θ_s|) bool, of the parameters that are asked about
+    """
+    return 2 * len(influence) + (len(SCAN_LEVELS) + 2 + 2 * ROUNDS) * int(influence.sum())
+
+
+def identify(
+    cost: Cost,
+    space: ParameterSpace,
+    parameters: StaticParameters,
+    active: NDArray[np.bool_] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> Identifiability:
+    """Ask of every parameter what the observations tell, around an optimum.
+
+    Parameters
+    ----------
+    cost : J over the observations
+    space : bounds of the search
+    parameters : θ_s that the search found
+    active : (|θ_s|,) bool, which parameters to ask about; the others are taken to have no influence
+        (`active_parameters`); None asks about all
+    cancelled : looked at between batches
+
+    Raises
+    ------
+    LearningCancelledError
+        When `cancelled` returned True.
+    """
+    axes = ParameterAxes(space, parameters)
+    influence = parameter_influence(cost.observations, cost.materials)
+    residuals = cost.residuals([parameters])[0]
+    noise = _Noise(residuals, cost.point_trajectory)
+    asked = np.arange(axes.size) if active is None else np.flatnonzero(active)
+    changes = np.zeros((axes.size, len(SCAN_LEVELS)))
+    # Most parameters are of few observations, and only these are simulated again.
+    saving = CachedCost(cost)
+    changes[asked] = _cost_changes(saving, axes, asked, parameters, cancelled)
+    threshold = max(SMALLEST_RESPONSE, RESPONSE_THRESHOLD * noise.cost_standard_error)
+    rising = np.flatnonzero(changes.max(axis=1) > threshold)
+    deviations = np.full(axes.size, np.inf)
+    if rising.size:
+        squares = _squares_of_slopes(cost, axes, rising, influence[:, rising], cancelled)
+        information = squares / noise.effective_variance(rising.size)
+        covariance = np.linalg.inv(information + PRIOR_PRECISION * np.eye(rising.size))
+        deviations[rising] = np.sqrt(np.diag(covariance))
+    moved = reaches(saving, axes, parameters, influence, deviations, cancelled)
+    deviations = np.maximum(deviations, moved.min(axis=1) / UNIFORM)
+    identified = deviations < LARGEST_DEVIATION
+    deviations[~identified] = np.nan
+    return Identifiability(
+        np.abs(changes).max(axis=1) > SMALLEST_RESPONSE,
+        identified,
+        deviations * axes.slopes,
+        _intervals(axes, moved, deviations),
+    )
+
+
+def _intervals(
+    axes: ParameterAxes, moved: NDArray[np.float64], deviations: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Ends (|θ_s|, 2) of where J is as good, in SI units; NaN where deviations, on the axes, do."""
+    ends = np.full((axes.size, 2), np.nan)
+    for axis in np.flatnonzero(moved.max(axis=1) > ONE_SIDED * deviations):
+        way = np.maximum(moved[axis], UNIFORM * deviations[axis])
+        low, high = np.clip(axes.origin[axis] + way * (-1.0, 1.0), 0.0, 1.0)
+        ends[axis] = axes.value(int(axis), low), axes.value(int(axis), high)
+    return ends
+
+
+class _Noise:
+    """What the residuals at the optimum, shape (n_points, 3), say of the noise."""
+
+    def __init__(self, residuals: NDArray[np.float64], point_trajectory: NDArray[np.int64]) -> None:
+        good = np.isfinite(residuals).all(axis=1)
+        starts = np.flatnonzero(np.diff(point_trajectory[good])) + 1
+        self._parts = [part for part in np.split(residuals[good], starts) if len(part)]
+        self._count = sum(len(part) for part in self._parts)
+        self._autocorrelation_time = _autocorrelation_time(self._parts)
+
+    @property
+    def cost_standard_error(self) -> float:
+        """Standard error of J in m, from how the distances scatter within each trajectory."""
+        if not self._parts:
+            return np.inf
+        lengths = [np.linalg.norm(part, axis=1) for part in self._parts]
+        share = [min(1.0, self._autocorrelation_time / len(part)) for part in self._parts]
+        variances = [part.var() * s for part, s in zip(lengths, share, strict=True)]
+        return float(np.sqrt(np.sum(variances)) / len(self._parts))
+
+    def effective_variance(self, fitted: int) -> float:
+        """σ² τ in m², corrected for the number of parameters that were fitted."""
+        squares = sum(float(np.square(part).sum()) for part in self._parts)
+        independent = 3 * self._count / self._autocorrelation_time
+        variance = squares / (3 * self._count) * independent / max(independent - fitted, 1.0)
+        return max(variance, SMALLEST_NOISE**2) * self._autocorrelation_time
+
+
+def _autocorrelation_time(parts: list[NDArray[np.float64]]) -> float:
+    """Integrated autocorrelation time τ ≥ 1 in points, pooled over trajectories."""
+    power = sum(float(np.square(part).sum()) for part in parts)
+    if power == 0.0:
+        return 1.0
+    time = 1.0
+    for lag in range(1, max(len(part) for part in parts)):
+        product = sum(float((part[lag:] * part[:-lag]).sum()) for part in parts)
+        if product <= 0.0:
+            break
+        time += 2.0 * product / power
+    return time
+
+
+def _cost_changes(
+    cost: Cost,
+    axes: ParameterAxes,
+    chosen: NDArray[np.int64],
+    parameters: StaticParameters,
+    cancelled: Callable[[], bool] | None,
+) -> NDArray[np.float64]:
+    """By how much J changes at each scan level, shape (n_chosen, n_levels), in m."""
+    at_optimum = cost.distances([parameters])[0]
+    lower, upper = axes.lower[chosen, None], axes.upper[chosen, None]
+    places = lower + np.array(SCAN_LEVELS) * (upper - lower)
+    moves = [axes.moved(axis, z) for axis, row in zip(chosen, places, strict=True) for z in row]
+    changes = []
+    for batch in batches(moves, cancelled):
+        distances = cost.distances(batch)
+        # A world that the engine cannot finish says nothing of what the data can tell.
+        distances = np.where(distances < FAILED_DISTANCE, distances, at_optimum)
+        changes.append((distances - at_optimum).mean(axis=1))
+    return np.concatenate(changes).reshape(places.shape)
+
+
+def _squares_of_slopes(
+    cost: Cost,
+    axes: ParameterAxes,
+    chosen: NDArray[np.int64],
+    influence: NDArray[np.bool_],
+    cancelled: Callable[[], bool] | None,
+) -> NDArray[np.float64]:
+    """Aᵀ A (n_chosen, n_chosen) in m², A being the slopes of all residuals along the chosen axes.
+
+    Parameters
+    ----------
+    influence : (n_observations, n_chosen) bool
+    """
+    below = np.maximum(axes.origin - JACOBIAN_STEP, axes.lower)[chosen]
+    above = np.minimum(axes.origin + JACOBIAN_STEP, axes.upper)[chosen]
+    width = above - below
+    moves = [axes.moved(axis, z) for axis, z in zip(chosen, below, strict=True)]
+    moves += [axes.moved(axis, z) for axis, z in zip(chosen, above, strict=True)]
+    squares = np.zeros((chosen.size, chosen.size))
+    for observation, row in enumerate(influence):
+        stop_if(cancelled)
+        own = np.flatnonzero(row & (width > 0.0))
+        if own.size == 0:
+            continue
+        index = np.concatenate([own, own + chosen.size])
+        trials = Trials(moves, index, np.full(index.size, observation))
+        residuals = cost.trial_residuals(trials).reshape(2, own.size, -1)
+        # Points that are not there, or that the simulator did not reach, tell nothing.
+        steps = np.nan_to_num(residuals[1] - residuals[0], posinf=0.0, neginf=0.0)
+        slopes = steps / width[own, None]
+        squares[np.ix_(own, own)] += slopes @ slopes.T
+    return squares

@@ -1,0 +1,246 @@
+"""Parameter search (Algorithm 1): propose θ'_s, simulate, keep what lowers J, until ξ is met."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics_learner.search.convergence import (
+    ConvergenceCriteria,
+    SearchProgress,
+    SearchResult,
+    StopReason,
+)
+from intuitive_physics_learner.search.update_rules import UpdateRule
+
+CostFunction = Callable[[Sequence[StaticParameters]], NDArray[np.float64]]
+"""J of several candidates, shape (n_candidates,), in m."""
+
+LARGEST_BATCH = 50
+"""Candidates evaluated at once at most; between batches a search can be stopped."""
+
+CHECKPOINT_PERIOD = 1.0
+"""s between two states that a search hands out while it runs."""
+
+
+class SearchSpace(Protocol):
+    """What a search needs of `ParameterSpace`, or of a part of it."""
+
+    @property
+    def size(self) -> int:
+        """Number of parameters that are searched."""
+
+    def to_parameters(self, unit: ArrayLike) -> StaticParameters:
+        """Map a point of the unit cube, shape (size,), to θ_s."""
+
+
+class Search(ABC):
+    """A search that can run, be asked for its state, and continue from it exactly."""
+
+    def __init__(self) -> None:
+        self._history: list[float] = []
+        self._gain_iteration = 0
+        self._gain_cost = np.inf
+
+    @property
+    def iterations(self) -> int:
+        """Evaluations of J so far."""
+        return len(self._history)
+
+    @property
+    def best_cost(self) -> float:
+        """J in m of `best_parameters`; infinite before the first evaluation."""
+        return self._history[-1] if self._history else np.inf
+
+    @property
+    @abstractmethod
+    def best_parameters(self) -> StaticParameters:
+        """The estimate of θ_s: that of the lowest J so far, unless the search has a better reason.
+
+        Raises
+        ------
+        InvalidInputError
+            When nothing was evaluated yet.
+        """
+
+    @abstractmethod
+    def step(self, limit: int, relative_gain: float = 0.0) -> int:
+        """Do a piece of work of up to `limit` evaluations of J; return how many there were.
+
+        A gain counts from the part `relative_gain` of J on. None were left to do when it returns 0.
+        """
+
+    def run(
+        self,
+        criteria: ConvergenceCriteria,
+        *,
+        on_progress: Callable[[SearchProgress], None] | None = None,
+        cancelled: Callable[[], bool] | None = None,
+        on_checkpoint: Callable[[dict[str, Any]], None] | None = None,
+        reserve: Callable[[float], float] = lambda seconds: 0.0,
+    ) -> SearchResult:
+        """Step until a criterion is met or `cancelled` returns True; at least one step.
+
+        Iterations of a state that was loaded count, seconds do not.
+
+        Parameters
+        ----------
+        on_checkpoint : called with the `state_dict` at most every `CHECKPOINT_PERIOD`, and at the
+            end
+        reserve : how many seconds of the time limit to leave for what comes after the search, when
+            it has taken so many
+        """
+        began = saved = time.monotonic()
+        reason = None
+        while reason is None:
+            before = self.iterations
+            limit = LARGEST_BATCH
+            if criteria.max_iterations is not None:
+                limit = max(1, min(limit, criteria.max_iterations - before))
+            evaluated = self.step(limit, criteria.relative_gain)
+            seconds = time.monotonic() - began
+            if on_progress is not None and evaluated:
+                on_progress(self._progress_since(before, seconds, criteria))
+            if on_checkpoint is not None and time.monotonic() - saved >= CHECKPOINT_PERIOD:
+                on_checkpoint(self.state_dict())
+                saved = time.monotonic()
+            spent = seconds + reserve(seconds)
+            reason = self._stop_reason(criteria, spent, evaluated == 0, cancelled)
+        if on_checkpoint is not None:
+            on_checkpoint(self.state_dict())
+        return SearchResult(
+            self.best_parameters,
+            self.best_cost,
+            np.array(self._history),
+            reason,
+            time.monotonic() - began,
+        )
+
+    def state_dict(self) -> dict[str, Any]:
+        """Plain data from which a search over the same space and cost continues exactly."""
+        return {
+            "history": list(self._history),
+            "gain_iteration": self._gain_iteration,
+            # JSON has no infinity.
+            "gain_cost": self._gain_cost if self._history else None,
+            **self.own_state(),
+        }
+
+    def load_state(self, state: Mapping[str, Any]) -> None:
+        """Continue from what `state_dict` returned."""
+        self._history = list(state["history"])
+        self._gain_iteration = state["gain_iteration"]
+        self._gain_cost = np.inf if state["gain_cost"] is None else state["gain_cost"]
+        self.load_own_state(state)
+
+    @abstractmethod
+    def own_state(self) -> dict[str, Any]:
+        """What this search adds to the state, as plain data."""
+
+    @abstractmethod
+    def load_own_state(self, state: Mapping[str, Any]) -> None:
+        """Read what `own_state` returned."""
+
+    def _record(self, cost: float, relative_gain: float) -> None:
+        """Count one evaluation of J, that of `best_parameters` being `cost` after it."""
+        self._history.append(cost)
+        if cost < self._gain_cost * (1.0 - relative_gain):
+            self._gain_cost = cost
+            self._gain_iteration = self.iterations
+
+    def _stop_reason(
+        self,
+        criteria: ConvergenceCriteria,
+        seconds: float,
+        exhausted: bool,
+        cancelled: Callable[[], bool] | None,
+    ) -> StopReason | None:
+        without_gain = self.iterations - self._gain_iteration
+        if cancelled is not None and cancelled():
+            return StopReason.CANCELLED
+        if criteria.cost_threshold is not None and self.best_cost < criteria.cost_threshold:
+            return StopReason.COST_THRESHOLD
+        if _reached(self.iterations, criteria.max_iterations):
+            return StopReason.MAX_ITERATIONS
+        if _reached(without_gain, criteria.max_iterations_without_gain):
+            return StopReason.NO_GAIN
+        if _reached(seconds, criteria.time_limit):
+            return StopReason.TIME_LIMIT
+        return StopReason.EXHAUSTED if exhausted else None
+
+    def _progress_since(
+        self, before: int, seconds: float, criteria: ConvergenceCriteria
+    ) -> SearchProgress:
+        left = np.inf
+        if criteria.time_limit is not None:
+            left = max(0.0, criteria.time_limit - seconds)
+        if criteria.max_iterations is not None:
+            pace = seconds / max(1, self.iterations)
+            left = min(left, pace * max(0, criteria.max_iterations - self.iterations))
+        return SearchProgress(
+            self.iterations, self.best_cost, tuple(self._history[before:]), seconds, float(left)
+        )
+
+
+class ParameterSearch(Search):
+    """Algorithm 1 with an update rule.
+
+    Parameters
+    ----------
+    cost : J, evaluated in batches
+    space : maps the rule's unit cube to θ_s
+    rule : update rule of the size of the space
+    """
+
+    def __init__(self, cost: CostFunction, space: SearchSpace, rule: UpdateRule) -> None:
+        super().__init__()
+        if rule.size != space.size:
+            raise InvalidInputError(
+                f"update rule searches {rule.size} parameters; expected {space.size}"
+            )
+        self._cost = cost
+        self._space = space
+        self._rule = rule
+        self._best_point: NDArray[np.float64] | None = None
+
+    @property
+    def best_parameters(self) -> StaticParameters:
+        if self._best_point is None:
+            raise InvalidInputError("nothing was evaluated yet; expected step() or run() first")
+        return self._space.to_parameters(self._best_point)
+
+    def step(self, limit: int, relative_gain: float = 0.0) -> int:
+        """Evaluate up to `limit` candidates at once; return how many there were."""
+        points = self._rule.ask(limit)
+        if len(points) == 0:
+            return 0
+        costs = self._cost([self._space.to_parameters(point) for point in points])
+        self._rule.tell(costs)
+        for point, cost in zip(points, costs.tolist(), strict=True):
+            if cost < self.best_cost:
+                self._best_point = point
+            self._record(min(cost, self.best_cost), relative_gain)
+        return len(points)
+
+    def own_state(self) -> dict[str, Any]:
+        point = self._best_point
+        return {
+            "rule": self._rule.state_dict(),
+            "best_point": None if point is None else point.tolist(),
+        }
+
+    def load_own_state(self, state: Mapping[str, Any]) -> None:
+        self._rule.load_state(state["rule"])
+        point = state["best_point"]
+        self._best_point = None if point is None else np.array(point)
+
+
+def _reached(value: float, limit: float | None) -> bool:
+    return limit is not None and value >= limit

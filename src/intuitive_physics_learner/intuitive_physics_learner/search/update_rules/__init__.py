@@ -1,0 +1,91 @@
+"""Update rules of the parameter search (Sec. III-D), with the settings of Table I as defaults."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from intuitive_physics_learner.errors import UnknownMethodError
+from intuitive_physics_learner.search.update_rules.adaptive_random_search import (
+    AdaptiveRandomSearch,
+)
+from intuitive_physics_learner.search.update_rules.cma_es import CmaEs
+from intuitive_physics_learner.search.update_rules.coordinate_descent import CoordinateDescent
+from intuitive_physics_learner.search.update_rules.grid_search import GridSearch
+from intuitive_physics_learner.search.update_rules.hybrid_random_search import HybridRandomSearch
+from intuitive_physics_learner.search.update_rules.hybrid_search import HybridSearch
+from intuitive_physics_learner.search.update_rules.metropolis_hastings import MetropolisHastings
+from intuitive_physics_learner.search.update_rules.parameter_gradient_search import (
+    ParameterGradientSearch,
+)
+from intuitive_physics_learner.search.update_rules.random_search import RandomSearch
+from intuitive_physics_learner.search.update_rules.restarted_cma_es import RestartedCmaEs
+from intuitive_physics_learner.search.update_rules.separable_cma_es import SeparableCmaEs
+from intuitive_physics_learner.search.update_rules.update_rule import UpdateRule
+
+__all__ = [
+    "FURTHER_RULES",
+    "UPDATE_RULES",
+    "HybridRandomSearch",
+    "UpdateRule",
+    "make_update_rule",
+]
+
+UPDATE_RULES: dict[str, type[UpdateRule]] = {
+    rule.name: rule
+    for rule in (
+        GridSearch,
+        RandomSearch,
+        CoordinateDescent,
+        ParameterGradientSearch,
+        AdaptiveRandomSearch,
+        HybridSearch,
+        HybridRandomSearch,
+        MetropolisHastings,
+        CmaEs,
+    )
+}
+"""The paper's nine."""
+
+FURTHER_RULES: dict[str, type[UpdateRule]] = {
+    rule.name: rule for rule in (SeparableCmaEs, RestartedCmaEs)
+}
+"""For what the nine are not made for: hundreds of parameters, many local optima."""
+
+_ALL_RULES = {**UPDATE_RULES, **FURTHER_RULES}
+
+
+def make_update_rule(
+    name: str,
+    size: int,
+    generator: np.random.Generator,
+    start: ArrayLike | None = None,
+    **settings: Any,
+) -> UpdateRule:
+    """Return the update rule of that name.
+
+    Parameters
+    ----------
+    name : one of `UPDATE_RULES` or `FURTHER_RULES`
+    size : number of parameters n
+    generator : the only source of randomness; owned by the rule from now on
+    start : (n,) point of the unit cube proposed before all others
+    settings : as the rule's constructor takes them
+
+    Raises
+    ------
+    UnknownMethodError
+        When the name is none of these.
+    """
+    check_method(name)
+    return _ALL_RULES[name](size, generator, start, **settings)
+
+
+def check_method(name: str) -> None:
+    """Raise `UnknownMethodError` when no update rule has that name."""
+    if name not in _ALL_RULES:
+        raise UnknownMethodError(
+            f"method is {name!r}; expected one of {', '.join(sorted(_ALL_RULES))}"
+        )

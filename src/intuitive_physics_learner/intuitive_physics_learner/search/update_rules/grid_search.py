@@ -1,0 +1,62 @@
+"""Grid search (Sec. III-D): every combination of values on a regular grid."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics_learner.search.update_rules.update_rule import UpdateRule
+
+GENERATION = 50
+
+
+class GridSearch(UpdateRule):
+    """Counts through the grid, the first parameter changing fastest.
+
+    Parameters
+    ----------
+    increment : δp, step of each parameter on the unit interval (Table I: 0.05)
+    """
+
+    name = "grid"
+
+    def __init__(
+        self,
+        size: int,
+        generator: np.random.Generator,
+        start: ArrayLike | None = None,
+        *,
+        increment: float = 0.05,
+    ) -> None:
+        super().__init__(size, generator, start, increment=increment)
+        self._levels = grid_levels(self.settings["increment"])
+        self._next = 0
+
+    def propose(self) -> NDArray[np.float64]:
+        # Python's whole numbers: the grid has up to 21^945 points.
+        last = min(self._next + GENERATION, self._levels.size**self.size)
+        points = np.full((last - self._next, self.size), self._levels[0])
+        for row, number in enumerate(range(self._next, last)):
+            axis = 0
+            while number:
+                number, digit = divmod(number, self._levels.size)
+                points[row, axis] = self._levels[digit]
+                axis += 1
+        return points
+
+    def update(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> None:
+        if self._generation_count > 0 or self._start is None:
+            self._next += len(points)
+
+    def own_state(self) -> dict[str, Any]:
+        return {"next": self._next}
+
+    def load_own_state(self, state: dict[str, Any]) -> None:
+        self._next = state["next"]
+
+
+def grid_levels(increment: float) -> NDArray[np.float64]:
+    """Values 0, δp, 2 δp … up to 1, shape (n_levels,)."""
+    return np.minimum(np.arange(int(1.0 / increment + 1e-9) + 1) * increment, 1.0)

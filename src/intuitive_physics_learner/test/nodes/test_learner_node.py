@@ -1,0 +1,654 @@
+"""The learner node as others see it: a process of its own, spoken to over DDS."""
+
+import math
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rclpy
+from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticArray
+from intuitive_physics_msgs.action import LearnParameters
+from intuitive_physics_msgs.msg import (
+    LearningOptions,
+    Observation,
+    ParameterBounds,
+    ResultCode,
+    StaticParameters,
+)
+from intuitive_physics_msgs.srv import (
+    AddObservation,
+    GetStaticParameters,
+    Learn,
+    SetStaticParameters,
+)
+from rcl_interfaces.srv import SetParameters
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import parameter_names
+from intuitive_physics.scene import Environment, Plane
+from intuitive_physics.simulation import make_simulator
+from intuitive_physics_learner import ConvergenceCriteria, ObservationStore, learn_from_store
+from intuitive_physics_learner import LearningOptions as SearchOptions
+from intuitive_physics_ros.conversions import (
+    observation_to_message,
+    static_parameters_from_message,
+    static_parameters_to_message,
+)
+
+PATIENCE = 20.0
+"""Seconds to wait for what takes well under one, on a machine that is busy with other things."""
+
+LATCHED = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+SOON = "from intuitive_physics_learner import cluster; cluster.CONNECT_TIMEOUT = 0.5"
+"""Done before a node's start: it does not wait long for a cluster."""
+
+ENDLESS = LearningOptions(method="random", max_iterations=10**7)
+
+REPEAT_AFTER = 2.0
+"""Seconds after which a greeting that was not answered is sent again."""
+
+GREETINGS = {
+    AddObservation: AddObservation.Request(),
+    GetStaticParameters: GetStaticParameters.Request(),
+    SetStaticParameters: SetStaticParameters.Request(
+        static_parameters=StaticParameters(materials=["without values"])
+    ),
+    Learn: Learn.Request(options=LearningOptions(method="none")),
+}
+"""For each service a request that changes nothing, so that it can be sent more than once."""
+
+
+class NodeProcess:
+    """The learner node, running on a database of the test's, and what it has written so far.
+
+    It learns by CMA-ES, whose iterations are easily counted, and in the background only where a
+    test says so. `first` is done before its start.
+    """
+
+    def __init__(self, database, *parameters, first=""):
+        arguments = [f"database:={database}", "method:=cma_es", "online:=false", *parameters]
+        ros_arguments = [word for one in arguments for word in ("-p", one)]
+        main = f"""{first}
+from intuitive_physics_learner.nodes.learner_node import main
+raise SystemExit(main())"""
+        self.process = subprocess.Popen(
+            [sys.executable, "-u", "-c", main, "--ros-args", *ros_arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        self.text = ""
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def _read(self):
+        for line in self.process.stdout:
+            self.text += line
+
+    def stop(self, number=signal.SIGINT):
+        """Send a signal, wait for the end and return the exit code."""
+        self.process.send_signal(number)
+        return self.end()
+
+    def end(self):
+        code = self.process.wait(PATIENCE)
+        self._reader.join(PATIENCE)
+        return code
+
+
+class Caller:
+    """A node of the test's own, and what it hears and calls.
+
+    A server discovers a client's reader of replies on its own, possibly after the client sees the
+    service as ready, and drops what it has to say until then. So each service is greeted before its
+    first use, again and again until it answers; what a test asks is sent once and must be answered.
+    """
+
+    def __init__(self):
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.node = rclpy.create_node("caller", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.published = []
+        self.diagnostics = []
+        self.node.create_subscription(
+            StaticParameters, "/learner_node/static_parameters", self.published.append, LATCHED
+        )
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnostics.append, 10)
+        self.observations = self.node.create_publisher(
+            Observation, "/learner_node/observation", LATCHED
+        )
+        self.services = {
+            kind: self.node.create_client(kind, f"/learner_node/{name}")
+            for kind, name in (
+                (AddObservation, "add_observation"),
+                (GetStaticParameters, "get_static_parameters"),
+                (SetStaticParameters, "set_static_parameters"),
+                (Learn, "learn"),
+            )
+        }
+        self.set_parameters = self.node.create_client(SetParameters, "/learner_node/set_parameters")
+        self.action = ActionClient(self.node, LearnParameters, "/learner_node/learn_parameters")
+        self.greeted = set()
+
+    def close(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def spin_until(self, holds, patience=PATIENCE):
+        deadline = time.monotonic() + patience
+        while not holds():
+            assert time.monotonic() < deadline, "waited in vain"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def ask_until_answered(self, send):
+        """Return the first answer to a request that is sent again while there is none."""
+        sent, sent_at = [], -math.inf
+
+        def answered():
+            nonlocal sent_at
+            if time.monotonic() > sent_at + REPEAT_AFTER:
+                sent_at = time.monotonic()
+                sent.append(send())
+            return any(future.done() for future in sent)
+
+        self.spin_until(answered)
+        return next(future.result() for future in sent if future.done())
+
+    def greet(self, kind):
+        """Make sure that a service's answers arrive."""
+        if kind not in self.greeted:
+            client = self.services[kind]
+            self.spin_until(client.service_is_ready)
+            self.ask_until_answered(lambda: client.call_async(GREETINGS[kind]))
+            self.greeted.add(kind)
+
+    def set_parameter(self, name, value):
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        self.spin_until(self.set_parameters.service_is_ready)
+        request = SetParameters.Request(parameters=[parameter])
+        answer = self.ask_until_answered(lambda: self.set_parameters.call_async(request))
+        assert answer.results[0].successful, answer.results[0].reason
+
+    def greet_action(self):
+        """Make sure that the answers to goals and to questions for their results arrive."""
+        if LearnParameters not in self.greeted:
+            goal = LearnParameters.Goal(options=LearningOptions(method="none"))
+            self.spin_until(self.action.server_is_ready)
+            refused = self.ask_until_answered(lambda: self.action.send_goal_async(goal))
+            self.ask_until_answered(refused.get_result_async)
+            self.greeted.add(LearnParameters)
+
+    def start_call(self, kind, **fields):
+        self.greet(kind)
+        return self.services[kind].call_async(kind.Request(**fields))
+
+    def call(self, kind, **fields):
+        future = self.start_call(kind, **fields)
+        self.spin_until(future.done)
+        return future.result()
+
+    def add(self, observation):
+        return self.call(AddObservation, observation=observation_to_message(observation))
+
+    def start_goal(self, options, feedback=None):
+        """Send a goal and return its handle and the future of its result."""
+        self.greet_action()
+        sent = self.action.send_goal_async(
+            LearnParameters.Goal(options=options),
+            None if feedback is None else lambda m: feedback.append(m.feedback),
+        )
+        self.spin_until(sent.done)
+        assert sent.result().accepted
+        return sent.result(), sent.result().get_result_async()
+
+    def result_of(self, future):
+        self.spin_until(future.done)
+        return future.result()
+
+
+def state_and_parent(pid):
+    """State letter and parent of a process; of one that has gone, what a zombie has."""
+    try:
+        state, parent = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[:2]
+    except OSError:
+        return "Z", 0
+    return state, int(parent)
+
+
+def children_of(node):
+    """Process ids of what a node has started and what still runs."""
+    pids = [int(path.name) for path in Path("/proc").glob("[0-9]*")]
+    parent = node.process.pid
+    return [pid for pid in pids if alive(pid) and state_and_parent(pid)[1] == parent]
+
+
+def alive(pid):
+    return state_and_parent(pid)[0] != "Z"
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Start learner nodes on one database; none outlives its test."""
+    started = []
+
+    def start_one(*parameters, database=tmp_path / "learner.sqlite3", first=""):
+        started.append(NodeProcess(database, *parameters, first=first))
+        return started[-1]
+
+    start_one.nodes = started
+    yield start_one
+    for node in started:
+        if node.process.poll() is None:
+            node.stop(signal.SIGKILL)
+        assert "Traceback" not in node.text, node.text
+
+
+@pytest.fixture
+def caller():
+    made = Caller()
+    yield made
+    made.close()
+
+
+def test_learns_what_made_the_observations(start, caller, throws, true_parameters):
+    start("max_iterations:=1500", "seed:=3")
+    answer = caller.call(GetStaticParameters)
+    assert answer.result.value == ResultCode.NOT_READY
+    assert "add an observation" in answer.result.message
+    answer = caller.call(Learn)
+    assert answer.result.value == ResultCode.NO_OBSERVATIONS
+    assert caller.published == []
+
+    observed = throws(8, 3)
+    for count, one in enumerate(observed[:7], 1):
+        answer = caller.add(one)
+        assert (answer.result.value, answer.added) == (ResultCode.OK, True)
+        assert answer.observation_count == count
+    again = caller.add(observed[0])
+    assert (again.result.value, again.added, again.observation_count) == (0, False, 7)
+    # The eighth comes by topic.
+    caller.observations.publish(observation_to_message(observed[7]))
+    caller.spin_until(lambda: caller.add(observed[0]).observation_count == 8)
+    caller.spin_until(lambda: caller.published)
+    assert caller.published[-1].version == 0
+    assert list(caller.published[-1].materials) == ["ball", "floor"]
+
+    answer = caller.call(Learn)
+    assert answer.result.value == ResultCode.OK, answer.result.message
+    assert answer.iterations == 1500
+    assert answer.computation_time > 0.0
+    learned = static_parameters_from_message(answer.static_parameters)
+    assert (learned.version, learned.observation_count, learned.method) == (1, 8, "cma_es")
+    got = learned.parameters.pair("ball", "floor")["restitution"]
+    assert got == pytest.approx(true_parameters.pair("ball", "floor")["restitution"], abs=0.02)
+    assert learned.identified[parameter_names(learned.materials).index("restitution[ball, floor]")]
+    assert not learned.identified[0]
+    caller.spin_until(lambda: caller.published[-1].version == 1)
+    assert caller.call(GetStaticParameters).static_parameters.version == 1
+    # One who comes late hears it too.
+    late = Caller()
+    late.spin_until(lambda: late.published)
+    assert late.published[0].version == 1
+    late.close()
+
+
+def test_wrong_requests_get_their_codes(start, caller, glides, boxed):
+    start("max_iterations:=10", "simulator:=event_driven")
+    observation = glides(np.random.default_rng(0), 0.5)
+    assert caller.add(observation).result.value == ResultCode.OK
+
+    def code(**options):
+        return caller.call(Learn, options=LearningOptions(**options)).result
+
+    unknown = code(method="magic")
+    assert unknown.value == ResultCode.UNKNOWN_METHOD
+    assert "cma_es" in unknown.message
+    inverted = ParameterBounds(kind="restitution", lower=0.9, upper=0.1)
+    assert code(bounds=[inverted]).value == ResultCode.INVALID_BOUNDS
+    assert "expected lower ≤ upper" in code(bounds=[inverted]).message
+    crossed = ParameterBounds(kind="dynamic_friction", lower=0.5, upper=0.9)
+    assert code(bounds=[crossed]).value == ResultCode.INVALID_BOUNDS
+    nameless = ParameterBounds(kind="colour", lower=0.1, upper=0.9)
+    assert code(bounds=[nameless]).value == ResultCode.INVALID_BOUNDS
+    assert code(observation_ids=["nobody"]).value == ResultCode.UNKNOWN_NAME
+    assert code(time_limit=math.nan).value == ResultCode.INVALID_INPUT
+    assert code(cost_threshold=-1.0).value == ResultCode.INVALID_INPUT
+    assert code().value == ResultCode.OK
+
+    broken = observation_to_message(replace(observation, id="broken"))
+    broken.objects[0].positions = broken.objects[0].positions[:-1]
+    answer = caller.call(AddObservation, observation=broken)
+    assert answer.result.value == ResultCode.INVALID_INPUT
+    assert "positions" in answer.result.message
+    answer = caller.call(SetStaticParameters, static_parameters=StaticParameters(materials=["a"]))
+    assert answer.result.value == ResultCode.INVALID_INPUT
+    assert caller.add(boxed).added
+    assert code(observation_ids=["boxed"]).value == ResultCode.UNSUPPORTED_SCENE
+    _, result = caller.start_goal(LearningOptions(method="magic"))
+    assert caller.result_of(result).status == GoalStatus.STATUS_ABORTED
+    assert caller.result_of(result).result.result.value == ResultCode.UNKNOWN_METHOD
+
+
+def test_environment_that_the_engine_cannot_simulate(start, caller, glides):
+    start("simulator:=bullet")
+    corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    table = Environment([Plane("table", "floor", [0, 0, 1], 0.0, boundary=corners)])
+    seen = glides(np.random.default_rng(0), 0.5)
+    assert caller.add(replace(seen, environment=table)).added
+    result = caller.call(Learn).result
+    assert result.value == ResultCode.INCOMPATIBLE_ENVIRONMENT
+    assert "plane table has a boundary" in result.message
+
+
+def test_packages_that_are_not_installed(start, caller, glides):
+    start(first="import sys; sys.modules['cma'] = None")
+    caller.add(glides(np.random.default_rng(0), 0.5))
+    result = caller.call(Learn, options=LearningOptions(method="cma_es")).result
+    assert result.value == ResultCode.MISSING_DEPENDENCY
+    assert "pip install cma" in result.message
+
+
+def test_a_cluster_without_its_package_stops_it_with_one_line(start):
+    node = start("cluster:=local:2", first="import sys; sys.modules['distributed'] = None")
+    assert node.end() == 1
+    (told,) = [line for line in node.text.splitlines() if "error" in line]
+    assert "pip install distributed" in told
+
+
+def test_a_cluster_that_is_not_there(start, caller, glides):
+    start("cluster:=127.0.0.1:9", first=SOON)
+    caller.add(glides(np.random.default_rng(0), 0.5))
+    result = caller.call(Learn).result
+    assert result.value == ResultCode.CLUSTER_FAILED
+    assert "does not answer" in result.message
+
+
+def test_a_mistake_of_ours_is_an_internal_error(start, caller, glides):
+    broken = "from intuitive_physics_learner import learning_session; learning_session.identify = 0"
+    start("max_iterations:=5", first=broken)
+    caller.add(glides(np.random.default_rng(0), 0.5))
+    result = caller.call(Learn).result
+    assert result.value == ResultCode.INTERNAL_ERROR
+    assert "TypeError" in result.message
+
+
+def test_two_processes_learn_the_same_as_one(start, caller, throws, tmp_path):
+    node = start("simulator:=event_driven", "cluster:=local:2")
+    for one in throws(5, 0):
+        caller.add(one)
+    options = LearningOptions(max_iterations=300, seed=1)
+    future = caller.start_call(Learn, options=options)
+    # Two processes start first.
+    caller.spin_until(future.done, 60.0)
+    spread = future.result()
+    assert spread.result.value == ResultCode.OK, spread.result.message
+    learned = static_parameters_from_message(spread.static_parameters)
+    # As Ctrl-C does, which reaches the processes of the cluster too.
+    os.killpg(node.process.pid, signal.SIGINT)
+    assert node.end() == 0
+    with ObservationStore(tmp_path / "alone.sqlite3") as store:
+        store.add_all(throws(5, 0))
+        asked = SearchOptions(method="cma_es", criteria=ConvergenceCriteria(300), seed=1)
+        alone = learn_from_store(store, make_simulator("event_driven"), asked).learned
+    assert learned.to_dict() == alone.to_dict()
+
+
+def test_observations_of_the_topic_that_are_wrong_are_told_of(start, caller, glides):
+    start()
+    broken = observation_to_message(glides(np.random.default_rng(0), 0.5))
+    broken.objects[0].times = []
+    caller.spin_until(lambda: caller.observations.get_subscription_count() == 1)
+    caller.observations.publish(broken)
+
+    def told():
+        return any(
+            "observation input" in status.name and "rejected" in status.message
+            for message in caller.diagnostics
+            for status in message.status
+        )
+
+    caller.spin_until(told)
+    assert caller.call(Learn).result.value == ResultCode.NO_OBSERVATIONS
+
+
+def test_stays_responsive_and_busy_while_it_learns(start, caller, throws):
+    start()
+    for one in throws(6, 0):
+        caller.add(one)
+    feedback = []
+    goal, result = caller.start_goal(ENDLESS, feedback)
+    caller.spin_until(lambda: feedback)
+    caller.greet(GetStaticParameters)
+    waits = []
+    for _ in range(20):
+        began = time.monotonic()
+        assert caller.call(GetStaticParameters).result.value == ResultCode.OK
+        waits.append(time.monotonic() - began)
+    assert max(waits) < 0.5, waits
+    busy = caller.call(Learn).result
+    assert busy.value == ResultCode.BUSY
+    assert "iteration" in busy.message
+    _, refused = caller.start_goal(ENDLESS)
+    assert caller.result_of(refused).result.result.value == ResultCode.BUSY
+    # Observations are stored meanwhile.
+    assert caller.add(throws(1, 9)[0]).observation_count == 7
+
+    began = time.monotonic()
+    goal.cancel_goal_async()
+    answer = caller.result_of(result)
+    assert time.monotonic() - began < 2.0
+    assert answer.status == GoalStatus.STATUS_CANCELED
+    assert answer.result.result.value == ResultCode.CANCELLED
+    assert answer.result.iterations > 0
+    assert caller.call(GetStaticParameters).static_parameters.version == 0
+    # And it learns again.
+    answer = caller.call(Learn, options=LearningOptions(max_iterations=20))
+    assert (answer.result.value, answer.static_parameters.version) == (ResultCode.OK, 1)
+
+
+def test_action_tells_its_progress(start, caller, throws):
+    start()
+    for one in throws(6, 0):
+        caller.add(one)
+    feedback = []
+    options = LearningOptions(method="hybrid_random", max_iterations=3000, seed=1)
+    _, result = caller.start_goal(options, feedback)
+    answer = caller.result_of(result)
+    assert answer.status == GoalStatus.STATUS_SUCCEEDED
+    assert answer.result.result.value == ResultCode.OK
+    history = answer.result.cost_history
+    assert len(history) == answer.result.iterations == 3000
+    assert list(history) == sorted(history, reverse=True)
+    caller.spin_until(lambda: feedback[-1].iteration == 3000)
+    assert [cost for one in feedback for cost in one.cost_history] == list(history)
+    assert all(one.max_iterations == 3000 for one in feedback)
+    assert feedback[-1].time_left == 0.0
+    assert answer.result.static_parameters.version == 1
+
+
+def test_takes_over_parameters(start, caller):
+    start()
+    given = static_parameters_to_message(LearnedParameters.defaults(["ice", "steel"]))
+    answer = caller.call(SetStaticParameters, static_parameters=given)
+    assert (answer.result.value, answer.version) == (ResultCode.OK, 1)
+    caller.spin_until(lambda: caller.published and caller.published[-1].version == 1)
+    assert list(caller.published[-1].materials) == ["ice", "steel"]
+
+
+def test_nothing_is_lost_by_kill_9(start, caller, throws):
+    node = start()
+    for one in throws(3, 0):
+        caller.add(one)
+    before = caller.call(Learn, options=LearningOptions(max_iterations=50)).static_parameters
+    caller.start_goal(ENDLESS)
+    assert caller.add(throws(1, 9)[0]).added
+    assert node.stop(signal.SIGKILL) == -signal.SIGKILL
+    caller.close()
+
+    start()
+    again = Caller()
+    again.spin_until(lambda: again.published)
+    after = static_parameters_from_message(again.published[0])
+    assert after.to_dict() == static_parameters_from_message(before).to_dict()
+    assert again.add(throws(1, 10)[0]).observation_count == 5
+    again.close()
+
+
+def test_a_search_that_was_killed_goes_on(start, caller, throws, tmp_path):
+    options = LearningOptions(method="random", max_iterations=30_000, seed=4)
+    node = start("simulator:=event_driven")
+    observed = throws(8, 0)
+    for one in observed:
+        caller.add(one)
+    feedback = []
+    caller.start_goal(options, feedback)
+    # It says where it stands once a second, for the first time after one.
+    began = time.monotonic()
+    caller.spin_until(lambda: feedback and time.monotonic() > began + 1.5)
+    assert node.stop(signal.SIGKILL) == -signal.SIGKILL
+    assert feedback[-1].iteration < 30_000
+    caller.close()
+
+    start("simulator:=event_driven")
+    again = Caller()
+    again.greet(GetStaticParameters)
+    feedback = []
+    _, result = again.start_goal(options, feedback)
+    answer = again.result_of(result).result
+    assert answer.result.value == ResultCode.OK, answer.result.message
+    assert answer.iterations == 30_000
+    # Only what was done after the kill is new.
+    assert 0 < len(answer.cost_history) < 30_000
+    with ObservationStore(tmp_path / "whole.sqlite3") as store:
+        store.add_all(observed)
+        asked = SearchOptions("random", ConvergenceCriteria(30_000), seed=4)
+        whole = learn_from_store(store, make_simulator("event_driven"), asked).learned
+    assert static_parameters_from_message(answer.static_parameters).to_dict() == whole.to_dict()
+    again.close()
+
+
+def background_told(caller):
+    """What the newest diagnostics say about learning in the background."""
+    for message in reversed(caller.diagnostics):
+        for status in message.status:
+            if status.name.endswith("learning in the background"):
+                return status.message
+    return ""
+
+
+def test_learns_in_the_background_as_observations_arrive(start, caller, throws, true_parameters):
+    start("online:=true", "online_seconds:=4.0", "online_priority:=normal")
+    caller.spin_until(lambda: caller.observations.get_subscription_count() == 1)
+    for one in throws(6, 0, noise=0.003):
+        caller.observations.publish(observation_to_message(one))
+    caller.spin_until(lambda: caller.published and caller.published[-1].version >= 1, 60.0)
+    caller.spin_until(lambda: background_told(caller) == "waiting for observations", 60.0)
+    newest = caller.call(GetStaticParameters).static_parameters
+    assert caller.published[-1].version == newest.version
+    on_the_same = [one.cost for one in caller.published if one.observation_count == 6]
+    assert on_the_same == sorted(on_the_same, reverse=True)
+    learned = static_parameters_from_message(newest)
+    got = learned.parameters.pair("ball", "floor")["restitution"]
+    assert got == pytest.approx(true_parameters.pair("ball", "floor")["restitution"], abs=0.02)
+
+
+def test_the_background_gives_way_and_can_be_turned_off_and_on(start, caller, throws):
+    endless = (
+        "online_seconds:=100000.0",
+        "online_iterations_without_gain:=10000000",
+        "online_method:=random",
+        "online_priority:=normal",
+    )
+    start("online:=true", *endless)
+    for one in throws(6, 0):
+        caller.add(one)
+    caller.spin_until(lambda: background_told(caller) == "searching", 60.0)
+    _, result = caller.start_goal(LearningOptions(method="random", max_iterations=20_000))
+    caller.spin_until(lambda: background_told(caller).startswith("waits for the end"))
+    assert caller.result_of(result).result.result.value == ResultCode.OK
+    caller.spin_until(lambda: background_told(caller) == "searching", 60.0)
+    workers = children_of(start.nodes[0])
+    assert len(workers) == 1
+    caller.set_parameter("online", False)
+    caller.spin_until(lambda: not children_of(start.nodes[0]), 1.0)
+    caller.spin_until(lambda: background_told(caller).startswith("off"))
+    caller.set_parameter("online", True)
+    caller.spin_until(lambda: background_told(caller) == "searching", 60.0)
+    assert start.nodes[0].stop() == 0
+    caller.spin_until(lambda: not any(map(alive, workers)))
+
+
+def test_full_disk(start, caller, glides):
+    node = start()
+    generator = np.random.default_rng(0)
+    assert caller.add(glides(generator, 0.5)).added
+    # No file of the node may grow any more: what a full disk looks like.
+    resource.prlimit(node.process.pid, resource.RLIMIT_FSIZE, (1, resource.RLIM_INFINITY))
+    answer = caller.add(glides(generator, 0.5))
+    assert answer.result.value == ResultCode.STORAGE_FAILED
+    assert not answer.added
+    options = LearningOptions(max_iterations=10)
+    assert caller.call(Learn, options=options).result.value == ResultCode.STORAGE_FAILED
+    # Room again: it goes on, and nothing was lost.
+    unlimited = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
+    resource.prlimit(node.process.pid, resource.RLIMIT_FSIZE, unlimited)
+    assert caller.add(glides(generator, 0.5)).observation_count == 2
+    assert caller.call(Learn, options=options).result.value == ResultCode.OK
+
+
+def test_a_file_that_is_no_database_stops_it_with_one_line(start, tmp_path):
+    garbage = tmp_path / "garbage"
+    garbage.write_bytes(os.urandom(5000))
+    node = start(database=garbage)
+    assert node.end() == 1
+    (told,) = [line for line in node.text.splitlines() if "error" in line]
+    assert "is not an SQLite database" in told
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ends_cleanly_while_it_learns(start, caller, throws, number):
+    node = start()
+    for one in throws(3, 0):
+        caller.add(one)
+    feedback = []
+    caller.start_goal(ENDLESS, feedback)
+    caller.start_call(Learn)
+    caller.spin_until(lambda: feedback)
+    began = time.monotonic()
+    assert node.stop(number) == 0, node.text
+    assert time.monotonic() - began < 3.0
+
+
+def test_outlives_callers_that_leave(start, caller, throws):
+    node = start()
+    for one in throws(3, 0):
+        caller.add(one)
+    leaving = Caller()
+    options = LearningOptions(method="random", max_iterations=3000)
+    leaving.start_call(Learn, options=options)
+    leaving.spin_until(lambda: leaving.diagnostics)
+    leaving.close()
+    busy = ResultCode.BUSY
+    short = LearningOptions(max_iterations=10)
+    caller.spin_until(lambda: caller.call(Learn, options=short).result.value != busy)
+    assert node.process.poll() is None
+    assert caller.call(GetStaticParameters).static_parameters.version == 2

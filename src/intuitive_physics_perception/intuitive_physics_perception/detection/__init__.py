@@ -1,0 +1,1 @@
+"""Objects in one frame: spheres, boxes and capsules."""

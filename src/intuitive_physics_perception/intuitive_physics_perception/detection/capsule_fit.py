@@ -1,0 +1,127 @@
+"""Fit a capsule to readings of which only the side near the sensor is seen."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.shapes import Capsule
+from intuitive_physics_perception.detection.capsule_kernels import refine_capsule
+from intuitive_physics_perception.detection.detected_solid import DetectedSolid
+from intuitive_physics_perception.environment.planes import plane_axes
+
+OUTLIER_SIGMAS = 3.0
+MIN_INLIERS = 0.93
+SHORTEST_IN_RADII = 0.4
+LEAST_ON_CAP = 5
+END_UNCERTAINTY = 0.1
+LEAST_ARC = np.radians(100.0)
+
+
+def fit_capsule(
+    points: NDArray[np.float64], deviations: NDArray[np.float64], lateral: float
+) -> DetectedSolid | None:
+    """Return the capsule on whose surface the points lie, None where they lie on none.
+
+    Parameters
+    ----------
+    points : (n, 3) m, the sensor at the origin
+    deviations : (n,) m, of the readings along their rays
+    lateral : rad, standard deviation of the readings' directions
+    """
+    parameters, normal, errors = refine_capsule(points, deviations, lateral, _first_guess(points))
+    if not _is_capsule(points, parameters, errors):
+        return None
+    misfit = float(np.mean(np.square(errors)))
+    covariance = _covariance(normal, misfit)
+    if covariance is None or not _ends_are_told(parameters, covariance):
+        return None
+    half = float(np.linalg.norm(parameters[3:6]))
+    axis = parameters[3:6] / half
+    first, second = plane_axes(axis)
+    turn = np.cross(axis, np.eye(3)).T / half
+    rotation_covariance = turn @ covariance[3:6, 3:6] @ turn.T + np.pi**2 * np.outer(axis, axis)
+    return DetectedSolid(
+        Capsule(float(parameters[6]), 2.0 * half),
+        parameters[:3],
+        np.column_stack([first, second, axis]),
+        covariance[:3, :3],
+        rotation_covariance,
+        float(covariance[6, 6]),
+        len(points),
+        misfit,
+    )
+
+
+def _covariance(normal: NDArray[np.float64], misfit: float) -> NDArray[np.float64] | None:
+    """(7, 7) of the parameters, None where they are not told."""
+    try:
+        return np.asarray(np.linalg.inv(normal) * max(misfit, 1.0))
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _ends_are_told(parameters: NDArray[np.float64], covariance: NDArray[np.float64]) -> bool:
+    """Whether it is known where both ends are: one that is hidden could be anywhere."""
+    half = float(np.linalg.norm(parameters[3:6]))
+    axis = parameters[3:6] / half
+    limit = END_UNCERTAINTY * (half + parameters[6])
+    for side in (-1.0, 1.0):
+        end = np.concatenate([axis, side * axis, [0.0]])
+        if not end @ covariance @ end < limit**2:
+            return False
+    return True
+
+
+def _on_axis(
+    points: NDArray[np.float64], parameters: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Nearest places (n, 3) on a capsule's axis, and where they are on it: -1 to 1 end to end.
+
+    Parameters
+    ----------
+    parameters : (7,) centre, half of the axis as a vector, radius
+    """
+    center, half = parameters[:3], parameters[3:6]
+    along = (points - center) @ half / max(float(half @ half), 1e-12)
+    return center + np.clip(along, -1.0, 1.0)[:, None] * half, along
+
+
+def _first_guess(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """From the extents along the cluster's long axis and across it in view."""
+    middle = points.mean(axis=0)
+    view = middle / np.linalg.norm(middle)
+    axis = np.linalg.svd(points - middle, full_matrices=False)[2][0]
+    across = np.cross(axis, view)
+    across /= max(float(np.linalg.norm(across)), 1e-9)
+    radius = 0.5 * float(np.ptp((points - middle) @ across))
+    low, high = np.quantile((points - middle) @ axis, [0.01, 0.99])
+    half = max(0.5 * float(high - low) - radius, 0.2 * radius)
+    # Points on the near side lie about π/4 of the radius before the axis.
+    toward = view - (view @ axis) * axis
+    center = middle + 0.5 * (low + high) * axis + 0.785 * radius * toward
+    return np.concatenate([center, half * axis, [radius]])
+
+
+def _is_capsule(
+    points: NDArray[np.float64], parameters: NDArray[np.float64], errors: NDArray[np.float64]
+) -> bool:
+    """Whether points lie on it, on both caps, and round enough of it to tell its radius."""
+    center, half, radius = parameters[:3], parameters[3:6], float(parameters[6])
+    length = 2.0 * float(np.linalg.norm(half))
+    if radius <= 0.0 or length < SHORTEST_IN_RADII * radius:
+        return False
+    if np.mean(np.abs(errors) < OUTLIER_SIGMAS) < MIN_INLIERS or center @ center < radius**2:
+        return False
+    _, along = _on_axis(points, parameters)
+    if min((along > 1.0).sum(), (along < -1.0).sum()) < LEAST_ON_CAP:
+        return False
+    body = points[np.abs(along) <= 1.0] - center
+    axis = half / np.linalg.norm(half)
+    view = -center / np.linalg.norm(center)
+    up = view - (view @ axis) * axis
+    if np.linalg.norm(up) < 0.3 or len(body) < 10:
+        return False
+    up /= np.linalg.norm(up)
+    angles = np.arctan2(body @ np.cross(axis, up), body @ up)
+    return bool(np.ptp(np.quantile(angles, [0.03, 0.97])) > LEAST_ARC)

@@ -1,0 +1,110 @@
+"""Boxes and capsules in clusters that hold no sphere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.geometry.rotations import rotation_matrix
+from intuitive_physics.scene import StaticBox
+from intuitive_physics_perception.detection.box_fit import fit_box
+from intuitive_physics_perception.detection.capsule_fit import fit_capsule
+from intuitive_physics_perception.detection.cluster_memory import ClusterMemory
+from intuitive_physics_perception.detection.detected_solid import DetectedSolid
+from intuitive_physics_perception.environment.environment_model import EnvironmentModel
+from intuitive_physics_perception.settings import PerceptionSettings
+
+FITTED_POINTS = 500
+STILLNESS = 0.2
+
+
+class SolidFinder:
+    """Finds boxes and capsules.
+
+    Parameters
+    ----------
+    model : the environment: what stands on one of its planes reaches down to it, and what is one
+        of its static boxes is no object
+    rng : decides which points and hypotheses are tried
+    """
+
+    def __init__(
+        self,
+        model: EnvironmentModel,
+        settings: PerceptionSettings,
+        rng: np.random.Generator,
+    ) -> None:
+        self._model = model
+        self._settings = settings
+        self._rng = rng
+        self._memory: ClusterMemory[DetectedSolid] = ClusterMemory(STILLNESS * settings.min_radius)
+
+    def find(
+        self, points: NDArray[np.float32], clusters: Sequence[NDArray[np.int64]]
+    ) -> list[DetectedSolid | None]:
+        """Return the solid of each cluster of a frame of points (height, width, 3)."""
+        found = [self._solid_of(points, cluster) for cluster in clusters]
+        self._memory.end_frame()
+        return found
+
+    def _solid_of(
+        self, points: NDArray[np.float32], cluster: NDArray[np.int64]
+    ) -> DetectedSolid | None:
+        if not self._may_be_whole(points, cluster):
+            return None
+        own = points.reshape(-1, 3)[cluster].astype(np.float64)
+        known = self._memory.recall(own)
+        solid = self._solid(own) if known.deserves_a_search else known.found
+        self._memory.keep(known, solid)
+        return solid
+
+    def _may_be_whole(self, points: NDArray[np.float32], cluster: NDArray[np.int64]) -> bool:
+        """Large enough to show faces, small enough, and not cut off by the image's edge."""
+        if len(cluster) < self._settings.min_solid_points:
+            return False
+        height, width = points.shape[:2]
+        if height > 1:
+            rows, columns = np.divmod(cluster, width)
+            if min(rows.min(), columns.min()) == 0 or (
+                rows.max() == height - 1 or columns.max() == width - 1
+            ):
+                return False
+        extent = np.ptp(points.reshape(-1, 3)[cluster], axis=0)
+        return bool(np.linalg.norm(extent) < 2.0 * self._settings.max_solid_size)
+
+    def _solid(self, own: NDArray[np.float64]) -> DetectedSolid | None:
+        """The box or the capsule that explains a cluster, whichever does so better."""
+        total = len(own)
+        if total > FITTED_POINTS:
+            own = own[self._rng.choice(total, FITTED_POINTS, replace=False)]
+        deviations = self._model.noise.deviation(np.linalg.norm(own, axis=1))
+        capsule = fit_capsule(own, deviations, self._model.noise.lateral)
+        box = fit_box(own, deviations, self._model.detected, self._rng)
+        fits = [
+            fit
+            for fit in (capsule, box)
+            if fit is not None
+            and fit.misfit < self._settings.max_misfit
+            and self._settings.min_radius <= fit.radius
+            and fit.shape.bounding_radius <= 0.5 * self._settings.max_solid_size
+            and not self._is_static(fit)
+        ]
+        if not fits:
+            return None
+        best = min(fits, key=lambda fit: fit.misfit)
+        # The fit took part of the points: the rest tells as much again.
+        doubt = self._settings.correlated_readings * len(own) / total
+        return best.doubted(doubt, total)
+
+    def _is_static(self, fit: DetectedSolid) -> bool:
+        """Whether its centre lies in a static box of the environment."""
+        center = self._model.to_environment(fit.center)
+        return any(holds(box, center) for box in self._model.environment.boxes)
+
+
+def holds(box: StaticBox, place: NDArray[np.float64]) -> bool:
+    """Return whether a place (3,) of the environment's frame lies in a box."""
+    local = (place - box.center) @ rotation_matrix(box.orientation)
+    return bool((np.abs(local) <= 0.5 * box.edge_lengths).all())

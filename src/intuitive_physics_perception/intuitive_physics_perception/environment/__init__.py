@@ -1,0 +1,1 @@
+"""The environment Ω_e: planes, static boxes and gravity."""

@@ -1,0 +1,205 @@
+"""Model the environment Ω_e from the first frames: planes, gravity and a gravity-aligned frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.scene import Environment, Plane
+from intuitive_physics_perception.environment.fusion import MAX_EDGE_POINTS, fuse
+from intuitive_physics_perception.environment.noise import RangeNoise
+from intuitive_physics_perception.environment.plane_edges import with_edges
+from intuitive_physics_perception.environment.planes import DetectedPlane, detect_planes
+from intuitive_physics_perception.environment.range_cloud import RangeCloud
+from intuitive_physics_perception.settings import PerceptionSettings
+
+MIN_POINTS = 50
+VERTICAL_VIEW_COSINE = float(np.cos(np.radians(10.0)))
+
+
+class NoEnvironmentError(IntuitivePhysicsError):
+    """The frames show no plane that could support anything."""
+
+
+@dataclass(frozen=True, eq=False)
+class EnvironmentModel:
+    """The environment, and where the sensor stands in it.
+
+    The environment's frame has z against gravity, which is along the normal of the supporting
+    plane unless it was measured, its origin where a plumb line from the sensor meets that plane,
+    and x along the horizontal part of the sensor's optical axis (z), or of the sensor's x axis
+    where the optical axis is vertical within 10°.
+
+    Parameters
+    ----------
+    environment : Ω_e; its first plane is the support, planes end where edges were seen
+    detected : the same planes in the sensor's frame, with their outlines
+    rotation : (3, 3) and
+    translation : (3,) m: p_environment = rotation p_sensor + translation
+    noise : of the range readings, measured on the planes
+    explained : part of the readings that lie on one of the planes
+    """
+
+    environment: Environment
+    detected: tuple[DetectedPlane, ...]
+    rotation: NDArray[np.float64]
+    translation: NDArray[np.float64]
+    noise: RangeNoise
+    explained: float
+
+    def to_environment(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return points (..., 3) of the sensor's frame in the environment's frame, m."""
+        return np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation
+
+    def to_sensor(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return points (..., 3) of the environment's frame in the sensor's frame, m."""
+        return (np.asarray(points, dtype=np.float64) - self.translation) @ self.rotation
+
+    def sensor_orientation(self) -> NDArray[np.float64]:
+        """Return the quaternion (x, y, z, w), (4,), sensor to environment."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_matrix(self.rotation).as_quat()
+
+    def seen_environment(self) -> Environment:
+        """Return the environment with its planes cut to what was seen of them, as to be shown."""
+        planes = [
+            Plane(plane.id, plane.material, plane.normal, plane.offset, outline)
+            for plane, outline in zip(self.environment.planes, self.outlines(), strict=True)
+        ]
+        known = self.environment
+        return Environment(planes, known.boxes, known.gravity, known.frame_id)
+
+    def outlines(self) -> list[NDArray[np.float64]]:
+        """Return the convex outline (n, 3), m, of what was seen of each plane, in its frame."""
+        return [self.to_environment(plane.corners) for plane in self.detected]
+
+
+def model_environment(
+    frames: Sequence[NDArray[np.float32]],
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+    up: ArrayLike | None = None,
+) -> EnvironmentModel:
+    """Fuse frames of points and model what is static in them (Sec. VI-B).
+
+    Parameters
+    ----------
+    frames : each (height, width, 3) m, NaN where nothing was read, the sensor at the origin
+    up : (3,) unit vector against gravity in the sensor's frame, as an accelerometer has measured
+        it; None: what `gravity_source` says, the normal of the supporting plane or `up_hint`
+
+    Raises
+    ------
+    NoEnvironmentError
+        When there are too few points, no plane, or none of the planes faces up where that is known.
+    """
+    if up is None and settings.gravity_source == "up_hint":
+        up = settings.up_hint
+    points = fuse(frames, settings, rng)
+    if len(points) < MIN_POINTS:
+        raise NoEnvironmentError(
+            f"{len(frames)} frames have {len(points)} points between {settings.min_range:g} and "
+            f"{settings.max_range:g} m; expected at least {MIN_POINTS}"
+        )
+    assumed = RangeNoise.from_settings(settings)
+    planes = detect_planes(points, assumed, settings, rng)
+    if not planes:
+        raise NoEnvironmentError(
+            f"no plane holds {settings.plane_min_fraction:.0%} of the {len(points)} points; "
+            "expected a floor or table: turn the sensor to it or lower plane_min_fraction"
+        )
+    planes = _support_first(planes, settings, settings.up_hint if up is None else up)
+    noise = _measured_noise(frames[-1], planes, assumed, settings, rng)
+    planes = with_edges(
+        planes, RangeCloud(fuse(frames, settings, rng, MAX_EDGE_POINTS), noise, settings), rng
+    )
+    rotation, translation = _gravity_aligned(
+        planes[0], planes[0].normal if up is None else np.asarray(up, dtype=np.float64)
+    )
+    environment = Environment(
+        [
+            Plane(
+                f"plane_{k}",
+                settings.plane_material,
+                rotation @ plane.normal,
+                plane.offset + float(rotation @ plane.normal @ translation),
+                None if plane.boundary is None else plane.boundary @ rotation.T + translation,
+            )
+            for k, plane in enumerate(planes)
+        ],
+        gravity=(0.0, 0.0, -settings.gravity),
+        frame_id=settings.environment_frame_id,
+    )
+    cloud = RangeCloud(points, noise, settings)
+    explained = float(np.mean(explained_points(cloud, planes)))
+    return EnvironmentModel(environment, tuple(planes), rotation, translation, noise, explained)
+
+
+def explained_points(cloud: RangeCloud, planes: Sequence[DetectedPlane]) -> NDArray[np.bool_]:
+    """Which points (n,) lie on one of the planes, wherever those end."""
+    near = [cloud.near(plane.numbers) for plane in planes]
+    return np.asarray(np.any(near, axis=0))
+
+
+def _support_first(
+    planes: list[DetectedPlane], settings: PerceptionSettings, up: ArrayLike | None
+) -> list[DetectedPlane]:
+    """Put the supporting plane first: the largest, or the largest that faces up."""
+    if up is None:
+        return planes
+    cosine = np.cos(np.radians(settings.up_hint_tolerance))
+    for k, plane in enumerate(planes):
+        if plane.normal @ np.asarray(up) >= cosine:
+            return [plane, *planes[:k], *planes[k + 1 :]]
+    told = ", ".join(f"{x:.2f}" for x in np.asarray(up))
+    raise NoEnvironmentError(
+        f"none of {len(planes)} planes faces up, ({told}) in the sensor's frame, within "
+        f"{settings.up_hint_tolerance:g}°; expected a floor or table: correct up_hint, or the "
+        "orientation of the IMU"
+    )
+
+
+def _measured_noise(
+    frame: NDArray[np.float32],
+    planes: list[DetectedPlane],
+    assumed: RangeNoise,
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+) -> RangeNoise:
+    """Measure the range noise of one frame on the points nearest to each plane."""
+    if not settings.estimate_noise:
+        return assumed
+    points = fuse([frame.reshape(1, -1, 3)], settings, rng)
+    ranges = np.linalg.norm(points, axis=1)
+    normals = np.stack([plane.normal for plane in planes])
+    offsets = np.array([plane.offset for plane in planes])
+    along = points @ normals.T
+    errors = along - offsets
+    nearest = np.abs(errors).argmin(axis=1)
+    rows = np.arange(len(points))
+    error, cosine = errors[rows, nearest], along[rows, nearest] / ranges
+    # Grazing rays tell of the plane's unevenness, not of the noise along the ray.
+    frontal = np.abs(cosine) > 0.25
+    near = np.abs(error) < settings.plane_tolerance + settings.plane_sigmas * np.abs(
+        cosine
+    ) * assumed.deviation(ranges)
+    use = frontal & near
+    return assumed.measured(ranges[use], error[use] / cosine[use])
+
+
+def _gravity_aligned(
+    support: DetectedPlane, up: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rotation and translation from the sensor's frame to the environment's."""
+    optical, sideways = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+    ahead = sideways if abs(optical @ up) > VERTICAL_VIEW_COSINE else optical
+    x = ahead - (ahead @ up) * up
+    x /= np.linalg.norm(x)
+    rotation = np.stack([x, np.cross(up, x), up])
+    # Straight down from the sensor the support is offset / (normal · up) along up.
+    return rotation, np.array([0.0, 0.0, -support.offset / float(support.normal @ up)])

@@ -1,0 +1,238 @@
+"""Planes in a cloud by RANSAC: hypotheses in batches, local refinement, merged, by support."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics_perception.environment.noise import RangeNoise
+from intuitive_physics_perception.environment.plane_parts import surfaces
+from intuitive_physics_perception.environment.range_cloud import RangeCloud, convex_hull, plane_axes
+from intuitive_physics_perception.settings import PerceptionSettings
+
+SCORED_POINTS = 1500
+BATCHES = 24
+BATCH_SIZE = 64
+REFINEMENTS = 6
+MERGE_ANGLE_COSINE = float(np.cos(np.radians(4.0)))
+MERGE_WIDENING = 2.0
+BULGE_TOLD, BULGE_RADII = 0.2, 5.0
+OUTLINE_MARGIN = 0.03
+LARGE_PART, WIDE_RADII = 0.02, 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class DetectedPlane:
+    """A plane in the sensor's frame, normal to the sensor's side.
+
+    Parameters
+    ----------
+    normal : (3,) unit vector
+    offset : m; points p of the plane satisfy normal · p = offset, which is below zero
+    corners : (n, 3) m, convex hull of the points that were seen on it, counter-clockwise seen
+        against the normal
+    support : how many of the points given belong to it
+    boundary : (k, 3) m, where it ends, so far as its edges were seen; None where none was
+    """
+
+    normal: NDArray[np.float64]
+    offset: float
+    corners: NDArray[np.float64]
+    support: int
+    boundary: NDArray[np.float64] | None = None
+
+    @property
+    def numbers(self) -> NDArray[np.float64]:
+        """Normal and offset in one array (4,)."""
+        return np.append(self.normal, self.offset)
+
+    def outlines(self, places: NDArray[Any]) -> NDArray[np.bool_]:
+        """Which places (n, 3) on the plane lie in its outline, or hardly out of it."""
+        along = np.roll(self.corners, -1, axis=0) - self.corners
+        outward = np.cross(along, self.normal)
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+        margin = OUTLINE_MARGIN * np.linalg.norm(places, axis=1)
+        inside = np.ones(len(places), dtype=bool)
+        for direction, bound in zip(outward, (outward * self.corners).sum(axis=1), strict=True):
+            inside &= places @ direction.astype(places.dtype) <= bound + margin
+        return inside
+
+
+def detect_planes(
+    points: NDArray[np.float64],
+    noise: RangeNoise,
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+) -> list[DetectedPlane]:
+    """Find all planes that hold at least `plane_min_fraction` of the points, largest first.
+
+    Parameters
+    ----------
+    points : (n, 3) m, all finite, the sensor at the origin
+    rng : decides which hypotheses are tried
+    """
+    cloud = RangeCloud(points, noise, settings)
+    needed = max(int(settings.plane_min_fraction * len(points)), 3)
+    found: list[NDArray[np.float64]] = []
+    free = np.ones(len(points), dtype=bool)
+    # A plane that is found twice is merged, so a few more searches than planes are allowed.
+    for _ in range(2 * settings.max_planes):
+        plane = _best_plane(cloud, np.flatnonzero(free), needed, rng)
+        if plane is None:
+            break
+        free &= ~cloud.near(plane)
+        if not _bulges(cloud, plane, BULGE_RADII * settings.max_radius):
+            found.append(plane)
+    merged = _merge(cloud, found)
+    smallest = WIDE_RADII * settings.max_radius
+    planes = [
+        outlined
+        for k, plane in enumerate(merged)
+        for surface in surfaces(cloud, plane, [*merged[:k], *merged[k + 1 :]], needed)
+        if (outlined := _outlined(cloud, plane, surface, smallest)) is not None
+    ]
+    planes.sort(key=lambda plane: -plane.support)
+    return planes[: settings.max_planes]
+
+
+def _best_plane(
+    cloud: RangeCloud, free: NDArray[np.intp], needed: int, rng: np.random.Generator
+) -> NDArray[np.float64] | None:
+    """Best plane (normal, offset) through the free points, None if it holds too few of them."""
+    if free.size < needed:
+        return None
+    scored = rng.permutation(free)[:SCORED_POINTS]
+    best_score, best = 0.0, None
+    for batch in range(BATCHES):
+        hypotheses = _planes_through(_triples(cloud.points[free], batch, rng))
+        distances = cloud.scaled_distances(hypotheses, scored)
+        # MSAC: a point counts the more the nearer it is, and nothing beyond the tolerance.
+        scores = np.maximum(1.0 - np.square(distances), 0.0).sum(axis=1)
+        if scores.size and scores.max() > best_score:
+            best_score, best = float(scores.max()), hypotheses[int(scores.argmax())]
+    if best is None:
+        return None
+    refined = _refined(cloud, best, free)
+    if cloud.near(refined)[free].sum() < needed:
+        return None
+    return refined
+
+
+def _triples(
+    points: NDArray[np.float64], batch: int, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Draw (BATCH_SIZE, 3, 3) points: from all of them, or in odd batches from a neighbourhood.
+
+    Three random points of a whole cloud seldom lie on the same small plane; neighbours often do.
+    """
+    if batch % 2:
+        centre = points[rng.integers(len(points))]
+        distances = np.linalg.norm(points - centre, axis=1)
+        reach = np.linalg.norm(centre) * np.exp(rng.uniform(np.log(0.05), np.log(0.5)))
+        near = np.flatnonzero(distances < reach)
+        if near.size >= 3:
+            points = points[near]
+    return points[rng.integers(len(points), size=(BATCH_SIZE, 3))]
+
+
+def _planes_through(triples: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Planes (m, 4) through triples (n, 3, 3), m ≤ n: degenerate ones are left out."""
+    a, b, c = triples[:, 0], triples[:, 1], triples[:, 2]
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1)
+    longest = np.maximum(np.linalg.norm(b - a, axis=1), np.linalg.norm(c - a, axis=1))
+    good = lengths > 0.05 * longest**2 + 1e-12
+    normals = normals[good] / lengths[good, None]
+    return _facing_sensor(np.column_stack([normals, (normals * a[good]).sum(axis=1)]))
+
+
+def _facing_sensor(planes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Turn planes (..., 4) so that the sensor, the origin, lies on the side of the normal."""
+    return np.where(planes[..., 3:] > 0.0, -planes, planes)
+
+
+def _refined(
+    cloud: RangeCloud, plane: NDArray[np.float64], which: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """Least squares over the inliers, weighted by noise, until it stays."""
+    for _ in range(REFINEMENTS):
+        inliers = which[cloud.near(plane, which)]
+        if inliers.size < 3:
+            return plane
+        plane = _least_squares(cloud, inliers)
+    return plane
+
+
+def _least_squares(cloud: RangeCloud, inliers: NDArray[np.intp]) -> NDArray[np.float64]:
+    points = cloud.points[inliers]
+    weights = 1.0 / (cloud.deviations[inliers] ** 2 + (cloud.tolerance / cloud.sigmas) ** 2)
+    weights /= weights.sum()
+    centre = weights @ points
+    centred = points - centre
+    scatter = (centred * weights[:, None]).T @ centred
+    normal = np.linalg.eigh(scatter)[1][:, 0]
+    return _facing_sensor(np.append(normal, normal @ centre))
+
+
+def _bulges(cloud: RangeCloud, plane: NDArray[np.float64], radius: float) -> bool:
+    """Whether the plane only cuts off a cap of something round of less than `radius` m.
+
+    Where noise is large the tolerance takes in much of the near side of a ball.
+    """
+    inliers = cloud.points[cloud.connected(plane)]
+    first, second = plane_axes(plane[:3])
+    across = (inliers - inliers.mean(axis=0)) @ np.stack([first, second], axis=1)
+    a, b = across.T
+    # A sphere rises from its tangent plane by -(a² + b²) / 2 R.
+    design = np.column_stack([np.ones_like(a), a, b, a * a + b * b])
+    heights = inliers @ plane[:3] - plane[3]
+    solution = np.linalg.lstsq(design, heights, rcond=None)[0]
+    left = heights - design @ solution
+    told = 1.0 - left.var() / max(float(heights.var()), 1e-12)
+    return bool(told > BULGE_TOLD and solution[3] < -1.0 / (2.0 * radius))
+
+
+def _merge(cloud: RangeCloud, planes: list[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    """Join planes that are one: nearly parallel, and the points of one are near the other."""
+    merged: list[NDArray[np.float64]] = []
+    for plane in planes:
+        for k, kept in enumerate(merged):
+            if plane[:3] @ kept[:3] < MERGE_ANGLE_COSINE:
+                continue
+            own = np.flatnonzero(cloud.near(plane))
+            if np.median(np.abs(cloud.scaled_distances(kept, own))) < MERGE_WIDENING:
+                merged[k] = _refined(cloud, kept, np.arange(len(cloud.points)))
+                break
+        else:
+            merged.append(plane)
+    return merged
+
+
+def _outlined(
+    cloud: RangeCloud, plane: NDArray[np.float64], surface: NDArray[np.intp], smallest: float
+) -> DetectedPlane | None:
+    """Give a surface its outline, None if it is no plane of a room.
+
+    A small part of the scene that is not wide either may be the side of an object, or cut through
+    one: what moves must not be taken for it.
+    """
+    normal, offset = plane[:3], float(plane[3])
+    corners = _outline(cloud.points[surface], normal, offset)
+    if corners is None:
+        return None
+    width = np.linalg.norm(corners[:, None] - corners, axis=2).max()
+    if surface.size < LARGE_PART * len(cloud.points) and width < smallest:
+        return None
+    return DetectedPlane(normal, offset, corners, int(surface.size))
+
+
+def _outline(
+    points: NDArray[np.float64], normal: NDArray[np.float64], offset: float
+) -> NDArray[np.float64] | None:
+    """Convex hull (n, 3) of points dropped onto a plane, None where they lie on a line."""
+    axes = np.column_stack(plane_axes(normal))
+    hull = convex_hull(points @ axes)
+    return None if hull is None else hull @ axes.T + offset * normal

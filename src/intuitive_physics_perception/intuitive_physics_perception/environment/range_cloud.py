@@ -1,0 +1,131 @@
+"""Points as a range sensor reads them: noise along the ray, neighbours in direction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics_perception.environment.noise import RangeNoise
+from intuitive_physics_perception.settings import PerceptionSettings
+
+DIRECTION_CELL = 0.05
+"""Edge length of the cells of directions, unit vectors, that hang together when both are filled."""
+
+ANGLES_ASKED = 500
+GRAZING = 0.02
+"""Cosine of the angle between ray and normal below which it is unsure where they meet."""
+
+
+class RangeCloud:
+    """Points with what is needed to judge how near to a plane they are.
+
+    Parameters
+    ----------
+    points : (n, 3) m, all finite, the sensor at the origin
+    """
+
+    def __init__(
+        self, points: NDArray[np.float64], noise: RangeNoise, settings: PerceptionSettings
+    ) -> None:
+        self.points = np.asarray(points, dtype=np.float64)
+        self.ranges = np.linalg.norm(self.points, axis=1)
+        self.deviations = noise.deviation(self.ranges)
+        self.tolerance = settings.plane_tolerance
+        self.sigmas = settings.plane_sigmas
+
+    def scaled_distances(
+        self, plane: NDArray[np.float64], which: NDArray[np.intp] | slice = slice(None)
+    ) -> NDArray[np.float64]:
+        """Distances from planes (..., 4), (..., n), in units of what noise makes likely.
+
+        Noise acts along the ray, so a grazing ray moves a point little away from the plane. Below
+        zero beyond the plane, seen from where its normal points.
+        """
+        along = plane[..., :3] @ self.points[which].T
+        cosine = along / self.ranges[which]
+        spread = np.square(self.sigmas * self.deviations[which] * cosine) + self.tolerance**2
+        return (along - plane[..., 3:]) / np.sqrt(spread)
+
+    def near(
+        self, plane: NDArray[np.float64], which: NDArray[np.intp] | slice = slice(None)
+    ) -> NDArray[np.bool_]:
+        """Which points noise and unevenness let be on a plane (4,)."""
+        return np.abs(self.scaled_distances(plane, which)) < 1.0
+
+    def connected(
+        self, plane: NDArray[np.float64], others: Sequence[NDArray[np.float64]] = ()
+    ) -> NDArray[np.intp]:
+        """Indices of the points near a plane that are seen as one part, the largest."""
+        return self.connected_parts(plane, others)[0]
+
+    def connected_parts(
+        self, plane: NDArray[np.float64], others: Sequence[NDArray[np.float64]] = ()
+    ) -> list[NDArray[np.intp]]:
+        """Indices of the points near a plane, those seen as one part together, largest part first.
+
+        Those near one of the other planes too are left out: where two planes cross, a strip of the
+        one lies near the other without being part of it.
+        """
+        near = self.near(plane)
+        for other in others:
+            near &= ~self.near(other)
+        inliers = np.flatnonzero(near)
+        if not inliers.size:
+            return [inliers]
+        labels = _connected_labels(self.points[inliers] / self.ranges[inliers, None])
+        order = np.argsort(-np.bincount(labels), kind="stable")
+        return [inliers[labels == label] for label in order if (labels == label).any()]
+
+    def feet(
+        self, plane: NDArray[np.float64], axes: NDArray[np.float64], which: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        """Where the rays of readings meet a plane, (n, 2) m in two axes (3, 2) of it."""
+        points = self.points[which]
+        return np.asarray((points @ axes) * (plane[3] / (points @ plane[:3]))[:, None])
+
+    def meeting(self, plane: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Indices of the readings whose rays meet a plane (4,) at no grazing angle."""
+        return np.flatnonzero(self.points @ plane[:3] < -GRAZING * self.ranges)
+
+
+def _connected_labels(directions: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Number of the region of neighbouring directions that each unit vector (n, 3) belongs to."""
+    from scipy.ndimage import label
+
+    cells = ((directions + 1.0) / DIRECTION_CELL).astype(np.intp) + 1
+    side = int(2.0 / DIRECTION_CELL) + 3
+    filled = np.zeros((side, side, side), dtype=bool)
+    filled[tuple(cells.T)] = True
+    parts, _ = label(filled, structure=np.ones((3, 3, 3), dtype=bool))
+    return np.asarray(parts[tuple(cells.T)], dtype=np.int64)
+
+
+def plane_axes(normal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Two unit vectors that make a right-handed frame with a unit normal as the third."""
+    helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    first = np.cross(helper, normal)
+    first /= np.linalg.norm(first)
+    return first, np.cross(normal, first)
+
+
+def convex_hull(places: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Corners (k, 2) of the hull of (n, 2), counter-clockwise; None where they lie on a line."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        # Qhull's order in the plane is counter-clockwise.
+        return np.asarray(places[ConvexHull(places).vertices])
+    except QhullError:
+        return None
+
+
+def angle_between_readings(cloud: RangeCloud, rng: np.random.Generator) -> float:
+    """Median angle, rad, from a reading to the nearest other one."""
+    from scipy.spatial import cKDTree
+
+    directions = cloud.points / cloud.ranges[:, None]
+    asked = directions[rng.permutation(len(directions))[:ANGLES_ASKED]]
+    distances = cKDTree(directions).query(asked, k=2)[0][:, 1]
+    return float(np.median(distances))

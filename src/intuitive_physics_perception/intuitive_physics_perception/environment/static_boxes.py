@@ -1,0 +1,141 @@
+"""What stands in the scene from the start and is no plane: static boxes that objects bounce off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.scene import Environment, StaticBox
+from intuitive_physics_perception.detection.foreground import Clusters, ForegroundFinder
+from intuitive_physics_perception.detection.solids import SolidFinder, holds
+from intuitive_physics_perception.detection.spheres import SphereFinder
+from intuitive_physics_perception.environment.environment_model import EnvironmentModel
+from intuitive_physics_perception.environment.fusion import MAX_EDGE_POINTS, fused_frame
+from intuitive_physics_perception.environment.range_cloud import convex_hull
+from intuitive_physics_perception.settings import PerceptionSettings
+
+MIN_SIZE = 0.04
+"""m. Less along the longest edge is no thing but what noise left of an edge."""
+
+STRAY = 0.01
+"""Part of the points that may lie outside at each face, as flying pixels do."""
+
+STANDING_GAP = 0.1
+"""m between a floor and the lowest reading of what is taken to stand on it."""
+
+UPWARD_COSINE = float(np.cos(np.radians(10.0)))
+
+
+def with_static_boxes(
+    model: EnvironmentModel,
+    frames: Sequence[NDArray[np.float32]],
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+) -> EnvironmentModel:
+    """Return a model with a box around each thing that stands still and is no object.
+
+    Parameters
+    ----------
+    frames : those the model was made from
+    """
+    frame = np.ascontiguousarray(fused_frame(frames, MAX_EDGE_POINTS), dtype=np.float32)
+    clusters = ForegroundFinder(model, settings).find(frame)
+    objects = SphereFinder(model.noise, settings, rng)
+    points = frame.reshape(-1, 3)
+    boxes: list[StaticBox] = []
+    for indices in clusters.indices:
+        (part,) = objects.find(frame, Clusters([indices], indices.size, clusters.readings))
+        if part.spheres:
+            continue
+        box = _box_around(f"box_{len(boxes)}", model, points[indices], settings)
+        if box is not None:
+            boxes.append(box)
+    if settings.solids_are_objects:
+        boxes = _without_objects(boxes, model, frames, settings, rng)
+    known = model.environment
+    environment = Environment(known.planes, boxes, known.gravity, known.frame_id, known.air_density)
+    return replace(model, environment=environment)
+
+
+def _without_objects(
+    boxes: Sequence[StaticBox],
+    model: EnvironmentModel,
+    frames: Sequence[NDArray[np.float32]],
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+) -> list[StaticBox]:
+    """Boxes in which no frame shows the centre of a box or capsule.
+
+    The fused frame is too coarse to tell: a single one has all its readings.
+    """
+    foreground, finder = ForegroundFinder(model, settings), SolidFinder(model, settings, rng)
+    solids = [
+        solid
+        for frame in frames
+        for solid in finder.find(frame, foreground.find(frame).indices)
+        if solid is not None
+    ]
+    centers = [model.to_environment(solid.center) for solid in solids]
+    return [box for box in boxes if not any(holds(box, center) for center in centers)]
+
+
+def _box_around(
+    name: str,
+    model: EnvironmentModel,
+    points: NDArray[np.float32],
+    settings: PerceptionSettings,
+) -> StaticBox | None:
+    """Return the smallest upright box around what is seen of a thing, down to what it stands on.
+
+    None where it is too small or too large. The far side is not seen: a box ends where the readings
+    do.
+    """
+    places = model.to_environment(points)
+    rectangle = _smallest_rectangle(places[:, :2])
+    if rectangle is None:
+        return None
+    middle, turn, size = rectangle
+    low, high = np.quantile(places[:, 2], [STRAY, 1.0 - STRAY])
+    low = _floor_below(model, np.append(middle, low))
+    edges = np.append(size, high - low)
+    if not MIN_SIZE <= edges.max() <= settings.static_box_max_size or edges.min() <= 0.0:
+        return None
+    center = np.append(middle, 0.5 * (low + high))
+    # A turn about z.
+    orientation = (0.0, 0.0, np.sin(0.5 * turn), np.cos(0.5 * turn))
+    return StaticBox(name, settings.plane_material, center, orientation, edges)
+
+
+def _smallest_rectangle(
+    places: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], float, NDArray[np.float64]] | None:
+    """Centre (2,), angle and edge lengths (2,) of the smallest rectangle around most places (n, 2).
+
+    One side of the smallest rectangle around points lies along their convex hull.
+    """
+    hull = convex_hull(places)
+    if hull is None:
+        return None
+    best, least = None, np.inf
+    for along in np.roll(hull, -1, axis=0) - hull:
+        turn = float(np.arctan2(along[1], along[0]))
+        axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        low, high = np.quantile(places @ axes.T, [STRAY, 1.0 - STRAY], axis=0)
+        area = float((high - low).prod())
+        if area < least:
+            best, least = (0.5 * (low + high) @ axes, turn, high - low), area
+    return best
+
+
+def _floor_below(model: EnvironmentModel, lowest: NDArray[np.float64]) -> float:
+    """Height of the level plane little below a place (3,), or of the place itself."""
+    heights = [
+        float(lowest[2] - plane.signed_distances(lowest) / plane.normal[2])
+        for plane in model.environment.planes
+        if plane.normal[2] > UPWARD_COSINE and plane.covers(lowest)
+    ]
+    below = [height for height in heights if abs(lowest[2] - height) < STANDING_GAP]
+    return max(below, default=float(lowest[2]))

@@ -1,0 +1,90 @@
+"""What one frame told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.observation import Observation
+from intuitive_physics.scene import SceneObject
+from intuitive_physics.state import ObjectState
+from intuitive_physics_perception.detection.detection import Detection
+from intuitive_physics_perception.environment.environment_model import EnvironmentModel
+from intuitive_physics_perception.tracking.episodes import Episode
+
+
+@dataclass(frozen=True)
+class PerceivedObject:
+    """An object that is followed now.
+
+    Parameters
+    ----------
+    object : what it is
+    state : in the environment's frame
+    color : (3,) mean red, green and blue of late, 0 to 1; None where it is not told
+    """
+
+    object: SceneObject
+    state: ObjectState
+    color: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True)
+class FrameDiagnostics:
+    """What happened to one frame.
+
+    Parameters
+    ----------
+    problem : one sentence on why the frame could not be used, empty when it could
+    readings : points in range
+    foreground : points off all planes
+    clusters : groups of foreground points looked at
+    spheres, solids : how many were found; solids are boxes and capsules
+    seconds : time each stage took, by its name
+    """
+
+    problem: str = ""
+    readings: int = 0
+    foreground: int = 0
+    clusters: int = 0
+    spheres: int = 0
+    solids: int = 0
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Perceived:
+    """What one frame told.
+
+    Parameters
+    ----------
+    time : s
+    model : the environment; None while it is not known
+    is_new_model : whether this frame completed it
+    restarted : whether time went back, so that what was followed is followed anew
+    moved : one sentence when the sensor was moved, so that the environment is modelled anew from
+        the frames that follow; else empty
+    detections : what was found in this frame alone, in the environment's frame
+    objects : what is followed, in the environment's frame
+    episodes : those that this frame ended
+    diagnostics : how it went
+    """
+
+    time: float
+    model: EnvironmentModel | None
+    is_new_model: bool = False
+    restarted: bool = False
+    moved: str = ""
+    detections: tuple[Detection, ...] = ()
+    objects: tuple[PerceivedObject, ...] = ()
+    episodes: tuple[Episode, ...] = ()
+    diagnostics: FrameDiagnostics = FrameDiagnostics()
+
+    @cached_property
+    def observations(self) -> tuple[Observation, ...]:
+        """What can be learned from the episodes, worked out when first asked for: objects are known
+        before."""
+        return tuple(found for episode in self.episodes for found in episode.observations())

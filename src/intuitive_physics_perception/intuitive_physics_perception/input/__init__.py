@@ -1,0 +1,1 @@
+"""From sensor messages to frames of points."""

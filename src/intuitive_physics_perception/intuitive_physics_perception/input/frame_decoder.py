@@ -1,0 +1,161 @@
+"""From messages to frames of points, whoever read the messages: rclpy or a reader of bags.
+
+Nothing here imports ROS: a message is anything with the attributes of its type.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_perception.input.colors import colors_from_cloud_data, colors_from_image_data
+from intuitive_physics_perception.input.depth import (
+    Intrinsics,
+    check_size,
+    depth_from_image_data,
+    points_from_depth,
+)
+from intuitive_physics_perception.input.point_cloud import Field, points_from_cloud_data
+
+
+class _Camera:
+    """A camera with the rays of its pixels, made when they are first asked for."""
+
+    def __init__(self, intrinsics: Intrinsics) -> None:
+        self.intrinsics = intrinsics
+
+    @cached_property
+    def rays(self) -> NDArray[np.float32]:
+        return self.intrinsics.rays()
+
+
+class FrameDecoder:
+    """Decodes sensor_msgs/PointCloud2, and Image with the newest CameraInfo.
+
+    Parameters
+    ----------
+    rectified : whether images are without distortion already, so that the camera matrix is that
+        of P instead of K
+    """
+
+    def __init__(self, *, rectified: bool = False) -> None:
+        self._rectified = rectified
+        self._key: tuple[Any, ...] = ()
+        self._camera: _Camera | None = None
+
+    def take_camera(self, info: Any) -> None:
+        """Take a CameraInfo for the images that follow; returns at once.
+
+        Raises
+        ------
+        InvalidInputError
+            When it describes no camera; images go on with the one before.
+        """
+        matrix = np.reshape(info.p, (3, 4))[:, :3] if self._rectified else info.k
+        distortion = () if self._rectified else tuple(info.d)
+        roi = info.roi
+        window = (roi.x_offset, roi.y_offset, roi.width, roi.height)
+        binning = (info.binning_x, info.binning_y)
+        size = (info.width, info.height)
+        key = (*size, *np.ravel(matrix), distortion, info.distortion_model, *window, *binning)
+        if key == self._key:
+            return
+        camera = Intrinsics(*size, matrix, distortion, info.distortion_model)
+        self._camera = _Camera(_windowed(camera, window, binning))
+        self._key = key
+
+    def image_points(self, image: Any) -> NDArray[np.float32]:
+        """Return the frame of points (height, width, 3) of a depth Image.
+
+        Raises
+        ------
+        InvalidInputError
+            When it is no depth image, its data do not fit its header, or no fitting CameraInfo
+            came before it.
+        """
+        depth = depth_from_image_data(
+            image.data,
+            width=image.width,
+            height=image.height,
+            encoding=image.encoding,
+            step=image.step,
+            is_bigendian=bool(image.is_bigendian),
+        )
+        camera = self._camera
+        if camera is None:
+            raise InvalidInputError(
+                "depth images arrive without a CameraInfo on ~/depth/camera_info; "
+                "expected one: publish it or remap the topic"
+            )
+        # Asked first, so that a wrong CameraInfo alone costs neither time nor memory.
+        intrinsics = camera.intrinsics
+        check_size(image.width, image.height, intrinsics.width, intrinsics.height)
+        return points_from_depth(depth, camera.rays)
+
+    @staticmethod
+    def cloud_points(cloud: Any) -> NDArray[np.float32]:
+        """Return the frame of points (height, width, 3) of a PointCloud2.
+
+        Raises
+        ------
+        InvalidInputError
+            When it has no readable x, y, z or its data do not fit its header.
+        """
+        return points_from_cloud_data(
+            cloud.data, **_layout(cloud), is_bigendian=bool(cloud.is_bigendian)
+        )
+
+    @staticmethod
+    def cloud_colors(cloud: Any) -> NDArray[np.uint8] | None:
+        """Return the colours (height, width, 3) of a PointCloud2 of which `cloud_points` has read
+        the points; None where it has none."""
+        return colors_from_cloud_data(cloud.data, **_layout(cloud))
+
+    @staticmethod
+    def image_colors(image: Any) -> NDArray[np.uint8]:
+        """Return the colours (height, width, 3) of a colour Image.
+
+        Raises
+        ------
+        InvalidInputError
+            When it is no colour image or its data do not fit its header.
+        """
+        return colors_from_image_data(
+            image.data,
+            width=image.width,
+            height=image.height,
+            encoding=image.encoding,
+            step=image.step,
+        )
+
+
+def _layout(cloud: Any) -> dict[str, Any]:
+    """Where the points of a PointCloud2, and what they consist of, are in its data."""
+    return {
+        "width": cloud.width,
+        "height": cloud.height,
+        "point_step": cloud.point_step,
+        "row_step": cloud.row_step,
+        "fields": [Field(f.name, f.offset, f.datatype, f.count) for f in cloud.fields],
+    }
+
+
+def _windowed(
+    camera: Intrinsics, window: tuple[int, int, int, int], binning: tuple[int, int]
+) -> Intrinsics:
+    """Return the camera of the part of its image that a CameraInfo says is sent."""
+    left, top, width, height = window
+    # By definition of the message, zeros mean the whole image and no binning.
+    joined = {max(1, n) for n in binning}
+    width, height = width or camera.width - left, height or camera.height - top
+    if len(joined) > 1 or left + width > camera.width or top + height > camera.height:
+        raise InvalidInputError(
+            f"camera of {camera.width} x {camera.height} pixels has the region of interest "
+            f"{window} (left, top, width, height) and the binning {binning}; expected a region "
+            "within it, and equal binning along x and y"
+        )
+    return camera.part(left=left, top=top, width=width, height=height, binning=joined.pop())

@@ -1,0 +1,127 @@
+"""From the raw data of PointCloud2 messages to frames of points (see `depth`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_perception.input.raw_data import RawData, checked_bytes
+
+FIELD_TYPES: dict[int, np.dtype[Any]] = {7: np.dtype("<f4"), 8: np.dtype("<f8")}
+"""sensor_msgs/PointField datatypes a coordinate may have: FLOAT32 and FLOAT64."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """One entry of a PointCloud2's field description, named as in the message."""
+
+    name: str
+    offset: int
+    datatype: int
+    count: int
+
+
+def points_from_cloud_data(
+    data: RawData,
+    *,
+    width: int,
+    height: int,
+    point_step: int,
+    row_step: int,
+    fields: Sequence[Field],
+    is_bigendian: bool,
+) -> NDArray[np.float32]:
+    """Return the frame of points, (height, width, 3), of the raw data of a PointCloud2 message.
+
+    Fields other than x, y, z are skipped; x, y, z may come in any order, each float32 or float64.
+    A point with a coordinate that is not finite is NaN in all three.
+
+    Raises
+    ------
+    InvalidInputError
+        When x, y or z is missing, of another type or outside the point, when the data is
+        big-endian, or when its length does not fit width, height and steps.
+    """
+    coordinates = _coordinates(fields, point_step)
+    view = checked_bytes(
+        data,
+        width=width,
+        height=height,
+        pixel_step=point_step,
+        row_step=row_step,
+        is_bigendian=is_bigendian,
+        what="cloud",
+    )
+    points = np.empty((height, width, 3), dtype=np.float32)
+    if not points.size:
+        return points
+    offsets = np.array([field.offset for field in coordinates])
+    whole_words = not (row_step % 4 or point_step % 4 or (offsets % 4).any())
+    if whole_words and all(field.datatype == 7 for field in coordinates):
+        # Almost every cloud is so, and one kernel reads it in one go.
+        words = view[: view.size // 4 * 4].view("<f4")
+        _gather(words, row_step // 4, point_step // 4, offsets // 4, points)
+        return points
+    with np.errstate(over="ignore", invalid="ignore"):
+        for axis, field in enumerate(coordinates):
+            points[:, :, axis] = np.ndarray(
+                (height, width),
+                FIELD_TYPES[field.datatype],
+                view.data,
+                offset=field.offset,
+                strides=(row_step, point_step),
+            )
+    _blank_unreadable(points.reshape(-1, 3))
+    return points
+
+
+def _coordinates(fields: Sequence[Field], point_step: int) -> list[Field]:
+    """Return the fields of x, y and z after checking that they can be read."""
+    known = {field.name: field for field in fields}
+    missing = [name for name in "xyz" if name not in known]
+    if missing:
+        raise InvalidInputError(
+            f"cloud has the fields {sorted(known)!s:.200}; expected x, y and z "
+            f"({', '.join(missing)} missing)"
+        )
+    for name in "xyz":
+        field = known[name]
+        if field.datatype not in FIELD_TYPES or field.count not in (0, 1):
+            raise InvalidInputError(
+                f"field {name} of the cloud has datatype {field.datatype} and count {field.count}; "
+                "expected one FLOAT32 (7) or FLOAT64 (8)"
+            )
+        end = field.offset + FIELD_TYPES[field.datatype].itemsize
+        if field.offset < 0 or end > point_step:
+            raise InvalidInputError(
+                f"field {name} of the cloud lies at bytes {field.offset} to {end} of a point; "
+                f"expected them within its {point_step} bytes"
+            )
+    return [known[name] for name in "xyz"]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _gather(words: Any, row_step: int, point_step: int, offsets: Any, points: Any) -> None:
+    """Take x, y, z of every point; steps and offsets in words of four bytes."""
+    height, width = points.shape[:2]
+    ox, oy, oz = offsets
+    for v in range(height):
+        for u in range(width):
+            start = v * row_step + u * point_step
+            x, y, z = words[start + ox], words[start + oy], words[start + oz]
+            if not np.isfinite(x + y + z):
+                x = y = z = np.float32(np.nan)
+            points[v, u, 0], points[v, u, 1], points[v, u, 2] = x, y, z
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _blank_unreadable(points: Any) -> None:
+    for i in range(points.shape[0]):
+        if not np.isfinite(points[i, 0] + points[i, 1] + points[i, 2]):
+            points[i, :] = np.nan

@@ -1,0 +1,133 @@
+"""The perception node's input: depth images or clouds, from subscription to points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import Header
+
+from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics_perception.compile import warm_up
+from intuitive_physics_perception.input.frame_decoder import FrameDecoder
+from intuitive_physics_perception.input.frame_worker import FrameWorker
+from intuitive_physics_perception.nodes.color_input import ColorInput
+from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
+from intuitive_physics_ros.input_monitor import InputMonitor
+from intuitive_physics_ros.qos import SENSOR_DATA
+
+Frame: TypeAlias = Image | PointCloud2
+UseFrame: TypeAlias = Callable[[Header, NDArray[np.float32], NDArray[np.uint8] | None], str]
+
+TOPICS: dict[type[Frame], str] = {Image: "~/depth/image", PointCloud2: "~/points"}
+CAMERA_INFO = "~/depth/camera_info"
+
+INPUTS: dict[str, tuple[type[Frame], ...]] = {
+    "auto": (Image, PointCloud2),
+    "depth": (Image,),
+    "points": (PointCloud2,),
+}
+"""Messages that each value of the parameter `input` subscribes to."""
+
+TIMEOUT = 2.0
+
+
+class FrameInput:
+    """Subscribes to frames, decodes them in a thread of its own and says how they do.
+
+    A frame that cannot be used is named in the log, not more than every 10 s for one reason, and
+    on /diagnostics; the next one is tried again.
+
+    Parameters
+    ----------
+    node : that subscribes
+    diagnostics : of the node
+    kinds : messages that are subscribed to; of several the one that is good first stays, as both
+        show the same scene
+    rectified : whether images are without distortion already
+    color : whether to hear colour images registered to the depth images
+    use : called in the thread with header, points and colours of each frame, None for no colours;
+        returns why it could not be used, empty when it could
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        diagnostics: Diagnostics,
+        kinds: tuple[type[Frame], ...],
+        *,
+        rectified: bool,
+        color: bool,
+        use: UseFrame,
+    ) -> None:
+        self._log = node.get_logger()
+        self._use = use
+        self._decoder = FrameDecoder(rectified=rectified)
+        self._kind: type[Frame] | None = None
+        self._monitors = {kind: InputMonitor(node, TOPICS[kind], TIMEOUT) for kind in kinds}
+        self._worker: FrameWorker[Frame] = FrameWorker(warm_up, self._handle)
+        for kind in kinds:
+            diagnostics.add(TOPICS[kind].removeprefix("~/"), partial(self._check, kind))
+            node.create_subscription(kind, TOPICS[kind], self._worker.put, SENSOR_DATA)
+        if Image in kinds:
+            self._camera_monitor = InputMonitor(node, CAMERA_INFO, None)
+            diagnostics.add(CAMERA_INFO.removeprefix("~/"), self._camera_monitor.check)
+            node.create_subscription(CameraInfo, CAMERA_INFO, self._on_camera, SENSOR_DATA)
+        self._color = ColorInput(node, diagnostics) if color and Image in kinds else None
+
+    @property
+    def dropped(self) -> int:
+        """Frames left out because newer ones came before they could be handled."""
+        return self._worker.dropped
+
+    def stop(self) -> None:
+        """End the thread once the frame under way is done."""
+        self._worker.stop()
+
+    def _on_camera(self, message: CameraInfo) -> None:
+        try:
+            self._decoder.take_camera(message)
+        except IntuitivePhysicsError as error:
+            self._camera_monitor.rejected(error)
+        else:
+            self._camera_monitor.accepted()
+
+    def _handle(self, message: Frame) -> None:
+        """Decode and use one frame; runs in the worker's thread."""
+        if self._kind is not None and type(message) is not self._kind:
+            return
+        monitor = self._monitors[type(message)]
+        try:
+            points, colors = self._decoded(message)
+            if self._kind is None:
+                self._kind = type(message)
+                self._log.info(f"perceives {self._kind.__name__} messages")
+            problem = self._use(message.header, points, colors)
+        except IntuitivePhysicsError as error:
+            problem = str(error)
+        except Exception as error:
+            # A thread that dies would take all perception with it.
+            problem = f"internal error, please report: {error!r}"
+        if problem:
+            monitor.rejected(problem)
+        else:
+            monitor.accepted()
+
+    def _decoded(self, message: Frame) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
+        """Points of a frame, and their colours where they are told."""
+        if not isinstance(message, Image):
+            return self._decoder.cloud_points(message), self._decoder.cloud_colors(message)
+        points = self._decoder.image_points(message)
+        if self._color is None:
+            return points, None
+        return points, self._color.of_frame(message.header, points)
+
+    def _check(self, kind: type[Frame]) -> Status:
+        if self._kind is not None and kind is not self._kind:
+            return Status(Level.OK, f"not used: {self._kind.__name__} messages came first")
+        return self._monitors[kind].check()

@@ -1,0 +1,268 @@
+"""The perception node: depth images or clouds in; environment, states and observations out."""
+
+from __future__ import annotations
+
+import numpy as np
+from intuitive_physics_msgs.msg import ObjectStates
+from intuitive_physics_msgs.msg import Observation as ObservationMessage
+from numpy.typing import NDArray
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.observation import Observation
+from intuitive_physics.validation import unit_quaternion
+from intuitive_physics_perception.environment.environment_model import EnvironmentModel
+from intuitive_physics_perception.environment.gravity import RestingAccelerometer
+from intuitive_physics_perception.frame_result import FrameDiagnostics, Perceived
+from intuitive_physics_perception.nodes.frame_input import INPUTS, FrameInput
+from intuitive_physics_perception.parameter_values import (
+    NO_DIRECTION,
+    NO_OBJECT,
+    settings_from_values,
+)
+from intuitive_physics_perception.pipeline import PerceptionPipeline
+from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_ros.conversions import (
+    object_states_to_message,
+    observation_to_message,
+    seconds_from_stamp,
+)
+from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
+from intuitive_physics_ros.environment_publisher import EnvironmentPublisher
+from intuitive_physics_ros.imu_input import ImuInput
+from intuitive_physics_ros.markers import (
+    clearing_marker,
+    environment_markers,
+    gravity_marker,
+    object_markers,
+)
+from intuitive_physics_ros.parameters import Parameter, declare_parameters, setting_parameters
+from intuitive_physics_ros.qos import SENSOR_DATA
+from intuitive_physics_ros.run_node import run_node
+
+OBSERVATIONS = QoSProfile(
+    depth=50,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Finished observations: a learner that starts late still gets the last ones."""
+
+NO_ORIENTATION = [0.0, 0.0, 0.0, 0.0]
+
+PARAMETERS = [
+    Parameter("input", "auto", "what is subscribed to", choices=tuple(INPUTS)),
+    Parameter("seed", 0, "seed of the random choices of RANSAC", (0, 2**31 - 1)),
+    Parameter(
+        "image_is_rectified",
+        False,
+        "take the camera matrix from P and no distortion, instead of K and D",
+    ),
+    Parameter(
+        "use_color",
+        False,
+        "hear ~/color/image, registered to the depth image, to tell things apart that cross",
+    ),
+    Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0)),
+    Parameter("up_hint", list(NO_DIRECTION), "roughly upward in the sensor's frame; zeros: none"),
+    Parameter(
+        "imu_orientation",
+        NO_ORIENTATION,
+        "quaternion (x, y, z, w) of the IMU in the sensor's frame; zeros: from tf",
+    ),
+    Parameter("known_object_names", [NO_OBJECT.name], "names of objects known by their radius"),
+    Parameter("known_object_radii", [NO_OBJECT.radius], "their radii, m"),
+    Parameter("known_object_materials", [NO_OBJECT.material], "their materials"),
+    *setting_parameters(PerceptionSettings),
+]
+
+
+class PerceptionNode(Node):
+    """Topics around `PerceptionPipeline`."""
+
+    def __init__(self) -> None:
+        super().__init__("perception_node")
+        values = declare_parameters(self, PARAMETERS)
+        settings = settings_from_values(values)
+        self._pipeline = PerceptionPipeline(settings, np.random.default_rng(values["seed"]))
+        self._rebuild = False
+        self._sensor_frame = ""
+        self._newest: tuple[Header, Perceived] | None = None
+        self._frames = self._restarts = self._moves = 0
+
+        self._environment = EnvironmentPublisher(self, "~/environment")
+        self._states = self.create_publisher(ObjectStates, "~/object_states", SENSOR_DATA)
+        self._observations = self.create_publisher(
+            ObservationMessage, "~/observation", OBSERVATIONS
+        )
+        self._markers = self.create_publisher(MarkerArray, "~/markers", 1)
+        diagnostics = Diagnostics(self)
+        if settings.gravity_source == "imu":
+            self._make_imu(diagnostics, values["imu_orientation"])
+        self._input = FrameInput(
+            self,
+            diagnostics,
+            INPUTS[values["input"]],
+            rectified=values["image_is_rectified"],
+            color=values["use_color"],
+            use=self._perceive,
+        )
+        diagnostics.add("environment", self._check_environment)
+        diagnostics.add("frames", self._check_frames)
+        self.create_service(Trigger, "~/rebuild_environment", self._on_rebuild)
+        self.create_timer(1.0 / values["marker_rate"], self._on_marker_tick)
+
+    def destroy_node(self) -> None:
+        """Stop the worker and publish what it had under way."""
+        self._input.stop()
+        self._publish_observations(self._pipeline.finish())
+        super().destroy_node()
+
+    def _make_imu(self, diagnostics: Diagnostics, orientation: list[float]) -> None:
+        self._accelerometer = RestingAccelerometer()
+        if len(orientation) != 4:
+            raise InvalidInputError(
+                f"imu_orientation has {len(orientation)} numbers; expected x, y, z and w"
+            )
+        known = unit_quaternion(orientation, "imu_orientation") if any(orientation) else None
+        imu = ImuInput(self, "~/imu", lambda: self._sensor_frame, self._on_imu, known)
+        diagnostics.add("imu", imu.monitor.check)
+
+    def _on_imu(
+        self,
+        time: float,
+        acceleration: NDArray[np.float64],
+        angular_velocity: NDArray[np.float64] | None,
+    ) -> None:
+        self._accelerometer.add(time, acceleration, angular_velocity)
+        if self._accelerometer.up is not None:
+            self._pipeline.take_up(self._accelerometer.up)
+
+    def _on_rebuild(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._rebuild = True
+        response.success = True
+        response.message = (
+            "the environment is modelled anew from the next "
+            f"{self._pipeline.settings.environment_frames} frames"
+        )
+        return response
+
+    def _perceive(
+        self, header: Header, points: NDArray[np.float32], colors: NDArray[np.uint8] | None
+    ) -> str:
+        """Perceive one frame; runs in the input's thread. Return why it could not be used."""
+        self._sensor_frame = header.frame_id
+        if self._rebuild:
+            self._rebuild = False
+            self._publish_observations(self._pipeline.rebuild_environment())
+        perceived = self._pipeline.process(points, seconds_from_stamp(header.stamp), colors)
+        self._frames += 1
+        if perceived.restarted:
+            self._restarts += 1
+            self.get_logger().warning("time went back: what was followed is followed anew")
+        if perceived.moved:
+            self._moves += 1
+            self.get_logger().warning(perceived.moved)
+        if perceived.is_new_model and perceived.model is not None:
+            self._publish_environment(header, perceived.model)
+        if perceived.model is not None and not perceived.diagnostics.problem:
+            self._publish_states(header, perceived, perceived.model)
+        # Observations take longer than a frame, and nobody waits for them as for the states.
+        self._publish_observations(perceived.observations)
+        self._newest = (header, perceived)
+        return perceived.diagnostics.problem
+
+    def _publish_environment(self, header: Header, model: EnvironmentModel) -> None:
+        self._environment.publish(
+            model.environment,
+            camera=header,
+            position=model.translation,
+            orientation=model.sensor_orientation(),
+        )
+        self.get_logger().info(
+            f"environment {self._environment.version} has {len(model.environment.planes)} planes "
+            f"and {len(model.environment.boxes)} boxes"
+        )
+
+    def _publish_states(
+        self, header: Header, perceived: Perceived, model: EnvironmentModel
+    ) -> None:
+        self._states.publish(
+            object_states_to_message(
+                [seen.object for seen in perceived.objects],
+                [seen.state for seen in perceived.objects],
+                frame_id=model.environment.frame_id,
+                stamp=header.stamp,
+            )
+        )
+
+    def _publish_observations(self, observations: tuple[Observation, ...]) -> None:
+        for observation in observations:
+            self._observations.publish(observation_to_message(observation))
+            names = ", ".join(seen.object.id for seen in observation.objects)
+            self.get_logger().info(f"observed {names}")
+
+    def _on_marker_tick(self) -> None:
+        if self._newest is None or self._markers.get_subscription_count() == 0:
+            return
+        header, perceived = self._newest
+        model = perceived.model
+        if model is None:
+            return
+        own = Header(stamp=header.stamp, frame_id=model.environment.frame_id)
+        objects = [seen.object for seen in perceived.objects]
+        states = [seen.state for seen in perceived.objects]
+        colors = [seen.color for seen in perceived.objects]
+        self._markers.publish(
+            MarkerArray(
+                markers=[
+                    clearing_marker(),
+                    *environment_markers(model.seen_environment(), header.stamp),
+                    *object_markers(objects, states, own, colors=colors),
+                    gravity_marker(model.environment, header.stamp),
+                ]
+            )
+        )
+
+    def _check_environment(self) -> Status:
+        perceived = self._newest[1] if self._newest else None
+        model = perceived.model if perceived else None
+        values: dict[str, object] = {
+            "version": self._environment.version,
+            "times the sensor was moved": self._moves,
+        }
+        if model is None:
+            problem = perceived.diagnostics.problem if perceived else ""
+            return Status(Level.WARN, problem or "not modelled yet", values)
+        values |= {
+            "planes": len(model.detected),
+            "planes with edges": sum(plane.boundary is not None for plane in model.detected),
+            "boxes": len(model.environment.boxes),
+            "points of the support": model.detected[0].support,
+            "sensor above it (m)": f"{model.translation[2]:.3f}",
+            "range noise at 2 m (mm)": f"{1e3 * model.noise.deviation(2.0):.1f}",
+        }
+        return Status(Level.OK, f"{len(model.detected)} planes", values)
+
+    def _check_frames(self) -> Status:
+        diagnostics = self._newest[1].diagnostics if self._newest else FrameDiagnostics()
+        values = {
+            "handled": self._frames,
+            "dropped": self._input.dropped,
+            "restarts": self._restarts,
+            **{f"{name} (ms)": f"{1e3 * s:.1f}" for name, s in diagnostics.seconds.items()},
+        }
+        if diagnostics.problem:
+            return Status(Level.WARN, diagnostics.problem, values)
+        if not self._frames:
+            return Status(Level.OK, "no frame was handled yet", values)
+        took = 1e3 * sum(diagnostics.seconds.values())
+        return Status(Level.OK, f"the last frame took {took:.0f} ms", values)
+
+
+def main() -> int:
+    """Run the node until it is told to stop."""
+    return run_node(PerceptionNode)

@@ -1,0 +1,1 @@
+"""Objects over time: tracks, their filters, and the observations they become."""

@@ -1,0 +1,198 @@
+"""From tracks to observations: when something moves, and what of it can be learned from.
+
+An *episode* lasts from the first motion until nothing moves any more. All balls of an observation
+must have a state at its start, so an episode is cut where a ball appears: each piece is an
+observation of the balls that are there at its beginning, and ends where the next one begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.scene import Environment
+from intuitive_physics.state import ObjectState
+from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.tracking.initial_state import Record, state_at
+from intuitive_physics_perception.tracking.motion import POSITION, RADIUS
+from intuitive_physics_perception.tracking.smoother import smooth
+from intuitive_physics_perception.tracking.track import Track
+
+MAX_START_TRIALS = 90
+AS_WELL = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """An episode that is over.
+
+    Its observations take longer to work out than a frame may, so it is kept until they are asked
+    for.
+
+    Parameters
+    ----------
+    tracks : all that were followed, as they were at its end
+    start : s
+    environment : they moved in
+    """
+
+    tracks: tuple[Track, ...]
+    start: float
+    environment: Environment
+    settings: PerceptionSettings
+
+    def observations(self) -> list[Observation]:
+        """Smooth the tracks and return what can be learned from."""
+        records = [
+            record_of(track, self.settings).between(self.start, np.inf) for track in self.tracks
+        ]
+        return observations_of(records, self.environment, self.settings)
+
+
+class EpisodeRecorder:
+    """Watches tracks and knows when each episode is over."""
+
+    def __init__(self, environment: Environment, settings: PerceptionSettings) -> None:
+        self._environment = environment
+        self._settings = settings
+        self._start: float | None = None
+        self._ended: list[Track] = []
+
+    def update(
+        self, time: float, alive: Sequence[Track], ended: Sequence[Track]
+    ) -> tuple[Episode, ...]:
+        """Take the confirmed tracks of a frame and those that ended; return what is over."""
+        moving = [track for track in alive if not track.resting]
+        if self._start is None:
+            if not moving:
+                return ()
+            self._start = min(track.moving_since for track in moving)
+        self._ended += ended
+        if moving and time - self._start < self._settings.max_duration:
+            return ()
+        over = self.finish(alive)
+        if moving:
+            # Time is out for what still moves: it begins anew.
+            self._start = time
+        return over
+
+    def finish(self, alive: Sequence[Track]) -> tuple[Episode, ...]:
+        """End the episode now and return it, where there is one."""
+        if self._start is None:
+            return ()
+        # What is still alive goes on to change.
+        tracks = [*self._ended, *(replace(track, steps=track.steps.copy()) for track in alive)]
+        episode = Episode(tuple(tracks), self._start, self._environment, self._settings)
+        self._start, self._ended = None, []
+        return (episode,)
+
+
+def record_of(track: Track, settings: PerceptionSettings) -> Record:
+    """Return what was seen of a track, given the radius its average found.
+
+    Each sphere told centre and radius with their covariance; knowing the radius better moves the
+    centre: c' = c + C_cr / C_rr (r̄ - r).
+    """
+    steps = [step for step in track.steps if step.seen is not None]
+    seen = [step.seen for step in steps if step.seen is not None]
+    times = np.array([step.time for step in steps])
+    attitudes = tuple(step.attitude for step in steps if step.attitude is not None)
+    positions = np.stack([detection.center for detection in seen])
+    covariances = np.stack([detection.covariance for detection in seen])
+    narrowed = covariances[:, :3, :3]
+    if not attitudes:
+        gains = covariances[:, :3, 3] / covariances[:, 3, 3, None]
+        off = track.mean[RADIUS] - np.array([detection.radius for detection in seen])
+        positions = positions + gains * off[:, None]
+        left = np.maximum(covariances[:, 3, 3] - track.covariance[RADIUS, RADIUS], 0.0)
+        narrowed = narrowed - left[:, None, None] * gains[:, :, None] * gains[:, None, :]
+    path_times, path_positions = _path(track, times)
+    return Record(
+        track.scene_object(settings),
+        times,
+        positions,
+        narrowed,
+        attitudes or None,
+        path_times,
+        path_positions,
+    )
+
+
+def _path(
+    track: Track, seen: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times and positions of the smoothed track, where it is known as well as where it was seen.
+
+    A ball that was hidden in mid-air is; one that bounced meanwhile is not.
+    """
+    path = smooth(list(track.steps))
+    deviations = np.sqrt(np.trace(path.covariances[:, POSITION, POSITION], axis1=1, axis2=2))
+    known = np.isin(path.times, seen)
+    known |= deviations <= AS_WELL * deviations[known].max()
+    return path.times[known], path.means[known, POSITION]
+
+
+def observations_of(
+    records: Sequence[Record], environment: Environment, settings: PerceptionSettings
+) -> list[Observation]:
+    """Cut an episode where balls appear and return the pieces one can learn from."""
+    worth = [record for record in records if _is_worth(record, settings)]
+    appearances = sorted({float(record.times[0]) for record in worth})
+    found = [
+        _piece(worth, start, end, environment, settings)
+        for start, end in pairwise([*appearances, np.inf])
+    ]
+    return [observation for observation in found if observation is not None]
+
+
+def _is_worth(record: Record, settings: PerceptionSettings) -> bool:
+    return (
+        len(record.times) >= settings.min_observed_points and record.travel >= settings.min_travel
+    )
+
+
+def _piece(
+    records: Sequence[Record],
+    start: float,
+    end: float,
+    environment: Environment,
+    settings: PerceptionSettings,
+) -> Observation | None:
+    """The observation of the balls that are there at `start`, None where it would be too short.
+
+    It begins at the first time at which the state of each is known and one of them moves: before,
+    a hand may have moved them.
+    """
+    there = [record for record in records if record.times[0] <= start <= record.times[-1]]
+    times = np.unique(np.concatenate([record.between(start, end).times for record in there]))
+    for time in times[:MAX_START_TRIALS]:
+        parts = [record.between(time, end) for record in there]
+        members = [k for k, part in enumerate(parts) if _is_worth(part, settings)]
+        if not members:
+            return None
+        states = [state_at(there[k], time, environment, settings) for k in members]
+        known = [state for state in states if state is not None]
+        if len(known) == len(members) and any(_moves(state, settings) for state in known):
+            return Observation(
+                environment,
+                tuple(
+                    ObservedObject(
+                        parts[k].object,
+                        Trajectory(parts[k].path_times, parts[k].path_positions),
+                        state,
+                    )
+                    for k, state in zip(members, known, strict=True)
+                ),
+                float(time),
+            )
+    return None
+
+
+def _moves(state: ObjectState, settings: PerceptionSettings) -> bool:
+    return bool(np.linalg.norm(state.linear_velocity) > settings.rest_speed)

@@ -1,0 +1,506 @@
+"""The perception node as a process, over DDS: a throw, and everything that can go wrong."""
+
+from __future__ import annotations
+
+import array
+import os
+import signal
+from itertools import count
+
+import numpy as np
+import pytest
+
+os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
+os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Vector3
+from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
+from intuitive_physics_msgs.msg import ObjectStates, Observation
+from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2, PointField
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
+
+from intuitive_physics_perception.input.depth import Intrinsics, points_from_depth
+from intuitive_physics_perception.nodes.perception_node import OBSERVATIONS
+from intuitive_physics_ros.conversions import (
+    environment_from_message,
+    object_states_from_messages,
+    observation_from_message,
+    stamp_from_seconds,
+)
+from intuitive_physics_ros.node_process import NodeProcess
+from intuitive_physics_ros.peer import Peer
+from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
+
+MODULE = "intuitive_physics_perception.nodes.perception_node"
+NODE = "/perception_node"
+FRAMES = 4
+PARAMETERS = ["-p", f"environment_frames:={FRAMES}", "-p", "known_object_names:=[rubber]"]
+PARAMETERS += ["-p", "use_color:=true"]
+PARAMETERS += ["-p", "known_object_radii:=[0.07]", "-p", "known_object_materials:=[rubber]"]
+SMALL = {"width": 320, "height_pixels": 240, "focal": 262.0}
+STEP = 0.05
+
+
+@pytest.fixture(scope="module")
+def node():
+    with NodeProcess(MODULE, PARAMETERS) as process:
+        yield process
+
+
+@pytest.fixture
+def peer(node):
+    with Peer("tester") as peer:
+        yield peer
+    node.check_running()
+    assert "Traceback" not in node.output
+
+
+@pytest.fixture(scope="module")
+def room(corner_model):
+    return corner_model[0].__class__(tilt=25.0, seed=5, **SMALL)
+
+
+def image_message(depth: np.ndarray, time: float, **changes) -> Image:
+    height, width = depth.shape
+    message = Image(
+        header=Header(stamp=stamp_from_seconds(time), frame_id="camera"),
+        height=height,
+        width=width,
+        encoding="16UC1",
+        step=2 * width,
+        data=array.array("B", depth.astype("<u2").tobytes()),
+    )
+    for name, value in changes.items():
+        setattr(message, name, value)
+    return message
+
+
+def info_message(room) -> CameraInfo:
+    return CameraInfo(
+        header=Header(frame_id="camera"),
+        width=room.width,
+        height=room.height_pixels,
+        k=room.matrix.ravel(),
+        distortion_model="plumb_bob",
+    )
+
+
+def cloud_message(points: np.ndarray, time: float, **changes) -> PointCloud2:
+    height, width = points.shape[:2]
+    message = PointCloud2(
+        header=Header(stamp=stamp_from_seconds(time), frame_id="lidar"),
+        height=height,
+        width=width,
+        fields=[
+            PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1)
+            for k, name in enumerate("xyz")
+        ],
+        point_step=12,
+        row_step=12 * width,
+        data=array.array("B", points.astype("<f4").tobytes()),
+    )
+    for name, value in changes.items():
+        setattr(message, name, value)
+    return message
+
+
+def throw(room) -> list[np.ndarray]:
+    """Depth images: the empty room, a ball that flies through it, the empty room."""
+    times = np.arange(0, 0.5, STEP)
+    places = np.array([1.4, -0.4, 0.5]) + times[:, None] * [0.4, 0.9, 1.2]
+    places[:, 2] -= 0.5 * 9.81 * times**2
+    empty = [room.depth() for _ in range(FRAMES + 2)]
+    return [*empty, *(room.depth([(place, 0.07)]) for place in places), *empty, *empty]
+
+
+def play(peer, publisher, messages) -> None:
+    for message in messages:
+        publisher.publish(message)
+        peer.spin_for(0.03)
+
+
+def play_until(peer, publisher, make, holds, what: str) -> None:
+    """Publish what `make` makes of later and later times (s) until something holds.
+
+    A single message of best effort is lost where the node has not discovered its publisher yet,
+    which can be later than the publisher sees the node.
+    """
+    times = count(0.0, STEP)
+    peer.spin_until(lambda: holds() or play(peer, publisher, [make(next(times))]), what)
+
+
+def says(heard, name: str, text: str) -> bool:
+    """Whether a diagnostic of the node says something."""
+    return any(
+        status.name == f"perception_node: {name}" and text in status.message
+        for message in heard
+        for status in message.status
+    )
+
+
+def test_images_without_camera_info_are_named_and_then_used(peer, node, room) -> None:
+    heard = peer.listen(DiagnosticArray, "/diagnostics")
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    empty = room.depth()
+    play_until(
+        peer,
+        images,
+        lambda time: image_message(empty, 1.0 + time),
+        lambda: says(heard, "depth/image", "without a CameraInfo"),
+        "a diagnostic of images",
+    )
+    infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
+    for message, text in (
+        (CameraInfo(width=4, height=4), "focal length fx"),
+        (info_message(room), "arrives"),
+    ):
+        heard.clear()
+        play_until(
+            peer,
+            infos,
+            lambda _, message=message: message,
+            lambda text=text: says(heard, "depth/camera_info", text),
+            f"{text!r} in the diagnostics",
+        )
+    assert node.output.count("without a CameraInfo") == 1
+
+
+def test_a_throw_gives_environment_states_and_one_observation(peer, node, room) -> None:
+    environments = peer.listen(EnvironmentMessage, f"{NODE}/environment", LATCHED)
+    states = peer.listen(ObjectStates, f"{NODE}/object_states", SENSOR_DATA)
+    observations = peer.listen(Observation, f"{NODE}/observation", OBSERVATIONS)
+    markers = peer.listen(MarkerArray, f"{NODE}/markers")
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    empty = room.depth()
+    play_until(
+        peer,
+        images,
+        lambda time: image_message(empty, 50.0 + time),
+        lambda: environments,
+        "an environment",
+    )
+    play(peer, images, [image_message(d, 100.0 + STEP * k) for k, d in enumerate(throw(room))])
+    peer.spin_until(lambda: observations, "an observation")
+
+    message = environments[-1]
+    environment = environment_from_message(message)
+    assert (message.header.frame_id, message.camera_frame_id) == ("environment", "camera")
+    assert message.version >= 1
+    assert len(environment.planes) == 3
+    assert environment.gravity == pytest.approx([0, 0, -9.81])
+    assert message.camera_pose.position.z == pytest.approx(room.height, abs=0.01)
+
+    seen = [object_states_from_messages(message.objects) for message in states]
+    flying = [s[0] for objects, s in seen if objects]
+    assert len(flying) >= 5
+    assert np.linalg.norm(flying[3].linear_velocity) > 0.5
+    assert states[-1].header.frame_id == "environment"
+
+    observation = observation_from_message(observations[-1])
+    (ball,) = observation.objects
+    assert ball.object.material == "rubber"
+    assert ball.object.id.startswith("rubber_")
+    assert ball.object.shape.bounding_radius == pytest.approx(0.07, abs=0.001)
+    assert 100.0 < observation.start_time < 101.0
+    peer.spin_until(lambda: markers, "markers")
+    kinds = {marker.ns for marker in markers[-1].markers}
+    assert {"environment", "gravity"} <= kinds
+
+
+def test_a_late_learner_still_gets_environment_and_observations(peer) -> None:
+    environments = peer.listen(EnvironmentMessage, f"{NODE}/environment", LATCHED)
+    observations = peer.listen(Observation, f"{NODE}/observation", OBSERVATIONS)
+    peer.spin_until(lambda: environments and observations, "what was published before")
+
+
+def test_time_that_jumps_back_restarts_the_tracker(peer, node, room) -> None:
+    observations = peer.listen(Observation, f"{NODE}/observation", OBSERVATIONS)
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    peer.spin_until(lambda: observations, "the first observation")
+    before = len(observations)
+    play(peer, images, [image_message(d, 20.0 + STEP * k) for k, d in enumerate(throw(room))])
+    peer.spin_until(lambda: len(observations) > before, "an observation of the second run")
+    assert "time went back" in node.output
+    ids = [seen.initial_state.id for message in observations for seen in message.objects]
+    assert len(set(ids)) == len(ids)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"encoding": "rgb8"}, "'rgb8'"),
+        ({"is_bigendian": 1}, "big-endian"),
+        ({"height": 241}, "truncated"),
+        ({"width": 319, "step": 640}, "expected the same size"),
+    ],
+)
+def test_images_that_cannot_be_used_are_named(peer, node, room, changes, text) -> None:
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    empty = room.depth()
+    play_until(
+        peer,
+        images,
+        lambda time: image_message(empty, 200.0 + time, **changes),
+        lambda: text in node.output,
+        f"{text!r} in the log",
+    )
+
+
+def test_an_image_without_readings_is_named_and_the_next_good_one_used(peer, room) -> None:
+    heard = peer.listen(DiagnosticArray, "/diagnostics")
+    states = peer.listen(ObjectStates, f"{NODE}/object_states", SENSOR_DATA)
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    blind, empty = np.zeros((240, 320)), room.depth()
+    play_until(
+        peer,
+        images,
+        lambda time: image_message(blind, 300.0 + time),
+        lambda: says(heard, "depth/image", "no reading"),
+        "a diagnostic of images",
+    )
+    play_until(
+        peer, images, lambda time: image_message(empty, 340.0 + time), lambda: states, "states"
+    )
+
+
+def color_message(color, size: tuple[int, int], time: float) -> Image:
+    width, height = size
+    return Image(
+        header=Header(stamp=stamp_from_seconds(time), frame_id="camera"),
+        height=height,
+        width=width,
+        encoding="rgb8",
+        step=3 * width,
+        data=array.array("B", bytes(color) * (width * height)),
+    )
+
+
+def test_colour_images_show_in_the_markers_and_must_be_registered(peer, room) -> None:
+    heard = peer.listen(DiagnosticArray, "/diagnostics")
+    markers = peer.listen(MarkerArray, f"{NODE}/markers")
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    colors = peer.publisher(Image, f"{NODE}/color/image", SENSOR_DATA)
+    ball = room.depth([((1.4, 0.0, 0.45), 0.07)])
+
+    def frame(time: float, size: tuple[int, int]) -> Image:
+        colors.publish(color_message((0, 255, 0), size, time))
+        return image_message(ball, time)
+
+    def is_green() -> bool:
+        shown = [m for array in markers for m in array.markers if m.ns == "objects"]
+        return any((m.color.r, m.color.g, m.color.b) == (0.0, 1.0, 0.0) for m in shown)
+
+    play_until(
+        peer, images, lambda time: frame(360.0 + time, (320, 240)), is_green, "a green marker"
+    )
+    play_until(
+        peer,
+        images,
+        lambda time: frame(380.0 + time, (160, 120)),
+        lambda: says(heard, "color/image", "registered"),
+        "a diagnostic of colour images",
+    )
+
+
+def corrupted(rng, message) -> Image:
+    """An image message with some of its fields as no camera would send them."""
+    sizes = [0, 1, 3, 65535, 2**31, 2**32 - 1, int(rng.integers(2**32))]
+    changes = {
+        "width": lambda: int(rng.choice(sizes)),
+        "height": lambda: int(rng.choice(sizes)),
+        "step": lambda: int(rng.choice(sizes)),
+        "encoding": lambda: str(rng.choice(["", "32FC1", "bgr8", "16UC1 ", "?" * 500])),
+        "is_bigendian": lambda: int(rng.integers(256)),
+        "data": lambda: array.array("B", rng.bytes(int(rng.integers(3000)))),
+    }
+    for name in rng.choice(list(changes), size=rng.integers(1, 4), replace=False):
+        setattr(message, name, changes[name]())
+    return message
+
+
+def test_no_image_makes_the_node_fall_or_hang(peer, node, room) -> None:
+    """Corrupted ones, named once each, and then a good one is perceived."""
+    rng = np.random.default_rng(0)
+    states = peer.listen(ObjectStates, f"{NODE}/object_states", SENSOR_DATA)
+    infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    empty = room.depth()
+    before = node.output.count("rejected")
+    for k in range(40):
+        message = image_message(empty, 350.0 + STEP * k)
+        if k % 4:
+            play(peer, images, [corrupted(rng, message)])
+        else:
+            info = info_message(room)
+            info.k = rng.choice([0.0, np.nan, -1.0, 1e300, 300.0], size=9)
+            play(peer, infos, [info])
+    states.clear()
+    play_until(
+        peer, images, lambda time: image_message(empty, 360.0 + time), lambda: states, "states"
+    )
+    # A few lines at once and then one a second, for each of two topics.
+    assert 1 <= node.output.count("rejected") - before < 25
+    assert "internal error" not in node.output
+
+
+def test_a_moved_camera_is_named_and_modelled_anew(peer, node, room) -> None:
+    environments = peer.listen(EnvironmentMessage, f"{NODE}/environment", LATCHED)
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    peer.spin_until(lambda: environments, "the environment")
+    moved = room.__class__(tilt=33.0, height=0.9, seed=6, **SMALL).depth()
+    play_until(
+        peer,
+        images,
+        lambda time: image_message(moved, 380.0 + time),
+        lambda: environments[-1].camera_pose.position.z > 0.88,
+        "the environment from where the camera stands now",
+    )
+    assert "the sensor was moved" in node.output
+    assert environments[-1].version > environments[0].version
+
+
+def test_the_environment_can_be_rebuilt(peer, room) -> None:
+    environments = peer.listen(EnvironmentMessage, f"{NODE}/environment", LATCHED)
+    peer.spin_until(lambda: environments, "the environment")
+    version = environments[-1].version
+    answer = peer.call(Trigger, f"{NODE}/rebuild_environment", Trigger.Request())
+    assert answer.success
+    assert f"next {FRAMES} frames" in answer.message
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    empty = room.depth()
+    play_until(
+        peer,
+        images,
+        lambda time: image_message(empty, 400.0 + time),
+        lambda: environments[-1].version > version,
+        "a new environment",
+    )
+
+
+@pytest.fixture(scope="module")
+def cloud_node():
+    arguments = ["-p", "input:=points", "-p", f"environment_frames:={FRAMES}"]
+    with NodeProcess(MODULE, [*arguments, "-r", "__node:=perception_node"]) as process:
+        yield process
+
+
+def test_clouds_bad_and_good(node, cloud_node, room) -> None:
+    """One node for clouds; the one for images stops first, as they have one name."""
+    node.stop(signal.SIGTERM)
+    rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
+    # Half the resolution: best effort over UDP loses parts of what is larger.
+    empty, good = (
+        points_from_depth(room.depth(balls), rays)[::2, ::2]
+        for balls in ((), [((1.5, 0.0, 0.4), 0.07)])
+    )
+    fields = cloud_message(good, 0.0).fields
+    bad = [
+        ("no reading", np.zeros((1, 0, 3)), {}),
+        ("no reading", np.full((2, 3, 3), np.nan), {}),
+        ("z missing", good, {"fields": fields[:2]}),
+        ("big-endian", good, {"is_bigendian": True}),
+        ("truncated", good, {"height": 500}),
+    ]
+    clock = iter(np.arange(1.0, 1000.0, STEP))
+    with Peer("tester") as peer:
+        heard = peer.listen(DiagnosticArray, "/diagnostics")
+        states = peer.listen(ObjectStates, f"{NODE}/object_states", SENSOR_DATA)
+        clouds = peer.publisher(PointCloud2, f"{NODE}/points", SENSOR_DATA)
+
+        def send(points, **changes) -> None:
+            play(peer, clouds, [cloud_message(points, next(clock), **changes)])
+
+        for text, points, changes in bad:
+            heard.clear()
+
+            def named(points=points, changes=changes, text=text) -> bool:
+                send(points, **changes)
+                return any(text in s.message for message in heard for s in message.status)
+
+            peer.spin_until(named, f"{text!r} in the diagnostics")
+        for _ in range(2 * FRAMES):
+            send(empty)
+
+        def seen() -> bool:
+            send(good)
+            return any(message.objects for message in states)
+
+        peer.spin_until(seen, "a ball")
+    cloud_node.check_running()
+    assert "Traceback" not in cloud_node.output
+    assert cloud_node.stop(signal.SIGINT) == 0
+
+
+def imu_message(up, time: float, **changes) -> Imu:
+    x, y, z = (9.81 * np.asarray(up)).tolist()
+    message = Imu(
+        header=Header(stamp=stamp_from_seconds(time), frame_id="imu"),
+        linear_acceleration=Vector3(x=x, y=y, z=z),
+    )
+    for name, value in changes.items():
+        setattr(message, name, value)
+    return message
+
+
+def test_gravity_is_that_of_the_imu(room) -> None:
+    """An IMU turned by 90° about the camera's x axis; nothing is modelled before it has rested."""
+    half = float(np.sqrt(0.5))
+    arguments = ["-p", "gravity_source:=imu", "-p", f"imu_orientation:=[{half}, 0.0, 0.0, {half}]"]
+    arguments += ["-p", f"environment_frames:={FRAMES}"]
+    up = room.rotation.T @ [0.0, np.sin(np.radians(3.0)), np.cos(np.radians(3.0))]
+    in_imu = np.array([up[0], up[2], -up[1]])
+    empty = room.depth()
+    with NodeProcess(MODULE, arguments) as process, Peer("tester") as peer:
+        heard = peer.listen(DiagnosticArray, "/diagnostics")
+        environments = peer.listen(EnvironmentMessage, f"{NODE}/environment", LATCHED)
+        infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
+        images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+        imus = peer.publisher(Imu, f"{NODE}/imu", SENSOR_DATA)
+
+        def frame(time: float) -> Image:
+            infos.publish(info_message(room))
+            return image_message(empty, 1.0 + time)
+
+        play_until(
+            peer, images, frame, lambda: says(heard, "environment", "IMU that has rested"), "a wait"
+        )
+        assert not environments
+        no_gravity = imu_message([0.0, 0.0, 0.0], 1.0)
+        play_until(
+            peer, imus, lambda _: no_gravity, lambda: says(heard, "imu", "gravity in it"), "why not"
+        )
+
+        def sample_and_frame(time: float) -> Image:
+            imus.publish(imu_message(in_imu, 5.0 + time))
+            return frame(100.0 + time)
+
+        play_until(peer, images, sample_and_frame, lambda: environments, "an environment")
+        process.check_running()
+        assert "Traceback" not in process.output
+    environment = environment_from_message(environments[-1])
+    assert environment.gravity == pytest.approx([0, 0, -9.81])
+    support = environment.planes[0].normal
+    assert np.degrees(np.arccos(support[2])) == pytest.approx(3.0, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["-p", "gravity_source:=up_hint"], "there is no up_hint"),
+        (["-p", "gravity_source:=moon"], "plane, up_hint, imu"),
+        (["-p", "gravity_source:=imu", "-p", "imu_orientation:=[1.0]"], "1 numbers"),
+        (["-p", "min_radius:=0.9"], "min_radius below max_radius"),
+        (["-p", "known_object_names:=[a, b]"], "[2, 1, 1] entries"),
+        (["-p", "input:=radar"], "auto, depth, points"),
+        (["-p", "min_points:=3"], "8"),
+    ],
+)
+def test_parameters_that_cannot_be_are_one_line(arguments, text) -> None:
+    with NodeProcess(MODULE, arguments) as process:
+        assert process.wait(20.0) == 1
+        assert text in process.output
+        assert "Traceback" not in process.output

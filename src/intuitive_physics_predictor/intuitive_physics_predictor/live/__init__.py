@@ -1,0 +1,1 @@
+"""Prediction at a steady rate from the newest inputs."""

@@ -1,0 +1,1 @@
+"""The predictor node, its services and its parameters."""

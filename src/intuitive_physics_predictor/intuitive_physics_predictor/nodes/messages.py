@@ -1,0 +1,82 @@
+"""What the predictor node hears as the library's inputs, and predictions as what it says."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
+from intuitive_physics_msgs.msg import ObjectStates
+from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
+from intuitive_physics_msgs.msg import TrajectoryDistribution as DistributionMessage
+from std_msgs.msg import Header
+
+from intuitive_physics_predictor.live.live_prediction import LivePrediction, SeenStates
+from intuitive_physics_ros.conversions import (
+    DistributionWriter,
+    environment_from_message,
+    object_states_from_messages,
+    seconds_from_stamp,
+    stamp_from_seconds,
+    static_parameters_from_message,
+)
+
+
+def environment_inputs(message: EnvironmentMessage, _: float) -> dict[str, Any]:
+    """Return what an environment changes of the inputs."""
+    return {
+        "environment": environment_from_message(message),
+        "environment_version": message.version,
+    }
+
+
+def parameters_inputs(message: StaticParametersMessage, _: float) -> dict[str, Any]:
+    """Return what static parameters change of the inputs."""
+    return {"learned": static_parameters_from_message(message)}
+
+
+def states_inputs(message: ObjectStates, now: float) -> dict[str, Any]:
+    """Return what object states change of the inputs; `now` is in s by the node's clock."""
+    objects, states = object_states_from_messages(message.objects)
+    stamp = seconds_from_stamp(message.header.stamp)
+    seen = SeenStates(
+        tuple(objects),
+        tuple(states),
+        stamp,
+        arrived=time.monotonic(),
+        delay=now - stamp,
+        frame_id=message.header.frame_id,
+    )
+    return {"seen": seen}
+
+
+def header_of(made: LivePrediction) -> Header:
+    """Return the time that a prediction begins at, and its frame."""
+    return Header(stamp=stamp_from_seconds(made.start), frame_id=made.scene.environment.frame_id)
+
+
+def distribution_message(
+    writer: DistributionWriter, made: LivePrediction, most_samples: int | None = None
+) -> DistributionMessage:
+    """Write a prediction as a message with so many of its samples at most.
+
+    Samples are drawn independently of one another, so the first ones are a fair choice.
+    """
+    distribution, header = made.distribution, header_of(made)
+    weights = distribution.weights[:most_samples]
+    return writer.write(
+        frame_id=header.frame_id,
+        stamp=header.stamp,
+        states_stamp=stamp_from_seconds(made.states_stamp),
+        object_ids=distribution.object_ids,
+        times=distribution.times,
+        positions=distribution.positions[:most_samples],
+        weights=weights / weights.sum(),
+        simulated_count=distribution.weights.size,
+        mean=distribution.mean,
+        covariance=distribution.covariance,
+        static_parameters_version=made.static_parameters_version,
+        environment_version=made.environment_version,
+        seed=made.seed,
+        computation_time=0.0,
+    )

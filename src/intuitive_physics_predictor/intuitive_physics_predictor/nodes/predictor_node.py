@@ -1,0 +1,149 @@
+"""The predictor node: newest states, environment and θ_s in; trajectory distributions out."""
+
+from __future__ import annotations
+
+import gc
+import sys
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
+from intuitive_physics_msgs.msg import ObjectStates
+from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.serialization import deserialize_message
+from visualization_msgs.msg import MarkerArray
+
+from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics_predictor.compile import warm_up
+from intuitive_physics_predictor.nodes.messages import (
+    environment_inputs,
+    header_of,
+    parameters_inputs,
+    states_inputs,
+)
+from intuitive_physics_predictor.nodes.parameters import (
+    OPTIONS,
+    PARAMETERS,
+    settings_from_parameters,
+)
+from intuitive_physics_predictor.nodes.services import PredictionServices
+from intuitive_physics_predictor.nodes.ticks import PredictionTicks
+from intuitive_physics_ros.diagnostics import Diagnostics
+from intuitive_physics_ros.distribution_markers import distribution_markers
+from intuitive_physics_ros.input_monitor import InputMonitor
+from intuitive_physics_ros.parameters import declare_parameters
+from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
+from intuitive_physics_ros.run_node import run_node
+
+SWITCH_INTERVAL = 5e-4
+"""s after which a thread that wants to go on gets Python. Making markers takes several ms."""
+
+
+class PredictorNode(Node):
+    """Parameters and topics in, around `PredictionTicks` and `PredictionServices`."""
+
+    def __init__(self) -> None:
+        super().__init__("predictor_node")
+        values = declare_parameters(self, PARAMETERS)
+        self._ticks = PredictionTicks(
+            self,
+            settings_from_parameters(values),
+            values["rate"],
+            values["seed"],
+            values["published_samples"],
+        )
+        self._answers = PredictionServices(
+            self,
+            lambda: (self._ticks.inputs, self._ticks.settings),
+            lambda: self._ticks.newest,
+        )
+        self._marker_publisher = self.create_publisher(MarkerArray, "~/markers", 1)
+        self._marker_timer = self.create_timer(1.0 / values["marker_rate"], self._on_marker_tick)
+        self._hear()
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._on_parameters_set)
+        warm_up()
+        self._ticks.start()
+
+    def destroy_node(self) -> None:
+        """Stop predicting."""
+        self._ticks.stop()
+        self._answers.stop()
+        super().destroy_node()
+
+    def _hear(self) -> None:
+        diagnostics = Diagnostics(self)
+        for name, kind, take, qos, expected in (
+            ("environment", EnvironmentMessage, environment_inputs, LATCHED, None),
+            ("object_states", ObjectStates, states_inputs, SENSOR_DATA, 2.0),
+            ("static_parameters", StaticParametersMessage, parameters_inputs, LATCHED, None),
+        ):
+            monitor = InputMonitor(self, f"~/{name}", expected)
+            heard = partial(self._on_input, monitor, kind, take)
+            self.create_subscription(kind, f"~/{name}", heard, qos, raw=True)
+            diagnostics.add(name, monitor.check)
+        diagnostics.add("prediction", self._ticks.monitor.check)
+
+    def _on_input(self, monitor: InputMonitor, kind: Any, take: Any, message: bytes) -> None:
+        """Take over an input between two ticks, from reading its bytes on."""
+        now = 1e-9 * self.get_clock().now().nanoseconds
+        self._ticks.wait_for_gap()
+        try:
+            self._ticks.take(**take(deserialize_message(message, kind), now))
+        except IntuitivePhysicsError as error:
+            monitor.rejected(error)
+        else:
+            monitor.accepted()
+
+    def _on_marker_tick(self) -> None:
+        made = self._ticks.newest
+        if made is not None and self._marker_publisher.get_subscription_count() > 0:
+            distribution = made.distribution
+            self._marker_publisher.publish(
+                distribution_markers(
+                    header_of(made),
+                    distribution.object_ids,
+                    distribution.positions,
+                    distribution.mean,
+                    distribution.covariance,
+                )
+            )
+
+    def _check_parameters(self, new: Sequence[RosParameter]) -> SetParametersResult:
+        """Refuse parameters that are each what they may be, but not together."""
+        try:
+            settings_from_parameters(self._values() | {one.name: one.value for one in new})
+        except IntuitivePhysicsError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _on_parameters_set(self, new: Sequence[RosParameter]) -> None:
+        values, names = self._values(), {one.name for one in new}
+        if names & OPTIONS:
+            self._ticks.settings = settings_from_parameters(values)
+        if "seed" in names:
+            self._ticks.seed = values["seed"]
+        self._ticks.published_samples = values["published_samples"]
+        self._ticks.set_rate(values["rate"])
+        self._marker_timer.timer_period_ns = round(1e9 / values["marker_rate"])
+
+    def _values(self) -> dict[str, Any]:
+        return {known.name: self.get_parameter(known.name).value for known in PARAMETERS}
+
+
+def main() -> int:
+    """Run the node until it is told to stop."""
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    return run_node(make_node)
+
+
+def make_node() -> PredictorNode:
+    """Make the node, and keep the garbage collector from looking at all that lives as long."""
+    node = PredictorNode()
+    gc.collect()
+    gc.freeze()
+    return node

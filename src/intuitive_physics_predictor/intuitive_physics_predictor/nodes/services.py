@@ -1,0 +1,178 @@
+"""The predictor node's services: predictions of any scene, and questions about the newest one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from intuitive_physics_msgs.msg import ResultCode
+from intuitive_physics_msgs.srv import Predict, Query
+from numpy.typing import ArrayLike
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+
+from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
+from intuitive_physics.scene import Scene
+from intuitive_physics_predictor.live.live_prediction import Inputs, LivePrediction, predict_scene
+from intuitive_physics_predictor.live.prediction_settings import PredictionSettings, output_times
+from intuitive_physics_predictor.live.question import Answer, Event, Question, answer
+from intuitive_physics_predictor.nodes.messages import distribution_message, header_of
+from intuitive_physics_predictor.noisy_newton import PredictionFailedError
+from intuitive_physics_ros.background import Background
+from intuitive_physics_ros.conversions import (
+    DistributionWriter,
+    environment_from_message,
+    float32_field,
+    object_states_from_messages,
+    region_from_message,
+    static_parameters_from_message,
+)
+from intuitive_physics_ros.conversions.geometry import point_to_message
+from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_result
+
+CODES: dict[type[BaseException], int] = {
+    PredictionFailedError: ResultCode.PREDICTION_FAILED,
+}
+
+EVENTS = {getattr(Query.Request, event.name): event for event in Event}
+"""Events by their number in a request."""
+WITH_REGION = (Event.ENTERS_REGION, Event.INTERCEPTS)
+
+
+class PredictionServices:
+    """Answers `~/predict` and `~/query`, each simulated in the background.
+
+    Parameters
+    ----------
+    node : offers them
+    inputs : tells the newest inputs and settings
+    newest : tells the newest prediction, None while there is none
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        inputs: Callable[[], tuple[Inputs, PredictionSettings]],
+        newest: Callable[[], LivePrediction | None],
+    ) -> None:
+        self._node = node
+        self._inputs = inputs
+        self._newest = newest
+        self._background = Background(node)
+        # While an answer is simulated in the background, others must go on.
+        together = ReentrantCallbackGroup()
+        node.create_service(Predict, "~/predict", self._on_predict, callback_group=together)
+        node.create_service(Query, "~/query", self._on_query, callback_group=together)
+
+    def stop(self) -> None:
+        """Wait for the answer under way; what waits is left out."""
+        self._background.stop()
+
+    async def _on_predict(
+        self, request: Predict.Request, response: Predict.Response
+    ) -> Predict.Response:
+        started, now = time.perf_counter(), 1e-9 * self._node.get_clock().now().nanoseconds
+        inputs, settings = self._inputs()
+        try:
+            response.distribution = await self._background.run(
+                lambda: distribution_message(
+                    DistributionWriter(), predict_request(request, inputs, settings, now)
+                )
+            )
+            response.distribution.computation_time = time.perf_counter() - started
+            response.result = ok_result()
+        except Exception as error:
+            response.result = self._refusal(error)
+        return response
+
+    async def _on_query(self, request: Query.Request, response: Query.Response) -> Query.Response:
+        made = self._newest()
+        try:
+            if made is None:
+                raise RefusedError(
+                    ResultCode.NOT_READY,
+                    "nothing is predicted now; expected an environment and objects that are seen",
+                )
+            question = question_from_request(request)
+            answered: Answer = await self._background.run(lambda: answer(question, made))
+            response.probability = answered.forecast.probability
+            response.times = float32_field(answered.forecast.times)
+            response.weights = float32_field(answered.forecast.weights)
+            if answered.position is not None:
+                response.position = point_to_message(answered.position)
+                response.time = answered.time
+            response.header = header_of(made)
+            response.result = ok_result()
+        except Exception as error:
+            response.result = self._refusal(error)
+        return response
+
+    def _refusal(self, error: Exception) -> ResultCode:
+        if not isinstance(error, IntuitivePhysicsError):
+            self._node.get_logger().error(f"a request failed: {type(error).__name__}: {error}")
+        return error_result(error, CODES)
+
+
+def predict_request(
+    request: Predict.Request, inputs: Inputs, settings: PredictionSettings, now: float
+) -> LivePrediction:
+    """Predict the scene of a request; what it leaves out is the node's.
+
+    Parameters
+    ----------
+    now : s, the time its states are taken to be of
+    """
+    objects, states = object_states_from_messages(request.objects)
+    environment, version = inputs.environment, inputs.environment_version
+    given, gravity = request.environment, request.environment.gravity
+    if given.primitives or any((gravity.x, gravity.y, gravity.z)):
+        environment, version = environment_from_message(given), given.version
+    if environment is None:
+        raise RefusedError(
+            ResultCode.NOT_READY,
+            "the request has no environment and none was received; send one with the request",
+        )
+    learned = inputs.learned
+    if request.static_parameters:
+        learned = static_parameters_from_message(request.static_parameters[0])
+    options = settings.options
+    times: ArrayLike = request.times
+    if not len(request.times):
+        times = output_times(
+            request.horizon or options.horizon, request.time_step or options.time_step
+        )
+    return predict_scene(
+        Scene(environment, tuple(objects), tuple(states)),
+        learned,
+        settings,
+        times,
+        seed=request.seed,
+        sample_count=request.sample_count or options.sample_count,
+        start=now,
+        environment_version=version,
+    )
+
+
+def question_from_request(request: Query.Request) -> Question:
+    """Return what a request asks.
+
+    Raises
+    ------
+    InvalidInputError
+        When the event or the region is none that is known.
+    """
+    if request.event not in EVENTS:
+        known = ", ".join(f"{code} ({event.name})" for code, event in EVENTS.items())
+        raise InvalidInputError(f"event is {request.event}; expected {known}")
+    event = EVENTS[request.event]
+    return Question(
+        event,
+        request.object_id,
+        region_from_message(request.region) if event in WITH_REGION else None,
+        request.other_id,
+        request.height,
+        request.reach,
+        request.earliest,
+        request.sample_count,
+        request.horizon,
+    )

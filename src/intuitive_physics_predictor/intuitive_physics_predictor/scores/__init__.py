@@ -1,0 +1,1 @@
+"""Proper scores, and noise that is fitted by them."""

@@ -1,0 +1,230 @@
+"""Fit noise scales to the past: those whose predictions of it have the best energy score.
+
+The best scales of a short past are partly chance, so their logarithms are shrunk towards those of
+the start, which believe what perception and learner say (`shrinkage`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.simulation import Simulator, make_simulator
+from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
+from intuitive_physics_predictor.scores.outcomes import (
+    Outcome,
+    Prediction,
+    noisy_prediction,
+    predict_outcomes,
+)
+from intuitive_physics_predictor.scores.proper_scores import energy_scores
+from intuitive_physics_predictor.scores.shrinkage import share_beyond_chance
+
+FITTED_SCALES = ("state", "static_parameters", "unidentified")
+"""Scales that observations of any kind can tell."""
+
+FIRST_STEP = np.log(0.5)
+"""A scale is first tried at half its value."""
+
+SMALLEST_SCALE, LARGEST_SCALE = 1e-3, 1e3
+SMALLEST_SPREAD = 1e-3
+"""m; a prediction surer than that is not weighed more."""
+
+PRECISION = 0.02
+"""Relative, of a scale; the score is flat about its best."""
+
+
+@dataclass(frozen=True)
+class NoiseFit:
+    """What a fit found.
+
+    Parameters
+    ----------
+    scales : the best ones
+    score : their energy score, relative to that of the scales the fit began with
+    kept : by name of a scale, share of the way from the start to the scale of the best score that
+        is more than chance
+    evaluations : sets of scales that were tried
+    """
+
+    scales: NoiseScales
+    score: float
+    kept: dict[str, float]
+    evaluations: int
+
+
+def fit_noise_scales(
+    outcomes: Sequence[Outcome],
+    learned: LearnedParameters,
+    *,
+    names: Sequence[str] = FITTED_SCALES,
+    start: NoiseScales | None = None,
+    seed: int = 0,
+    sample_count: int = 50,
+    max_evaluations: int = 50,
+    simulator: Simulator | None = None,
+) -> NoiseFit:
+    """Fit some of the noise scales, each on a logarithmic scale, by Nelder and Mead, and shrink.
+
+    Every object counts alike at every time, however far it may have got by then: its score is
+    relative to the spread that is predicted for it by `start`, and the scores at each time to
+    those of `start`. (Constant weights leave a score proper.)
+
+    Parameters
+    ----------
+    outcomes : the past, at least one, all with the same number of times
+    learned : θ_s with the uncertainty that is to be scaled
+    names : scales to fit; the others keep their value in `start`
+    start : where the fit begins; scales to fit must be above zero there; default: `NoiseScales()`
+    seed : of the noise, the same for all scales tried
+    sample_count : simulations of each outcome
+
+    Raises
+    ------
+    InvalidInputError
+        When there is no outcome or a scale to fit starts at zero.
+    UnknownNameError
+        When there is no such scale.
+    """
+    begin = start or NoiseScales()
+    first = _checked_start(begin, names)
+    if not outcomes or len({len(outcome.times) for outcome in outcomes}) > 1:
+        raise InvalidInputError(
+            f"there are {len(outcomes)} outcomes; expected at least one, all at as many times"
+        )
+    engine = simulator or make_simulator("auto")
+
+    def scaled(logarithms: NDArray[np.float64]) -> NoiseScales:
+        values = np.clip(np.exp(logarithms), SMALLEST_SCALE, LARGEST_SCALE)
+        found = dict(zip(names, map(float, values), strict=True))
+        if "unidentified" in found:
+            found["unidentified"] = min(found["unidentified"], 1.0)
+        return replace(begin, **found)
+
+    def prediction(scales: NoiseScales) -> Prediction:
+        return noisy_prediction(learned, scales, sample_count, engine)
+
+    weights = spread_weights(outcomes, prediction(begin), seed)
+    reference = weighted_energy_scores(outcomes, prediction(begin), weights, seed)
+    unit = [weight / reference for weight in weights]
+
+    def relative_scores(
+        logarithms: NDArray[np.float64], samples_seed: int = seed
+    ) -> NDArray[np.float64]:
+        way = prediction(scaled(logarithms))
+        return _scores_of_outcomes(outcomes, way, unit, samples_seed)
+
+    def other_scores(logarithms: NDArray[np.float64]) -> NDArray[np.float64]:
+        # The best of many tries is best by the luck of its samples, too; others do not share it.
+        return relative_scores(logarithms, seed + 1)
+
+    found = minimize(
+        lambda logarithms: float(relative_scores(logarithms).mean()),
+        first,
+        method="Nelder-Mead",
+        options={
+            "initial_simplex": np.vstack([first, first + FIRST_STEP * np.eye(len(names))]),
+            "maxfev": max_evaluations,
+            "xatol": PRECISION,
+            "fatol": 0.01 * PRECISION,
+        },
+    )
+    shares = _shares_beyond_chance(other_scores, first, found.x)
+    settled = first + shares * (found.x - first)
+    kept = dict(zip(names, shares.tolist(), strict=True))
+    score = float(other_scores(settled).mean() / other_scores(first).mean())
+    return NoiseFit(scaled(settled), score, kept, int(found.nfev))
+
+
+def _shares_beyond_chance(
+    scores: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    start: NDArray[np.float64],
+    found: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Share of the way from `start` to `found` (k,) that each number is worth by itself, (k,).
+
+    One that tells must not carry others along that do not, so each is put back alone.
+
+    Parameters
+    ----------
+    scores : of each outcome, by the numbers; not those that `found` is the best of
+    """
+    best = scores(found)
+    shares = np.zeros(len(found))
+    for k in range(len(found)):
+        without = found.copy()
+        without[k] = start[k]
+        shares[k] = share_beyond_chance(scores(without) - best, 1)
+    return shares
+
+
+def spread_weights(
+    outcomes: Sequence[Outcome], prediction: Prediction, seed: int
+) -> list[NDArray[np.float64]]:
+    """One over the predicted spread of each object at each time, (n_objects, n_times) 1/m."""
+    return [
+        1.0 / np.sqrt(samples.var(axis=0).sum(axis=-1) + SMALLEST_SPREAD**2)
+        for samples in predict_outcomes(outcomes, prediction, seed)
+    ]
+
+
+def weighted_energy_scores(
+    outcomes: Sequence[Outcome],
+    prediction: Prediction,
+    weights: Sequence[NDArray[np.float64]],
+    seed: int,
+) -> NDArray[np.float64]:
+    """Mean of the energy scores of all objects, each with its weight, (n_times,)."""
+    scores = _weighted_scores(outcomes, prediction, weights, seed)
+    return np.asarray(np.nanmean(np.concatenate(scores), axis=0))
+
+
+def _scores_of_outcomes(
+    outcomes: Sequence[Outcome],
+    prediction: Prediction,
+    weights: Sequence[NDArray[np.float64]],
+    seed: int,
+) -> NDArray[np.float64]:
+    """What each outcome adds to the weighted scores of all objects and times, (n_outcomes,).
+
+    Their mean is that of all objects and times; objects of one outcome share their fate, so it is
+    outcomes that chance draws.
+    """
+    scores = _weighted_scores(outcomes, prediction, weights, seed)
+    known = sum(int(np.isfinite(each).sum()) for each in scores)
+    return np.array([np.nansum(each) for each in scores]) * (len(scores) / max(known, 1))
+
+
+def _weighted_scores(
+    outcomes: Sequence[Outcome],
+    prediction: Prediction,
+    weights: Sequence[NDArray[np.float64]],
+    seed: int,
+) -> list[NDArray[np.float64]]:
+    """Energy scores, each with its weight, (n_objects, n_times) of each outcome."""
+    predicted = predict_outcomes(outcomes, prediction, seed)
+    return [
+        weight * energy_scores(samples, outcome.positions)
+        for samples, outcome, weight in zip(predicted, outcomes, weights, strict=True)
+    ]
+
+
+def _checked_start(start: NoiseScales, names: Sequence[str]) -> NDArray[np.float64]:
+    unknown = [name for name in names if name not in NOISE_SCALES]
+    if unknown or not names:
+        raise UnknownNameError(
+            f"noise scales to fit are {list(names)}; expected some of {', '.join(NOISE_SCALES)}"
+        )
+    values = np.array([getattr(start, name) for name in names])
+    if (values <= 0.0).any():
+        raise InvalidInputError(
+            f"noise scales start at {dict(zip(names, values.tolist(), strict=True))}; "
+            "expected all that are fitted above zero"
+        )
+    return np.log(values)

@@ -1,0 +1,213 @@
+"""Plays a rosbag2 recording (MCAP or SQLite), as `ros2 bag play` does where it is installed."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import threading
+import time
+from typing import Any
+
+import rclpy
+from builtin_interfaces.msg import Time
+from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+
+from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
+from intuitive_physics_recordings.bag_reader import BagMessage, BagReader, BagTopic
+from intuitive_physics_recordings.replay import Replay, ReplaySettings
+from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
+from intuitive_physics_ros.parameters import Parameter, declare_parameters
+from intuitive_physics_ros.run_node import run_node
+
+CLOCK_TOPIC = "/clock"
+QUEUE_DEPTH = 10
+POLL_PERIOD = 0.05
+ACKNOWLEDGE_TIMEOUT = 2.0
+
+PARAMETERS = (
+    Parameter("bag", "", "folder of the bag, or one .mcap or .db3 file"),
+    Parameter("rate", 1.0, "bag seconds in one real second", range=(0.01, 100.0)),
+    Parameter("loop", False, "start again at the end"),
+    Parameter("start_offset", 0.0, "s of the bag left out at its start", range=(0.0, 1e9)),
+    Parameter("clock", True, "publish bag time on /clock, 100 times a second at most"),
+    Parameter(
+        "wait_for_subscribers",
+        [""],
+        "topics that must have a subscriber before the bag starts; empty names count for nothing",
+    ),
+    Parameter("wait_timeout", 30.0, "s to wait for those subscribers at most", range=(0.0, 3600.0)),
+)
+
+
+class ReplayNode(Node):
+    """Publishes the messages of a bag as they were recorded and ends with it."""
+
+    def __init__(self) -> None:
+        super().__init__("replay")
+        values = declare_parameters(self, PARAMETERS)
+        if not values["bag"]:
+            raise InvalidInputError(
+                "parameter bag is empty; expected the path of a bag (-p bag:=PATH)"
+            )
+        self.exit_code = 0
+        self._clock_publisher = (
+            self.create_publisher(Clock, CLOCK_TOPIC, 1) if values["clock"] else None
+        )
+        self._bag = BagReader(values["bag"])
+        self._publishers_by_topic = self._make_publishers()
+        self._awaited = [name for name in values["wait_for_subscribers"] if name]
+        self._wait_timeout = values["wait_timeout"]
+        self._check_awaited()
+        self._replay = Replay(
+            self._bag,
+            list(self._publishers_by_topic),
+            ReplaySettings(values["rate"], values["loop"], values["start_offset"]),
+            self._publish,
+            None if self._clock_publisher is None else self._publish_clock,
+        )
+        self._phase = "waits for subscribers"
+        Diagnostics(self).add("bag", self._status)
+        self._stopping = threading.Event()
+        self._finished = self.create_guard_condition(self._end)
+        self._thread = threading.Thread(target=self._run, name="replay")
+        self._thread.start()
+
+    def destroy_node(self) -> None:
+        """Stop playing, then close the bag."""
+        self._stopping.set()
+        self._replay.stop()
+        self._thread.join()
+        self._bag.close()
+        super().destroy_node()
+
+    def _make_publishers(self) -> dict[str, Publisher]:
+        publishers: dict[str, Publisher] = {}
+        for topic in self._bag.topics:
+            if topic.name == CLOCK_TOPIC and self._clock_publisher is not None:
+                self.get_logger().warning(
+                    "the bag's own /clock is skipped; set clock:=false to play it instead"
+                )
+                continue
+            message_class = _message_class(topic.type)
+            if message_class is None:
+                self.get_logger().warning(
+                    f"{topic.name} is skipped: its type {topic.type} is not installed"
+                )
+                continue
+            publishers[topic.name] = self.create_publisher(message_class, topic.name, _qos(topic))
+        if not publishers:
+            raise InvalidInputError(
+                f"bag {self._bag.path} has no topic that can be played; "
+                "expected messages of types that are installed"
+            )
+        return publishers
+
+    def _check_awaited(self) -> None:
+        for name in self._awaited:
+            if name not in self._publishers_by_topic:
+                raise InvalidInputError(
+                    f"wait_for_subscribers names {name!r}; the bag plays "
+                    f"{', '.join(self._publishers_by_topic)}"
+                )
+
+    def _run(self) -> None:
+        try:
+            self._wait_for_subscribers()
+            self._phase = "plays"
+            self.get_logger().info(
+                f"plays {self._bag.path}: {self._bag.duration:.1f} s, "
+                f"{', '.join(self._publishers_by_topic)}"
+            )
+            if self._replay.run():
+                self._wait_until_acknowledged()
+                self.get_logger().info("the bag is at its end")
+        except IntuitivePhysicsError as error:
+            self.exit_code = 1
+            self.get_logger().fatal(str(error))
+        if not self._stopping.is_set():
+            self._finished.trigger()
+
+    def _wait_for_subscribers(self) -> None:
+        deadline = time.monotonic() + self._wait_timeout
+        missing = self._awaited
+        while True:
+            missing = [
+                name
+                for name in missing
+                if self._publishers_by_topic[name].get_subscription_count() == 0
+            ]
+            if not missing or self._stopping.is_set():
+                return
+            if time.monotonic() > deadline:
+                raise InvalidInputError(
+                    f"nobody subscribed to {', '.join(missing)} within {self._wait_timeout:g} s; "
+                    "expected a subscriber: start it, or leave the topic out of "
+                    "wait_for_subscribers"
+                )
+            self._stopping.wait(POLL_PERIOD)
+
+    def _wait_until_acknowledged(self) -> None:
+        # Else the last messages may die with this process, before reliable subscribers had them.
+        for publisher in self._publishers_by_topic.values():
+            publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT))
+
+    def _publish(self, message: BagMessage) -> None:
+        if rclpy.ok():
+            self._publishers_by_topic[message.topic].publish(message.data)
+
+    def _publish_clock(self, nanoseconds: int) -> None:
+        if rclpy.ok() and self._clock_publisher is not None:
+            seconds, rest = divmod(nanoseconds, 1_000_000_000)
+            self._clock_publisher.publish(Clock(clock=Time(sec=seconds, nanosec=rest)))
+
+    def _end(self) -> None:
+        # Ends the executor's spinning, in its own thread.
+        raise ExternalShutdownException
+
+    def _status(self) -> Status:
+        return Status(
+            Level.OK,
+            f"{self._phase} {self._bag.path}",
+            {
+                "position": f"{self._replay.position:.1f} s",
+                "duration": f"{self._bag.duration:.1f} s",
+            },
+        )
+
+
+def _message_class(type_name: str) -> Any | None:
+    """Return the class of a type such as "sensor_msgs/msg/Image", None where it is unknown."""
+    package, _, name = type_name.partition("/msg/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError):
+        return None
+
+
+def _qos(topic: BagTopic) -> QoSProfile:
+    # Reliable matches best-effort (sensor data) subscribers as well as reliable ones.
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
+    return QoSProfile(
+        depth=QUEUE_DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=durability
+    )
+
+
+def main() -> int:
+    """Run the node; exit code 1 when the bag could not be played to its end."""
+    made: list[ReplayNode] = []
+
+    def make() -> ReplayNode:
+        made.append(ReplayNode())
+        return made[-1]
+
+    code = run_node(make)
+    return code or (made[-1].exit_code if made else 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

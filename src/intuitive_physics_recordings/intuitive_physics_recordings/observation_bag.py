@@ -1,0 +1,106 @@
+"""Observations as an MCAP file that `ros2 bag` plays and Foxglove opens.
+
+They are ROS messages and not JSON: played on a robot, they are what perception would have
+published, and the learner that hears them stores them. The file holds the message definitions, so
+it can be read where this suite is not installed.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.observation import Observation
+from intuitive_physics_recordings.bag_reader import BagReader
+from intuitive_physics_recordings.observation_messages import (
+    OBSERVATION_TYPE,
+    observation_from_message,
+    observation_to_message,
+    start_stamp,
+)
+from intuitive_physics_recordings.ros_messages import suite_typestore
+
+SUFFIX = ".mcap"
+
+TOPIC = "/perception_node/observation"
+"""Where perception publishes observations, and the learner hears them."""
+
+_ENDLESS = QosTime(9223372036, 854775807)
+_KEPT_FOR_LATE_JOINERS = Qos(
+    QosHistory.KEEP_LAST,
+    100,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    _ENDLESS,
+    _ENDLESS,
+    QosLiveliness.AUTOMATIC,
+    _ENDLESS,
+    False,
+)
+
+
+def write_observation_bag(observations: Iterable[Observation], path: Path) -> None:
+    """Write observations into one MCAP file, in order of time; it appears whole or not at all.
+
+    Times are kept to a nanosecond.
+
+    Raises
+    ------
+    InvalidInputError
+        When the file cannot be written, or an observation has what its message has no field for.
+    """
+    ordered = sorted(observations, key=lambda seen: seen.start_time)
+    messages = [(start_stamp(seen), observation_to_message(seen)) for seen in ordered]
+    store = suite_typestore()
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as folder:
+            bag = Path(folder) / path.stem
+            writer = Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP)
+            # Chunks, not messages: other MCAP readers know only compressed chunks.
+            writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+            with writer:
+                connection = writer.add_connection(
+                    TOPIC,
+                    OBSERVATION_TYPE,
+                    typestore=store,
+                    offered_qos_profiles=[_KEPT_FOR_LATE_JOINERS],
+                )
+                for stamp, message in messages:
+                    data = store.serialize_cdr(message, OBSERVATION_TYPE)
+                    writer.write(connection, stamp, data)
+            (written,) = bag.glob(f"*{SUFFIX}")
+            written.replace(path)
+    except OSError as error:
+        raise InvalidInputError(f"cannot write {path}: {error.strerror}") from None
+
+
+def read_observation_bag(path: Path) -> list[Observation]:
+    """Read all observations of a bag, on whatever topics they were recorded.
+
+    Raises
+    ------
+    InvalidInputError
+        When there is no bag, it is damaged, or has no observation.
+    """
+    with BagReader(path, suite_typestore()) as reader:
+        topics = [topic.name for topic in reader.topics if topic.type == OBSERVATION_TYPE]
+        observations = [
+            observation_from_message(reader.decode(message)) for message in reader.messages(topics)
+        ]
+    if not observations:
+        raise InvalidInputError(
+            f"{path} has no message of the type {OBSERVATION_TYPE}; expected recorded observations"
+        )
+    return observations

@@ -1,0 +1,200 @@
+"""The replay node as a process of its own, heard over DDS."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.interfaces import Qos
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+rclpy = pytest.importorskip("rclpy")
+
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data  # noqa: E402
+from rosgraph_msgs.msg import Clock  # noqa: E402
+from sensor_msgs.msg import Image  # noqa: E402
+from std_msgs.msg import Int32  # noqa: E402
+
+from intuitive_physics_experiments.rendering.camera import Camera  # noqa: E402
+from intuitive_physics_experiments.rendering.depth_bag_writer import (  # noqa: E402
+    DEPTH_TOPIC,
+    DepthBagWriter,
+)
+
+TIMEOUT = 20.0
+SMALL = Camera.looking_at((0, 0, 1), (1, 1, 0), width=8, height=6, focal_length=6.0)
+
+
+@pytest.fixture(scope="module")
+def environment() -> dict[str, str]:
+    """Processes of this test hear each other and nobody else."""
+    return {
+        **os.environ,
+        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "PYTHONUNBUFFERED": "1",
+    }
+
+
+@pytest.fixture(scope="module")
+def listener(environment: dict[str, str]) -> Iterator:
+    """A node of this process."""
+    before = dict(os.environ)
+    os.environ.update(environment)
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node("listener", context=context)
+    executor = rclpy.executors.SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    yield node, executor
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+    os.environ.clear()
+    os.environ.update(before)
+
+
+@pytest.fixture
+def depth_bag(tmp_path: Path) -> Path:
+    path = tmp_path / "depth"
+    with DepthBagWriter(path, SMALL) as writer:
+        for i in range(30):
+            writer.write(10**18 + i * 10_000_000, np.full((6, 8), i + 1, np.uint16))
+    return path
+
+
+def start(environment: dict[str, str], **parameters: object) -> subprocess.Popen:
+    arguments = [f"-p{name}:={value}" for name, value in parameters.items()]
+    pairs = [part for text in arguments for part in (text[:2], text[2:])]
+    return subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "intuitive_physics_recordings.nodes.replay_node",
+            "--ros-args",
+            *pairs,
+        ],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def finish(process: subprocess.Popen) -> str:
+    output, _ = process.communicate(timeout=TIMEOUT)
+    assert "Traceback" not in output
+    return output
+
+
+def spin_until(executor: Any, condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + TIMEOUT
+    while not condition() and time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=0.05)
+    assert condition()
+
+
+@pytest.mark.parametrize("quality", ["sensor data", "reliable"])
+def test_every_message_arrives_as_it_was_recorded(
+    environment: dict[str, str], listener: tuple[Any, Any], depth_bag: Path, quality: str
+) -> None:
+    node, executor = listener
+    qos = qos_profile_sensor_data if quality == "sensor data" else QoSProfile(depth=100)
+    heard: list[Image] = []
+    clock: list[Clock] = []
+    subscriptions = [
+        node.create_subscription(Image, DEPTH_TOPIC, heard.append, qos),
+        node.create_subscription(Clock, "/clock", clock.append, 100),
+    ]
+    process = start(environment, bag=depth_bag, wait_for_subscribers=f"[{DEPTH_TOPIC}]")
+    spin_until(executor, lambda: len(heard) == 30)
+    output = finish(process)
+    for subscription in subscriptions:
+        node.destroy_subscription(subscription)
+    assert process.returncode == 0, output
+    assert [np.frombuffer(m.data, "<u2")[0] for m in heard] == list(range(1, 31))
+    assert heard[3].header.frame_id == SMALL.frame_id
+    times = [message.clock.sec * 10**9 + message.clock.nanosec for message in clock]
+    assert times == sorted(times)
+    assert times[0] >= 10**18
+
+
+def latched_and_unknown_bag(path: Path, latched: Qos) -> None:
+    typestore = get_typestore(Stores.ROS2_JAZZY)
+    typestore.register(get_types_from_msg("int32 value", "strange_msgs/msg/Strange"))
+    int32, strange = typestore.types["std_msgs/msg/Int32"], "strange_msgs/msg/Strange"
+    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        maps = writer.add_connection(
+            "/map", int32.__msgtype__, typestore=typestore, offered_qos_profiles=[latched]
+        )
+        others = writer.add_connection("/strange", strange, typestore=typestore)
+        writer.write(maps, 10**18, typestore.serialize_cdr(int32(data=7), int32.__msgtype__))
+        message = typestore.types[strange](value=1)
+        writer.write(others, 10**18 + 1, typestore.serialize_cdr(message, strange))
+        writer.write(
+            maps, 10**18 + 3_000_000_000, typestore.serialize_cdr(int32(data=8), int32.__msgtype__)
+        )
+
+
+def test_latched_topics_reach_late_subscribers_and_unknown_types_are_skipped(
+    environment: dict[str, str], listener: tuple[Any, Any], tmp_path: Path, latched: Qos
+) -> None:
+    latched_and_unknown_bag(tmp_path / "bag", latched)
+    node, executor = listener
+    process = start(environment, bag=tmp_path / "bag", loop="true", rate=0.01)
+    spin_until(executor, lambda: node.count_publishers("/map") == 1)
+    time.sleep(1.0)
+    heard: list[Int32] = []
+    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    subscription = node.create_subscription(Int32, "/map", heard.append, qos)
+    spin_until(executor, lambda: bool(heard))
+    process.send_signal(signal.SIGINT)
+    output = finish(process)
+    node.destroy_subscription(subscription)
+    assert heard[0].data == 7
+    assert process.returncode == 0, output
+    assert "/strange is skipped: its type strange_msgs/msg/Strange is not installed" in output
+
+
+def test_bad_bags_and_parameters_are_one_clear_error(
+    environment: dict[str, str], depth_bag: Path
+) -> None:
+    file = depth_bag / "depth.mcap"
+    whole = file.read_bytes()
+    cases: list[tuple[dict[str, Any], str]] = [
+        ({"bag": depth_bag / "nowhere"}, "there is no bag"),
+        ({}, "parameter bag is empty"),
+        ({"bag": depth_bag, "start_offset": 99.0}, "expected an offset within the bag"),
+        ({"bag": depth_bag, "wait_for_subscribers": "[/other]"}, "wait_for_subscribers names"),
+        ({"bag": depth_bag, "rate": -1.0}, "parameter rate is -1.0"),
+    ]
+    running = [(start(environment, **parameters), text) for parameters, text in cases[:3]]
+    running += [(start(environment, **parameters), text) for parameters, text in cases[3:]]
+    for process, text in running:
+        output = finish(process)
+        assert process.returncode == 1
+        assert text in output
+        assert len(output.strip().splitlines()) == 1
+    file.write_bytes(whole[: len(whole) // 2])
+    process = start(environment, bag=depth_bag)
+    assert "cut short or damaged" in finish(process)
+    assert process.returncode == 1
+
+
+def test_a_bag_nobody_listens_to_ends_with_a_clear_error(
+    environment: dict[str, str], depth_bag: Path
+) -> None:
+    process = start(
+        environment, bag=depth_bag, wait_for_subscribers=f"[{DEPTH_TOPIC}]", wait_timeout=0.5
+    )
+    assert f"nobody subscribed to {DEPTH_TOPIC} within 0.5 s" in finish(process)
+    assert process.returncode == 1

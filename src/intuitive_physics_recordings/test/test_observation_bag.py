@@ -1,0 +1,147 @@
+"""Observations as MCAP: out and in again, and as ROS itself would write them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.scene import Environment, Plane, SceneObject, StaticBox
+from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
+from intuitive_physics.state import ERROR_SIZE, ObjectState
+from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_recordings.bag_reader import BagReader
+from intuitive_physics_recordings.observation_bag import (
+    TOPIC,
+    read_observation_bag,
+    write_observation_bag,
+)
+from intuitive_physics_recordings.observation_messages import OBSERVATION_TYPE
+from intuitive_physics_recordings.ros_messages import DEFINITIONS
+
+SHAPES: tuple[Shape, ...] = (Sphere(0.05), Box((0.1, 0.2, 0.3)), Capsule(0.04, 0.2))
+
+
+def make_observation(seed: int, start: float = 1_750_000_000.123456) -> Observation:
+    """Return what uses every field: three shapes, a plane with edges, a box, full covariances."""
+    generator = np.random.default_rng(seed)
+    corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    environment = Environment(
+        [Plane("floor", "wood", [0, 0, 1], -0.5), Plane("table", "felt", [0, 0, 1], 0.0, corners)],
+        [StaticBox("step", "stone", [1, 2, 0.1], [0, 0, 0.6, 0.8], [0.5, 0.4, 0.2])],
+        [0.1, 0.0, -9.8],
+        "environment",
+    )
+    objects = []
+    for k, shape in enumerate(SHAPES):
+        root, turned = generator.normal(size=(ERROR_SIZE, ERROR_SIZE)), generator.normal(size=4)
+        state = ObjectState(
+            generator.normal(size=3),
+            turned / np.linalg.norm(turned),
+            generator.normal(size=3),
+            generator.normal(size=3),
+            root @ root.T,
+        )
+        times = start + np.cumsum(generator.uniform(0.01, 0.1, 5 + k))
+        trajectory = Trajectory(times, generator.normal(size=(5 + k, 3)))
+        objects.append(ObservedObject(SceneObject(f"{k}", "cork", shape), trajectory, state))
+    return Observation(environment, tuple(objects), start, f"seen {seed}")
+
+
+def numbers(value: object) -> list[float]:
+    """All numbers of plain data, in order."""
+    if isinstance(value, dict):
+        return [number for key in sorted(value) for number in numbers(value[key])]
+    if isinstance(value, list):
+        return [number for one in value for number in numbers(one)]
+    return [float(value)] if isinstance(value, (int, float)) else []
+
+
+def assert_same(got: Observation, expected: Observation) -> None:
+    """Equal to rounding; times to the nanosecond that a stamp has."""
+    assert got.id == expected.id
+    assert got.environment.frame_id == expected.environment.frame_id
+    assert got.start_time == pytest.approx(expected.start_time, abs=1e-9)
+    ours, theirs = (numbers(one.environment.to_dict()) for one in (got, expected))
+    np.testing.assert_allclose(ours, theirs, rtol=1e-15, atol=1e-15)
+    for mine, its in zip(got.objects, expected.objects, strict=True):
+        assert mine.object == its.object
+        np.testing.assert_array_equal(mine.trajectory.positions, its.trajectory.positions)
+        np.testing.assert_allclose(mine.trajectory.times, its.trajectory.times, rtol=0, atol=3e-7)
+        a, b = (numbers(one.initial_state.to_dict()) for one in (mine, its))
+        np.testing.assert_allclose(a, b, rtol=1e-14, atol=1e-14)
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    return tmp_path / "observations.mcap"
+
+
+def test_reads_what_it_wrote_in_order_of_time(bag: Path) -> None:
+    late, early = make_observation(0), make_observation(1, start=3.25)
+    write_observation_bag([late, early], bag)
+    got = read_observation_bag(bag)
+    assert_same(got[0], early)
+    assert_same(got[1], late)
+    assert [path.name for path in bag.parent.iterdir()] == [bag.name]
+
+
+def test_others_can_read_it_without_our_definitions(bag: Path) -> None:
+    write_observation_bag([make_observation(0)], bag)
+    with AnyReader([bag]) as reader:
+        ((connection, time, data),) = reader.messages()
+        message = reader.deserialize(data, connection.msgtype)
+    assert (connection.topic, connection.msgtype) == (TOPIC, OBSERVATION_TYPE)
+    assert time == 1_750_000_000_123_456_000
+    assert message.id == "seen 0"
+    assert [len(seen.times) for seen in message.objects] == [5, 6, 7]
+    with BagReader(bag) as reader:
+        (topic,) = reader.topics
+        assert topic.latched
+
+
+def test_definitions_are_those_of_the_message_package() -> None:
+    assert (DEFINITIONS / "Observation.msg").exists()
+
+
+def no_change(seen: Observation) -> Observation:
+    return seen
+
+
+def with_drag(seen: Observation) -> Observation:
+    first, *others = seen.objects
+    dragged = replace(first, object=replace(first.object, drag_coefficient=0.4))
+    return replace(seen, objects=(dragged, *others))
+
+
+@pytest.mark.parametrize(
+    ("change", "name", "message"),
+    [
+        (with_drag, "a.mcap", "drag or Magnus"),
+        (lambda seen: make_observation(0, start=-1.0), "a.mcap", "starts at -1 s"),
+        (no_change, "no/such/folder/a.mcap", "cannot write"),
+    ],
+)
+def test_what_cannot_be_written(
+    change: Callable[[Observation], Observation], name: str, message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        write_observation_bag([change(make_observation(0))], tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_cannot_be_read(bag: Path) -> None:
+    write_observation_bag([make_observation(k) for k in range(20)], bag)
+    whole = bag.read_bytes()
+    bag.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InvalidInputError, match="cut short or damaged"):
+        read_observation_bag(bag)
+    write_observation_bag([], bag)
+    with pytest.raises(InvalidInputError, match="has no message of the type"):
+        read_observation_bag(bag)

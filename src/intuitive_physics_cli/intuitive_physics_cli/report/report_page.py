@@ -44,6 +44,7 @@ figure img { display: block; width: 100%; height: auto; border-radius: 8px; }
 figcaption { font-size: .92rem; margin: .5rem 0 0; }
 .side-by-side { display: grid; gap: 1rem 1.5rem; align-items: start;
                 grid-template-columns: repeat(auto-fit, minmax(min(100%, 21rem), 1fr)); }
+.side-by-side > div { min-width: 0; }
 .side-by-side figure { margin: 0; }
 .plot { width: 100%; }
 .numbers { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1.8rem 0 0; }

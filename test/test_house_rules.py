@@ -20,7 +20,7 @@ CEILINGS = {
     "single_importer_modules": 125,
     "largest_argument_list": 32,
     "longest_function": 84,
-    "readme_lines": 384,
+    "readme_lines": 385,
     "undocumented_arrays": 149,
     "module_constants_without_docstring": 349,
     "upward_imports": 19,

@@ -1,7 +1,7 @@
 # Intuitive Physics. `make` alone lists what there is.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build lint test library-tests system-tests house demo bench-simulation \
+.PHONY: help setup build lint types test library-tests system-tests house demo bench-simulation \
 	bench-prediction bench-perception bench-learning clean
 
 # A ROS, or a Python, that the caller's shell has sourced must not mix with ours.
@@ -40,6 +40,9 @@ lint: setup ## Only check style and types
 	@echo "── lint"
 	@.venv/bin/ruff check .
 	@.venv/bin/ruff format --check --quiet . || { .venv/bin/ruff format --diff --quiet . ; exit 1; }
+	@$(MAKE) --no-print-directory types
+
+types: ## Only check types, with the environment as it is
 	@MYPYPATH=$(subst $(eval ) ,:,$(python_packages)) .venv/bin/mypy --namespace-packages \
 		$(foreach package,$(python_packages),$(package)$(notdir $(package:/=))) benchmarks tools
 

@@ -17,12 +17,12 @@ TREE = SourceTree(ROOT)
 
 CEILINGS = {
     "largest_folder": 23,
-    "single_importer_modules": 125,
+    "single_importer_modules": 121,
     "largest_argument_list": 32,
     "longest_function": 84,
     "readme_lines": 385,
     "undocumented_arrays": 149,
-    "module_constants_without_docstring": 349,
+    "module_constants_without_docstring": 335,
     "upward_imports": 19,
     "circles": 1,
 }

@@ -49,9 +49,7 @@ class SourceModule:
     @property
     def in_nodes_folder(self) -> bool:
         """Whether the module lies in a folder named `nodes` of its package."""
-        return "nodes" in self.name.split(".")[1:-1] or (
-            self.is_package and self.name.endswith(".nodes")
-        )
+        return "nodes" in self.path.parent.parts
 
     def place(self, line: int, text: str, amount: int = 1) -> Place:
         """Return a place in this module."""

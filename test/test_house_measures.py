@@ -47,7 +47,7 @@ def test_an_empty_repository_measures_zero(tmp_path):
 
 
 def test_largest_folder_counts_modules_directly_in_it(tmp_path, write):
-    for name in ("__init__", "a", "b", "inner/c", "inner/d", "inner/e", "inner/deep/f"):
+    for name in ("__init__", "a", "b", "c", "inner/d", "inner/e", "inner/deep/f", "inner/deep/g"):
         write(f"{LIBRARY}/{name}.py")
     write("src/intuitive_physics/test/test_a.py")
     assert measure(tmp_path)["largest_folder"] == 3
@@ -287,6 +287,13 @@ def test_circles_are_found_through_late_imports_and_packages(write, found):
     assert found("circles") == ["a.py:1 intuitive_physics.a ↔ intuitive_physics.room"]
     write("benchmarks/d.py", "import benchmarks.c")
     assert found("circles")[0] == "c.py:1 benchmarks.c ↔ benchmarks.d"
+
+
+def test_a_package_that_exports_its_modules_is_no_circle(write, found):
+    write(f"{LIBRARY}/room/__init__.py", "from intuitive_physics.room.a import name")
+    write(f"{LIBRARY}/room/a.py", "from intuitive_physics.room.b import name")
+    write(f"{LIBRARY}/room/b.py")
+    assert found("circles") == []
 
 
 def test_main_prints_one_json_line_or_the_places(tmp_path, write, capsys):

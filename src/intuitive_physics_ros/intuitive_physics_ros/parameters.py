@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -18,6 +18,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.settings import list_settings
 from intuitive_physics_ros.rclpy_internals import parameter_overrides
 
 
@@ -103,23 +104,20 @@ def setting_parameters(settings: type[Any], *, read_only: bool = True) -> list[P
 
     Parameters
     ----------
-    settings : dataclass whose fields have the metadata `description`, and `lower` and `upper` or
-        `choices` where their values are limited
+    settings : dataclass whose fields `intuitive_physics.settings` made
     read_only : of all of them, as in `Parameter`
     """
     return [
         Parameter(
             setting.name,
             setting.default,
-            setting.metadata["description"],
-            (setting.metadata["lower"], setting.metadata["upper"])
-            if "lower" in setting.metadata
-            else None,
-            setting.metadata.get("choices", ()),
+            setting.meaning,
+            setting.range,
+            setting.choices,
             read_only,
         )
-        for setting in fields(settings)
-        if isinstance(setting.default, bool | int | float | str)
+        for setting in list_settings(settings)
+        if setting.is_simple
     ]
 
 

@@ -20,8 +20,8 @@ from intuitive_physics_learner import (
     make_update_rule,
 )
 from intuitive_physics_learner.cost.cached_cost import CachedCost
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation import JointSearch, judge
-from intuitive_physics_learner.search.active_parameters import parameter_influence
 
 SAMPLES = 50
 THREADS = 2

@@ -23,9 +23,9 @@ from intuitive_physics_learner.cost.cost_function import (
     MakeCost,
     TrajectoryCost,
 )
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
 from intuitive_physics_learner.joint_estimation import JointSearch, judge
-from intuitive_physics_learner.search.active_parameters import ActiveSpace, parameter_influence
 from intuitive_physics_learner.search.convergence import (
     ConvergenceCriteria,
     SearchProgress,
@@ -40,6 +40,7 @@ from intuitive_physics_learner.search.identifiability import (
 from intuitive_physics_learner.search.methods import DEFAULT_METHOD, JOINT_METHOD, check_method
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.search.parameter_search import ParameterSearch, Search
+from intuitive_physics_learner.search.search_space import ActiveSpace
 from intuitive_physics_learner.search.update_rules import make_update_rule
 
 NEGLIGIBLE_COST = 1e-6

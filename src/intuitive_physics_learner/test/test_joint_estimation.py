@@ -18,19 +18,22 @@ from intuitive_physics_learner import (
     TrajectoryCost,
     learn,
 )
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation import JointSearch, judge
-from intuitive_physics_learner.joint_estimation.agreement import Half, agreed_deviations
-from intuitive_physics_learner.joint_estimation.halves import halves
-from intuitive_physics_learner.joint_estimation.initial_state_deviations import (
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.joint_identifiability import (
+    Half,
+    agreed_deviations,
+    halves,
+)
+from intuitive_physics_learner.joint_estimation.linearisation import separate_groups
+from intuitive_physics_learner.joint_estimation.normal_equations import bounded_step
+from intuitive_physics_learner.joint_estimation.observation_blocks import (
     PRIOR_WIDENING,
     BelievedStates,
     InitialStateDeviations,
 )
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.noise import position_noise
-from intuitive_physics_learner.joint_estimation.normal_equations import bounded_step
-from intuitive_physics_learner.joint_estimation.parameter_groups import separate_groups
-from intuitive_physics_learner.search.active_parameters import parameter_influence
+from intuitive_physics_learner.joint_estimation.trajectory_model import position_noise
 from intuitive_physics_learner.search.methods import JOINT_METHOD
 
 MATERIALS = ("ball", "floor")

@@ -6,7 +6,7 @@ common, so their states are eliminated one observation at a time (as points are 
 adjustment) and what is left is a small problem in θ_s.
 """
 
+from intuitive_physics_learner.joint_estimation.joint_identifiability import judge
 from intuitive_physics_learner.joint_estimation.joint_search import JointSearch
-from intuitive_physics_learner.joint_estimation.judgement import judge
 
 __all__ = ["JointSearch", "judge"]

@@ -21,7 +21,7 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
     NormalEquations,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
-from intuitive_physics_learner.search.parameter_search import SearchSpace
+from intuitive_physics_learner.search.search_space import SearchSpace
 
 LEVELS = (0.02, 0.14, 0.26, 0.38, 0.5, 0.62, 0.74, 0.86, 0.98)
 """Values of each parameter on the unit interval."""

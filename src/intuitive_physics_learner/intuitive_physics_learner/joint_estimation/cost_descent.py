@@ -26,6 +26,7 @@ from intuitive_physics_learner.joint_estimation.linearisation import (
     Linearisation,
     ParameterSteps,
     linearise,
+    separate_groups,
 )
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     OUTLIER,
@@ -36,8 +37,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     ObservationBlock,
     observation_blocks,
 )
-from intuitive_physics_learner.joint_estimation.parameter_groups import separate_groups
-from intuitive_physics_learner.search.parameter_search import SearchSpace
+from intuitive_physics_learner.search.search_space import SearchSpace
 from intuitive_physics_learner.search.update_rules import HybridRandomSearch, UpdateRule
 
 DAMPINGS = (1e-3, 1e-2, 0.1, 1.0, 10.0)

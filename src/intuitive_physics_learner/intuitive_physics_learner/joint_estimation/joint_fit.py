@@ -9,19 +9,82 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics_learner.cost.cost_function import Cost
-from intuitive_physics_learner.joint_estimation import horizons
 from intuitive_physics_learner.joint_estimation.coordinate_scan import LEVELS, compatible_moves
-from intuitive_physics_learner.joint_estimation.damped_steps import (
-    next_damping,
-    prior_losses,
-    proposals,
+from intuitive_physics_learner.joint_estimation.fit_horizons import (
+    LARGEST_ADVANCE,
+    advanced_horizons,
 )
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
-from intuitive_physics_learner.joint_estimation.normal_equations import NormalEquations
-from intuitive_physics_learner.joint_estimation.posterior import Posterior
-from intuitive_physics_learner.joint_estimation.sharpness import sharpness, sharpness_simulations
-from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
-from intuitive_physics_learner.search.parameter_search import SearchSpace
+from intuitive_physics_learner.joint_estimation.normal_equations import (
+    NormalEquations,
+    Posterior,
+    bounded_step,
+)
+from intuitive_physics_learner.joint_estimation.trajectory_model import (
+    TrajectoryModel,
+    sharpness,
+    sharpness_simulations,
+)
+from intuitive_physics_learner.search.identifiability import PRIOR_PRECISION
+from intuitive_physics_learner.search.search_space import SearchSpace
+
+DAMPINGS = (0.1, 1.0, 10.0, 100.0)
+"""Of the last damping: those that are tried at once."""
+
+SMALLEST_DAMPING, LARGEST_DAMPING = 1e-6, 1e4
+
+LARGEST_MOVE = 0.2
+"""Of the unit interval, that a parameter moves at most in one step."""
+
+
+def prior_losses(units: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Loss (c,) of points (c, n) of the unit cube for being away from the start (n,)."""
+    return 0.5 * PRIOR_PRECISION * np.asarray(((units - start) ** 2).sum(axis=1))
+
+
+def next_damping(damping: float, chosen: int) -> float:
+    """Return the damping of the next step after the proposal of that index was the best."""
+    factor = DAMPINGS[chosen - 1] if chosen > 0 else DAMPINGS[-1]
+    return float(np.clip(damping * factor, SMALLEST_DAMPING, LARGEST_DAMPING))
+
+
+def proposals(
+    unit: NDArray[np.float64],
+    start: NDArray[np.float64],
+    estimates: Sequence[NDArray[np.float64]],
+    equations: Sequence[NormalEquations],
+    damping: float,
+) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+    """Propose θ_s and initial states.
+
+    Parameters
+    ----------
+    unit : (n,) the present θ_s on the unit cube
+    start : (n,) where it was believed to be before
+    estimates : of each block, (W, d) of the initial states' deviations
+    equations : of each block
+
+    Returns
+    -------
+    units : (c, n) points of the cube, the present one first
+    states : of each block, initial states (c, W, d) that go with them
+    """
+    units = [unit]
+    states = [[estimate] for estimate in estimates]
+    for factor in DAMPINGS:
+        own_damping = float(np.clip(damping * factor, SMALLEST_DAMPING, LARGEST_DAMPING))
+        information = PRIOR_PRECISION * np.eye(unit.size)
+        scores = PRIOR_PRECISION * (unit - start)
+        eliminated = [each.eliminated(own_damping) for each in equations]
+        for each in eliminated:
+            each.add_to(information, scores)
+        step = bounded_step(unit, information, scores, own_damping)
+        step = np.clip(step, -LARGEST_MOVE, LARGEST_MOVE)
+        units.append(unit + step)
+        for own, each in zip(states, eliminated, strict=True):
+            own.append(own[0] + each.state_steps(step))
+    return np.array(units), [np.array(own) for own in states]
+
 
 FIRST_DAMPING = 1e-2
 SCANS = (2, 5, 9, 14)
@@ -154,11 +217,9 @@ class JointFit:
         ):
             part.deviations = posterior.state_deviations(own, left)
             spreads = posterior.spreads(slopes, own, left)
-            limits = np.minimum(part.horizons + horizons.LARGEST_ADVANCE, block.durations)
+            limits = np.minimum(part.horizons + LARGEST_ADVANCE, block.durations)
             ahead.append(
-                horizons.advanced_horizons(
-                    block, slopes, spreads, part.horizons, limits, self._model.noise
-                )
+                advanced_horizons(block, slopes, spreads, part.horizons, limits, self._model.noise)
             )
         return ahead
 

@@ -12,7 +12,8 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.cost_descent import CostDescent
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.search.parameter_search import Search, SearchSpace
+from intuitive_physics_learner.search.parameter_search import Search
+from intuitive_physics_learner.search.search_space import SearchSpace
 
 LACKING = 0.3
 """Mean share of observations that do not fit, from which on the simulation lacks an effect. Where

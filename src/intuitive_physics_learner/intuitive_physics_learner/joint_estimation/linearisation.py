@@ -18,6 +18,36 @@ from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.cost.trials import Trials
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
 
+
+def separate_groups(influence: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+    """Part parameters into groups of which no two members influence the same observation.
+
+    Greedy, those that influence most first.
+
+    Parameters
+    ----------
+    influence : (n_observations, n_parameters) bool
+
+    Returns
+    -------
+    Groups of indices of parameters; those that influence nothing are in none.
+    """
+    taken: list[NDArray[np.bool_]] = []
+    groups: list[list[int]] = []
+    reach = influence.sum(axis=0)
+    for parameter in np.argsort(-reach, kind="stable")[: np.count_nonzero(reach)]:
+        column = influence[:, parameter]
+        for group, occupied in zip(groups, taken, strict=True):
+            if not (occupied & column).any():
+                group.append(int(parameter))
+                occupied |= column
+                break
+        else:
+            groups.append([int(parameter)])
+            taken.append(column.copy())
+    return [np.array(group) for group in groups]
+
+
 STEP = 0.5
 """Standard deviations to each side."""
 

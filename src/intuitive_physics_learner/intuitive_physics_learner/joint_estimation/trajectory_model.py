@@ -3,36 +3,60 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.observation import Observation
 from intuitive_physics_learner.cost.cost_function import Cost
-from intuitive_physics_learner.joint_estimation import horizons
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
+    LEVELS,
     ScanCandidates,
     scanned_states,
 )
+from intuitive_physics_learner.joint_estimation.fit_horizons import LARGEST_ADVANCE, TrajectoryFits
 from intuitive_physics_learner.joint_estimation.linearisation import (
     Linearisation,
     ParameterSteps,
     linearise,
+    separate_groups,
 )
-from intuitive_physics_learner.joint_estimation.noise import position_noise
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     Elimination,
     NormalEquations,
+    Posterior,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
     ObservationBlock,
     observation_blocks,
 )
-from intuitive_physics_learner.joint_estimation.parameter_groups import separate_groups
-from intuitive_physics_learner.joint_estimation.posterior import Posterior
-from intuitive_physics_learner.joint_estimation.trajectory_fits import TrajectoryFits
 from intuitive_physics_learner.search.identifiability import PRIOR_PRECISION
-from intuitive_physics_learner.search.parameter_search import SearchSpace
+from intuitive_physics_learner.search.search_space import SearchSpace
+
+SMALLEST_NOISE = 1e-4
+"""m; no camera measures better, and what is divided by it stays well conditioned."""
+
+NORMAL_MEDIAN = 0.6745
+"""Median of |x| for x of the standard normal distribution."""
+
+
+def position_noise(observations: Sequence[Observation]) -> float:
+    """Standard deviation in m of a point on each axis.
+
+    Third differences of free flight and of uniform motion vanish at equal time steps, so those of
+    what was seen are noise, with twenty times its variance; a median passes over contacts. Steps
+    that are not equal leave in some of the motion: then this is too large rather than too small.
+    """
+    differences = [
+        np.diff(seen.trajectory.positions, 3, axis=0).ravel()
+        for observation in observations
+        for seen in observation.objects
+    ]
+    pooled = np.abs(np.concatenate(differences))
+    if pooled.size == 0:
+        return SMALLEST_NOISE
+    return max(float(np.median(pooled)) / NORMAL_MEDIAN / np.sqrt(20.0), SMALLEST_NOISE)
 
 
 @dataclass(eq=False)
@@ -83,7 +107,7 @@ class TrajectoryModel:
     def parts(self, estimate: Estimate) -> Iterator[tuple[ObservationBlock, TrajectoryFits]]:
         """Yield blocks, with the points that are in sight, and their fits."""
         for block, fit in zip(self.blocks, estimate.fits, strict=True):
-            yield block.shortened(fit.horizons + horizons.LARGEST_ADVANCE), fit
+            yield block.shortened(fit.horizons + LARGEST_ADVANCE), fit
 
     def linearised(self, estimate: Estimate, widening: float = 1.0) -> list[Linearisation]:
         """Slopes over `widening` times the usual steps."""
@@ -91,7 +115,7 @@ class TrajectoryModel:
         steps = ParameterSteps(estimate.unit, deviations, self._groups, self.space.to_parameters)
         found = []
         for block, part in self.parts(estimate):
-            until = np.minimum(part.horizons + horizons.LARGEST_ADVANCE, block.durations)
+            until = np.minimum(part.horizons + LARGEST_ADVANCE, block.durations)
             unknowns = part.estimate.shape[1] + block.parameters.shape[1]
             self.simulations += block.members.size * (1 + 2 * unknowns)
             found.append(
@@ -149,3 +173,48 @@ class TrajectoryModel:
             np.add.at(rises, block.parameters, by_level)
             found.append(states.reshape(parameters, len(levels), *part.estimate.shape))
         return rises, found
+
+
+PLAUSIBLE_RISE = 2.0
+"""Loss that two standard deviations cost: half of two squared."""
+
+SCANNED_LEVELS = LEVELS[::2]
+"""Of each parameter that are tried to find how far on its range it can go without a loss."""
+
+WIDENING = 3.0
+"""By what steps are wider than those of the fit, to find slopes that say how sharp it is."""
+
+
+def sharpness(model: TrajectoryModel, estimate: Estimate) -> tuple[Posterior, NDArray[np.float64]]:
+    """What is believed of the parameters at the estimate, on the unit cube.
+
+    Returns
+    -------
+    posterior : from slopes to both sides
+    deviations : (n,) largest standard deviation of each parameter by slopes to one side, or
+        both, and by how far on its range it can go without a loss. Where friction suffices,
+        more would change nothing: the data hold it on one side only.
+    """
+    linear = model.linearised(estimate, WIDENING)
+    posterior = model.posterior(model.equations(estimate, linear))[0]
+    deviations = [posterior.deviations]
+    for side in range(2):
+        sided = [replace(each, slopes=each.one_sided[side]) for each in linear]
+        deviations.append(model.posterior(model.equations(estimate, sided))[0].deviations)
+    rises, _ = model.scanned(estimate, linear, SCANNED_LEVELS)
+    away = np.abs(np.array(SCANNED_LEVELS) - estimate.unit[:, None])
+    deviations.append(np.where(rises < PLAUSIBLE_RISE, 0.5 * away, 0.0).max(axis=1))
+    return posterior, np.max(deviations, axis=0)
+
+
+def sharpness_simulations(model: TrajectoryModel) -> int:
+    """Simulations of single observations that `sharpness` takes."""
+    return sum(
+        block.members.size
+        * (
+            1
+            + 2 * block.prior_deviations.shape[1]
+            + 2 * (1 + len(SCANNED_LEVELS)) * block.parameters.shape[1]
+        )
+        for block in model.blocks
+    )

@@ -5,40 +5,28 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import StaticParameters
+from intuitive_physics_learner.cost.cancellation import LARGEST_BATCH
 from intuitive_physics_learner.search.convergence import (
     ConvergenceCriteria,
     SearchProgress,
     SearchResult,
     StopReason,
 )
+from intuitive_physics_learner.search.search_space import SearchSpace
 from intuitive_physics_learner.search.update_rules import UpdateRule
 
 CostFunction = Callable[[Sequence[StaticParameters]], NDArray[np.float64]]
 """J of several candidates, shape (n_candidates,), in m."""
 
-LARGEST_BATCH = 50
-"""Candidates evaluated at once at most; between batches a search can be stopped."""
-
 CHECKPOINT_PERIOD = 1.0
 """s between two states that a search hands out while it runs."""
-
-
-class SearchSpace(Protocol):
-    """What a search needs of `ParameterSpace`, or of a part of it."""
-
-    @property
-    def size(self) -> int:
-        """Number of parameters that are searched."""
-
-    def to_parameters(self, unit: ArrayLike) -> StaticParameters:
-        """Map a point of the unit cube, shape (size,), to θ_s."""
 
 
 class Search(ABC):

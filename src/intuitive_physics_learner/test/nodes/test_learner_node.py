@@ -54,7 +54,7 @@ PATIENCE = 20.0
 
 LATCHED = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-SOON = "from intuitive_physics_learner import cluster; cluster.CONNECT_TIMEOUT = 0.5"
+SOON = "from intuitive_physics_learner.cost import cluster; cluster.CONNECT_TIMEOUT = 0.5"
 """Done before a node's start: it does not wait long for a cluster."""
 
 ENDLESS = LearningOptions(method="random", max_iterations=10**7)

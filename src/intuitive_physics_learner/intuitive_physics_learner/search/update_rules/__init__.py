@@ -8,21 +8,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from intuitive_physics_learner.errors import UnknownMethodError
-from intuitive_physics_learner.search.update_rules.adaptive_random_search import (
-    AdaptiveRandomSearch,
+from intuitive_physics_learner.search.update_rules.cma_es import (
+    CmaEs,
+    RestartedCmaEs,
+    SeparableCmaEs,
 )
-from intuitive_physics_learner.search.update_rules.cma_es import CmaEs
-from intuitive_physics_learner.search.update_rules.coordinate_descent import CoordinateDescent
-from intuitive_physics_learner.search.update_rules.grid_search import GridSearch
-from intuitive_physics_learner.search.update_rules.hybrid_random_search import HybridRandomSearch
-from intuitive_physics_learner.search.update_rules.hybrid_search import HybridSearch
-from intuitive_physics_learner.search.update_rules.metropolis_hastings import MetropolisHastings
-from intuitive_physics_learner.search.update_rules.parameter_gradient_search import (
+from intuitive_physics_learner.search.update_rules.grid_and_random_search import (
+    GridSearch,
+    RandomSearch,
+)
+from intuitive_physics_learner.search.update_rules.hybrid_search import (
+    HybridRandomSearch,
+    HybridSearch,
+)
+from intuitive_physics_learner.search.update_rules.single_point_search import (
+    AdaptiveRandomSearch,
+    CoordinateDescent,
+    MetropolisHastings,
     ParameterGradientSearch,
 )
-from intuitive_physics_learner.search.update_rules.random_search import RandomSearch
-from intuitive_physics_learner.search.update_rules.restarted_cma_es import RestartedCmaEs
-from intuitive_physics_learner.search.update_rules.separable_cma_es import SeparableCmaEs
 from intuitive_physics_learner.search.update_rules.update_rule import UpdateRule
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Grid search (Sec. III-D): every combination of values on a regular grid."""
+"""Grid search and random search (Sec. III-D): rules whose candidates depend on no cost."""
 
 from __future__ import annotations
 
@@ -60,3 +60,24 @@ class GridSearch(UpdateRule):
 def grid_levels(increment: float) -> NDArray[np.float64]:
     """Values 0, δp, 2 δp … up to 1, shape (n_levels,)."""
     return np.minimum(np.arange(int(1.0 / increment + 1e-9) + 1) * increment, 1.0)
+
+
+GENERATION = 50
+
+
+class RandomSearch(UpdateRule):
+    """Uniform points of the unit cube."""
+
+    name = "random"
+
+    def propose(self) -> NDArray[np.float64]:
+        return self._random_points(GENERATION)
+
+    def update(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> None:
+        pass
+
+    def own_state(self) -> dict[str, Any]:
+        return {}
+
+    def load_own_state(self, state: dict[str, Any]) -> None:
+        pass

@@ -16,6 +16,7 @@ from intuitive_physics_learner.learning_session import (
     learn,
     search_parameters,
 )
+from intuitive_physics_learner.methods import DEFAULT_METHOD, JOINT_METHOD, METHODS
 from intuitive_physics_learner.search.convergence import (
     ConvergenceCriteria,
     SearchProgress,
@@ -23,7 +24,6 @@ from intuitive_physics_learner.search.convergence import (
     StopReason,
 )
 from intuitive_physics_learner.search.identifiability import Identifiability, identify
-from intuitive_physics_learner.search.methods import DEFAULT_METHOD, JOINT_METHOD, METHODS
 from intuitive_physics_learner.search.parameter_search import ParameterSearch
 from intuitive_physics_learner.search.search_space import ActiveSpace
 from intuitive_physics_learner.search.update_rules import (

@@ -21,8 +21,8 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics_learner.cost.cost_function import MakeCost, TrajectoryCost
 from intuitive_physics_learner.errors import IncompatibleEnvironmentError, NoObservationsError
 from intuitive_physics_learner.learning_session import LearningOptions, LearningResult, learn
+from intuitive_physics_learner.methods import check_method
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria, SearchProgress
-from intuitive_physics_learner.search.methods import check_method
 from intuitive_physics_learner.store import ObservationStore, SearchCheckpoint
 
 PROBE_HEIGHT = 1e3

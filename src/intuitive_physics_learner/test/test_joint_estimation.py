@@ -34,7 +34,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     InitialStateDeviations,
 )
 from intuitive_physics_learner.joint_estimation.trajectory_model import position_noise
-from intuitive_physics_learner.search.methods import JOINT_METHOD
+from intuitive_physics_learner.methods import JOINT_METHOD
 
 MATERIALS = ("ball", "floor")
 NOISE, STATE_NOISE = 0.005, 0.02

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,9 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.cost_descent import CostDescent
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.joint_identifiability import judge
+from intuitive_physics_learner.search.identifiability import Identifiability
+from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.parameter_search import Search
 from intuitive_physics_learner.search.search_space import SearchSpace
 
@@ -88,6 +91,25 @@ class JointSearch(Search):
             if enough and np.mean(self._misfits) > LACKING:
                 self._descent.begin(np.array([self.fit.start, self._lowest]))
         return self.iterations - before
+
+    def identifiability(
+        self,
+        task: LearningTask,
+        *,
+        cancelled: Callable[[], bool] | None = None,
+        seconds_left: Callable[[], float] = lambda: np.inf,
+    ) -> Identifiability:
+        """From the posterior of the fit; where J was lowered instead, by J."""
+        if self.lowers_cost:
+            return super().identifiability(task, cancelled=cancelled, seconds_left=seconds_left)
+        return judge(self.fit, task.cost, task.space, task.searched, task.influence, seconds_left)
+
+    def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
+        if self.lowers_cost or self.iterations == 0:
+            return super().identifiability_seconds(task, seconds)
+        # The fits to both halves simulate as much as the fit to all.
+        simulations = max(self.fit.simulations, 1)
+        return seconds * (1.0 + 2.0 * self.fit.posterior_simulations / simulations)
 
     def own_state(self) -> dict[str, Any]:
         return {

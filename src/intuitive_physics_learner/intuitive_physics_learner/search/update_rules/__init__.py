@@ -30,6 +30,7 @@ from intuitive_physics_learner.search.update_rules.single_point_search import (
 from intuitive_physics_learner.search.update_rules.update_rule import UpdateRule
 
 __all__ = [
+    "ALL_RULES",
     "FURTHER_RULES",
     "UPDATE_RULES",
     "HybridRandomSearch",
@@ -58,7 +59,8 @@ FURTHER_RULES: dict[str, type[UpdateRule]] = {
 }
 """For what the nine are not made for: hundreds of parameters, many local optima."""
 
-_ALL_RULES = {**UPDATE_RULES, **FURTHER_RULES}
+ALL_RULES: dict[str, type[UpdateRule]] = {**UPDATE_RULES, **FURTHER_RULES}
+"""The nine and the further ones."""
 
 
 def make_update_rule(
@@ -83,13 +85,6 @@ def make_update_rule(
     UnknownMethodError
         When the name is none of these.
     """
-    check_method(name)
-    return _ALL_RULES[name](size, generator, start, **settings)
-
-
-def check_method(name: str) -> None:
-    """Raise `UnknownMethodError` when no update rule has that name."""
-    if name not in _ALL_RULES:
-        raise UnknownMethodError(
-            f"method is {name!r}; expected one of {', '.join(sorted(_ALL_RULES))}"
-        )
+    if name not in ALL_RULES:
+        raise UnknownMethodError.among(name, ALL_RULES)
+    return ALL_RULES[name](size, generator, start, **settings)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics_learner.search.update_rules.update_rule import UpdateRule
 
 GENERATION = 50
+"""Points proposed at once; no cost decides what comes next, so it only bounds the memory."""
 
 
 class GridSearch(UpdateRule):
@@ -60,9 +61,6 @@ class GridSearch(UpdateRule):
 def grid_levels(increment: float) -> NDArray[np.float64]:
     """Values 0, δp, 2 δp … up to 1, shape (n_levels,)."""
     return np.minimum(np.arange(int(1.0 / increment + 1e-9) + 1) * increment, 1.0)
-
-
-GENERATION = 50
 
 
 class RandomSearch(UpdateRule):

@@ -1,4 +1,17 @@
-"""What the observations tell of each parameter, by the joint estimate of θ_s and initial states."""
+"""Which parameters a joint fit determines, and whether its stated uncertainties are true.
+
+Slopes at an estimate say how well the data hold it there, not whether it settled beside a better
+one, as fits to chaotic motion may. So two halves of the observations are fitted as well. They share
+no observation, so such errors of theirs have nothing in common: they lie about the estimate by as
+much as it is wrong. Were all slopes right and the halves equally informative, the estimate u would
+be the mean of the halves' estimates a and b, and a - u have the variance σ_a² - σ_u² = σ_a² / 2,
+that of u. By how much
+
+    r² = mean over the informative halves of (a - u)² / (σ_a² / 2)
+
+is more than one, uncertainties are widened. Nor can all data be more informative than both halves
+together: where the curvature at u alone is high, u is a peculiar place.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +21,73 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
+from intuitive_physics.parameter_space import parameter_vector
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.cost.trials import Trials
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.observation_blocks import resting
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.trajectory_model import NORMAL_MEDIAN
 from intuitive_physics_learner.search.identifiability import LARGEST_DEVIATION, Identifiability
+from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
 from intuitive_physics_learner.search.search_space import ActiveSpace
+
+SLOPE_STEP = 1e-5
+"""Width of the differences that find how θ_s changes along an axis of the unit cube."""
+
+
+def joint_identifiability(
+    fit: JointFit,
+    task: LearningTask,
+    seconds_left: Callable[[], float] = lambda: np.inf,
+) -> Identifiability:
+    """State what is identified and how well, after a fit has converged.
+
+    Parameters
+    ----------
+    fit : over the space of the task's active parameters
+    task : that the fit is of
+    seconds_left : looked at before each step of the fits to halves of the observations; stopped
+        early, they agree less and the uncertainties get wider
+    """
+    searched, active = task.searched, task.active
+    parameters = searched.to_parameters(fit.unit)
+    began = seconds_left()
+    posterior, sided = fit.posterior()
+    # Those of both halves take about as long as this one.
+    reserved = began - seconds_left() if np.isfinite(began) else 0.0
+    agreed = _agreed(fit, sided, task, lambda: seconds_left() < reserved)
+    factors = agreed / posterior.deviations
+    slopes = _slopes(searched, fit.unit)
+    covariance = slopes @ (posterior.covariance * np.outer(factors, factors)) @ slopes.T
+    deviations = np.sqrt(np.diag(covariance))
+    axes = ParameterAxes(task.space, parameters)
+    responsive = active.copy()
+    responsive[active] = fit.responsive
+    with np.errstate(divide="ignore", invalid="ignore"):
+        informed = deviations / axes.slopes < LARGEST_DEVIATION
+    identified = responsive & informed & (axes.slopes > 0.0)
+    return Identifiability(
+        responsive,
+        identified,
+        np.where(identified, deviations, np.nan),
+        np.full((identified.size, 2), np.nan),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Half:
+    """What a fit to half of the observations found.
+
+    Parameters
+    ----------
+    unit : (n,) its estimate on the unit cube
+    deviations : (n,) widths, standard deviation of each parameter by its slopes
+    """
+
+    unit: NDArray[np.float64]
+    deviations: NDArray[np.float64]
 
 
 class PartialCost(Cost):
@@ -24,7 +96,7 @@ class PartialCost(Cost):
     Parameters
     ----------
     cost : over all of them
-    members : indices of the observations that are left, at least one
+    members : (n_members,) indices of the observations that are left, at least one
     """
 
     def __init__(self, cost: Cost, members: NDArray[np.int64]) -> None:
@@ -43,8 +115,7 @@ class PartialCost(Cost):
         states = trials.states
         objects = int(self._cost.trajectory_object.max()) + 1
         if states is not None and states.shape[1] < objects:
-            padded = np.zeros((len(states), objects, 13))
-            padded[..., 6] = 1.0
+            padded = resting(len(states), objects)
             padded[:, : states.shape[1]] = states
             states = padded
         members = self._members[trials.observation_index]
@@ -52,11 +123,15 @@ class PartialCost(Cost):
 
 
 def halves(influence: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """Part observations so that each half has about as many that tell of each parameter.
+    """Part observations so that each half has about as many that depend on each parameter.
 
     Parameters
     ----------
-    influence : (n_observations, n) bool
+    influence : (n_observations, n) bool, which observation can depend on which parameter
+
+    Returns
+    -------
+    Two arrays (n_members,) of indices of observations.
     """
     weights = 1.0 / np.maximum(influence.sum(axis=0), 1)
     surplus = np.zeros(influence.shape[1])
@@ -68,49 +143,34 @@ def halves(influence: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     return [np.array(part, dtype=np.int64) for part in parts]
 
 
-PRIOR_DISAGREEMENTS = 3.0
-"""A parameter's own family of disagreements counts against this many of all parameters."""
-
-BEYOND_CHANCE = 2.0
-"""From this r on, how far the halves lie from the estimate is itself the uncertainty."""
-
-
-@dataclass(frozen=True, eq=False)
-class Half:
-    """What a fit to half of the observations found.
-
-    Parameters
-    ----------
-    unit : (n,) its estimate on the unit cube
-    deviations : (n,) standard deviation of each parameter by its slopes
-    """
-
-    unit: NDArray[np.float64]
-    deviations: NDArray[np.float64]
-
-
 def agreed_deviations(
     unit: NDArray[np.float64],
     deviations: NDArray[np.float64],
     halves: tuple[Half, Half],
     families: Sequence[NDArray[np.int64]],
+    settings: JointEstimationSettings,
 ) -> NDArray[np.float64]:
-    """Standard deviations (n,) on the unit cube with which both halves agree.
+    """Standard deviations (n,), in widths, with which both halves agree.
 
     Parameters
     ----------
-    unit : (n,) the estimate from all observations
-    deviations : (n,) standard deviation of each parameter by slopes
-    families : indices of parameters that are likely to err alike, each parameter in one
+    unit : (n,) the estimate from all observations, on the unit cube
+    deviations : (n,) widths, standard deviation of each parameter by slopes
+    halves : what fits to both found
+    families : arrays (n_members,) of indices of parameters that are likely to err alike, each
+        parameter in one
+    settings : of what disagreement is more than chance
     """
     apart = np.array([(half.unit - unit) ** 2 for half in halves])
     variances = np.array([half.deviations for half in halves]) ** 2
-    told = variances < LARGEST_DEVIATION**2
-    ratios = np.sqrt(_mean(apart / (0.5 * variances), told))
+    informative = variances < LARGEST_DEVIATION**2
+    ratios = np.sqrt(_mean(apart / (0.5 * variances), informative))
     pooled = (1.0 / variances).sum(axis=0) ** -0.5
-    agreed = np.maximum(deviations * _family_factors(ratios, families), pooled)
-    scatter = np.sqrt(_mean(apart, told))
-    return np.where(ratios > BEYOND_CHANCE, np.maximum(agreed, scatter), agreed)
+    factors = _family_factors(ratios, families, settings.family_weight)
+    agreed = np.maximum(deviations * factors, pooled)
+    scatter = np.sqrt(_mean(apart, informative))
+    beyond_chance = ratios > settings.largest_chance_ratio
+    return np.where(beyond_chance, np.maximum(agreed, scatter), agreed)
 
 
 def _mean(values: NDArray[np.float64], counted: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -121,9 +181,9 @@ def _mean(values: NDArray[np.float64], counted: NDArray[np.bool_]) -> NDArray[np
 
 
 def _family_factors(
-    ratios: NDArray[np.float64], families: Sequence[NDArray[np.int64]]
+    ratios: NDArray[np.float64], families: Sequence[NDArray[np.int64]], weight: float
 ) -> NDArray[np.float64]:
-    """Factors (n,) of at least one from ratios (n,), NaN where no half tells anything."""
+    """Factors (n,) of at least one from ratios (n,), NaN where no half is informative."""
     known = np.isfinite(ratios)
     factors = np.ones(ratios.size)
     if not known.any():
@@ -131,68 +191,45 @@ def _family_factors(
     typical = max(float(np.median(ratios[known])) / NORMAL_MEDIAN, 1.0)
     for family in families:
         own = ratios[family][known[family]]
-        square = (np.sum(own**2) + PRIOR_DISAGREEMENTS * typical**2) / (
-            own.size + PRIOR_DISAGREEMENTS
-        )
+        square = (np.sum(own**2) + weight * typical**2) / (own.size + weight)
         factors[family] = max(np.sqrt(square), 1.0)
     return factors
 
 
-FEWEST_OBSERVATIONS = 4
-"""To part into halves."""
-
-SLOPE_STEP = 1e-5
-"""Of the unit interval, to find how θ_s changes along an axis of the cube."""
-
-
-def judge(
+def _agreed(
     fit: JointFit,
-    cost: Cost,
-    space: ParameterSpace,
-    searched: ActiveSpace,
-    influence: NDArray[np.bool_],
-    seconds_left: Callable[[], float] = lambda: np.inf,
-) -> Identifiability:
-    """State what is identified and how well, after a fit has settled.
+    deviations: NDArray[np.float64],
+    task: LearningTask,
+    out_of_time: Callable[[], bool],
+) -> NDArray[np.float64]:
+    """Fit halves of the observations, and return the deviations (n,) with which they agree."""
+    searched, influence = task.searched, task.influence[:, task.active]
+    if len(influence) < fit.settings.fewest_observations:
+        return deviations
+    fits = [
+        JointFit(
+            PartialCost(task.cost, members), searched, influence[members], fit.start, fit.settings
+        )
+        for members in halves(influence)
+    ]
+    # Side by side, so that neither is ahead where time runs out.
+    for _ in range(fit.steps):
+        for part in fits:
+            if not part.settled and not (part.steps and out_of_time()):
+                part.step()
+    first, second = (Half(part.unit, part.posterior()[1]) for part in fits)
+    families = _families(searched.names)
+    return agreed_deviations(fit.unit, deviations, (first, second), families, fit.settings)
 
-    Parameters
-    ----------
-    fit : over the space `searched`
-    space : of all parameters
-    influence : (n_observations, |θ_s|) bool
-    seconds_left : looked at before each step of the fits to halves of the observations; stopped
-        early, they agree less and the uncertainties get wider
-    """
-    active = np.asarray(influence.any(axis=0))
-    parameters = searched.to_parameters(fit.unit)
-    began = seconds_left()
-    posterior, sided = fit.posterior()
-    # Those of both halves take about as long as this one.
-    reserved = began - seconds_left() if np.isfinite(began) else 0.0
-    covariance = posterior.covariance
-    slopes = _slopes(searched, fit.unit)
-    agreed = _agreed(
-        fit, sided, cost, searched, influence[:, active], lambda: seconds_left() < reserved
-    )
-    factors = agreed / posterior.deviations
-    covariance = slopes @ (covariance * np.outer(factors, factors)) @ slopes.T
-    deviations = np.sqrt(np.diag(covariance))
-    axes = ParameterAxes(space, parameters)
-    responsive = active.copy()
-    responsive[active] = fit.responsive
-    with np.errstate(divide="ignore", invalid="ignore"):
-        sharp = deviations / axes.slopes < LARGEST_DEVIATION
-    identified = responsive & sharp & (axes.slopes > 0.0)
-    return Identifiability(
-        responsive,
-        identified,
-        np.where(identified, deviations, np.nan),
-        np.full((identified.size, 2), np.nan),
-    )
+
+def _families(names: list[str]) -> list[NDArray[np.int64]]:
+    """Parameters of one pair belong together, and the densities."""
+    of_pair = [name.partition("[")[2] if "," in name else "density" for name in names]
+    return [np.flatnonzero([own == family for own in of_pair]) for family in dict.fromkeys(of_pair)]
 
 
 def _slopes(searched: ActiveSpace, unit: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Change (|θ_s|, n) of all parameters in SI units along each axis that was searched."""
+    """Change (|θ_s|, n) of all parameters, in SI units per width, along each searched axis."""
     columns = []
     for axis in range(unit.size):
         up, down = unit.copy(), unit.copy()
@@ -205,33 +242,3 @@ def _slopes(searched: ActiveSpace, unit: NDArray[np.float64]) -> NDArray[np.floa
 
 def _vector(searched: ActiveSpace, unit: NDArray[np.float64]) -> NDArray[np.float64]:
     return parameter_vector(searched.to_parameters(unit))
-
-
-def _agreed(
-    fit: JointFit,
-    deviations: NDArray[np.float64],
-    cost: Cost,
-    searched: ActiveSpace,
-    influence: NDArray[np.bool_],
-    out_of_time: Callable[[], bool],
-) -> NDArray[np.float64]:
-    """Fit halves of the observations, and return the deviations (n,) with which they agree."""
-    if len(influence) < FEWEST_OBSERVATIONS:
-        return deviations
-    fits = [
-        JointFit(PartialCost(cost, members), searched, influence[members], fit.start)
-        for members in halves(influence)
-    ]
-    # Side by side, so that neither is ahead where time runs out.
-    for _ in range(fit.steps):
-        for part in fits:
-            if not part.settled and not (part.steps and out_of_time()):
-                part.step()
-    first, second = (Half(part.unit, part.posterior()[1]) for part in fits)
-    return agreed_deviations(fit.unit, deviations, (first, second), _families(searched.names))
-
-
-def _families(names: list[str]) -> list[NDArray[np.int64]]:
-    """Parameters of one pair belong together, and the densities."""
-    of_pair = [name.partition("[")[2] if "," in name else "density" for name in names]
-    return [np.flatnonzero([own == family for own in of_pair]) for family in dict.fromkeys(of_pair)]

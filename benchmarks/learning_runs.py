@@ -13,15 +13,15 @@ from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics_experiments.paper.paper_dataset import PaperDataset, make_paper_dataset
 from intuitive_physics_learner import (
-    ActiveSpace,
     ConvergenceCriteria,
     ParameterSearch,
     TrajectoryCost,
     make_update_rule,
 )
 from intuitive_physics_learner.cost.cached_cost import CachedCost
-from intuitive_physics_learner.joint_estimation import JointSearch, judge
-from intuitive_physics_learner.search.active_parameters import parameter_influence
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.joint_estimation import JointSearch
+from intuitive_physics_learner.search.learning_task import LearningTask
 
 SAMPLES = 50
 THREADS = 2
@@ -123,10 +123,9 @@ def joint_run(task: Task, time_limit: float, *, judged: bool = True) -> JointRun
     began = time.perf_counter()
     cost = task.training_cost()
     influence = parameter_influence(cost.observations, cost.materials)
-    active = np.asarray(influence.any(axis=0))
-    searched = ActiveSpace(space, active, task.start)
-    begin, generator = searched.to_unit(task.start), np.random.default_rng(0)
-    search = JointSearch(cost, searched, influence[:, active], begin, generator)
+    learning = LearningTask(cost, space, influence, task.start)
+    own, generator = influence[:, learning.active], np.random.default_rng(0)
+    search = JointSearch(cost, learning.searched, own, learning.begin, generator)
     looking = 0.0
     rows = []
     while True:
@@ -143,14 +142,14 @@ def joint_run(task: Task, time_limit: float, *, judged: bool = True) -> JointRun
     began = time.perf_counter()
     scores = errors = np.empty(0)
     if judged and not search.lowers_cost:
-        told = judge(search.fit, cost, space, searched, influence)
+        stated = search.identifiability(learning)
         true = parameter_vector(task.dataset.parameters)
         misses = parameter_vector(search.best_parameters) - true
-        scores = (misses / told.standard_deviations)[told.identified]
+        scores = (misses / stated.standard_deviations)[stated.identified]
         errors = np.abs(
             space.to_unit(search.best_parameters) - space.to_unit(task.dataset.parameters)
         )
-        errors = errors[told.identified]
+        errors = errors[stated.identified]
     judging_seconds = time.perf_counter() - began
     return JointRun(
         seconds,
@@ -161,7 +160,7 @@ def joint_run(task: Task, time_limit: float, *, judged: bool = True) -> JointRun
         judging_seconds,
         scores,
         errors,
-        int(active.sum()),
+        learning.searched.size,
     )
 
 

@@ -15,7 +15,7 @@ import pytest
 
 from intuitive_physics_cli.command_line import main
 from intuitive_physics_cli.commands.observation_source import METHOD
-from intuitive_physics_learner.search.methods import DEFAULT_METHOD
+from intuitive_physics_learner.methods import DEFAULT_METHOD
 
 COMMAND = [sys.executable, "-m", "intuitive_physics_cli.command_line"]
 

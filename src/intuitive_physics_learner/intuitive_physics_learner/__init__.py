@@ -1,6 +1,7 @@
 """Learning θ_s from observations: cost J, update rules, search, what the data can tell, storage."""
 
 from intuitive_physics_learner.cost.cost_function import Cost, TrajectoryCost
+from intuitive_physics_learner.cost.parameter_influence import active_parameters
 from intuitive_physics_learner.cost.trials import Trials
 from intuitive_physics_learner.errors import (
     LearningCancelledError,
@@ -15,7 +16,7 @@ from intuitive_physics_learner.learning_session import (
     learn,
     search_parameters,
 )
-from intuitive_physics_learner.search.active_parameters import ActiveSpace, active_parameters
+from intuitive_physics_learner.methods import DEFAULT_METHOD, JOINT_METHOD, METHODS
 from intuitive_physics_learner.search.convergence import (
     ConvergenceCriteria,
     SearchProgress,
@@ -23,8 +24,8 @@ from intuitive_physics_learner.search.convergence import (
     StopReason,
 )
 from intuitive_physics_learner.search.identifiability import Identifiability, identify
-from intuitive_physics_learner.search.methods import DEFAULT_METHOD, JOINT_METHOD, METHODS
 from intuitive_physics_learner.search.parameter_search import ParameterSearch
+from intuitive_physics_learner.search.search_space import ActiveSpace
 from intuitive_physics_learner.search.update_rules import (
     FURTHER_RULES,
     UPDATE_RULES,

@@ -1,5 +1,9 @@
 """What can go wrong in learning, beyond the errors of the core library."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
+
 from intuitive_physics.errors import (
     IntuitivePhysicsError,
     InvalidInputError,
@@ -13,7 +17,12 @@ class NoObservationsError(InvalidInputError):
 
 
 class UnknownMethodError(UnknownNameError):
-    """An update rule of that name does not exist."""
+    """No method of learning has the name given."""
+
+    @classmethod
+    def among(cls, name: str, known: Iterable[str]) -> UnknownMethodError:
+        """Return the error for a name that is none of those known."""
+        return cls(f"method is {name!r}; expected one of {', '.join(sorted(known))}")
 
 
 class MissingDependencyError(IntuitivePhysicsError):

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
@@ -16,16 +15,18 @@ from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters, par
 from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
 from intuitive_physics.simulation import Simulator
-from intuitive_physics_learner.cost.cached_cost import CachedCost
 from intuitive_physics_learner.cost.cost_function import (
-    Cost,
     InterruptibleCost,
     MakeCost,
     TrajectoryCost,
 )
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
-from intuitive_physics_learner.joint_estimation import JointSearch, judge
-from intuitive_physics_learner.search.active_parameters import ActiveSpace, parameter_influence
+from intuitive_physics_learner.methods import (
+    DEFAULT_METHOD,
+    check_method,
+    make_search,
+)
 from intuitive_physics_learner.search.convergence import (
     ConvergenceCriteria,
     SearchProgress,
@@ -34,16 +35,12 @@ from intuitive_physics_learner.search.convergence import (
 )
 from intuitive_physics_learner.search.identifiability import (
     Identifiability,
-    identification_trials,
-    identify,
 )
-from intuitive_physics_learner.search.methods import DEFAULT_METHOD, JOINT_METHOD, check_method
+from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
-from intuitive_physics_learner.search.parameter_search import ParameterSearch, Search
-from intuitive_physics_learner.search.update_rules import make_update_rule
 
 NEGLIGIBLE_COST = 1e-6
-"""m of J that putting back what the data cannot tell may cost."""
+"""m of J that restoring parameters which J does not depend on may cost."""
 
 
 @dataclass(frozen=True)
@@ -113,8 +110,8 @@ def learn(
         When no object was seen with anything it could touch, or `resume` is of another search.
     """
     previous, task = _begun(observations, simulator, options, previous, cancelled, make_cost)
-    search = task.search()
-    same = task.identity()
+    search = make_search(options.method, task, np.random.default_rng(options.seed))
+    same = _identity(options, task)
     if resume is not None:
         _check_same_task(resume, same)
         search.load_state(resume["search"])
@@ -124,14 +121,21 @@ def learn(
         on_progress=on_progress,
         cancelled=cancelled,
         on_checkpoint=on_checkpoint and (lambda state: on_checkpoint({**same, "search": state})),
-        reserve=lambda seconds: task.judging_seconds(search, seconds),
+        reserve=lambda seconds: search.identifiability_seconds(task, seconds),
     )
     if found.stop_reason is StopReason.CANCELLED:
         raise LearningCancelledError
-    parameters, told = task.judge(search, found, cancelled, began)
+    limit = options.criteria.time_limit
+    identifiability = search.identifiability(
+        task,
+        cancelled=cancelled,
+        seconds_left=lambda: np.inf if limit is None else limit - (time.monotonic() - began),
+    )
+    parameters = _unresponsive_restored(task, found, identifiability)
     cost = float(task.cost.costs([parameters])[0])
     return LearningResult(
-        _merged(previous, parameters, told, cost, len(observations), options.method), found
+        _merged(previous, parameters, identifiability, cost, len(observations), options.method),
+        found,
     )
 
 
@@ -146,7 +150,8 @@ def search_parameters(
         As `learn`.
     """
     _, task = _begun(observations, simulator, options, None, None, TrajectoryCost)
-    return task.search().run(options.criteria)
+    search = make_search(options.method, task, np.random.default_rng(options.seed))
+    return search.run(options.criteria)
 
 
 def _begun(
@@ -156,7 +161,7 @@ def _begun(
     previous: LearnedParameters | None,
     cancelled: Callable[[], bool] | None,
     make_cost: MakeCost,
-) -> tuple[LearnedParameters, _Task]:
+) -> tuple[LearnedParameters, LearningTask]:
     """Return θ_s to begin from, with all materials, and what is to be learned."""
     check_method(options.method)
     if not observations:
@@ -178,93 +183,19 @@ def _begun(
             "boxes or several objects"
         )
     space = ParameterSpace(materials, options.bounds)
-    return previous, _Task(options, cost, space, influence, start)
+    return previous, LearningTask(cost, space, influence, start)
 
 
-@dataclass(frozen=True, eq=False)
-class _Task:
-    """One θ_s to learn.
-
-    Parameters
-    ----------
-    influence : as `parameter_influence`
-    start : θ_s to begin from
-    """
-
-    options: LearningOptions
-    cost: Cost
-    space: ParameterSpace
-    influence: NDArray[np.bool_]
-    start: StaticParameters
-
-    @property
-    def active(self) -> NDArray[np.bool_]:
-        """Parameters that any observation can depend on."""
-        return np.asarray(self.influence.any(axis=0))
-
-    @property
-    def searched(self) -> ActiveSpace:
-        """The space of these."""
-        return ActiveSpace(self.space, self.active, self.start)
-
-    def search(self) -> Search:
-        """Return the search by the method that the options name, ready to run."""
-        searched = self.searched
-        begin = searched.to_unit(self.start)
-        generator = np.random.default_rng(self.options.seed)
-        if self.options.method == JOINT_METHOD:
-            own = self.influence[:, self.active]
-            return JointSearch(self.cost, searched, own, begin, generator)
-        rule = make_update_rule(self.options.method, searched.size, generator, begin)
-        return ParameterSearch(CachedCost(self.cost).costs, searched, rule)
-
-    def judging_seconds(self, search: Search, seconds: float) -> float:
-        """How long `judge` will take, at the pace of a search that has taken so many seconds."""
-        if search.iterations == 0:
-            return 0.0
-        if isinstance(search, JointSearch) and not search.lowers_cost:
-            # The fits to both halves simulate as much as the fit to all.
-            fit = search.fit
-            return seconds * (1.0 + 2.0 * fit.posterior_simulations / max(fit.simulations, 1))
-        trials = identification_trials(self.influence)
-        return seconds * trials / (search.iterations * len(self.influence))
-
-    def judge(
-        self,
-        search: Search,
-        found: SearchResult,
-        cancelled: Callable[[], bool] | None,
-        began: float,
-    ) -> tuple[StaticParameters, Identifiability]:
-        """Return what was learned and what the observations tell of it.
-
-        Parameters
-        ----------
-        began : when the search did, by the monotonic clock, in s
-        """
-        limit = self.options.criteria.time_limit
-
-        def seconds_left() -> float:
-            return np.inf if limit is None else limit - (time.monotonic() - began)
-
-        if isinstance(search, JointSearch) and not search.lowers_cost:
-            told = judge(
-                search.fit, self.cost, self.space, self.searched, self.influence, seconds_left
-            )
-        else:
-            told = identify(self.cost, self.space, found.parameters, self.active, cancelled)
-        return _without_accidents(self.cost, found, told, self.start), told
-
-    def identity(self) -> dict[str, Any]:
-        """What must be the same for a search to go on, as plain JSON data."""
-        bounds = self.space.bounds
-        return {
-            "method": self.options.method,
-            "seed": self.options.seed,
-            "bounds": {kind: [b.lower, b.upper, b.scale] for kind, b in bounds.items()},
-            "observations": [seen.id for seen in self.cost.observations],
-            "start": self.start.to_dict(),
-        }
+def _identity(options: LearningOptions, task: LearningTask) -> dict[str, Any]:
+    """What must be the same for a search to go on, as plain JSON data."""
+    bounds = task.space.bounds
+    return {
+        "method": options.method,
+        "seed": options.seed,
+        "bounds": {kind: [b.lower, b.upper, b.scale] for kind, b in bounds.items()},
+        "observations": [seen.id for seen in task.cost.observations],
+        "start": task.start.to_dict(),
+    }
 
 
 def _check_same_task(resume: Mapping[str, Any], task: Mapping[str, Any]) -> None:
@@ -276,19 +207,20 @@ def _check_same_task(resume: Mapping[str, Any], task: Mapping[str, Any]) -> None
             )
 
 
-def _without_accidents(
-    cost: Cost, found: SearchResult, told: Identifiability, start: StaticParameters
+def _unresponsive_restored(
+    task: LearningTask, found: SearchResult, identifiability: Identifiability
 ) -> StaticParameters:
-    """Put back to its start what J does not depend on: a search moves it about at random."""
-    values = np.where(told.responsive, parameter_vector(found.parameters), parameter_vector(start))
+    """Set what J does not depend on back to its start: a search moves it at random."""
+    responsive = identifiability.responsive
+    values = np.where(responsive, parameter_vector(found.parameters), parameter_vector(task.start))
     m = len(found.parameters.materials)
     frictions = values[m:].reshape(-1, len(PAIR_COEFFICIENTS))
-    free = ~told.responsive[m:].reshape(frictions.shape)
+    free = ~responsive[m:].reshape(frictions.shape)
     static, dynamic = frictions[:, 0], frictions[:, 1]
     static[free[:, 0]] = np.maximum(static, dynamic)[free[:, 0]]
     dynamic[free[:, 1]] = np.minimum(static, dynamic)[free[:, 1]]
     settled = parameters_of_vector(found.parameters.materials, values)
-    if cost.costs([settled])[0] <= found.cost + NEGLIGIBLE_COST:
+    if task.cost.costs([settled])[0] <= found.cost + NEGLIGIBLE_COST:
         return settled
     return found.parameters
 
@@ -296,7 +228,7 @@ def _without_accidents(
 def _merged(
     previous: LearnedParameters,
     parameters: StaticParameters,
-    told: Identifiability,
+    identifiability: Identifiability,
     cost: float,
     observation_count: int,
     method: str,
@@ -309,10 +241,10 @@ def _merged(
     identified = previous.identified.copy()
     intervals = previous.intervals.copy()
     values[searched] = parameter_vector(parameters)
-    judged = searched[told.responsive]
-    deviations[judged] = told.standard_deviations[told.responsive]
-    identified[judged] = told.identified[told.responsive]
-    intervals[judged] = told.intervals[told.responsive]
+    responsive = searched[identifiability.responsive]
+    deviations[responsive] = identifiability.standard_deviations[identifiability.responsive]
+    identified[responsive] = identifiability.identified[identifiability.responsive]
+    intervals[responsive] = identifiability.intervals[identifiability.responsive]
     return LearnedParameters(
         parameters_of_vector(previous.materials, values),
         deviations,

@@ -15,7 +15,7 @@ from intuitive_physics_learner import (
     identify,
     make_update_rule,
 )
-from intuitive_physics_learner.search.active_parameters import parameter_influence
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.search.identifiability import identification_trials
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes, parameters_of_vector
 

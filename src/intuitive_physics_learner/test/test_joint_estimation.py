@@ -18,22 +18,27 @@ from intuitive_physics_learner import (
     TrajectoryCost,
     learn,
 )
-from intuitive_physics_learner.joint_estimation import JointSearch, judge
-from intuitive_physics_learner.joint_estimation.agreement import Half, agreed_deviations
-from intuitive_physics_learner.joint_estimation.halves import halves
-from intuitive_physics_learner.joint_estimation.initial_state_deviations import (
-    PRIOR_WIDENING,
-    BelievedStates,
-    InitialStateDeviations,
-)
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings, JointSearch
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.noise import position_noise
+from intuitive_physics_learner.joint_estimation.joint_identifiability import (
+    Half,
+    agreed_deviations,
+    halves,
+    joint_identifiability,
+)
+from intuitive_physics_learner.joint_estimation.linearisation import separate_groups
 from intuitive_physics_learner.joint_estimation.normal_equations import bounded_step
-from intuitive_physics_learner.joint_estimation.parameter_groups import separate_groups
-from intuitive_physics_learner.search.active_parameters import parameter_influence
-from intuitive_physics_learner.search.methods import JOINT_METHOD
+from intuitive_physics_learner.joint_estimation.observation_blocks import (
+    InitialStateDeviations,
+    InitialStates,
+)
+from intuitive_physics_learner.joint_estimation.trajectory_model import position_noise
+from intuitive_physics_learner.methods import JOINT_METHOD
+from intuitive_physics_learner.search.learning_task import LearningTask
 
 MATERIALS = ("ball", "floor")
+SETTINGS = JointEstimationSettings()
 NOISE, STATE_NOISE = 0.005, 0.02
 """m, and m of initial states, whose velocities err by five times that in m/s."""
 
@@ -152,21 +157,23 @@ def test_bounded_steps_stay_in_the_cube_and_go_downhill(seed, size):
 
 
 def test_noise_is_told_from_trajectories(throws):
-    assert position_noise(throws(6, 0, 0.01)) == pytest.approx(0.01, rel=0.1)
-    assert position_noise(throws(6, 0)) < 1e-3
+    assert position_noise(throws(6, 0, 0.01), SETTINGS.smallest_noise) == pytest.approx(
+        0.01, rel=0.1
+    )
+    assert position_noise(throws(6, 0), SETTINGS.smallest_noise) < 1e-3
 
 
 def test_initial_states_move_as_their_deviations_say(throws):
     observation = throws(1, 0, NOISE, STATE_NOISE)[0]
-    first = InitialStateDeviations.of(observation)
+    first = InitialStateDeviations.of(observation, SETTINGS)
     # A sphere: three of position and three of velocity; its spin is known exactly.
     assert first.axes == tuple((0, k) for k in (0, 1, 2, 6, 7, 8))
     np.testing.assert_allclose(
         first.standard_deviations,
-        PRIOR_WIDENING * STATE_NOISE * np.repeat([1.0, 5.0], 3),
+        SETTINGS.prior_widening * STATE_NOISE * np.repeat([1.0, 5.0], 3),
     )
     believed = observation.objects[0].initial_state.to_vector()
-    ((moved,),) = BelievedStates.of([first]).states(np.arange(1.0, 7.0)[None, None], 2)
+    ((moved,),) = InitialStates.of([first]).states(np.arange(1.0, 7.0)[None, None], 2)
     np.testing.assert_allclose(moved[0, :3], believed[:3] + [1.0, 2.0, 3.0])
     np.testing.assert_allclose(moved[0, 3:7], believed[3:7])
     np.testing.assert_allclose(moved[0, 7:10], believed[7:10] + [4.0, 5.0, 6.0])
@@ -197,17 +204,15 @@ def test_judges_in_little_time_where_little_is_left(event_driven, throws):
     cost = CountingCost(throws(8, 5, NOISE, STATE_NOISE), event_driven)
     influence = parameter_influence(cost.observations, cost.materials)
     space = ParameterSpace(cost.materials)
-    active = influence.any(axis=0)
-    start = StaticParameters.uniform(cost.materials)
-    searched = ActiveSpace(space, active, start)
-    fit = JointFit(cost, searched, influence[:, active], searched.to_unit(start))
+    task = LearningTask(cost, space, influence, StaticParameters.uniform(cost.materials))
+    fit = JointFit(cost, task.searched, influence[:, task.active], task.begin, SETTINGS)
     for _ in range(12):
         fit.step()
 
     def judged(seconds_left):
         before = cost.trials
-        told = judge(fit, cost, space, searched, influence, seconds_left)
-        return told, cost.trials - before
+        stated = joint_identifiability(fit, task, seconds_left)
+        return stated, cost.trials - before
 
     at_leisure, many = judged(lambda: np.inf)
     in_haste, few = judged(lambda: -1.0)
@@ -229,10 +234,10 @@ def test_agreeing_halves_widen_nothing_and_others_do():
     # Both halves say 0.01, so all data say 0.01 / √2.
     unit, deviations = np.full(4, 0.5), np.full(4, 0.01 / np.sqrt(2.0))
     near = half([0.503, 0.497, 0.502, 0.501]), half([0.497, 0.503, 0.498, 0.499])
-    agreed = agreed_deviations(unit, deviations, near, FAMILIES)
+    agreed = agreed_deviations(unit, deviations, near, FAMILIES, SETTINGS)
     np.testing.assert_allclose(agreed, deviations)
     apart = half([0.7, 0.5, 0.502, 0.501]), half([0.3, 0.5, 0.498, 0.499])
-    agreed = agreed_deviations(unit, deviations, apart, FAMILIES)
+    agreed = agreed_deviations(unit, deviations, apart, FAMILIES, SETTINGS)
     # 0.2 off themselves; what is of the same family is doubted too.
     assert agreed[0] == pytest.approx(0.2)
     assert agreed[1] > agreed[2] >= deviations[2]
@@ -241,10 +246,10 @@ def test_agreeing_halves_widen_nothing_and_others_do():
 def test_no_sharper_than_both_halves_together():
     """Information adds up: 1/σ² = 1/σ_a² + 1/σ_b²."""
     unit, deviations = np.full(4, 0.5), np.full(4, 0.001)
-    agreed = agreed_deviations(unit, deviations, (half(unit), half(unit)), FAMILIES)
+    agreed = agreed_deviations(unit, deviations, (half(unit), half(unit)), FAMILIES, SETTINGS)
     np.testing.assert_allclose(agreed, 0.01 / np.sqrt(2.0))
     ignorant = half([0.1, 0.9, 0.5, 0.5], 12.0**-0.5)
-    agreed = agreed_deviations(unit, deviations, (ignorant, half(unit)), FAMILIES)
+    agreed = agreed_deviations(unit, deviations, (ignorant, half(unit)), FAMILIES, SETTINGS)
     np.testing.assert_allclose(agreed, 0.01, rtol=1e-3)
 
 
@@ -254,4 +259,5 @@ def test_agreed_deviations_are_never_smaller(seed):
     rng = np.random.default_rng(seed)
     unit, deviations = rng.random(4), rng.uniform(1e-4, 0.28, 4)
     parts = (half(rng.random(4), rng.uniform(1e-4, 0.28)), half(unit, rng.uniform(1e-4, 0.28)))
-    assert (agreed_deviations(unit, deviations, parts, FAMILIES) >= deviations).all()
+    agreed = agreed_deviations(unit, deviations, parts, FAMILIES, SETTINGS)
+    assert (agreed >= deviations).all()

@@ -9,7 +9,7 @@ import pytest
 from intuitive_physics_learner import ConvergenceCriteria, LearningCancelledError, LearningOptions
 from intuitive_physics_learner.learning_job import LearningJob
 from intuitive_physics_learner.learning_session import learn
-from intuitive_physics_learner.store.database_path import default_database_path
+from intuitive_physics_learner.store.database import default_database_path
 
 
 def job_of(observed, simulator, iterations, on_change=lambda: None):

@@ -17,11 +17,11 @@ from intuitive_physics_learner import (
     StopReason,
     TrajectoryCost,
     UnknownMethodError,
-    cost,
     learn,
-    search,
     search_parameters,
 )
+from intuitive_physics_learner.cost import cost_function
+from intuitive_physics_learner.search import parameter_search
 
 
 def options(iterations=600, **others):
@@ -155,7 +155,7 @@ def test_stop_reason_is_told(glide, glides):
 
 @pytest.mark.parametrize("method", ["levenberg_marquardt", "cma_es", "hybrid_random"])
 def test_resumes_as_if_it_had_not_stopped(event_driven, throws, method, monkeypatch):
-    monkeypatch.setattr(search, "CHECKPOINT_PERIOD", 0.0)
+    monkeypatch.setattr(parameter_search, "CHECKPOINT_PERIOD", 0.0)
     observed = throws(3, 0, noise=0.01)
     states = []
     whole = learn(observed, event_driven, options(700, method=method), on_checkpoint=states.append)
@@ -167,7 +167,7 @@ def test_resumes_as_if_it_had_not_stopped(event_driven, throws, method, monkeypa
 
 
 def test_states_of_other_searches_are_refused(event_driven, throws, monkeypatch):
-    monkeypatch.setattr(search, "CHECKPOINT_PERIOD", 0.0)
+    monkeypatch.setattr(parameter_search, "CHECKPOINT_PERIOD", 0.0)
     observed = throws(3, 0, noise=0.01)
     states = []
     learn(observed, event_driven, options(60), on_checkpoint=states.append)
@@ -183,7 +183,7 @@ def test_states_of_other_searches_are_refused(event_driven, throws, monkeypatch)
 
 
 def test_stops_within_an_evaluation_when_cancelled(event_driven, throws, monkeypatch):
-    monkeypatch.setattr(cost, "LARGEST_SHARE", 2)
+    monkeypatch.setattr(cost_function, "LARGEST_SHARE", 2)
     asked = []
 
     def cancelled():

@@ -20,8 +20,9 @@ import pytest
 from intuitive_physics.errors import UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics_learner import ObservationStore, StorageError
-from intuitive_physics_learner.store import SearchCheckpoint, schema
+from intuitive_physics_learner.store import SearchCheckpoint
 from intuitive_physics_learner.store import database as database_module
+from intuitive_physics_learner.store.database import latest_version
 
 DATA = Path(__file__).parent / "data"
 
@@ -206,9 +207,9 @@ def test_database_of_another_program(path):
 def test_newer_schema(path):
     ObservationStore(path).close()
     with sqlite3.connect(path) as newer:
-        newer.execute(f"PRAGMA user_version = {schema.latest_version() + 1}")
+        newer.execute(f"PRAGMA user_version = {latest_version() + 1}")
     newer.close()
-    with pytest.raises(StorageError, match=f"schema version {schema.latest_version() + 1}"):
+    with pytest.raises(StorageError, match=f"schema version {latest_version() + 1}"):
         ObservationStore(path)
 
 
@@ -229,7 +230,7 @@ def test_file_of_version_1_is_migrated(path):
             store.save_checkpoint(SearchCheckpoint("k", 1, None, {"a": 1.5}, 2.0, 7))
             assert store.checkpoint("k").state == {"a": 1.5}
     with sqlite3.connect(path) as new:
-        assert new.execute("PRAGMA user_version").fetchone() == (schema.latest_version(),)
+        assert new.execute("PRAGMA user_version").fetchone() == (latest_version(),)
     new.close()
 
 
@@ -237,12 +238,12 @@ def test_older_schema_is_migrated_and_keeps_its_rows(path, observation, monkeypa
     with ObservationStore(path) as store:
         store.add(observation("old"))
     step = ("ALTER TABLE observations ADD COLUMN note TEXT NOT NULL DEFAULT 'none'",)
-    monkeypatch.setattr(schema, "MIGRATIONS", (*schema.MIGRATIONS, step))
+    monkeypatch.setattr(database_module, "MIGRATIONS", (*database_module.MIGRATIONS, step))
     with ObservationStore(path) as store:
         assert store.ids() == ["old"]
     with sqlite3.connect(path) as file:
         assert file.execute("SELECT id, note FROM observations").fetchall() == [("old", "none")]
-        assert file.execute("PRAGMA user_version").fetchone() == (schema.latest_version(),)
+        assert file.execute("PRAGMA user_version").fetchone() == (latest_version(),)
     file.close()
 
 
@@ -251,7 +252,7 @@ def test_a_migration_that_fails_changes_nothing(path, observation, monkeypatch):
         store.add(observation("old"))
     steps = ("ALTER TABLE observations ADD COLUMN note TEXT", "SELECT * FROM nowhere")
     with monkeypatch.context() as patched:
-        patched.setattr(schema, "MIGRATIONS", (*schema.MIGRATIONS, steps))
+        patched.setattr(database_module, "MIGRATIONS", (*database_module.MIGRATIONS, steps))
         with pytest.raises(StorageError, match="nowhere"):
             ObservationStore(path)
     with ObservationStore(path) as store:

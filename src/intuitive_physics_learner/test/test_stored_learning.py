@@ -22,16 +22,17 @@ from intuitive_physics_learner import (
     ObservationStore,
     UnknownMethodError,
     learn_from_store,
-    search,
 )
 from intuitive_physics_learner.errors import IncompatibleEnvironmentError
+from intuitive_physics_learner.search import parameter_search
 
 LEARNER = """
 import sys
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, ObservationStore
-from intuitive_physics_learner import learn_from_store, search
-search.CHECKPOINT_PERIOD = 0.0
+from intuitive_physics_learner import learn_from_store
+from intuitive_physics_learner.search import parameter_search
+parameter_search.CHECKPOINT_PERIOD = 0.0
 options = LearningOptions(sys.argv[2], ConvergenceCriteria(int(sys.argv[3])), seed=5)
 with ObservationStore(sys.argv[1]) as store:
     learn_from_store(
@@ -97,7 +98,7 @@ def test_a_search_that_is_killed_again_and_again_ends_as_if_it_had_not(
 
 
 def test_the_same_search_goes_on_and_another_begins_anew(store, glide, glides, monkeypatch):
-    monkeypatch.setattr(search, "CHECKPOINT_PERIOD", 0.0)
+    monkeypatch.setattr(parameter_search, "CHECKPOINT_PERIOD", 0.0)
     store.add(glides(np.random.default_rng(0), 0.4))
     asked = options(2000, method="random")
 
@@ -129,7 +130,7 @@ def test_the_same_search_goes_on_and_another_begins_anew(store, glide, glides, m
 
 
 def test_time_before_the_interruption_counts(store, glide, glides, monkeypatch):
-    monkeypatch.setattr(search, "CHECKPOINT_PERIOD", 0.0)
+    monkeypatch.setattr(parameter_search, "CHECKPOINT_PERIOD", 0.0)
     store.add(glides(np.random.default_rng(0), 0.4))
     asked = LearningOptions("random", ConvergenceCriteria(None, time_limit=1.5))
     began = time.monotonic()
@@ -189,7 +190,7 @@ def test_an_environment_is_told_from_objects_that_cannot_be_simulated(store, gli
 
 
 def test_what_is_kept_of_a_search_is_plain_json(store, glide, glides, monkeypatch):
-    monkeypatch.setattr(search, "CHECKPOINT_PERIOD", 0.0)
+    monkeypatch.setattr(parameter_search, "CHECKPOINT_PERIOD", 0.0)
     store.add(glides(np.random.default_rng(0), 0.4))
     told = []
     with pytest.raises(LearningCancelledError):

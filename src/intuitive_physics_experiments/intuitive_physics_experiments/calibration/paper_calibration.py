@@ -19,7 +19,7 @@ from intuitive_physics_experiments.calibration.verification import Scores, score
 from intuitive_physics_experiments.paper.paper_dataset import POSITION_NOISE, make_paper_dataset
 from intuitive_physics_experiments.paper.paper_room import SHAPE_KINDS
 from intuitive_physics_learner.learning_session import LearningOptions, learn
-from intuitive_physics_learner.search.methods import JOINT_METHOD
+from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria, SearchProgress
 from intuitive_physics_predictor.noise_scales import NoiseScales
 from intuitive_physics_predictor.scores.outcomes import noisy_prediction

@@ -33,7 +33,7 @@ from intuitive_physics_experiments.paper.prediction_figure import (
 )
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions, learn
-from intuitive_physics_learner.search.methods import JOINT_METHOD
+from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 

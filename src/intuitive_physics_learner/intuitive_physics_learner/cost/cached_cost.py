@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from intuitive_physics.parameter_space import parameter_vector
 from intuitive_physics_learner.cost.cost_function import Cost
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.trials import Trials
-from intuitive_physics_learner.search.active_parameters import parameter_influence
 
 REMEMBERED = 64
 """Sets of parameters remembered for each observation: more than the candidates of one batch."""

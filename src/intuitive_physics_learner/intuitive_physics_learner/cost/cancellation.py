@@ -6,7 +6,9 @@ from collections.abc import Callable, Iterator
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner.errors import LearningCancelledError
-from intuitive_physics_learner.search.parameter_search import LARGEST_BATCH
+
+LARGEST_BATCH = 50
+"""Candidates evaluated at once at most; between batches a search can be stopped."""
 
 
 def batches(

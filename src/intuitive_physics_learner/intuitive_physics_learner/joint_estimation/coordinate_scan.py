@@ -1,4 +1,4 @@
-"""Trying each parameter over its whole range, to leave an optimum that is only a local one.
+"""Trying each parameter over its whole range, to leave a local optimum.
 
 Coordinates are scanned side by side: parameters of one group share no observation, so one
 simulation of all observations judges a value of each of them. For each value the initial states
@@ -15,16 +15,14 @@ from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner.cost.cost_function import Cost
+from intuitive_physics_learner.joint_estimation.fit_horizons import TrajectoryFits
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
 from intuitive_physics_learner.joint_estimation.normal_equations import (
-    OUTLIER,
     NormalEquations,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
-from intuitive_physics_learner.search.parameter_search import SearchSpace
-
-LEVELS = (0.02, 0.14, 0.26, 0.38, 0.5, 0.62, 0.74, 0.86, 0.98)
-"""Values of each parameter on the unit interval."""
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.search.search_space import SearchSpace
 
 
 class ScanCandidates:
@@ -33,15 +31,15 @@ class ScanCandidates:
     Parameters
     ----------
     unit : (n,) the estimate on the unit cube
-    groups : as `separate_groups`
+    groups : arrays (n_members,) of indices of parameters, as `separate_groups`
     space : maps the cube to θ_s
-    levels : (n, n_levels) of each parameter; None: `LEVELS` for all
+    levels : (n, n_levels) places on the unit interval of each parameter
 
     Attributes
     ----------
-    levels : (n, n_levels)
+    levels : (n, n_levels) as given
     parameters : the candidates
-    index : (n, n_levels) which candidate gives each parameter each level
+    index : (n, n_levels) index of the candidate that gives each parameter each level
     """
 
     def __init__(
@@ -49,9 +47,9 @@ class ScanCandidates:
         unit: NDArray[np.float64],
         groups: Sequence[NDArray[np.int64]],
         space: SearchSpace,
-        levels: NDArray[np.float64] | None = None,
+        levels: NDArray[np.float64],
     ) -> None:
-        self.levels = np.tile(LEVELS, (unit.size, 1)) if levels is None else levels
+        self.levels = levels
         self.parameters: list[StaticParameters] = []
         self.index = np.zeros(self.levels.shape, dtype=np.int64)
         for group in groups:
@@ -65,31 +63,37 @@ class ScanCandidates:
 def scanned_states(
     cost: Cost,
     block: ObservationBlock,
-    estimate: NDArray[np.float64],
+    fits: TrajectoryFits,
     linear: Linearisation,
     candidates: ScanCandidates,
-    until: NDArray[np.float64],
     noise: float,
+    settings: JointEstimationSettings,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Initial states that suit each level of each parameter of a block, and what they leave.
+    """Fit the initial states of a block to each level of each of its parameters.
 
     Parameters
     ----------
-    estimate : (W, d) present deviations of the initial states
-    linear : at the estimate
+    cost : simulates the observations
+    block : W of them
+    fits : their present initial states and fit horizons
+    linear : at these initial states
+    candidates : the levels
+    noise : m, standard deviation of an observed position on each axis
+    settings : of the weight of outliers
 
     Returns
     -------
-    estimates : (q * n_levels, W, d), the levels of one parameter after the other
+    estimates : (q * n_levels, W, d) deviations from the observed initial states, in SI units, the
+        levels of one parameter after those of the other
     residuals : (q * n_levels, W, P, 3) m
     """
+    estimate, until, outlier = fits.estimate, fits.horizons, settings.outlier_length
     count, d = estimate.shape
     index = candidates.index[block.parameters].reshape(count, -1).T
     tried = np.broadcast_to(estimate, (len(index), count, d))
     residuals = residuals_at(cost, block, tried, candidates.parameters, index, until)
-    estimates = np.empty(tried.shape)
     at_estimate = replace(linear, slopes=linear.slopes[:, :d])
-    inner = NormalEquations.of(block, estimate, at_estimate, until, noise).hessian
+    inner = NormalEquations.of(block, estimate, at_estimate, until, noise, settings).hessian
     slopes = at_estimate.slopes.reshape(count, d, 3 * block.times.shape[1])
     # The slopes, and so the inner matrix, are taken to be the same at all levels.
     gains = np.linalg.solve(inner, slopes / noise**2)
@@ -99,7 +103,7 @@ def scanned_states(
     for k, left in enumerate(residuals):
         reached = counted & np.isfinite(left).all(axis=2)
         left = np.where(reached[..., None], left, 0.0)
-        weights = np.minimum(1.0, OUTLIER * noise / np.maximum(np.linalg.norm(left, axis=2), 1e-12))
+        weights = np.minimum(1.0, outlier * noise / np.maximum(np.linalg.norm(left, axis=2), 1e-12))
         target = (left * weights[..., None]).reshape(count, -1, 1)
         estimates[k] = estimate - (gains @ target)[..., 0] - shrinking
     return estimates, residuals_at(cost, block, estimates, candidates.parameters, index, until)
@@ -112,8 +116,13 @@ def compatible_moves(
 
     Parameters
     ----------
-    gains : (n,) loss that moving each alone takes off
-    influence : (n_observations, n) bool
+    gains : (n,) by which moving each alone lowers the loss, in the unit of the loss
+    influence : (n_observations, n) bool, which observation can depend on which parameter
+    least_gain : of a parameter that is moved, in the same unit
+
+    Returns
+    -------
+    Indices of parameters.
     """
     chosen: list[int] = []
     occupied = np.zeros(len(influence), dtype=bool)

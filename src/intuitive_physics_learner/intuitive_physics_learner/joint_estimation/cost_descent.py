@@ -1,11 +1,10 @@
-"""Lowering J itself, from the initial states as they were observed, where no fit is to be had.
+"""Descent of J itself, from the observed initial states, where trajectories cannot be fitted.
 
-Where the simulation lacks an effect that the observations have (the air, a spin, a shape that is
-not quite so), no θ_s and no initial states explain them within their noise, and the θ_s wanted is
-the one that serves best: that of the lowest J. J is a sum of distances and not of their squares, so
-Gauss and Newton's steps weigh each point by one over its distance (Weiszfeld); only a step that
-lowers J is taken. Trying each parameter over its whole range leaves optima that are only local, and
-so do trials at random in the end, where the parameters are few.
+Where the simulation lacks an effect that the observations have (air, a spin, an inexact shape), no
+θ_s and no initial states explain them within their noise, and the best θ_s is that of the lowest J.
+J is a sum of distances and not of their squares, so Gauss-Newton steps weigh each point by one over
+its distance (Weiszfeld); only a step that lowers J is taken. Trying each parameter over its whole
+range leaves local optima, and so do random trials in the end, where the parameters are few.
 """
 
 from __future__ import annotations
@@ -26,9 +25,9 @@ from intuitive_physics_learner.joint_estimation.linearisation import (
     Linearisation,
     ParameterSteps,
     linearise,
+    separate_groups,
 )
 from intuitive_physics_learner.joint_estimation.normal_equations import (
-    OUTLIER,
     NormalEquations,
     bounded_step,
 )
@@ -36,55 +35,28 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     ObservationBlock,
     observation_blocks,
 )
-from intuitive_physics_learner.joint_estimation.parameter_groups import separate_groups
-from intuitive_physics_learner.search.parameter_search import SearchSpace
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.search.search_space import SearchSpace
 from intuitive_physics_learner.search.update_rules import HybridRandomSearch, UpdateRule
-
-DAMPINGS = (1e-3, 1e-2, 0.1, 1.0, 10.0)
-"""Parts by which the diagonal is enlarged, all tried at once."""
-
-LENGTHS = (0.5, 1.0, 2.0)
-"""Of each damped step, likewise: a sum of distances has kinks, which a step may fall short of."""
-
-FIRST_WIDTH, SMALLEST_WIDTH = 0.1, 0.002
-"""Of the unit interval, over which slopes are taken: wide against the kinks of single contacts."""
-
-NARROWING = 0.4
-"""By what the width shrinks when steps over slopes of it gain nothing more."""
-
-NEIGHBOURS = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)
-"""Widths beside its value at which each parameter is tried where steps gain nothing."""
-
-LEAST_GAIN = 1e-4
-"""Part of J that counts as a gain."""
-
-LARGEST_SAMPLED = 40
-"""Parameters up to which trying points at random has a chance."""
-
-PATIENCE = 300
-"""Evaluations of J at random without gain after which the descent ends."""
-
-SMALL = 0.1
-"""Of the median distance: shorter ones count as squares, as a sum of distances has no slope at
-zero."""
 
 
 class CostDescent:
-    """Steps of Gauss and Newton on J, from the best of some points.
+    """Gauss-Newton steps on J, from the best of some points.
 
     Parameters
     ----------
     cost : J
-    space : maps the unit cube of the parameters to θ_s
+    space : maps the unit cube of the n parameters to θ_s
     influence : (n_observations, n) bool, which observation can depend on which parameter
     generator : of all randomness
+    settings : of the descent
 
     Attributes
     ----------
-    unit : (n,) the point of the lowest J
+    unit : (n,) the point of the unit cube with the lowest J so far
     cost : that J in m; infinite before `begin`
     simulations : of single observations, so far
-    finished : whether nothing lowers J any more
+    finished : whether the descent has ended
     """
 
     def __init__(
@@ -93,29 +65,36 @@ class CostDescent:
         space: SearchSpace,
         influence: NDArray[np.bool_],
         generator: np.random.Generator,
+        settings: JointEstimationSettings,
     ) -> None:
+        self._settings = settings
         self._cost = cost
         self._space = space
         self._influence = influence
         self._groups = separate_groups(influence)
-        self._blocks = observation_blocks(cost.observations, influence, free_states=False)
+        self._blocks = observation_blocks(cost.observations, influence, settings, free_states=False)
         self.unit = np.full(space.size, 0.5)
         self.cost = np.inf
         self.finished = False
         self._generator = generator
         self._first_generator = generator.bit_generator.state
         self.simulations = 0
-        self._width = FIRST_WIDTH
+        self._width = settings.first_width
         self._scan_next = True
         self._rule: UpdateRule | None = None
         self._without_gain = 0
 
     def begin(self, points: NDArray[np.float64]) -> None:
-        """Begin at the best of some points (k, n)."""
+        """Begin at the best of some points.
+
+        Parameters
+        ----------
+        points : (k, n) of the unit cube
+        """
         self._take_best(points)
 
     def step(self, limit: int) -> None:
-        """Try to lower J: along slopes at first, then at random.
+        """Try to lower J: along slopes first, then at random.
 
         Parameters
         ----------
@@ -123,17 +102,17 @@ class CostDescent:
         """
         if self._scan_next:
             self._scan_next = False
-            self._scan(None)
-        elif self._width >= SMALLEST_WIDTH:
+            self._scan(np.tile(self._settings.scan_levels, (self._space.size, 1)))
+        elif self._width >= self._settings.smallest_width:
             self._descend_or_narrow()
-            few = self._space.size <= LARGEST_SAMPLED
-            self.finished = self._width < SMALLEST_WIDTH and not few
+            few = self._space.size <= self._settings.largest_sampled
+            self.finished = self._width < self._settings.smallest_width and not few
         else:
             self._rule = self._rule or self._new_rule()
             self._try_at_random(self._rule, limit)
 
     def state(self) -> dict[str, Any]:
-        """Plain data from which a descent of the same cost continues exactly."""
+        """Return plain data from which a descent of the same cost continues exactly."""
         return {
             "unit": self.unit.tolist(),
             "cost": self.cost,
@@ -169,19 +148,23 @@ class CostDescent:
         before = self.cost
         costs = self._take_best(points)
         rule.tell(costs)
-        gained = self.cost < before * (1.0 - LEAST_GAIN)
+        gained = self._gained(before)
         self._without_gain = 0 if gained else self._without_gain + len(points)
-        self.finished = self._without_gain >= PATIENCE
+        self.finished = self._without_gain >= self._settings.sampling_patience
 
     def _descend_or_narrow(self) -> None:
         before = self.cost
         self._descend()
-        if self.cost < before * (1.0 - LEAST_GAIN):
+        if self._gained(before):
             return
-        beside = self.unit[:, None] + self._width * np.array(NEIGHBOURS)
+        beside = self.unit[:, None] + self._width * np.array(self._settings.neighbours)
         self._scan(np.clip(beside, 0.0, 1.0))
-        if self.cost >= before * (1.0 - LEAST_GAIN):
-            self._width *= NARROWING
+        if not self._gained(before):
+            self._width *= self._settings.width_factor
+
+    def _gained(self, before: float) -> bool:
+        """Whether J is lower than before by enough to count."""
+        return self.cost < before * (1.0 - self._settings.smallest_gain)
 
     def _descend(self) -> None:
         linear = self._linearised()
@@ -190,33 +173,41 @@ class CostDescent:
         )
         if lengths.size == 0:
             return
-        scale = max(SMALL * float(np.median(lengths)), np.finfo(float).tiny) / OUTLIER
+        settings = self._settings
+        short = max(settings.short_length * float(np.median(lengths)), np.finfo(float).tiny)
+        scale = short / settings.outlier_length
         information = np.zeros((self._space.size, self._space.size))
         scores = np.zeros(self._space.size)
         for block, part in zip(self._blocks, linear, strict=True):
             still = np.zeros((block.members.size, 0))
             weighted = self._by_trajectory(block, part)
-            equations = NormalEquations.of(block, still, weighted, block.durations, scale)
+            equations = NormalEquations.of(block, still, weighted, block.durations, scale, settings)
             equations.eliminated().add_to(information, scores)
         # What no point depends on stays where it is.
         still_there = np.diag(information) <= 0.0
         information[still_there, still_there] = 1.0
-        steps = [bounded_step(self.unit, information, scores, damping) for damping in DAMPINGS]
-        tried = [self.unit + length * step for step in steps for length in LENGTHS]
+        steps = [
+            bounded_step(self.unit, information, scores, damping)
+            for damping in settings.descent_dampings
+        ]
+        tried = [self.unit + length * step for step in steps for length in settings.descent_lengths]
         self._take_best(np.clip(tried, 0.0, 1.0))
 
     def _linearised(self) -> list[Linearisation]:
         widths = np.full(self._space.size, self._width)
-        steps = ParameterSteps(self.unit, widths, self._groups, self._space.to_parameters)
+        steps = ParameterSteps(
+            self.unit, widths, self._groups, self._space.to_parameters, self._settings
+        )
         found = []
         for block in self._blocks:
             still = np.zeros((block.members.size, 0))
             self.simulations += block.members.size * (1 + 2 * block.parameters.shape[1])
-            found.append(linearise(self._cost, block, still, still, widths, steps, block.durations))
+            until = block.durations
+            found.append(linearise(self._cost, block, still, still, steps, until, self._settings))
         return found
 
     def _by_trajectory(self, block: ObservationBlock, linear: Linearisation) -> Linearisation:
-        """The same with every trajectory of the weight that it has in J, however many points."""
+        """Weigh every trajectory as J does, whatever its number of points."""
         points = np.isfinite(block.times).sum(axis=1)
         weights = points.mean() / points
         return replace(
@@ -225,8 +216,8 @@ class CostDescent:
             slopes=linear.slopes * weights[:, None, None, None],
         )
 
-    def _scan(self, levels: NDArray[np.float64] | None) -> None:
-        """Move parameters to that of their levels (n, n_levels) where J is lower."""
+    def _scan(self, levels: NDArray[np.float64]) -> None:
+        """Move parameters to those of their levels (n, n_levels) where J is lower."""
         candidates = ScanCandidates(self.unit, self._groups, self._space, levels)
         count = len(self._cost.observations)
         self.simulations += len(candidates.parameters) * count
@@ -239,7 +230,8 @@ class CostDescent:
             ]
         )
         best = np.argmin(changes, axis=1)
-        moves = compatible_moves(-changes.min(axis=1), self._influence, LEAST_GAIN * self.cost)
+        least_gain = self._settings.smallest_gain * self.cost
+        moves = compatible_moves(-changes.min(axis=1), self._influence, least_gain)
         if not moves:
             return
         moved = self.unit.copy()
@@ -247,7 +239,7 @@ class CostDescent:
         self._take_best(moved[None])
 
     def _take_best(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return J (k,) of points (k, n), having taken over the best if it is better."""
+        """Take over the best of points (k, n) if it is better; return J of each, (k,) in m."""
         candidates = [self._space.to_parameters(point) for point in points]
         costs = self._cost.costs(candidates)
         self.simulations += len(candidates) * len(self._cost.observations)

@@ -1,4 +1,4 @@
-"""The estimate of θ_s and initial states, and the steps by which it gets better."""
+"""The joint fit of θ_s and initial states, by steps of Levenberg and Marquardt's method."""
 
 from __future__ import annotations
 
@@ -9,63 +9,57 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics_learner.cost.cost_function import Cost
-from intuitive_physics_learner.joint_estimation import horizons
-from intuitive_physics_learner.joint_estimation.coordinate_scan import LEVELS, compatible_moves
-from intuitive_physics_learner.joint_estimation.damped_steps import (
-    next_damping,
-    prior_losses,
-    proposals,
-)
+from intuitive_physics_learner.joint_estimation.coordinate_scan import compatible_moves
+from intuitive_physics_learner.joint_estimation.fit_horizons import advanced_horizons
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
-from intuitive_physics_learner.joint_estimation.normal_equations import NormalEquations
-from intuitive_physics_learner.joint_estimation.posterior import Posterior
-from intuitive_physics_learner.joint_estimation.sharpness import sharpness, sharpness_simulations
+from intuitive_physics_learner.joint_estimation.normal_equations import (
+    NormalEquations,
+    Posterior,
+    bounded_step,
+)
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
-from intuitive_physics_learner.search.parameter_search import SearchSpace
-
-FIRST_DAMPING = 1e-2
-SCANS = (2, 5, 9, 14)
-"""After how many steps each parameter is tried over its whole range."""
-
-LEAST_SCAN_GAIN = 3.0
-"""Loss that such a trial must take off to be followed: so much is hardly chance."""
+from intuitive_physics_learner.search.identifiability import PRIOR_PRECISION
+from intuitive_physics_learner.search.search_space import SearchSpace
 
 SMALLEST_RESPONSE = 1e-9
-"""m by unit of a parameter; less is rounding."""
-
-SETTLED = 0.02
-"""Standard deviations; a step in which no parameter moves further has arrived."""
-
-SETTLED_STEPS = 2
-"""Such steps after which the search ends."""
+"""m per width of a parameter; a slope below this is rounding."""
 
 
 class JointFit:
-    """Fits all trajectories, each from an initial state of its own, as far as they can be foretold.
+    """Fits all trajectories, each from an initial state of its own and up to its fit horizon.
 
     Parameters
     ----------
     cost : simulates the observations
-    space : maps the unit cube of the parameters to θ_s
+    space : maps the unit cube of the n parameters to θ_s
     influence : (n_observations, n) bool, which observation can depend on which parameter
     start : (n,) point of the unit cube to begin from
+    settings : of the estimation
 
     Attributes
     ----------
     start : as given
-    steps : that were taken
-    misfits : share of the observations that did not fit in the last step
+    settings : as given
+    steps : taken so far
+    misfits : share of the observations with a misfit in the last step
     responsive : (n,) bool, which parameters any of the fitted points depends on
     """
 
     def __init__(
-        self, cost: Cost, space: SearchSpace, influence: NDArray[np.bool_], start: ArrayLike
+        self,
+        cost: Cost,
+        space: SearchSpace,
+        influence: NDArray[np.bool_],
+        start: ArrayLike,
+        settings: JointEstimationSettings,
     ) -> None:
-        self._model = TrajectoryModel(cost, space, influence)
+        self.settings = settings
+        self._model = TrajectoryModel(cost, space, influence, settings)
         self.start = np.array(start, dtype=np.float64)
-        self._estimate = self._model.beginning(self.start.copy())
+        self._estimate = self._model.initial_estimate(self.start.copy())
         self.responsive = np.zeros(self.start.size, dtype=bool)
-        self._damping = FIRST_DAMPING
+        self._damping = settings.first_damping
         self._settled = 0
         self.misfits = 0.0
         self.steps = 0
@@ -86,31 +80,37 @@ class JointFit:
 
     @property
     def settled(self) -> bool:
-        """Whether more steps would change nothing."""
-        return self._settled >= SETTLED_STEPS
+        """Whether the fit has converged: more steps would change nothing."""
+        return self._settled >= self.settings.settled_steps
 
     @property
     def posterior_simulations(self) -> int:
         """Simulations of single observations that `posterior` takes."""
-        return sharpness_simulations(self._model)
+        return self._model.curvature_simulations
 
     def posterior(self) -> tuple[Posterior, NDArray[np.float64]]:
-        """What is believed of the parameters at the estimate, as `sharpness`."""
-        return sharpness(self._model, self._estimate)
+        """Return the posterior at the estimate.
+
+        Returns
+        -------
+        posterior : from slopes to both sides
+        deviations : (n,) widths, as `TrajectoryModel.curvature_posterior`
+        """
+        return self._model.curvature_posterior(self._estimate)
 
     def step(self) -> None:
-        """Take a step of Gauss and Newton, damped, in all unknowns."""
+        """Take a damped Gauss-Newton step in all unknowns, then move the fit horizons."""
         linear = self._model.linearised(self._estimate)
-        if self.steps in SCANS and self._scan(linear):
+        if self.steps in self.settings.scan_steps and self._scan(linear):
             linear = self._model.linearised(self._estimate)
         self.steps += 1
         equations = self._model.equations(self._estimate, linear)
         self._note_responses(linear)
-        ahead = self._foreseen_horizons(linear, equations)
-        self._move(equations, ahead)
+        goals = self._predict(linear, equations)
+        self._move(equations, goals)
 
     def state(self) -> dict[str, Any]:
-        """Plain data from which a fit to the same observations continues exactly."""
+        """Return plain data from which a fit to the same observations continues exactly."""
         return {
             "unit": self._estimate.unit.tolist(),
             "deviations": self._estimate.deviations.tolist(),
@@ -142,74 +142,161 @@ class JointFit:
             moving = (np.abs(slopes.slopes[:, d:]) > SMALLEST_RESPONSE).any(axis=(2, 3))
             self.responsive[block.parameters[moving]] = True
 
-    def _foreseen_horizons(
+    def _predict(
         self, linear: Sequence[Linearisation], equations: Sequence[NormalEquations]
     ) -> list[NDArray[np.float64]]:
-        """Where the horizons of each block may go; takes over what is believed on the way."""
+        """Take over the posterior's deviations; return how far each block's horizons may go."""
         posterior, eliminated = self._model.posterior(equations)
         self._estimate.deviations = posterior.deviations
-        ahead = []
+        goals = []
         for (block, part), slopes, own, left in zip(
             self._model.parts(self._estimate), linear, equations, eliminated, strict=True
         ):
             part.deviations = posterior.state_deviations(own, left)
             spreads = posterior.spreads(slopes, own, left)
-            limits = np.minimum(part.horizons + horizons.LARGEST_ADVANCE, block.durations)
-            ahead.append(
-                horizons.advanced_horizons(
-                    block, slopes, spreads, part.horizons, limits, self._model.noise
+            goals.append(
+                advanced_horizons(
+                    block, slopes, spreads, part.horizons, self._model.noise, self.settings
                 )
             )
-        return ahead
+        return goals
 
-    def _move(self, equations: Sequence[NormalEquations], ahead: list[NDArray[np.float64]]) -> None:
-        """Take the best of some damped steps, each initial state its own, and new horizons."""
-        estimates = [part.estimate for _, part in self._model.parts(self._estimate)]
-        units, states = proposals(self.unit, self.start, estimates, equations, self._damping)
-        candidates = [self._model.space.to_parameters(unit) for unit in units]
-        # Each θ_s with the initial states that go with it, and with those there are.
+    def _move(self, equations: Sequence[NormalEquations], goals: list[NDArray[np.float64]]) -> None:
+        """Take the best of several damped steps, each initial state its own, and move horizons."""
+        model, settings = self._model, self.settings
+        estimates = [part.estimate for _, part in model.parts(self._estimate)]
+        units, states = proposals(
+            self.unit, self.start, estimates, equations, self._damping, settings
+        )
+        candidates = [model.space.to_parameters(unit) for unit in units]
+        # Each θ_s with the initial states that go with it, and with the present ones.
         index = np.concatenate([np.arange(len(units)), np.arange(1, len(units))])
         losses = prior_losses(units, self.start)
-        chosen = []
-        for k, (block, part) in enumerate(self._model.parts(self._estimate)):
+        tried = []
+        for k, (block, part) in enumerate(model.parts(self._estimate)):
             trying = np.concatenate([states[k], np.tile(part.estimate, (len(units) - 1, 1, 1))])
             residuals = residuals_at(
-                self._model.cost, block, trying, candidates, index[:, None], part.horizons
+                model.cost, block, trying, candidates, index[:, None], part.horizons
             )
-            self._model.simulations += len(index) * block.members.size
-            own = part.losses(block, trying, residuals, self._model.noise)
+            model.simulations += len(index) * block.members.size
+            own = part.losses(block, trying, residuals, model.noise, settings)
             for u in range(len(units)):
                 losses[u] += own[index == u].min(axis=0).sum()
-            chosen.append((trying, residuals, own))
+            tried.append((trying, residuals, own))
         best = int(np.argmin(losses))
         moved = np.abs(units[best] - self.unit) / self._estimate.deviations
         self._estimate.unit = units[best]
-        self._damping = next_damping(self._damping, best)
+        self._damping = next_damping(self._damping, best, settings)
+        advanced = self._take_states(np.flatnonzero(index == best), tried, goals)
+        settled = moved.max() < settings.settled_move and not advanced
+        self._settled = self._settled + 1 if settled else 0
+
+    def _take_states(
+        self,
+        options: NDArray[np.int64],
+        tried: list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]],
+        goals: list[NDArray[np.float64]],
+    ) -> bool:
+        """Take the best initial states among options; return whether any horizon moved."""
         advanced, misfits = False, 0
         for (block, part), (trying, residuals, own), goal in zip(
-            self._model.parts(self._estimate), chosen, ahead, strict=True
+            self._model.parts(self._estimate), tried, goals, strict=True
         ):
-            options = np.flatnonzero(index == best)
             pick = options[np.argmin(own[options], axis=0)]
             every = np.arange(block.members.size)
             part.estimate = trying[pick, every]
-            moving, failing = part.advance(block, residuals[pick, every], goal, self._model.noise)
+            moving, failing = part.advance(
+                block, residuals[pick, every], goal, self._model.noise, self.settings
+            )
             advanced |= moving
             misfits += failing
         self.misfits = misfits / len(self._model.cost.observations)
-        settled = moved.max() < SETTLED and not advanced
-        self._settled = self._settled + 1 if settled else 0
+        return advanced
 
     def _scan(self, linear: Sequence[Linearisation]) -> bool:
         """Move parameters to where on their range they fit better; return whether any moved."""
-        rises, found = self._model.scanned(self._estimate, linear, LEVELS)
+        places = self.settings.scan_levels
+        rises, found = self._model.scanned(self._estimate, linear, places)
         levels = np.argmin(rises, axis=1)
-        moves = compatible_moves(-rises.min(axis=1), self._model.influence, LEAST_SCAN_GAIN)
+        moves = compatible_moves(
+            -rises.min(axis=1), self._model.influence, self.settings.smallest_scan_gain
+        )
         for (block, part), estimates in zip(self._model.parts(self._estimate), found, strict=True):
             for parameter in moves:
                 rows, columns = np.nonzero(block.parameters == parameter)
                 part.estimate[rows] = estimates[columns, levels[parameter], rows]
         unit = self._estimate.unit.copy()
-        unit[moves] = np.array(LEVELS)[levels[moves]]
+        unit[moves] = np.array(places)[levels[moves]]
         self._estimate.unit = unit
         return bool(moves)
+
+
+def prior_losses(units: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the loss (c,), without a unit, of candidates by the prior.
+
+    Parameters
+    ----------
+    units : (c, n) points of the unit cube
+    start : (n,) mean of the prior
+    """
+    return 0.5 * PRIOR_PRECISION * np.asarray(((units - start) ** 2).sum(axis=1))
+
+
+def next_damping(damping: float, chosen: int, settings: JointEstimationSettings) -> float:
+    """Return the damping of the next step after the proposal of that index was the best.
+
+    Parameters
+    ----------
+    damping : of the last step, a part of the diagonal
+    chosen : index among the proposals; 0: no step was better than none
+    settings : of the dampings
+    """
+    factors = settings.damping_factors
+    factor = factors[chosen - 1] if chosen > 0 else factors[-1]
+    return _clipped_damping(damping * factor, settings)
+
+
+def proposals(
+    unit: NDArray[np.float64],
+    start: NDArray[np.float64],
+    estimates: Sequence[NDArray[np.float64]],
+    equations: Sequence[NormalEquations],
+    damping: float,
+    settings: JointEstimationSettings,
+) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+    """Propose θ_s and initial states, at several dampings.
+
+    Parameters
+    ----------
+    unit : (n,) the present θ_s on the unit cube
+    start : (n,) mean of its prior
+    estimates : of each block, (W, d) deviations from the observed initial states, in SI units
+    equations : of each block, at the present estimate
+    damping : of the last step, a part of the diagonal
+    settings : of the dampings and of the largest step
+
+    Returns
+    -------
+    units : (c, n) points of the cube, the present one first
+    states : of each block, (c, W, d) deviations from the observed initial states, in SI units, that
+        go with them
+    """
+    units = [unit]
+    states = [[estimate] for estimate in estimates]
+    for factor in settings.damping_factors:
+        own_damping = _clipped_damping(damping * factor, settings)
+        information = PRIOR_PRECISION * np.eye(unit.size)
+        scores = PRIOR_PRECISION * (unit - start)
+        eliminated = [each.eliminated(own_damping) for each in equations]
+        for each in eliminated:
+            each.add_to(information, scores)
+        step = bounded_step(unit, information, scores, own_damping)
+        step = np.clip(step, -settings.largest_move, settings.largest_move)
+        units.append(unit + step)
+        for own, each in zip(states, eliminated, strict=True):
+            own.append(own[0] + each.state_steps(step))
+    return np.array(units), [np.array(own) for own in states]
+
+
+def _clipped_damping(damping: float, settings: JointEstimationSettings) -> float:
+    return float(np.clip(damping, settings.smallest_damping, settings.largest_damping))

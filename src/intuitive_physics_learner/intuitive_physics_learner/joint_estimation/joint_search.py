@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,35 +12,33 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.cost_descent import CostDescent
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.search.parameter_search import Search, SearchSpace
-
-LACKING = 0.3
-"""Mean share of observations that do not fit, from which on the simulation lacks an effect. Where
-it has them all, fits go wrong one by one and are mended. A horizon that goes forth twice and back
-once for ever counts a third."""
-
-LACKING_STEPS = 3
-"""Steps that this mean is over."""
+from intuitive_physics_learner.joint_estimation.joint_identifiability import joint_identifiability
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.search.identifiability import Identifiability
+from intuitive_physics_learner.search.learning_task import LearningTask
+from intuitive_physics_learner.search.parameter_search import Search
+from intuitive_physics_learner.search.search_space import SearchSpace
 
 
 class JointSearch(Search):
     """Fits all trajectories, and lowers J where they cannot be fitted.
 
     A step is one of `JointFit`; it takes as many simulations as some dozen evaluations of J and is
-    not divided, so it may exceed the limit it is given. Each is counted as the evaluations of J it
-    could have been.
+    not divided, so it may exceed the limit it is given. It is counted as the evaluations of J that
+    take as many simulations.
 
-    Where so many trajectories cannot be fitted that the simulation must lack an effect which they
-    have, there are no true θ_s and initial states to be found: from then on J itself is lowered,
-    from the initial states as they were observed (`CostDescent`).
+    Where the share of trajectories that cannot be fitted is so large that the simulation must lack
+    an effect, there are no true θ_s and initial states to be found: from then on J itself is
+    lowered, from the observed initial states (`CostDescent`).
 
     Parameters
     ----------
     cost : J
-    space : maps the unit cube of the parameters to θ_s
+    space : maps the unit cube of the n parameters to θ_s
     influence : (n_observations, n) bool, which observation can depend on which parameter
     start : (n,) point of the unit cube to begin from
-    generator : of the random numbers that lowering J takes in the end
+    generator : of the random numbers of the descent of J
+    settings : of the estimation
 
     Attributes
     ----------
@@ -54,12 +52,14 @@ class JointSearch(Search):
         influence: NDArray[np.bool_],
         start: ArrayLike,
         generator: np.random.Generator,
+        settings: JointEstimationSettings | None = None,
     ) -> None:
         super().__init__()
+        self._settings = settings or JointEstimationSettings()
         self._cost = cost
         self._space = space
-        self.fit = JointFit(cost, space, influence, start)
-        self._descent = CostDescent(cost, space, influence, generator)
+        self.fit = JointFit(cost, space, influence, start, self._settings)
+        self._descent = CostDescent(cost, space, influence, generator, self._settings)
         self._misfits: list[float] = []
         self._lowest = self.fit.unit
         self._lowest_cost = np.inf
@@ -81,12 +81,32 @@ class JointSearch(Search):
                 self._count(self._descent.cost, relative_gain)
         elif not self.fit.settled:
             self.fit.step()
-            self._look_at_cost(relative_gain)
-            self._misfits = [*self._misfits, self.fit.misfits][-LACKING_STEPS:]
-            enough = len(self._misfits) == LACKING_STEPS or self.fit.settled
-            if enough and np.mean(self._misfits) > LACKING:
+            self._evaluate(relative_gain)
+            count = self._settings.misfit_steps
+            self._misfits = [*self._misfits, self.fit.misfits][-count:]
+            enough = len(self._misfits) == count or self.fit.settled
+            if enough and np.mean(self._misfits) > self._settings.largest_misfit_share:
                 self._descent.begin(np.array([self.fit.start, self._lowest]))
         return self.iterations - before
+
+    def identifiability(
+        self,
+        task: LearningTask,
+        *,
+        cancelled: Callable[[], bool] | None = None,
+        seconds_left: Callable[[], float] = lambda: np.inf,
+    ) -> Identifiability:
+        """From the posterior of the fit; where J was lowered instead, by J."""
+        if self.lowers_cost:
+            return super().identifiability(task, cancelled=cancelled, seconds_left=seconds_left)
+        return joint_identifiability(self.fit, task, seconds_left)
+
+    def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
+        if self.lowers_cost or self.iterations == 0:
+            return super().identifiability_seconds(task, seconds)
+        # The fits to both halves simulate as much as the fit to all.
+        simulations = max(self.fit.simulations, 1)
+        return seconds * (1.0 + 2.0 * self.fit.posterior_simulations / simulations)
 
     def own_state(self) -> dict[str, Any]:
         return {
@@ -105,7 +125,7 @@ class JointSearch(Search):
         if state["descent"] is not None:
             self._descent.load_state(state["descent"])
 
-    def _look_at_cost(self, relative_gain: float) -> None:
+    def _evaluate(self, relative_gain: float) -> None:
         (cost,) = self._cost.costs([self.best_parameters]).tolist()
         self.fit.simulations += len(self._cost.observations)
         if cost < self._lowest_cost:
@@ -113,7 +133,7 @@ class JointSearch(Search):
         self._count(cost, relative_gain)
 
     def _count(self, cost: float, relative_gain: float) -> None:
-        """Count what was simulated in evaluations of J, of which the last is one of `cost` m."""
+        """Count simulations as evaluations of J, the last of which found `cost` m."""
         observations = len(self._cost.observations)
         simulations = self.fit.simulations + self._descent.simulations
         while self.iterations * observations < simulations:

@@ -1,8 +1,11 @@
-"""Residuals near an estimate of θ_s and initial states: values, slopes, and how far slopes hold.
+"""Residuals near an estimate of θ_s and initial states: values, slopes, linearisation error.
 
-Differences are taken to both sides over a part of the standard deviation that the estimate has, so
-that a slope is that of the region where the truth is believed to be, and a kink within it (a
-contact that is met or missed) shows up as a bend.
+Differences are taken to both sides over a part of the standard deviation of the estimate, so that a
+slope is that of the region where the truth is likely to be, and a kink within it (a contact that is
+met or missed) shows up as a bend: the linearisation error one standard deviation away.
+
+Curtis, Powell and Reid (1974), *On the estimation of sparse Jacobian matrices*: columns of a
+Jacobian without a common row are found by one difference together. Here a row is an observation.
 """
 
 from __future__ import annotations
@@ -17,12 +20,7 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.cost.trials import Trials
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
-
-STEP = 0.5
-"""Standard deviations to each side."""
-
-SMALLEST_STEP, LARGEST_STEP = 1e-6, 0.05
-"""In the unit of what is moved: of the unit interval, m, m/s, rad, rad/s."""
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +29,12 @@ class Linearisation:
 
     Parameters
     ----------
-    residuals : (W, P, 3) m; NaN where a point is not simulated
-    slopes : (W, k, P, 3) m by unit of each unknown; 0 where a point is not simulated in all trials
+    residuals : (W, P, 3) m, simulated minus observed; NaN where a point is not simulated
+    slopes : (W, k, P, 3) m per unit of each unknown; 0 where a point is not simulated in all trials
     valid : (W, P) bool, which points are simulated in all trials
-    bends : (W, P) m by which residuals leave the straight line a standard deviation away
-    one_sided : slopes upwards and downwards, each as `slopes`, 0 where that side has no room
+    bends : (W, P) m, linearisation error of the residuals one standard deviation away
+    one_sided : (W, k, P, 3) slopes upwards and downwards, in units as `slopes`; 0 where the
+        parameter is at its bound on that side
     """
 
     residuals: NDArray[np.float64]
@@ -51,15 +50,17 @@ class ParameterSteps:
     Parameters
     ----------
     unit : (n,) the estimate on the unit cube
-    deviations : (n,) standard deviation of each
-    groups : as `separate_groups`
+    deviations : (n,) standard deviation of each parameter there
+    groups : arrays (n_members,) of indices of parameters, as `separate_groups`
     to_parameters : maps the cube to θ_s
+    settings : of the steps' sizes
 
     Attributes
     ----------
+    deviations : (n,) as given
     candidates : the estimate, then up and down of each group
-    up_index, down_index : (n,) which candidate moves each parameter
-    up, down : (n,) how far, not beyond the cube
+    up_index, down_index : (n,) index of the candidate that moves each parameter
+    up, down : (n,) widths of the steps, not beyond the cube
     """
 
     def __init__(
@@ -68,8 +69,10 @@ class ParameterSteps:
         deviations: NDArray[np.float64],
         groups: Sequence[NDArray[np.int64]],
         to_parameters: Callable[[NDArray[np.float64]], StaticParameters],
+        settings: JointEstimationSettings,
     ) -> None:
-        steps = np.clip(STEP * deviations, SMALLEST_STEP, LARGEST_STEP)
+        self.deviations = deviations
+        steps = settings.difference_steps(deviations)
         self.up = np.minimum(unit + steps, 1.0) - unit
         self.down = unit - np.maximum(unit - steps, 0.0)
         self.up_index = np.zeros(unit.size, dtype=np.int64)
@@ -83,25 +86,59 @@ class ParameterSteps:
         self.down_index = self.up_index + 1
 
 
+def separate_groups(influence: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+    """Part parameters into groups of which no two members influence the same observation.
+
+    One simulation of all observations moves all members of a group at once. Greedy, those first
+    that influence most observations.
+
+    Parameters
+    ----------
+    influence : (n_observations, n_parameters) bool
+
+    Returns
+    -------
+    Arrays (n_members,) of indices of parameters; those that influence nothing are in none.
+    """
+    taken: list[NDArray[np.bool_]] = []
+    groups: list[list[int]] = []
+    counts = influence.sum(axis=0)
+    for parameter in np.argsort(-counts, kind="stable")[: np.count_nonzero(counts)]:
+        column = influence[:, parameter]
+        for group, occupied in zip(groups, taken, strict=True):
+            if not (occupied & column).any():
+                group.append(int(parameter))
+                occupied |= column
+                break
+        else:
+            groups.append([int(parameter)])
+            taken.append(column.copy())
+    return [np.array(group) for group in groups]
+
+
 def linearise(
     cost: Cost,
     block: ObservationBlock,
     estimate: NDArray[np.float64],
     state_deviations: NDArray[np.float64],
-    parameter_deviations: NDArray[np.float64],
     steps: ParameterSteps,
     until: NDArray[np.float64],
+    settings: JointEstimationSettings,
 ) -> Linearisation:
     """Take differences of the residuals of a block.
 
     Parameters
     ----------
-    estimate : (W, d) of the initial states' deviations
-    state_deviations : (W, d) standard deviation of each
-    parameter_deviations : (n,) likewise of the parameters on the unit cube
+    cost : simulates the observations
+    block : W of them
+    estimate : (W, d) deviations from the observed initial states, in SI units
+    state_deviations : (W, d) standard deviation of each, in the same units
+    steps : of the parameters
     until : (W,) s up to which each observation is simulated
+    settings : of the sizes of the initial states' steps
     """
-    trials = _trials(block, estimate, state_deviations, steps, until, _most_objects(cost))
+    state_steps = settings.difference_steps(state_deviations)
+    trials = _trials(block, estimate, state_steps, steps, until, _most_objects(cost))
     count, d = estimate.shape
     q = block.parameters.shape[1]
     points = block.times.shape[1]
@@ -111,7 +148,6 @@ def linearise(
     base = rows[:, :1]
     up = np.concatenate([rows[:, 1 : 1 + d], rows[:, 1 + 2 * d : 1 + 2 * d + q]], axis=1) - base
     down = base - np.concatenate([rows[:, 1 + d : 1 + 2 * d], rows[:, 1 + 2 * d + q :]], axis=1)
-    state_steps = _state_steps(state_deviations)
     up_steps = np.hstack([state_steps, steps.up[block.parameters]])
     down_steps = np.hstack([state_steps, steps.down[block.parameters]])
     valid = np.asarray(np.isfinite(rows).all(axis=(1, 3)))
@@ -119,7 +155,7 @@ def linearise(
     down[~np.broadcast_to(valid[:, None], down.shape[:3])] = 0.0
     slopes = (up + down) / (up_steps + down_steps)[:, :, None, None]
     one_sided = (_quotients(up, up_steps), _quotients(down, down_steps))
-    spread = np.hstack([state_deviations, parameter_deviations[block.parameters]])
+    spread = np.hstack([state_deviations, steps.deviations[block.parameters]])
     both = (up_steps > 0.0) & (down_steps > 0.0)
     scale = np.where(both, 0.5 * np.minimum(spread, 1.0), 0.0)[:, :, None, None]
     bends = np.sqrt((((one_sided[0] - one_sided[1]) * scale) ** 2).sum(axis=(1, 3)))
@@ -139,11 +175,20 @@ def residuals_at(
     candidate_index: NDArray[np.int64],
     until: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Residuals (c, W, P, 3) in m of c estimates (c, W, d).
+    """Simulate the observations of a block under other θ_s and from other initial states.
 
     Parameters
     ----------
-    candidate_index : (c, W), or (c, 1) for all observations alike, which candidate each has
+    cost : simulates the observations
+    block : W of them
+    estimates : (c, W, d) deviations from the observed initial states, in SI units
+    candidates : the θ_s that occur
+    candidate_index : (c, W) index of the candidate of each, or (c, 1) for all observations alike
+    until : (W,) s up to which each observation is simulated
+
+    Returns
+    -------
+    (c, W, P, 3) m, residuals
     """
     count = len(candidate_index)
     members = block.members.size
@@ -162,14 +207,14 @@ def residuals_at(
 def _trials(
     block: ObservationBlock,
     estimate: NDArray[np.float64],
-    state_deviations: NDArray[np.float64],
+    state_steps: NDArray[np.float64],
     steps: ParameterSteps,
     until: NDArray[np.float64],
     objects: int,
 ) -> Trials:
     count, d = estimate.shape
     q = block.parameters.shape[1]
-    moves = _state_steps(state_deviations)[:, :, None] * np.eye(d)
+    moves = state_steps[:, :, None] * np.eye(d)
     still = np.zeros((count, 2 * q, d))
     moved = estimate[:, None] + np.concatenate(list(_stacked(moves, still)), axis=1)
     at_estimate = np.zeros((count, 1 + 2 * d), dtype=np.int64)
@@ -193,10 +238,6 @@ def _stacked(
     yield moves
     yield -moves
     yield still
-
-
-def _state_steps(deviations: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.clip(STEP * deviations, SMALLEST_STEP, LARGEST_STEP)
 
 
 def _most_objects(cost: Cost) -> int:

@@ -6,11 +6,16 @@ initial states s and its parameters p, weights W against outliers, and the prior
     H = Aᵀ W A + diag(P_s, 0),    g = Aᵀ W r + (P_s s, 0).
 
 Eliminating s (Schur's complement) leaves H_pp - H_ps H_ss⁻¹ H_sp and g_p - H_ps H_ss⁻¹ g_s, which
-add up over the observations.
+add up over the observations. The inverse of their sum, with the prior precision of θ_s on its
+diagonal, is the covariance of the Gaussian posterior of θ_s.
+
+Parameters are given on the unit cube of the search; their lengths are in widths, parts of the unit
+interval.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,14 +23,19 @@ from numpy.typing import NDArray
 
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
-
-OUTLIER = 3.0
-"""Lengths of a residual, in standard deviations of noise, from which on it counts less (Huber)."""
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 
 
-def robust_loss(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Huber's loss of residuals of these lengths, in standard deviations of the noise."""
-    return np.where(lengths < OUTLIER, 0.5 * lengths**2, OUTLIER * (lengths - 0.5 * OUTLIER))
+def robust_loss(lengths: NDArray[np.float64], outlier_length: float) -> NDArray[np.float64]:
+    """Huber's loss of residuals, of the shape of `lengths` and without a unit.
+
+    Parameters
+    ----------
+    lengths : (...,) of residuals, in standard deviations of the noise
+    outlier_length : from which on the loss grows linearly
+    """
+    linear = outlier_length * (lengths - 0.5 * outlier_length)
+    return np.where(lengths < outlier_length, 0.5 * lengths**2, linear)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +44,10 @@ class NormalEquations:
 
     Parameters
     ----------
-    parameters : (W, q) indices
+    parameters : (W, q) indices of each observation's parameters
     state_size : d
-    hessian : (W, d + q, d + q) H
-    gradient : (W, d + q) g
+    hessian : (W, d + q, d + q) H, in inverse units of the unknowns
+    gradient : (W, d + q) g, likewise
     """
 
     parameters: NDArray[np.int64]
@@ -52,18 +62,24 @@ class NormalEquations:
         linear: Linearisation,
         until: NDArray[np.float64],
         noise: float,
+        settings: JointEstimationSettings,
     ) -> NormalEquations:
-        """Set them up with the points up to `until` (W,) s.
+        """Set them up with the points up to a time.
 
         Parameters
         ----------
-        estimate : (W, d) of the initial states' deviations
+        block : W observations
+        estimate : (W, d) deviations from the observed initial states, in SI units
+        linear : at that estimate
+        until : (W,) s, the last time that counts
         noise : m, standard deviation of a point on each axis
+        settings : of the weight of outliers
         """
+        outlier = settings.outlier_length
         counted = linear.valid & (block.times <= until[:, None])
         residuals = np.where(counted[..., None], linear.residuals, 0.0) / noise
         lengths = np.linalg.norm(residuals, axis=2)
-        weights = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(lengths, OUTLIER))) * counted
+        weights = np.sqrt(np.minimum(1.0, outlier / np.maximum(lengths, outlier))) * counted
         count, k = linear.slopes.shape[:2]
         weighted = linear.slopes * (weights / noise)[:, None, :, None]
         weighted = weighted.reshape(count, k, 3 * lengths.shape[1])
@@ -100,15 +116,15 @@ class NormalEquations:
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
-    """Initial states as a function of the parameters, and what is left of the equations.
+    """Initial states as a function of the parameters, and the reduced equations of these.
 
     Parameters
     ----------
-    parameters : (W, q) indices
-    gains : (W, d, q) H_ss⁻¹ H_sp
-    offsets : (W, d) H_ss⁻¹ g_s
-    information : (W, q, q)
-    scores : (W, q)
+    parameters : (W, q) indices of each observation's parameters
+    gains : (W, d, q) H_ss⁻¹ H_sp, SI units per width
+    offsets : (W, d) H_ss⁻¹ g_s, in SI units
+    information : (W, q, q) H_pp - H_ps H_ss⁻¹ H_sp, per width²
+    scores : (W, q) g_p - H_ps H_ss⁻¹ g_s, per width
     """
 
     parameters: NDArray[np.int64]
@@ -118,13 +134,24 @@ class Elimination:
     scores: NDArray[np.float64]
 
     def add_to(self, information: NDArray[np.float64], scores: NDArray[np.float64]) -> None:
-        """Add what all these observations tell to the whole, (n, n) and (n,)."""
+        """Add the equations of these observations to those of all n parameters.
+
+        Parameters
+        ----------
+        information : (n, n) per width², changed in place
+        scores : (n,) per width, changed in place
+        """
         rows, columns = self.parameters[:, :, None], self.parameters[:, None, :]
         np.add.at(information, (rows, columns), self.information)
         np.add.at(scores, self.parameters, self.scores)
 
     def state_steps(self, parameter_steps: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Steps (W, d) of the initial states that go with steps (n,) of all parameters."""
+        """Return the steps (W, d) of the initial states, in SI units, that go with parameter steps.
+
+        Parameters
+        ----------
+        parameter_steps : (n,) widths, of all parameters
+        """
         own = parameter_steps[self.parameters][..., None]
         return -self.offsets - (self.gains @ own)[..., 0]
 
@@ -135,10 +162,13 @@ def bounded_step(
     scores: NDArray[np.float64],
     damping: float,
 ) -> NDArray[np.float64]:
-    """Newton step (n,) within the unit cube; what would leave it stays where it is.
+    """Damped Newton step (n,), in widths, within the unit cube; what would leave it does not move.
 
     Parameters
     ----------
+    unit : (n,) the point of the cube to step from
+    information : (n, n) per width²
+    scores : (n,) per width, the gradient of the loss
     damping : part by which the diagonal is enlarged (Levenberg and Marquardt)
     """
     damped = information + damping * np.diag(np.diag(information))
@@ -152,3 +182,68 @@ def bounded_step(
             break
         free &= ~leaving
     return np.clip(unit + step, 0.0, 1.0) - unit
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Gaussian posterior of n parameters and of the initial states of all observations.
+
+    Parameters
+    ----------
+    covariance : (n, n) of the parameters, on the unit cube
+    """
+
+    covariance: NDArray[np.float64]
+
+    @staticmethod
+    def of(eliminations: Sequence[Elimination], size: int, prior_precision: float) -> Posterior:
+        """Add up the information of all observations and of the prior.
+
+        Parameters
+        ----------
+        eliminations : of each block
+        size : number of parameters n
+        prior_precision : of each parameter, per width²
+        """
+        information = prior_precision * np.eye(size)
+        for part in eliminations:
+            part.add_to(information, np.zeros(size))
+        return Posterior(np.asarray(np.linalg.inv(information), dtype=np.float64))
+
+    @property
+    def deviations(self) -> NDArray[np.float64]:
+        """Standard deviation (n,) of each parameter, in widths."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def state_deviations(
+        self, equations: NormalEquations, eliminated: Elimination
+    ) -> NDArray[np.float64]:
+        """Standard deviation (W, d) of each component of a block's initial states, in SI units."""
+        own = self._own_covariance(eliminated)
+        variances = np.einsum("wdd->wd", _state_covariance(equations)).copy()
+        variances += ((eliminated.gains @ own) * eliminated.gains).sum(axis=2)
+        return np.sqrt(variances)
+
+    def spreads(
+        self, linear: Linearisation, equations: NormalEquations, eliminated: Elimination
+    ) -> NDArray[np.float64]:
+        """Standard deviation (W, P) in m of the predicted position of each point of a block."""
+        count, k, points, _ = linear.slopes.shape
+        d = equations.state_size
+        slopes = linear.slopes.reshape(count, k, points * 3)
+        by_state = slopes[:, :d]
+        by_parameter = slopes[:, d:] - eliminated.gains.transpose(0, 2, 1) @ by_state
+        variances = ((_state_covariance(equations) @ by_state) * by_state).sum(axis=1)
+        own = self._own_covariance(eliminated)
+        variances += ((own @ by_parameter) * by_parameter).sum(axis=1)
+        return np.sqrt(variances.reshape(count, points, 3).sum(axis=2))
+
+    def _own_covariance(self, eliminated: Elimination) -> NDArray[np.float64]:
+        rows, columns = eliminated.parameters[:, :, None], eliminated.parameters[:, None, :]
+        return self.covariance[rows, columns]
+
+
+def _state_covariance(equations: NormalEquations) -> NDArray[np.float64]:
+    """Covariance (W, d, d) of the initial states, in SI units, given the parameters."""
+    d = equations.state_size
+    return np.asarray(np.linalg.inv(equations.hessian[:, :d, :d]), dtype=np.float64)

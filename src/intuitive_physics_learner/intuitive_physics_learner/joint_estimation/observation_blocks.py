@@ -1,4 +1,4 @@
-"""Observations of the same size side by side, whose small matrices are worked on at once."""
+"""Observations of the same size side by side, with the deviations of their initial states."""
 
 from __future__ import annotations
 
@@ -9,30 +9,155 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.observation import Observation
+from intuitive_physics.shapes import Sphere
+from intuitive_physics.state import LINEAR_VELOCITY, POSITION, ROTATION
 from intuitive_physics_learner.cost.packed_observations import times_after_start
-from intuitive_physics_learner.joint_estimation.initial_state_deviations import (
-    BelievedStates,
-    InitialStateDeviations,
-)
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+
+
+@dataclass(frozen=True, eq=False)
+class InitialStateDeviations:
+    """Components in which the true initial states may differ from those observed.
+
+    Parameters
+    ----------
+    observed : (O, 13) initial states in SI units, as `ObjectState.to_vector`
+    axes : d pairs (object, component), components as in an `ObjectState`'s covariance; those of
+        variance zero and the orientation of a sphere are fixed and not among them
+    standard_deviations : (d,) prior of each, in its SI unit
+    """
+
+    observed: NDArray[np.float64]
+    axes: tuple[tuple[int, int], ...]
+    standard_deviations: NDArray[np.float64]
+
+    @staticmethod
+    def of(
+        observation: Observation, settings: JointEstimationSettings, free: bool = True
+    ) -> InitialStateDeviations:
+        """Read them from the diagonals of the initial states' covariances.
+
+        Parameters
+        ----------
+        observation : with O objects
+        settings : by which the prior is widened
+        free : False takes the initial states to be exactly known
+        """
+        axes, deviations = [], []
+        for j, seen in enumerate(observation.objects):
+            spread = np.sqrt(np.diag(seen.initial_state.covariance))
+            spread[POSITION] *= settings.prior_widening
+            spread[LINEAR_VELOCITY] *= settings.prior_widening
+            if isinstance(seen.object.shape, Sphere):
+                spread[ROTATION] = 0.0
+            spread *= free
+            axes += [(j, int(k)) for k in np.flatnonzero(spread)]
+            deviations += spread[spread > 0.0].tolist()
+        observed = np.array([seen.initial_state.to_vector() for seen in observation.objects])
+        return InitialStateDeviations(observed, tuple(axes), np.array(deviations))
+
+
+@dataclass(frozen=True, eq=False)
+class InitialStates:
+    """Initial states of W observations side by side, each with d components that may differ.
+
+    Parameters
+    ----------
+    observed : (W, O, 13) in SI units, padded with states at rest
+    objects : (W,) number of objects of each
+    components : (W, d) index of each component on the axes (O, 12)
+    turns : whether any of them is of an orientation
+    """
+
+    observed: NDArray[np.float64]
+    objects: NDArray[np.int64]
+    components: NDArray[np.int64]
+    turns: bool
+
+    @staticmethod
+    def of(deviations: Sequence[InitialStateDeviations]) -> InitialStates:
+        """Put together those of observations with equally many components."""
+        count = len(deviations)
+        objects = np.array([len(each.observed) for each in deviations])
+        observed = resting(count, int(objects.max()))
+        for row, each in zip(observed, deviations, strict=True):
+            row[: len(each.observed)] = each.observed
+        axes = np.array([each.axes for each in deviations], dtype=np.int64).reshape(count, -1, 2)
+        turns = bool(((axes[..., 1] >= ROTATION.start) & (axes[..., 1] < ROTATION.stop)).any())
+        return InitialStates(observed, objects, axes[..., 0] * 12 + axes[..., 1], turns)
+
+    def states(self, deviations: NDArray[np.float64], objects: int) -> NDArray[np.float64]:
+        """Return n initial states of each observation.
+
+        Parameters
+        ----------
+        deviations : (W, n, d) from those observed, in the SI unit of each component
+        objects : number of objects to pad to with states at rest
+
+        Returns
+        -------
+        (W, n, objects, 13) in SI units
+        """
+        count, each = deviations.shape[:2]
+        own = self.observed.shape[1]
+        errors = np.zeros((count, each, own * 12))
+        rows = np.arange(count)[:, None, None], np.arange(each)[:, None]
+        errors[rows[0], rows[1], self.components[:, None]] = deviations
+        errors = errors.reshape(count, each, own, 12)
+        states = resting(count, each, objects)
+        states[:, :, :own] = self.observed[:, None]
+        states[:, :, :own, 0:3] += errors[..., 0:3]
+        if self.turns:
+            states[:, :, :own, 3:7] = _turned(self.observed[:, None, :, 3:7], errors[..., 3:6])
+        states[:, :, :own, 7:13] += errors[..., 6:12]
+        return states
+
+
+def resting(*shape: int) -> NDArray[np.float64]:
+    """Return states (*shape, 13), in SI units, at rest in the origin."""
+    states = np.zeros((*shape, 13))
+    states[..., 6] = 1.0
+    return states
+
+
+def _turned(
+    quaternions: NDArray[np.float64], rotations: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Turn orientations (W, 1, O, 4) by rotation vectors (W, n, O, 3), in rad, in the
+    environment's frame."""
+    angles = np.linalg.norm(rotations, axis=-1, keepdims=True)
+    # sin(θ/2) / θ by NumPy's sinc(x) = sin(π x) / (π x), which is right at θ = 0 too.
+    x1, y1, z1 = np.moveaxis(0.5 * np.sinc(angles / (2.0 * np.pi)) * rotations, -1, 0)
+    w1 = np.cos(0.5 * angles[..., 0])
+    x2, y2, z2, w2 = np.moveaxis(quaternions, -1, 0)
+    return np.stack(
+        [
+            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+        ],
+        axis=-1,
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class ObservationBlock:
-    """W observations, each with d free components of initial states, q parameters, up to P points.
+    """W observations, each with d free components of initial states, q parameters and ≤ P points.
 
     Parameters
     ----------
     members : (W,) index of each among all observations
-    initial_states : what each is believed to begin from
+    initial_states : as observed, with their free components
     parameters : (W, q) indices of the parameters that each can depend on
     times : (W, P) s after the start of each point; NaN beyond the last
-    columns : (P,) which of the points that `Cost.trial_residuals` answers these are
+    columns : (P,) index of each point among those that `Cost.trial_residuals` returns
     durations : (W,) s, time of the last point of each observation
-    prior_deviations : (W, d) standard deviations of the initial states' components
+    prior_deviations : (W, d) standard deviations of the initial states' components, in SI units
     """
 
     members: NDArray[np.int64]
-    initial_states: BelievedStates
+    initial_states: InitialStates
     parameters: NDArray[np.int64]
     times: NDArray[np.float64]
     columns: NDArray[np.int64]
@@ -40,14 +165,20 @@ class ObservationBlock:
     prior_deviations: NDArray[np.float64]
 
     def shortened(self, until: NDArray[np.float64]) -> ObservationBlock:
-        """Return the same without the points that are later than `until` (W,) s in all of them."""
-        kept = (self.times <= until[:, None]).any(axis=0)
-        return replace(self, times=self.times[:, kept], columns=self.columns[kept])
+        """Return the block without the points that are later than `until` in all observations.
+
+        Parameters
+        ----------
+        until : (W,) s
+        """
+        left = (self.times <= until[:, None]).any(axis=0)
+        return replace(self, times=self.times[:, left], columns=self.columns[left])
 
 
 def observation_blocks(
     observations: Sequence[Observation],
     influence: NDArray[np.bool_],
+    settings: JointEstimationSettings,
     *,
     free_states: bool = True,
 ) -> list[ObservationBlock]:
@@ -55,10 +186,14 @@ def observation_blocks(
 
     Parameters
     ----------
-    influence : (n_observations, n_parameters) bool
+    observations : to estimate from
+    influence : (n_observations, n_parameters) bool, which observation can depend on which parameter
+    settings : by which the priors of initial states are widened
     free_states : whether initial states may differ from those observed
     """
-    initial_states = [InitialStateDeviations.of(seen, free_states) for seen in observations]
+    initial_states = [
+        InitialStateDeviations.of(seen, settings, free_states) for seen in observations
+    ]
     times = [
         np.concatenate([times_after_start(seen, thing) for thing in seen.objects])
         for seen in observations
@@ -83,7 +218,7 @@ def _block(
         padded[row, : times[i].size] = times[i]
     return ObservationBlock(
         np.array(members),
-        BelievedStates.of([initial_states[i] for i in members]),
+        InitialStates.of([initial_states[i] for i in members]),
         np.array([np.flatnonzero(influence[i]) for i in members]),
         padded,
         np.arange(padded.shape[1]),

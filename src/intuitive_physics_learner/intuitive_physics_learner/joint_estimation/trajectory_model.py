@@ -1,49 +1,82 @@
-"""What simulations near an estimate of θ_s and initial states tell."""
+"""Simulations near an estimate of θ_s and initial states, and the posterior that follows."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.observation import Observation
 from intuitive_physics_learner.cost.cost_function import Cost
-from intuitive_physics_learner.joint_estimation import horizons
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
     ScanCandidates,
     scanned_states,
+)
+from intuitive_physics_learner.joint_estimation.fit_horizons import (
+    TrajectoryFits,
+    farthest_horizons,
 )
 from intuitive_physics_learner.joint_estimation.linearisation import (
     Linearisation,
     ParameterSteps,
     linearise,
+    separate_groups,
 )
-from intuitive_physics_learner.joint_estimation.noise import position_noise
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     Elimination,
     NormalEquations,
+    Posterior,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
     ObservationBlock,
     observation_blocks,
 )
-from intuitive_physics_learner.joint_estimation.parameter_groups import separate_groups
-from intuitive_physics_learner.joint_estimation.posterior import Posterior
-from intuitive_physics_learner.joint_estimation.trajectory_fits import TrajectoryFits
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.search.identifiability import PRIOR_PRECISION
-from intuitive_physics_learner.search.parameter_search import SearchSpace
+from intuitive_physics_learner.search.search_space import SearchSpace
+
+NORMAL_MEDIAN = 0.6745
+"""Median of |x| for x of the standard normal distribution."""
+
+PLAUSIBLE_RISE = 2.0
+"""Loss that two standard deviations cost: half of two squared."""
+
+
+def position_noise(observations: Sequence[Observation], smallest: float) -> float:
+    """Estimate the standard deviation in m of an observed position on each axis.
+
+    Third differences of free flight and of uniform motion vanish at equal time steps, so those of
+    what was observed are noise, with twenty times its variance; a median ignores contacts. Steps
+    that are not equal leave in some of the motion: then the estimate is too large rather than too
+    small.
+
+    Parameters
+    ----------
+    observations : whose trajectories are looked at
+    smallest : m, returned at least
+    """
+    differences = [
+        np.diff(observed.trajectory.positions, 3, axis=0).ravel()
+        for observation in observations
+        for observed in observation.objects
+    ]
+    pooled = np.abs(np.concatenate(differences))
+    if pooled.size == 0:
+        return smallest
+    return max(float(np.median(pooled)) / NORMAL_MEDIAN / np.sqrt(20.0), smallest)
 
 
 @dataclass(eq=False)
 class Estimate:
-    """θ_s and initial states, and how sharply they are known.
+    """θ_s and initial states with their uncertainty.
 
     Parameters
     ----------
     unit : (n,) θ_s on the unit cube
     deviations : (n,) standard deviation of each parameter there
-    fits : initial states, and how far each trajectory is fitted, of each block
+    fits : initial states and fit horizons, of each block
     """
 
     unit: NDArray[np.float64]
@@ -57,52 +90,64 @@ class TrajectoryModel:
     Parameters
     ----------
     cost : simulates the observations
-    space : maps the unit cube of the parameters to θ_s
+    space : maps the unit cube of the n parameters to θ_s
     influence : (n_observations, n) bool, which observation can depend on which parameter
+    settings : of the estimation
 
     Attributes
     ----------
     noise : m, standard deviation of an observed position on each axis
+    blocks : the observations
     simulations : of single observations, so far
     """
 
-    def __init__(self, cost: Cost, space: SearchSpace, influence: NDArray[np.bool_]) -> None:
+    def __init__(
+        self,
+        cost: Cost,
+        space: SearchSpace,
+        influence: NDArray[np.bool_],
+        settings: JointEstimationSettings,
+    ) -> None:
         self.cost = cost
         self.space = space
         self.influence = influence
-        self.noise = position_noise(cost.observations)
+        self.settings = settings
+        self.noise = position_noise(cost.observations, settings.smallest_noise)
         self.simulations = 0
-        self.blocks = observation_blocks(cost.observations, influence)
+        self.blocks = observation_blocks(cost.observations, influence, settings)
         self._groups = separate_groups(influence)
 
-    def beginning(self, unit: NDArray[np.float64]) -> Estimate:
-        """Return what is believed before any step."""
+    def initial_estimate(self, unit: NDArray[np.float64]) -> Estimate:
+        """Return the estimate before any step: the prior, and the observed initial states.
+
+        Parameters
+        ----------
+        unit : (n,) point of the unit cube to begin from
+        """
         deviations = np.full(unit.size, PRIOR_PRECISION**-0.5)
-        return Estimate(unit, deviations, [TrajectoryFits.beginning(b) for b in self.blocks])
+        fits = [TrajectoryFits.initial(block, self.settings) for block in self.blocks]
+        return Estimate(unit, deviations, fits)
 
     def parts(self, estimate: Estimate) -> Iterator[tuple[ObservationBlock, TrajectoryFits]]:
-        """Yield blocks, with the points that are in sight, and their fits."""
+        """Yield blocks, with the points that horizons can reach in one step, and their fits."""
         for block, fit in zip(self.blocks, estimate.fits, strict=True):
-            yield block.shortened(fit.horizons + horizons.LARGEST_ADVANCE), fit
+            yield block.shortened(fit.horizons + self.settings.largest_advance), fit
 
     def linearised(self, estimate: Estimate, widening: float = 1.0) -> list[Linearisation]:
-        """Slopes over `widening` times the usual steps."""
+        """Take slopes over `widening` times the usual steps."""
         deviations = widening * estimate.deviations
-        steps = ParameterSteps(estimate.unit, deviations, self._groups, self.space.to_parameters)
+        steps = ParameterSteps(
+            estimate.unit, deviations, self._groups, self.space.to_parameters, self.settings
+        )
         found = []
         for block, part in self.parts(estimate):
-            until = np.minimum(part.horizons + horizons.LARGEST_ADVANCE, block.durations)
+            until = farthest_horizons(block, part.horizons, self.settings)
             unknowns = part.estimate.shape[1] + block.parameters.shape[1]
             self.simulations += block.members.size * (1 + 2 * unknowns)
+            state_deviations = widening * part.deviations
             found.append(
                 linearise(
-                    self.cost,
-                    block,
-                    part.estimate,
-                    widening * part.deviations,
-                    deviations,
-                    steps,
-                    until,
+                    self.cost, block, part.estimate, state_deviations, steps, until, self.settings
                 )
             )
         return found
@@ -110,16 +155,16 @@ class TrajectoryModel:
     def equations(
         self, estimate: Estimate, linear: Sequence[Linearisation]
     ) -> list[NormalEquations]:
-        """Set up the equations of each block with the points that are fitted."""
+        """Set up the equations of each block with the points up to the fit horizons."""
         return [
-            NormalEquations.of(block, part.estimate, each, part.horizons, self.noise)
+            NormalEquations.of(block, part.estimate, each, part.horizons, self.noise, self.settings)
             for (block, part), each in zip(self.parts(estimate), linear, strict=True)
         ]
 
     def posterior(
         self, equations: Sequence[NormalEquations]
     ) -> tuple[Posterior, list[Elimination]]:
-        """What is believed of the parameters, and how initial states go with them."""
+        """Return the posterior of the parameters, and the initial states as functions of them."""
         eliminated = [each.eliminated() for each in equations]
         return Posterior.of(eliminated, self.space.size, PRIOR_PRECISION), eliminated
 
@@ -128,10 +173,18 @@ class TrajectoryModel:
     ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
         """Try each parameter at each level.
 
+        Parameters
+        ----------
+        estimate : to move from
+        linear : of each block, at the estimate
+        levels : places on the unit interval
+
         Returns
         -------
-        rises : (n, n_levels) of the loss of the observations that each parameter influences
-        found : of each block, initial states (q, n_levels, W, d) that suit them
+        rises : (n, n_levels) change of the loss, without a unit, of the observations that each
+            parameter influences
+        found : of each block, (q, n_levels, W, d) deviations from the observed initial states, in
+            SI units, fitted to the levels
         """
         each = np.tile(levels, (estimate.unit.size, 1))
         candidates = ScanCandidates(estimate.unit, self._groups, self.space, each)
@@ -139,13 +192,53 @@ class TrajectoryModel:
         found = []
         for (block, part), slopes in zip(self.parts(estimate), linear, strict=True):
             states, residuals = scanned_states(
-                self.cost, block, part.estimate, slopes, candidates, part.horizons, self.noise
+                self.cost, block, part, slopes, candidates, self.noise, self.settings
             )
             self.simulations += 2 * len(states) * block.members.size
             parameters = block.parameters.shape[1]
-            here = part.losses(block, part.estimate[None], slopes.residuals[None], self.noise)
-            there = part.losses(block, states, residuals, self.noise) - here
+            present = part.estimate[None], slopes.residuals[None]
+            here = part.losses(block, *present, self.noise, self.settings)
+            there = part.losses(block, states, residuals, self.noise, self.settings) - here
             by_level = there.T.reshape(*block.parameters.shape, len(levels))
             np.add.at(rises, block.parameters, by_level)
             found.append(states.reshape(parameters, len(levels), *part.estimate.shape))
         return rises, found
+
+    def curvature_posterior(self, estimate: Estimate) -> tuple[Posterior, NDArray[np.float64]]:
+        """Return the posterior at an estimate, by the curvature of the loss on all sides.
+
+        Returns
+        -------
+        posterior : from slopes to both sides
+        deviations : (n,) widths, largest standard deviation of each parameter by slopes to one
+            side or both, and by how far it can be moved over its range without a loss: where a
+            friction only has to be large enough, the curvature is zero on one side
+        """
+        linear = self.linearised(estimate, self.settings.curvature_widening)
+        posterior = self.posterior(self.equations(estimate, linear))[0]
+        deviations = [posterior.deviations]
+        for side in range(2):
+            sided = [replace(each, slopes=each.one_sided[side]) for each in linear]
+            deviations.append(self.posterior(self.equations(estimate, sided))[0].deviations)
+        rises, _ = self.scanned(estimate, linear, self._curvature_levels)
+        away = np.abs(np.array(self._curvature_levels) - estimate.unit[:, None])
+        deviations.append(np.where(rises < PLAUSIBLE_RISE, 0.5 * away, 0.0).max(axis=1))
+        return posterior, np.max(deviations, axis=0)
+
+    @property
+    def curvature_simulations(self) -> int:
+        """Simulations of single observations that `curvature_posterior` takes."""
+        return sum(
+            block.members.size
+            * (
+                1
+                + 2 * block.prior_deviations.shape[1]
+                + 2 * (1 + len(self._curvature_levels)) * block.parameters.shape[1]
+            )
+            for block in self.blocks
+        )
+
+    @property
+    def _curvature_levels(self) -> tuple[float, ...]:
+        """Every other level of a scan: it is only asked how far a parameter can be moved."""
+        return self.settings.scan_levels[::2]

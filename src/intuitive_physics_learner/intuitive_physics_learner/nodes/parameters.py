@@ -15,11 +15,11 @@ from intuitive_physics.parameter_space import Bounds, ParameterSpace
 from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS
 from intuitive_physics_learner.cost.cluster import WHERE_GUIDE
 from intuitive_physics_learner.learning_session import LearningOptions
+from intuitive_physics_learner.methods import DEFAULT_METHOD, METHODS
+from intuitive_physics_learner.online.background_learning import PRIORITIES
 from intuitive_physics_learner.online.improvement import OnlineOptions
-from intuitive_physics_learner.online.priority import PRIORITIES
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
-from intuitive_physics_learner.search.methods import DEFAULT_METHOD, METHODS
-from intuitive_physics_learner.store.database_path import default_database_path
+from intuitive_physics_learner.store.database import default_database_path
 from intuitive_physics_ros.conversions import bounds_from_messages
 from intuitive_physics_ros.parameters import Parameter
 from intuitive_physics_ros.result_codes import RefusedError

@@ -13,12 +13,38 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 
 from intuitive_physics_learner.online.improvement import OnlineOptions
-from intuitive_physics_learner.online.priority import step_back
 from intuitive_physics_learner.online.worker import FAILED, WAITING, WorkerReport
+
+LOWEST_NICENESS = 19
+
+PRIORITIES = ("idle", "low", "normal")
+"""Idle: only what nobody else wants. Low: the least share, but never none. Normal: as others."""
+
+
+def step_back(pid: int, priority: str, cores: int) -> None:
+    """Give a process a priority, and no more than so many cores.
+
+    To be called before it has started threads; those that it starts later are as it is.
+
+    Parameters
+    ----------
+    priority : one of `PRIORITIES`
+    """
+    # It may have ended already, and some containers forbid one or the other.
+    with suppress(ProcessLookupError, PermissionError):
+        allowed = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(pid, allowed[-cores:])
+    with suppress(ProcessLookupError, PermissionError):
+        if priority != "normal":
+            os.setpriority(os.PRIO_PROCESS, pid, LOWEST_NICENESS)
+        if priority == "idle":
+            os.sched_setscheduler(pid, os.SCHED_IDLE, os.sched_param(0))
+
 
 WORKER = "intuitive_physics_learner.online.worker"
 

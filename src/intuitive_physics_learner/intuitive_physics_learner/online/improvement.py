@@ -11,12 +11,12 @@ from intuitive_physics.observation import observation_materials
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions
+from intuitive_physics_learner.methods import DEFAULT_METHOD
 from intuitive_physics_learner.search.convergence import (
     ConvergenceCriteria,
     SearchProgress,
     StopReason,
 )
-from intuitive_physics_learner.search.methods import DEFAULT_METHOD
 from intuitive_physics_learner.store import ObservationStore
 from intuitive_physics_learner.stored_learning import StoredSearch
 

@@ -36,8 +36,8 @@ from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cached_cost import CachedCost
 from intuitive_physics_learner.cost.cancellation import batches, stop_if
 from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE, Cost
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.trials import Trials
-from intuitive_physics_learner.search.active_parameters import parameter_influence
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
 from intuitive_physics_learner.search.reach import ROUNDS, SMALLEST_RESPONSE, UNIFORM, reaches
 

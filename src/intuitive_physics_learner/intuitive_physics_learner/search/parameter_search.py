@@ -5,40 +5,34 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import StaticParameters
+from intuitive_physics_learner.cost.cancellation import LARGEST_BATCH
 from intuitive_physics_learner.search.convergence import (
     ConvergenceCriteria,
     SearchProgress,
     SearchResult,
     StopReason,
 )
+from intuitive_physics_learner.search.identifiability import (
+    Identifiability,
+    identification_trials,
+    identify,
+)
+from intuitive_physics_learner.search.learning_task import LearningTask
+from intuitive_physics_learner.search.search_space import SearchSpace
 from intuitive_physics_learner.search.update_rules import UpdateRule
 
 CostFunction = Callable[[Sequence[StaticParameters]], NDArray[np.float64]]
 """J of several candidates, shape (n_candidates,), in m."""
 
-LARGEST_BATCH = 50
-"""Candidates evaluated at once at most; between batches a search can be stopped."""
-
 CHECKPOINT_PERIOD = 1.0
 """s between two states that a search hands out while it runs."""
-
-
-class SearchSpace(Protocol):
-    """What a search needs of `ParameterSpace`, or of a part of it."""
-
-    @property
-    def size(self) -> int:
-        """Number of parameters that are searched."""
-
-    def to_parameters(self, unit: ArrayLike) -> StaticParameters:
-        """Map a point of the unit cube, shape (size,), to θ_s."""
 
 
 class Search(ABC):
@@ -122,6 +116,43 @@ class Search(ABC):
             reason,
             time.monotonic() - began,
         )
+
+    def identifiability(
+        self,
+        task: LearningTask,
+        *,
+        cancelled: Callable[[], bool] | None = None,
+        seconds_left: Callable[[], float] = lambda: np.inf,
+    ) -> Identifiability:
+        """Return which parameters the observations determine, and how well, at the estimate.
+
+        By J around `best_parameters` (`identify`), unless the search has a better way.
+
+        Parameters
+        ----------
+        task : that this search is of
+        cancelled : looked at between batches
+        seconds_left : of the time limit, for ways that can be cut short
+
+        Raises
+        ------
+        LearningCancelledError
+            When `cancelled` returned True.
+        """
+        return identify(task.cost, task.space, self.best_parameters, task.active, cancelled)
+
+    def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
+        """How long `identifiability` will take at the pace of the search.
+
+        Parameters
+        ----------
+        task : that this search is of
+        seconds : that the search has taken so far
+        """
+        if self.iterations == 0:
+            return 0.0
+        trials = identification_trials(task.influence)
+        return seconds * trials / (self.iterations * len(task.influence))
 
     def state_dict(self) -> dict[str, Any]:
         """Plain data from which a search over the same space and cost continues exactly."""

@@ -54,7 +54,7 @@ PATIENCE = 20.0
 
 LATCHED = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-SOON = "from intuitive_physics_learner import cluster; cluster.CONNECT_TIMEOUT = 0.5"
+SOON = "from intuitive_physics_learner.cost import cluster; cluster.CONNECT_TIMEOUT = 0.5"
 """Done before a node's start: it does not wait long for a cluster."""
 
 ENDLESS = LearningOptions(method="random", max_iterations=10**7)
@@ -383,7 +383,10 @@ def test_a_cluster_that_is_not_there(start, caller, glides):
 
 
 def test_a_mistake_of_ours_is_an_internal_error(start, caller, glides):
-    broken = "from intuitive_physics_learner import learning_session; learning_session.identify = 0"
+    broken = (
+        "from intuitive_physics_learner.search import parameter_search;"
+        "parameter_search.identify = 0"
+    )
     start("max_iterations:=5", first=broken)
     caller.add(glides(np.random.default_rng(0), 0.5))
     result = caller.call(Learn).result

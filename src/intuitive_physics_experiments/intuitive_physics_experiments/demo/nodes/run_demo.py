@@ -37,7 +37,7 @@ from intuitive_physics_experiments.demo.progress import Progress
 from intuitive_physics_experiments.demo.report import write_report
 from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, reuse_or_render_bag
-from intuitive_physics_learner.search.methods import DEFAULT_METHOD
+from intuitive_physics_learner.methods import DEFAULT_METHOD
 from intuitive_physics_ros.conversions import observation_from_message, seconds_from_stamp
 from intuitive_physics_ros.peer import Peer
 

@@ -8,24 +8,29 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from intuitive_physics_learner.errors import UnknownMethodError
-from intuitive_physics_learner.search.update_rules.adaptive_random_search import (
-    AdaptiveRandomSearch,
+from intuitive_physics_learner.search.update_rules.cma_es import (
+    CmaEs,
+    RestartedCmaEs,
+    SeparableCmaEs,
 )
-from intuitive_physics_learner.search.update_rules.cma_es import CmaEs
-from intuitive_physics_learner.search.update_rules.coordinate_descent import CoordinateDescent
-from intuitive_physics_learner.search.update_rules.grid_search import GridSearch
-from intuitive_physics_learner.search.update_rules.hybrid_random_search import HybridRandomSearch
-from intuitive_physics_learner.search.update_rules.hybrid_search import HybridSearch
-from intuitive_physics_learner.search.update_rules.metropolis_hastings import MetropolisHastings
-from intuitive_physics_learner.search.update_rules.parameter_gradient_search import (
+from intuitive_physics_learner.search.update_rules.grid_and_random_search import (
+    GridSearch,
+    RandomSearch,
+)
+from intuitive_physics_learner.search.update_rules.hybrid_search import (
+    HybridRandomSearch,
+    HybridSearch,
+)
+from intuitive_physics_learner.search.update_rules.single_point_search import (
+    AdaptiveRandomSearch,
+    CoordinateDescent,
+    MetropolisHastings,
     ParameterGradientSearch,
 )
-from intuitive_physics_learner.search.update_rules.random_search import RandomSearch
-from intuitive_physics_learner.search.update_rules.restarted_cma_es import RestartedCmaEs
-from intuitive_physics_learner.search.update_rules.separable_cma_es import SeparableCmaEs
 from intuitive_physics_learner.search.update_rules.update_rule import UpdateRule
 
 __all__ = [
+    "ALL_RULES",
     "FURTHER_RULES",
     "UPDATE_RULES",
     "HybridRandomSearch",
@@ -54,7 +59,8 @@ FURTHER_RULES: dict[str, type[UpdateRule]] = {
 }
 """For what the nine are not made for: hundreds of parameters, many local optima."""
 
-_ALL_RULES = {**UPDATE_RULES, **FURTHER_RULES}
+ALL_RULES: dict[str, type[UpdateRule]] = {**UPDATE_RULES, **FURTHER_RULES}
+"""The nine and the further ones."""
 
 
 def make_update_rule(
@@ -79,13 +85,6 @@ def make_update_rule(
     UnknownMethodError
         When the name is none of these.
     """
-    check_method(name)
-    return _ALL_RULES[name](size, generator, start, **settings)
-
-
-def check_method(name: str) -> None:
-    """Raise `UnknownMethodError` when no update rule has that name."""
-    if name not in _ALL_RULES:
-        raise UnknownMethodError(
-            f"method is {name!r}; expected one of {', '.join(sorted(_ALL_RULES))}"
-        )
+    if name not in ALL_RULES:
+        raise UnknownMethodError.among(name, ALL_RULES)
+    return ALL_RULES[name](size, generator, start, **settings)

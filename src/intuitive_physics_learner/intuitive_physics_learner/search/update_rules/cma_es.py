@@ -1,4 +1,4 @@
-"""CMA-ES (Sec. III-D, [20]) by the package pycma."""
+"""CMA-ES (Sec. III-D, [20]), with full and with diagonal covariance and with restarts, by pycma."""
 
 from __future__ import annotations
 
@@ -103,3 +103,42 @@ class CmaEs(UpdateRule):
                 **options,
             },
         )
+
+
+class SeparableCmaEs(CmaEs):
+    """CMA-ES that fits a spread of each parameter and no correlations.
+
+    Of n parameters it has n numbers to learn instead of n² / 2, and learns them n / 3 times as
+    fast: Ros and Hansen (2008), *A simple modification in CMA-ES achieving linear time and space
+    complexity*. Settings are those of `CmaEs`.
+    """
+
+    name = "separable_cma_es"
+
+    def _new_strategy(self, mean: NDArray[np.float64], population: int, **options: Any) -> Any:
+        return super()._new_strategy(mean, population, CMA_diagonal=True, **options)
+
+
+GROWTH = 2
+"""Of the population, with each restart."""
+
+
+class RestartedCmaEs(CmaEs):
+    """CMA-ES that never ends: converged, it starts from a random point with twice the population.
+
+    Auger and Hansen (2005), *A restart CMA evolution strategy with increasing population size*.
+    Settings are those of `CmaEs`.
+    """
+
+    name = "restarted_cma_es"
+
+    def _begin(self) -> None:
+        self._population = int(self.settings["population"])
+        super()._begin()
+
+    def _tell(self, points: list[NDArray[np.float64]], costs: list[float]) -> None:
+        super()._tell(points, costs)
+        if self._strategy.stop():
+            self._population *= GROWTH
+            mean = self._random_points(1)[0]
+            self._strategy = self._new_strategy(mean, self._population)

@@ -1,4 +1,4 @@
-"""Grid search (Sec. III-D): every combination of values on a regular grid."""
+"""Grid search and random search (Sec. III-D): rules whose candidates depend on no cost."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics_learner.search.update_rules.update_rule import UpdateRule
 
 GENERATION = 50
+"""Points proposed at once; no cost decides what comes next, so it only bounds the memory."""
 
 
 class GridSearch(UpdateRule):
@@ -60,3 +61,21 @@ class GridSearch(UpdateRule):
 def grid_levels(increment: float) -> NDArray[np.float64]:
     """Values 0, δp, 2 δp … up to 1, shape (n_levels,)."""
     return np.minimum(np.arange(int(1.0 / increment + 1e-9) + 1) * increment, 1.0)
+
+
+class RandomSearch(UpdateRule):
+    """Uniform points of the unit cube."""
+
+    name = "random"
+
+    def propose(self) -> NDArray[np.float64]:
+        return self._random_points(GENERATION)
+
+    def update(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> None:
+        pass
+
+    def own_state(self) -> dict[str, Any]:
+        return {}
+
+    def load_own_state(self, state: dict[str, Any]) -> None:
+        pass

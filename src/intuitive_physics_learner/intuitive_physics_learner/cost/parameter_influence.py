@@ -1,8 +1,7 @@
-"""Which parameters can matter to a set of observations at all, and a search among only those.
+"""Which parameters can matter to an observation at all.
 
 Most of θ_s belongs to pairs of materials that never stand in one scene, above all to pairs of two
-static parts of the environment. J cannot depend on them, so leaving them out changes nothing but
-the size of the search.
+static parts of the environment: J cannot depend on them.
 """
 
 from __future__ import annotations
@@ -10,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters, material_pairs
+from intuitive_physics.materials import PAIR_COEFFICIENTS, material_pairs
 from intuitive_physics.observation import Observation
-from intuitive_physics.parameter_space import ParameterSpace
 
 
 def parameter_influence(
@@ -49,41 +47,3 @@ def active_parameters(
 ) -> NDArray[np.bool_]:
     """Whether J can depend on each parameter, shape (|θ_s|,), as `parameter_influence`."""
     return np.asarray(parameter_influence(observations, materials).any(axis=0))
-
-
-class ActiveSpace:
-    """The unit cube of the active parameters; the others stay what they are.
-
-    Parameters
-    ----------
-    space : of all parameters
-    active : (|θ_s|,) bool
-    others : θ_s that those not active are taken from
-    """
-
-    def __init__(
-        self, space: ParameterSpace, active: NDArray[np.bool_], others: StaticParameters
-    ) -> None:
-        self._space = space
-        self._active = active
-        self._unit = space.to_unit(others)
-
-    @property
-    def size(self) -> int:
-        """Number of active parameters."""
-        return int(self._active.sum())
-
-    @property
-    def names(self) -> list[str]:
-        """Name of each axis, as `parameter_names`."""
-        return [n for n, active in zip(self._space.names, self._active, strict=True) if active]
-
-    def to_parameters(self, unit: ArrayLike) -> StaticParameters:
-        """Map a point of the cube, shape (size,), to θ_s."""
-        whole = self._unit.copy()
-        whole[self._active] = unit
-        return self._space.to_parameters(whole)
-
-    def to_unit(self, parameters: StaticParameters) -> NDArray[np.float64]:
-        """Map θ_s to the cube, shape (size,)."""
-        return self._space.to_unit(parameters)[self._active]

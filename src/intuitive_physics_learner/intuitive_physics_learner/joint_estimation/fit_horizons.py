@@ -1,0 +1,215 @@
+"""Fit horizons: the time span of each trajectory that is fitted, advanced step by step.
+
+Motion among contacts is chaotic. Where the estimate leaves open on which edge a box lands, slopes
+say nothing about what comes after, and a fit to it would end in one of many local optima. So a fit
+begins with a few points and includes more as far as the posterior of the present estimate predicts
+them. Where a fit fails nevertheless, its horizon retreats to before the failure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
+from intuitive_physics_learner.joint_estimation.normal_equations import robust_loss
+from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+
+FAILED_LENGTH = 1e4
+"""Length of the residual, in σ of the noise, of a point that the simulator did not reach: finite,
+so that losses can be compared, and longer than those of fits."""
+
+
+@dataclass(eq=False)
+class TrajectoryFits:
+    """The initial states and fit horizons of a block's W observations.
+
+    Parameters
+    ----------
+    estimate : (W, d) deviations from the observed initial states, in SI units
+    deviations : (W, d) standard deviation of each, in SI units
+    horizons : (W,) s, the last time of each observation that is fitted
+    misfits : (W,) consecutive steps in which each had a misfit
+    """
+
+    estimate: NDArray[np.float64]
+    deviations: NDArray[np.float64]
+    horizons: NDArray[np.float64]
+    misfits: NDArray[np.int64]
+
+    @staticmethod
+    def initial(block: ObservationBlock, settings: JointEstimationSettings) -> TrajectoryFits:
+        """Return the observed initial states with the first horizons."""
+        return TrajectoryFits(
+            np.zeros_like(block.prior_deviations),
+            np.minimum(block.prior_deviations, settings.largest_state_deviation),
+            first_horizons(block, settings),
+            np.zeros(block.members.size, dtype=np.int64),
+        )
+
+    def losses(
+        self,
+        block: ObservationBlock,
+        estimates: NDArray[np.float64],
+        residuals: NDArray[np.float64],
+        noise: float,
+        settings: JointEstimationSettings,
+    ) -> NDArray[np.float64]:
+        """Loss (c, W), without a unit, of each observation up to its horizon.
+
+        Parameters
+        ----------
+        block : W observations
+        estimates : (c, W, d) deviations from the observed initial states, in SI units
+        residuals : (c, W, P, 3) m, of simulations from these initial states
+        noise : m, standard deviation of an observed position on each axis
+        settings : of the weight of outliers
+        """
+        lengths = np.linalg.norm(residuals, axis=3) / noise
+        lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
+        counted = block.times <= self.horizons[:, None]
+        fit = (robust_loss(lengths, settings.outlier_length) * counted).sum(axis=2)
+        return fit + 0.5 * ((estimates / block.prior_deviations) ** 2).sum(axis=2)
+
+    def advance(
+        self,
+        block: ObservationBlock,
+        residuals: NDArray[np.float64],
+        goals: NDArray[np.float64],
+        noise: float,
+        settings: JointEstimationSettings,
+    ) -> tuple[bool, int]:
+        """Move horizons to their goals; where a misfit has lasted too long, to before it.
+
+        Parameters
+        ----------
+        block : W observations
+        residuals : (W, P, 3) m, of the present estimate
+        goals : (W,) s, to which horizons may advance
+        noise : m, standard deviation of an observed position on each axis
+        settings : of misfits and retreats
+
+        Returns
+        -------
+        moved : whether any horizon did
+        misfits : number of observations with a misfit
+        """
+        starts = misfit_starts(block, residuals, self.horizons, noise, settings)
+        misfit = np.isfinite(starts)
+        self.misfits = np.where(misfit, self.misfits + 1, 0)
+        back = self.misfits >= settings.misfit_patience
+        self.misfits[back] = 0
+        before = self.horizons
+        self.horizons = np.where(misfit, before, goals)
+        retreat = np.maximum(starts - settings.retreat, first_horizons(block, settings))
+        self.horizons = np.where(back, np.minimum(retreat, before), self.horizons)
+        return bool((self.horizons != before).any()), int(misfit.sum())
+
+    def state(self) -> dict[str, Any]:
+        """Return plain data from which `load_state` restores these fits."""
+        return {name: array.tolist() for name, array in vars(self).items()}
+
+    def load_state(self, state: Mapping[str, Any]) -> None:
+        """Restore what `state` returned."""
+        for name, values in state.items():
+            own = getattr(self, name)
+            setattr(self, name, np.array(values, dtype=own.dtype).reshape(own.shape))
+
+
+def first_horizons(
+    block: ObservationBlock, settings: JointEstimationSettings
+) -> NDArray[np.float64]:
+    """Return the horizons (W,), in s, that a fit begins with: the first points, or the first time.
+
+    Parameters
+    ----------
+    block : W observations
+    settings : how many points, and how long
+    """
+    ordered = np.sort(block.times, axis=1)
+    counts = np.isfinite(ordered).sum(axis=1)
+    last = np.minimum(settings.first_points * block.initial_states.objects, counts) - 1
+    return np.minimum(ordered[np.arange(last.size), last], settings.first_duration)
+
+
+def farthest_horizons(
+    block: ObservationBlock, horizons: NDArray[np.float64], settings: JointEstimationSettings
+) -> NDArray[np.float64]:
+    """Return the times (W,), in s, that horizons can reach in one step.
+
+    Parameters
+    ----------
+    block : W observations
+    horizons : (W,) s, the present ones
+    settings : of the largest advance
+    """
+    return np.minimum(horizons + settings.largest_advance, block.durations)
+
+
+def advanced_horizons(
+    block: ObservationBlock,
+    linear: Linearisation,
+    spreads: NDArray[np.float64],
+    horizons: NDArray[np.float64],
+    noise: float,
+    settings: JointEstimationSettings,
+) -> NDArray[np.float64]:
+    """Include points, in the order of time, up to the first one that cannot be predicted.
+
+    A point can be predicted where both the standard deviation of its predicted position and the
+    linearisation error there are small enough.
+
+    Parameters
+    ----------
+    block : W observations of up to P points
+    linear : at the present estimate, simulated up to `farthest_horizons`
+    spreads : (W, P) m, standard deviation of the predicted positions
+    horizons : (W,) s, the present ones
+    noise : m, standard deviation of an observed position on each axis
+    settings : how large spreads and linearisation errors may be
+
+    Returns
+    -------
+    (W,) s, never below the present horizons.
+    """
+    straight = linear.bends <= settings.largest_bend * noise + settings.largest_bend_share * spreads
+    predictable = (spreads <= settings.largest_spread) & straight
+    blocked = ~(predictable & linear.valid) & (block.times > horizons[:, None])
+    first_blocked = np.where(blocked, block.times, np.inf).min(axis=1)
+    before = np.where(block.times < first_blocked[:, None], block.times, -np.inf).max(axis=1)
+    limits = farthest_horizons(block, horizons, settings)
+    return np.maximum(horizons, np.minimum(before, limits))
+
+
+def misfit_starts(
+    block: ObservationBlock,
+    residuals: NDArray[np.float64],
+    horizons: NDArray[np.float64],
+    noise: float,
+    settings: JointEstimationSettings,
+) -> NDArray[np.float64]:
+    """Return the time (W,), in s, at which each fit begins to fail; infinite where it does not.
+
+    Parameters
+    ----------
+    block : W observations of up to P points
+    residuals : (W, P, 3) m, of the present estimate
+    horizons : (W,) s; later points do not count
+    noise : m, standard deviation of an observed position on each axis
+    settings : what a misfit is
+    """
+    inside = block.times <= horizons[:, None]
+    lengths = np.linalg.norm(residuals, axis=2) / noise
+    lengths = np.where(inside, np.nan_to_num(lengths, nan=np.inf), 0.0)
+    order = np.argsort(np.where(inside, block.times, np.inf), axis=1, kind="stable")
+    window = min(settings.misfit_points, order.shape[1])
+    ordered = np.take_along_axis(lengths, order, axis=1)
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(ordered, window, axis=1), axis=2)
+    begins = np.take_along_axis(np.where(inside, block.times, np.inf), order, axis=1)
+    failing = medians > settings.misfit_length
+    return np.where(failing, begins[:, : medians.shape[1]], np.inf).min(axis=1)

@@ -1,0 +1,244 @@
+"""Which parameters a joint fit determines, and whether its stated uncertainties are true.
+
+Slopes at an estimate say how well the data hold it there, not whether it settled beside a better
+one, as fits to chaotic motion may. So two halves of the observations are fitted as well. They share
+no observation, so such errors of theirs have nothing in common: they lie about the estimate by as
+much as it is wrong. Were all slopes right and the halves equally informative, the estimate u would
+be the mean of the halves' estimates a and b, and a - u have the variance σ_a² - σ_u² = σ_a² / 2,
+that of u. By how much
+
+    r² = mean over the informative halves of (a - u)² / (σ_a² / 2)
+
+is more than one, uncertainties are widened. Nor can all data be more informative than both halves
+together: where the curvature at u alone is high, u is a peculiar place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.parameter_space import parameter_vector
+from intuitive_physics_learner.cost.cost_function import Cost
+from intuitive_physics_learner.cost.trials import Trials
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.observation_blocks import resting
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.trajectory_model import NORMAL_MEDIAN
+from intuitive_physics_learner.search.identifiability import LARGEST_DEVIATION, Identifiability
+from intuitive_physics_learner.search.learning_task import LearningTask
+from intuitive_physics_learner.search.parameter_axes import ParameterAxes
+from intuitive_physics_learner.search.search_space import ActiveSpace
+
+SLOPE_STEP = 1e-5
+"""Width of the differences that find how θ_s changes along an axis of the unit cube."""
+
+
+def joint_identifiability(
+    fit: JointFit,
+    task: LearningTask,
+    seconds_left: Callable[[], float] = lambda: np.inf,
+) -> Identifiability:
+    """State what is identified and how well, after a fit has converged.
+
+    Parameters
+    ----------
+    fit : over the space of the task's active parameters
+    task : that the fit is of
+    seconds_left : looked at before each step of the fits to halves of the observations; stopped
+        early, they agree less and the uncertainties get wider
+    """
+    searched, active = task.searched, task.active
+    parameters = searched.to_parameters(fit.unit)
+    began = seconds_left()
+    posterior, sided = fit.posterior()
+    # Those of both halves take about as long as this one.
+    reserved = began - seconds_left() if np.isfinite(began) else 0.0
+    agreed = _agreed(fit, sided, task, lambda: seconds_left() < reserved)
+    factors = agreed / posterior.deviations
+    slopes = _slopes(searched, fit.unit)
+    covariance = slopes @ (posterior.covariance * np.outer(factors, factors)) @ slopes.T
+    deviations = np.sqrt(np.diag(covariance))
+    axes = ParameterAxes(task.space, parameters)
+    responsive = active.copy()
+    responsive[active] = fit.responsive
+    with np.errstate(divide="ignore", invalid="ignore"):
+        informed = deviations / axes.slopes < LARGEST_DEVIATION
+    identified = responsive & informed & (axes.slopes > 0.0)
+    return Identifiability(
+        responsive,
+        identified,
+        np.where(identified, deviations, np.nan),
+        np.full((identified.size, 2), np.nan),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Half:
+    """What a fit to half of the observations found.
+
+    Parameters
+    ----------
+    unit : (n,) its estimate on the unit cube
+    deviations : (n,) widths, standard deviation of each parameter by its slopes
+    """
+
+    unit: NDArray[np.float64]
+    deviations: NDArray[np.float64]
+
+
+class PartialCost(Cost):
+    """J over some of the observations of another cost.
+
+    Parameters
+    ----------
+    cost : over all of them
+    members : (n_members,) indices of the observations that are left, at least one
+    """
+
+    def __init__(self, cost: Cost, members: NDArray[np.int64]) -> None:
+        super().__init__([cost.observations[i] for i in members], cost.materials)
+        self._cost = cost
+        self._members = members
+
+    def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
+        objects = int(self.trajectory_object.max()) + 1
+        return self._cost.trial_distances(self._of_all(trials))[:, :objects]
+
+    def trial_residuals(self, trials: Trials) -> NDArray[np.float64]:
+        return self._cost.trial_residuals(self._of_all(trials))
+
+    def _of_all(self, trials: Trials) -> Trials:
+        states = trials.states
+        objects = int(self._cost.trajectory_object.max()) + 1
+        if states is not None and states.shape[1] < objects:
+            padded = resting(len(states), objects)
+            padded[:, : states.shape[1]] = states
+            states = padded
+        members = self._members[trials.observation_index]
+        return Trials(trials.parameters, trials.parameter_index, members, states, trials.until)
+
+
+def halves(influence: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+    """Part observations so that each half has about as many that depend on each parameter.
+
+    Parameters
+    ----------
+    influence : (n_observations, n) bool, which observation can depend on which parameter
+
+    Returns
+    -------
+    Two arrays (n_members,) of indices of observations.
+    """
+    weights = 1.0 / np.maximum(influence.sum(axis=0), 1)
+    surplus = np.zeros(influence.shape[1])
+    parts: list[list[int]] = [[], []]
+    for observation, row in enumerate(influence):
+        side = 0 if (surplus * weights)[row].sum() <= 0.0 else 1
+        surplus[row] += 1.0 if side == 0 else -1.0
+        parts[side].append(observation)
+    return [np.array(part, dtype=np.int64) for part in parts]
+
+
+def agreed_deviations(
+    unit: NDArray[np.float64],
+    deviations: NDArray[np.float64],
+    halves: tuple[Half, Half],
+    families: Sequence[NDArray[np.int64]],
+    settings: JointEstimationSettings,
+) -> NDArray[np.float64]:
+    """Standard deviations (n,), in widths, with which both halves agree.
+
+    Parameters
+    ----------
+    unit : (n,) the estimate from all observations, on the unit cube
+    deviations : (n,) widths, standard deviation of each parameter by slopes
+    halves : what fits to both found
+    families : arrays (n_members,) of indices of parameters that are likely to err alike, each
+        parameter in one
+    settings : of what disagreement is more than chance
+    """
+    apart = np.array([(half.unit - unit) ** 2 for half in halves])
+    variances = np.array([half.deviations for half in halves]) ** 2
+    informative = variances < LARGEST_DEVIATION**2
+    ratios = np.sqrt(_mean(apart / (0.5 * variances), informative))
+    pooled = (1.0 / variances).sum(axis=0) ** -0.5
+    factors = _family_factors(ratios, families, settings.family_weight)
+    agreed = np.maximum(deviations * factors, pooled)
+    scatter = np.sqrt(_mean(apart, informative))
+    beyond_chance = ratios > settings.largest_chance_ratio
+    return np.where(beyond_chance, np.maximum(agreed, scatter), agreed)
+
+
+def _mean(values: NDArray[np.float64], counted: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Mean (n,) over the halves of values (2, n) that count; NaN where none does."""
+    total = np.where(counted, values, 0.0).sum(axis=0)
+    count = counted.sum(axis=0)
+    return np.divide(total, count, out=np.full(total.size, np.nan), where=count > 0)
+
+
+def _family_factors(
+    ratios: NDArray[np.float64], families: Sequence[NDArray[np.int64]], weight: float
+) -> NDArray[np.float64]:
+    """Factors (n,) of at least one from ratios (n,), NaN where no half is informative."""
+    known = np.isfinite(ratios)
+    factors = np.ones(ratios.size)
+    if not known.any():
+        return factors
+    typical = max(float(np.median(ratios[known])) / NORMAL_MEDIAN, 1.0)
+    for family in families:
+        own = ratios[family][known[family]]
+        square = (np.sum(own**2) + weight * typical**2) / (own.size + weight)
+        factors[family] = max(np.sqrt(square), 1.0)
+    return factors
+
+
+def _agreed(
+    fit: JointFit,
+    deviations: NDArray[np.float64],
+    task: LearningTask,
+    out_of_time: Callable[[], bool],
+) -> NDArray[np.float64]:
+    """Fit halves of the observations, and return the deviations (n,) with which they agree."""
+    searched, influence = task.searched, task.influence[:, task.active]
+    if len(influence) < fit.settings.fewest_observations:
+        return deviations
+    fits = [
+        JointFit(
+            PartialCost(task.cost, members), searched, influence[members], fit.start, fit.settings
+        )
+        for members in halves(influence)
+    ]
+    # Side by side, so that neither is ahead where time runs out.
+    for _ in range(fit.steps):
+        for part in fits:
+            if not part.settled and not (part.steps and out_of_time()):
+                part.step()
+    first, second = (Half(part.unit, part.posterior()[1]) for part in fits)
+    families = _families(searched.names)
+    return agreed_deviations(fit.unit, deviations, (first, second), families, fit.settings)
+
+
+def _families(names: list[str]) -> list[NDArray[np.int64]]:
+    """Parameters of one pair belong together, and the densities."""
+    of_pair = [name.partition("[")[2] if "," in name else "density" for name in names]
+    return [np.flatnonzero([own == family for own in of_pair]) for family in dict.fromkeys(of_pair)]
+
+
+def _slopes(searched: ActiveSpace, unit: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Change (|θ_s|, n) of all parameters, in SI units per width, along each searched axis."""
+    columns = []
+    for axis in range(unit.size):
+        up, down = unit.copy(), unit.copy()
+        up[axis] = min(unit[axis] + SLOPE_STEP, 1.0)
+        down[axis] = max(unit[axis] - SLOPE_STEP, 0.0)
+        change = _vector(searched, up) - _vector(searched, down)
+        columns.append(change / (up[axis] - down[axis]))
+    return np.array(columns).T
+
+
+def _vector(searched: ActiveSpace, unit: NDArray[np.float64]) -> NDArray[np.float64]:
+    return parameter_vector(searched.to_parameters(unit))

@@ -1,0 +1,246 @@
+"""Numbers that joint estimation was tuned with, each with its unit and where it comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.settings import number, other
+
+
+def _hand_set(default: float, lower: float, upper: float, description: str) -> Any:
+    """A number without a derivation."""
+    return number(default, lower, upper, f"{description}; set by hand")
+
+
+@dataclass(frozen=True)
+class JointEstimationSettings:
+    """How θ_s and initial states are estimated together.
+
+    A field that says "set by hand" has no derivation: it was set when the estimator was written,
+    and the synthetic sets of `make bench-learning` are what it was run on with that value. Lengths
+    in σ are in standard deviations of the noise of an observed position on one axis. Lengths in
+    widths are parts of the unit interval that each parameter of θ_s is searched on.
+    """
+
+    smallest_noise: float = number(
+        1e-4,
+        1e-9,
+        1.0,
+        "m, noise of an observed position at least: no camera measures better, and what is divided "
+        "by it stays well conditioned",
+    )
+    prior_widening: float = _hand_set(
+        10.0,
+        1.0,
+        1e6,
+        "factor on the standard deviations of the observed initial position and velocity: most of "
+        "what is known of them comes from points of the very trajectory they are to explain, which "
+        "must not count twice",
+    )
+
+    difference_step: float = _hand_set(
+        0.5,
+        1e-3,
+        10.0,
+        "step of a finite difference to each side, in standard deviations of what is moved: a "
+        "slope is that of the region where the truth is likely to be",
+    )
+    smallest_difference: float = _hand_set(
+        1e-6,
+        1e-12,
+        1e-2,
+        "step of a finite difference at least, in the unit of what is moved (width, m, m/s, rad or "
+        "rad/s)",
+    )
+    largest_difference: float = _hand_set(
+        0.05,
+        1e-6,
+        1.0,
+        "step of a finite difference at most, in the unit of what is moved (width, m, m/s, rad or "
+        "rad/s)",
+    )
+    largest_state_deviation: float = _hand_set(
+        0.3,
+        1e-3,
+        100.0,
+        "standard deviation of a component of an initial state (m, m/s, rad or rad/s) that the "
+        "first finite differences assume at most",
+    )
+
+    outlier_length: float = _hand_set(
+        3.0,
+        0.1,
+        100.0,
+        "length of a residual in σ from which on Huber's loss grows linearly",
+    )
+
+    first_damping: float = _hand_set(
+        1e-2, 1e-12, 1e12, "damping of the first Levenberg-Marquardt step, a part of the diagonal"
+    )
+    damping_factors: tuple[float, ...] = other(
+        (0.1, 1.0, 10.0, 100.0),
+        "factors on the last damping that are tried in one step; set by hand",
+    )
+    smallest_damping: float = _hand_set(1e-6, 0.0, 1e12, "damping at least")
+    largest_damping: float = _hand_set(1e4, 0.0, 1e12, "damping at most")
+    largest_move: float = _hand_set(
+        0.2, 1e-3, 1.0, "width by which a parameter moves at most in one step"
+    )
+    settled_move: float = _hand_set(
+        0.02,
+        0.0,
+        10.0,
+        "largest move of any parameter, in its standard deviations, of a step that has converged",
+    )
+    settled_steps: int = _hand_set(
+        2, 1, 1000, "consecutive converged steps after which the fit has converged"
+    )
+
+    first_points: int = _hand_set(
+        10, 1, 10_000, "points of each object that the first fit horizon includes at most"
+    )
+    first_duration: float = _hand_set(0.5, 0.0, 1e4, "s, the first fit horizon at most")
+    largest_advance: float = _hand_set(
+        0.2, 0.0, 1e4, "s by which a fit horizon advances at most in one step"
+    )
+    largest_spread: float = _hand_set(
+        0.15,
+        0.0,
+        1e4,
+        "m, standard deviation of a predicted position up to which it may enter the fit",
+    )
+    largest_bend: float = _hand_set(
+        2.0,
+        0.0,
+        1e4,
+        "linearisation error of a predicted position, in σ, up to which it may enter the fit",
+    )
+    largest_bend_share: float = _hand_set(
+        1.0,
+        0.0,
+        1e4,
+        "further linearisation error allowed, a part of the standard deviation of the predicted "
+        "position",
+    )
+    misfit_length: float = _hand_set(
+        2.3,
+        0.1,
+        100.0,
+        "median length of neighbouring residuals, in σ, above which the fit fails there; of three "
+        "normal components it is 1.54",
+    )
+    misfit_points: int = _hand_set(
+        6, 1, 1000, "neighbouring points whose median length is compared with `misfit_length`"
+    )
+    retreat: float = _hand_set(
+        0.3, 0.0, 1e4, "s before the first misfit to which a fit horizon retreats"
+    )
+    misfit_patience: int = _hand_set(
+        1, 1, 1000, "steps with a misfit after which the fit horizon retreats"
+    )
+
+    scan_levels: tuple[float, ...] = other(
+        (0.02, 0.14, 0.26, 0.38, 0.5, 0.62, 0.74, 0.86, 0.98),
+        "places on the unit interval at which a scan tries each parameter: equal steps that leave "
+        "out the bounds themselves",
+    )
+    scan_steps: tuple[int, ...] = other(
+        (2, 5, 9, 14), "numbers of steps after which the fit scans each parameter; set by hand"
+    )
+    smallest_scan_gain: float = number(
+        3.0,
+        0.0,
+        1e6,
+        "loss that a scanned value must gain to be taken: a likelihood ratio of e³ ≈ 20, hardly "
+        "chance",
+    )
+
+    curvature_widening: float = _hand_set(
+        3.0,
+        0.1,
+        100.0,
+        "factor on the steps of the finite differences from which the posterior is computed",
+    )
+    fewest_observations: int = number(
+        4, 2, 1000, "observations from which on fits to two halves are compared: two in each half"
+    )
+    family_weight: float = _hand_set(
+        3.0,
+        0.0,
+        1e6,
+        "number of parameters as which the typical disagreement of the halves counts against that "
+        "of a parameter's own family",
+    )
+    largest_chance_ratio: float = _hand_set(
+        2.0,
+        1.0,
+        1e6,
+        "ratio of the halves' distance from the estimate to its expectation beyond which that "
+        "distance is itself the uncertainty",
+    )
+
+    largest_misfit_share: float = number(
+        0.3,
+        0.0,
+        1.0,
+        "mean share of observations with a misfit above which the simulation must lack an effect: "
+        "just below the third that a fit horizon counts which advances twice and retreats once for "
+        "ever",
+    )
+    misfit_steps: int = _hand_set(3, 1, 1000, "steps that this mean is over")
+
+    descent_dampings: tuple[float, ...] = other(
+        (1e-3, 1e-2, 0.1, 1.0, 10.0),
+        "dampings, parts of the diagonal, that a descent of J tries in one step; set by hand",
+    )
+    descent_lengths: tuple[float, ...] = other(
+        (0.5, 1.0, 2.0),
+        "factors on each damped step that are tried: J has kinks, which a step may fall short of; "
+        "set by hand",
+    )
+    first_width: float = _hand_set(
+        0.1,
+        1e-6,
+        1.0,
+        "width over which a descent of J takes its first slopes: wide against the kinks of single "
+        "contacts",
+    )
+    smallest_width: float = _hand_set(
+        0.002, 1e-9, 1.0, "width below which a descent of J takes no more slopes"
+    )
+    width_factor: float = _hand_set(
+        0.4, 1e-3, 0.999, "factor on that width when steps along slopes gain nothing"
+    )
+    neighbours: tuple[float, ...] = other(
+        (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0),
+        "distances, in that width, at which each parameter is tried when steps along slopes gain "
+        "nothing; set by hand",
+    )
+    smallest_gain: float = _hand_set(1e-4, 0.0, 1.0, "part of J by which it must fall to be a gain")
+    largest_sampled: int = _hand_set(
+        40, 0, 10_000, "parameters up to which a descent of J ends with random trials"
+    )
+    sampling_patience: int = _hand_set(
+        300, 1, 10_000_000, "random trials without gain after which the descent of J ends"
+    )
+    short_length: float = _hand_set(
+        0.1,
+        1e-6,
+        1.0,
+        "part of the median distance below which distances count as squares in a descent of J: a "
+        "sum of distances has no slope at zero",
+    )
+
+    def difference_steps(self, deviations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return steps of finite differences of the shape of `deviations`, in the same units.
+
+        Parameters
+        ----------
+        deviations : (...,) standard deviations of what is moved, in the unit of each
+        """
+        steps = self.difference_step * deviations
+        return np.clip(steps, self.smallest_difference, self.largest_difference)

@@ -1,0 +1,66 @@
+"""Methods of learning by name: joint estimation, the paper's update rules and further ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from intuitive_physics_learner.cost.cached_cost import CachedCost
+from intuitive_physics_learner.errors import UnknownMethodError
+from intuitive_physics_learner.joint_estimation import JointSearch
+from intuitive_physics_learner.search.learning_task import LearningTask
+from intuitive_physics_learner.search.parameter_search import ParameterSearch, Search
+from intuitive_physics_learner.search.update_rules import ALL_RULES, make_update_rule
+
+JOINT_METHOD = "levenberg_marquardt"
+"""Joint estimation of θ_s and initial states (`joint_estimation`); where the simulation lacks an
+effect that the observations have, it lowers J instead."""
+
+DEFAULT_METHOD = JOINT_METHOD
+"""The method of the nodes and of the command line where none is named."""
+
+
+def _joint_search(task: LearningTask, generator: np.random.Generator) -> Search:
+    own = task.influence[:, task.active]
+    return JointSearch(task.cost, task.searched, own, task.begin, generator)
+
+
+def _search_by_rule(name: str, task: LearningTask, generator: np.random.Generator) -> Search:
+    rule = make_update_rule(name, task.searched.size, generator, task.begin)
+    return ParameterSearch(CachedCost(task.cost).costs, task.searched, rule)
+
+
+_SEARCHES: dict[str, Callable[[LearningTask, np.random.Generator], Search]] = {
+    JOINT_METHOD: _joint_search,
+    **{name: partial(_search_by_rule, name) for name in ALL_RULES},
+}
+"""What makes the search of each method."""
+
+METHODS = (DEFAULT_METHOD, *(name for name in _SEARCHES if name != DEFAULT_METHOD))
+"""All names, the default first."""
+
+
+def check_method(name: str) -> None:
+    """Raise `UnknownMethodError` when no method has that name."""
+    if name not in METHODS:
+        raise UnknownMethodError.among(name, METHODS)
+
+
+def make_search(name: str, task: LearningTask, generator: np.random.Generator) -> Search:
+    """Return the search by the method of that name, ready to run.
+
+    Parameters
+    ----------
+    name : one of `METHODS`
+    task : what to learn
+    generator : the only source of randomness; owned by the search from now on
+
+    Raises
+    ------
+    UnknownMethodError
+        When no method has that name.
+    """
+    check_method(name)
+    return _SEARCHES[name](task, generator)

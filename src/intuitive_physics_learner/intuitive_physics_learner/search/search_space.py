@@ -1,0 +1,60 @@
+"""The unit cube that a search works on: all parameters, or only those that J can depend on."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.parameter_space import ParameterSpace
+
+
+class SearchSpace(Protocol):
+    """What a search needs of `ParameterSpace`, or of a part of it."""
+
+    @property
+    def size(self) -> int:
+        """Number of parameters that are searched."""
+
+    def to_parameters(self, unit: ArrayLike) -> StaticParameters:
+        """Map a point of the unit cube, shape (size,), to θ_s."""
+
+
+class ActiveSpace:
+    """The unit cube of the active parameters; the others stay what they are.
+
+    Parameters
+    ----------
+    space : of all parameters
+    active : (|θ_s|,) bool
+    others : θ_s that those not active are taken from
+    """
+
+    def __init__(
+        self, space: ParameterSpace, active: NDArray[np.bool_], others: StaticParameters
+    ) -> None:
+        self._space = space
+        self._active = active
+        self._unit = space.to_unit(others)
+
+    @property
+    def size(self) -> int:
+        """Number of active parameters."""
+        return int(self._active.sum())
+
+    @property
+    def names(self) -> list[str]:
+        """Name of each axis, as `parameter_names`."""
+        return [n for n, active in zip(self._space.names, self._active, strict=True) if active]
+
+    def to_parameters(self, unit: ArrayLike) -> StaticParameters:
+        """Map a point of the cube, shape (size,), to θ_s."""
+        whole = self._unit.copy()
+        whole[self._active] = unit
+        return self._space.to_parameters(whole)
+
+    def to_unit(self, parameters: StaticParameters) -> NDArray[np.float64]:
+        """Map θ_s to the cube, shape (size,)."""
+        return self._space.to_unit(parameters)[self._active]

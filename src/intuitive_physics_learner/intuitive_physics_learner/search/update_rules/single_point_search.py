@@ -1,0 +1,267 @@
+"""Rules that move one current point (Sec. III-D): descent by one or all parameters, and 1D-MH."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics_learner.search.update_rules.grid_and_random_search import grid_levels
+from intuitive_physics_learner.search.update_rules.update_rule import UpdateRule
+
+
+class ClimbingRule(UpdateRule):
+    """A rule that starts from one point, random unless given, and moves where J is lower.
+
+    Attributes
+    ----------
+    point : (n,) current point of the unit cube; None before the first
+    cost : J in m at the current point
+    """
+
+    def __init__(
+        self,
+        size: int,
+        generator: np.random.Generator,
+        start: ArrayLike | None = None,
+        **settings: float,
+    ) -> None:
+        super().__init__(size, generator, start, **settings)
+        self.point: NDArray[np.float64] | None = None
+        self.cost = np.inf
+
+    def continue_from(self, point: NDArray[np.float64], cost: float) -> None:
+        """Take over the point, shape (n,), and cost in m that another rule reached."""
+        self.point = point.copy()
+        self.cost = cost
+
+    def propose(self) -> NDArray[np.float64]:
+        if self.point is None:
+            return self._random_points(1)
+        return self._neighbours(self.point)
+
+    def update(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> None:
+        first = self.point is None
+        best = int(np.argmin(costs))
+        gained = bool(costs[best] < self.cost)
+        if gained:
+            self.point = points[best].copy()
+            self.cost = float(costs[best])
+        if not first:
+            self._after(gained)
+
+    @abstractmethod
+    def _neighbours(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return candidates, shape (k, n), made from the current point, shape (n,)."""
+
+    def _after(self, gained: bool) -> None:
+        """Prepare what comes next, knowing whether the last candidates brought a gain."""
+
+    def own_state(self) -> dict[str, Any]:
+        return {
+            "point": None if self.point is None else self.point.tolist(),
+            # JSON has no infinity.
+            "cost": None if self.point is None else self.cost,
+        }
+
+    def load_own_state(self, state: dict[str, Any]) -> None:
+        self.point = None if state["point"] is None else np.array(state["point"])
+        self.cost = np.inf if state["cost"] is None else state["cost"]
+
+
+class CoordinateDescent(ClimbingRule):
+    """Sweeps over all parameters, each sweep in a new random order.
+
+    Parameters
+    ----------
+    increment : δp, step of a parameter on the unit interval (Table I: 0.05)
+    """
+
+    name = "coordinate_descent"
+
+    def __init__(
+        self,
+        size: int,
+        generator: np.random.Generator,
+        start: ArrayLike | None = None,
+        *,
+        increment: float = 0.05,
+    ) -> None:
+        super().__init__(size, generator, start, increment=increment)
+        self._levels = grid_levels(self.settings["increment"])
+        self._order: list[int] = generator.permutation(size).tolist()
+        self._position = 0
+
+    def _neighbours(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        points = np.tile(point, (self._levels.size, 1))
+        points[:, self._order[self._position]] = self._levels
+        return points
+
+    def _after(self, gained: bool) -> None:
+        self._position += 1
+        if self._position == self.size:
+            self._order = self._generator.permutation(self.size).tolist()
+            self._position = 0
+
+    def own_state(self) -> dict[str, Any]:
+        return {**super().own_state(), "order": list(self._order), "position": self._position}
+
+    def load_own_state(self, state: dict[str, Any]) -> None:
+        super().load_own_state(state)
+        self._order = list(state["order"])
+        self._position = state["position"]
+
+
+class ParameterGradientSearch(ClimbingRule):
+    """Adds δp to one parameter as long as J falls, else turns around with half the step.
+
+    Parameters
+    ----------
+    learning_rate : α, first step on the unit interval (Table I: 0.1)
+    smallest_step : β, below which the next parameter is targeted (Table I: 0.001)
+
+    Attributes
+    ----------
+    targets_done : how many parameters were followed to their end
+    """
+
+    name = "parameter_gradient"
+
+    def __init__(
+        self,
+        size: int,
+        generator: np.random.Generator,
+        start: ArrayLike | None = None,
+        *,
+        learning_rate: float = 0.1,
+        smallest_step: float = 0.001,
+    ) -> None:
+        super().__init__(
+            size, generator, start, learning_rate=learning_rate, smallest_step=smallest_step
+        )
+        self._step = self.settings["learning_rate"]
+        self._target = int(generator.integers(size))
+        self.targets_done = 0
+
+    def _neighbours(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        moved = point.copy()
+        moved[self._target] = np.clip(moved[self._target] + self._step, 0.0, 1.0)
+        return moved[None, :]
+
+    def _after(self, gained: bool) -> None:
+        if gained:
+            return
+        self._step = -0.5 * self._step
+        if abs(self._step) < self.settings["smallest_step"]:
+            self._step = self.settings["learning_rate"]
+            self._target = int(self._generator.integers(self.size))
+            self.targets_done += 1
+
+    def own_state(self) -> dict[str, Any]:
+        return {
+            **super().own_state(),
+            "step": self._step,
+            "target": self._target,
+            "targets_done": self.targets_done,
+        }
+
+    def load_own_state(self, state: dict[str, Any]) -> None:
+        super().load_own_state(state)
+        self._step = state["step"]
+        self._target = state["target"]
+        self.targets_done = state["targets_done"]
+
+
+class AdaptiveRandomSearch(ClimbingRule):
+    """Adds δp = U(-ε, ε) to all parameters at once, ε being J of the current point.
+
+    The paper gives this rule an α and a β in Table I and none in its text. Here they bound the
+    step as they do in parameter gradient search: ε, read in metres and taken as a part of the unit
+    interval, is held between β and α.
+
+    Parameters
+    ----------
+    learning_rate : α, largest ε on the unit interval (Table I: 0.1)
+    smallest_step : β, smallest ε (Table I: 0.001)
+    """
+
+    name = "adaptive_random"
+
+    def __init__(
+        self,
+        size: int,
+        generator: np.random.Generator,
+        start: ArrayLike | None = None,
+        *,
+        learning_rate: float = 0.1,
+        smallest_step: float = 0.001,
+    ) -> None:
+        super().__init__(
+            size, generator, start, learning_rate=learning_rate, smallest_step=smallest_step
+        )
+
+    def _neighbours(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        largest = max(self.settings["learning_rate"], self.settings["smallest_step"])
+        epsilon = np.clip(self.cost, self.settings["smallest_step"], largest)
+        steps = self._generator.uniform(-epsilon, epsilon, (1, self.size))
+        return np.clip(point + steps, 0.0, 1.0)
+
+
+class MetropolisHastings(UpdateRule):
+    """Adds δp = U(-α, α) to one random parameter and accepts as Metropolis and Hastings do.
+
+    A candidate of cost J' replaces the current one of cost J with the chance
+    min(1, exp((J - J') / temperature)); the paper names no temperature.
+
+    Parameters
+    ----------
+    learning_rate : α, largest step on the unit interval (Table I: 0.05)
+    temperature : m of cost by which a candidate is accepted with the chance 1/e
+    """
+
+    name = "metropolis_hastings"
+
+    def __init__(
+        self,
+        size: int,
+        generator: np.random.Generator,
+        start: ArrayLike | None = None,
+        *,
+        learning_rate: float = 0.05,
+        temperature: float = 0.001,
+    ) -> None:
+        super().__init__(
+            size, generator, start, learning_rate=learning_rate, temperature=temperature
+        )
+        self._point: NDArray[np.float64] | None = None
+        self._cost = np.inf
+
+    def propose(self) -> NDArray[np.float64]:
+        if self._point is None:
+            return self._random_points(1)
+        alpha = self.settings["learning_rate"]
+        moved = self._point.copy()
+        target = self._generator.integers(self.size)
+        # Reflected at the bounds, not clipped: else the chain would not be symmetric and stick.
+        there = np.abs(moved[target] + self._generator.uniform(-alpha, alpha)) % 2.0
+        moved[target] = min(there, 2.0 - there)
+        return moved[None, :]
+
+    def update(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> None:
+        rise = max(float(costs[0]) - self._cost, 0.0)
+        if self._generator.random() < np.exp(-rise / self.settings["temperature"]):
+            self._point = points[0].copy()
+            self._cost = float(costs[0])
+
+    def own_state(self) -> dict[str, Any]:
+        return {
+            "point": None if self._point is None else self._point.tolist(),
+            # JSON has no infinity.
+            "cost": None if self._point is None else self._cost,
+        }
+
+    def load_own_state(self, state: dict[str, Any]) -> None:
+        self._point = None if state["point"] is None else np.array(state["point"])
+        self._cost = np.inf if state["cost"] is None else state["cost"]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -70,12 +68,5 @@ def _as_cloud(points: NDArray[np.float32], kind: str) -> NDArray[np.float32]:
     )
 
 
-def main() -> None:
-    """Compile every kernel into Numba's cache."""
-    start = time.perf_counter()
-    warm_up()
-    print(f"perception kernels ready after {time.perf_counter() - start:.1f} s")
-
-
-if __name__ == "__main__":
-    main()
+WARM_UPS = (warm_up,)
+"""Of `intuitive_physics.kernels.warm_up`."""

@@ -1,7 +1,7 @@
 # Intuitive Physics. `make` alone lists what there is.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build lint test library-tests system-tests demo bench-simulation \
+.PHONY: help setup build lint types test library-tests system-tests house demo bench-simulation \
 	bench-prediction bench-perception bench-learning clean
 
 # A ROS, or a Python, that the caller's shell has sourced must not mix with ours.
@@ -40,8 +40,11 @@ lint: setup ## Only check style and types
 	@echo "── lint"
 	@.venv/bin/ruff check .
 	@.venv/bin/ruff format --check --quiet . || { .venv/bin/ruff format --diff --quiet . ; exit 1; }
+	@$(MAKE) --no-print-directory types
+
+types: ## Only check types, with the environment as it is
 	@MYPYPATH=$(subst $(eval ) ,:,$(python_packages)) .venv/bin/mypy --namespace-packages \
-		$(foreach package,$(python_packages),$(package)$(notdir $(package:/=))) benchmarks
+		$(foreach package,$(python_packages),$(package)$(notdir $(package:/=))) benchmarks tools
 
 test: setup ## Lint, test the libraries, test the nodes and the whole system
 	@failed=; for stage in lint library-tests system-tests; do \
@@ -58,6 +61,9 @@ library-tests: setup ## Only test what knows nothing of ROS
 system-tests: setup ## Only test nodes, as processes that talk over DDS
 	@echo "── system tests"
 	@$(run_environment) $(pytest) $(wildcard $(addsuffix /test,$(ros_packages)) test) $(node_tests)
+
+house: ## Measure the source tree; options="--details KEY" lists what is behind a number
+	@python3 -m tools.house $(options)
 
 demo: setup ## Perceive, learn from and predict thrown balls; write a report
 	@$(run_environment) .venv/bin/python -m intuitive_physics_experiments.demo

@@ -12,7 +12,7 @@ digest() { sha256sum | cut -d ' ' -f 1; }
 # What goes into the workspace. Tests run from the source tree and texts are not installed.
 sources() {
     find src -type f -not -path '*/test/*' -not -path '*/__pycache__/*' \
-        -not -path '*.egg-info/*' -not -name '*.md' -print0 | LC_ALL=C sort -z
+        -not -path '*.egg-info/*' -not -name '*.md' -not -name CHANGELOG.rst -print0 | LC_ALL=C sort -z
 }
 
 done_before() { [ "$(cat "$stamps/$1" 2>/dev/null)" = "$2" ]; }

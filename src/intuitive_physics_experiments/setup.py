@@ -10,7 +10,21 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
     ],
-    entry_points={"console_scripts": ["demo = intuitive_physics_experiments.demo.__main__:main"]},
+    entry_points={
+        "console_scripts": ["demo = intuitive_physics_experiments.demo.nodes.run_demo:main"],
+        "intuitive_physics_cli.commands": [
+            "calibrate = intuitive_physics_experiments.commands.calibrate_command",
+            "evaluate = intuitive_physics_experiments.commands.evaluate_command",
+            "experiment = intuitive_physics_experiments.commands.experiment_command",
+            "render = intuitive_physics_experiments.commands.render_command",
+        ],
+        "intuitive_physics_cli.observation_readers": [
+            "npz = intuitive_physics_experiments.recorded_sets.recorded_data:load_recorded_set"
+        ],
+        "intuitive_physics_cli.engines": [
+            "mujoco = intuitive_physics_experiments.engines.mujoco_simulator:MujocoSimulator"
+        ],
+    },
     python_requires=">=3.10",
     install_requires=[
         "setuptools",

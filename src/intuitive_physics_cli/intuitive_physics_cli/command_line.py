@@ -16,12 +16,7 @@ from intuitive_physics_cli.commands import (
     predict_command,
     report_command,
 )
-from intuitive_physics_experiments.commands import (
-    calibrate_command,
-    evaluate_command,
-    experiment_command,
-    render_command,
-)
+from intuitive_physics_cli.plugins import command_modules
 
 INTERRUPTED = 130
 """Exit code of a program that Ctrl-C ended, as shells have it."""
@@ -59,16 +54,13 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for command in (
-        render_command,
         perceive_command,
         learn_command,
         predict_command,
-        evaluate_command,
-        calibrate_command,
+        report_command,
         import_command,
         export_command,
-        experiment_command,
-        report_command,
+        *command_modules(),
     ):
         command.add_to(commands)
     return parser

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -204,26 +202,6 @@ def test_images_of_another_size_are_not_written(tmp_path: Path) -> None:
         DepthBagWriter(tmp_path / "bag", SMALL) as writer,
     ):
         writer.write(0, np.zeros((2, 2), np.uint16))
-
-
-def test_reading_and_rendering_need_no_ros() -> None:
-    modules = [
-        path.stem
-        for path in Path(render_bag.__code__.co_filename).parent.glob("*.py")
-        if not path.stem.endswith("_node")
-    ]
-    names = ", ".join(f"intuitive_physics_experiments.{name}" for name in modules)
-    code = (
-        "import sys\n"
-        "class NoRos:\n"
-        "    def find_spec(self, name, path=None, target=None):\n"
-        "        if name.split('.')[0] in ('rclpy', 'sensor_msgs', 'rosgraph_msgs'):\n"
-        "            raise ImportError(name)\n"
-        "sys.meta_path.insert(0, NoRos())\n"
-        f"import {names}\n"
-    )
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert result.returncode == 0, result.stderr
 
 
 def test_a_settings_change_renders_anew_but_foreign_folders_stay(tmp_path: Path) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import shutil
+import subprocess
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -123,7 +126,8 @@ def test_the_page_is_whole_and_self_contained(result: DemoResult, tmp_path: Path
     parser = PageParser()
     parser.feed(page)
     assert parser.open == []
-    assert len(parser.sources) == 3
+    # The camera frame, four coefficients, height and distance of the prediction.
+    assert len(parser.sources) == 7
     assert all(source.startswith("data:image/png;base64,") for source in parser.sources)
     assert page.count("Plotly.newPlot(") >= 5
     # The worst case stands first.
@@ -163,3 +167,72 @@ def test_a_folder_that_cannot_be_written_is_one_clear_error(
     (tmp_path / "file").write_text("")
     with pytest.raises(InvalidInputError, match="cannot write the report"):
         write_report(result, tmp_path / "file")
+
+
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
+needs_browser = pytest.mark.skipif(
+    BROWSER is None, reason="no chromium on this machine: apt-get install chromium"
+)
+
+MEASURE = """<script>
+addEventListener("load", () => setTimeout(() => {
+  const root = document.documentElement;
+  document.body.dataset.overflow = root.scrollWidth - root.clientWidth;
+  document.body.dataset.pictures = [...document.images].filter(i => i.naturalWidth > 0).length;
+}, 3000));
+</script>"""
+"""Writes into the page what only a browser knows: pixels it is too wide by, pictures it shows."""
+
+
+def in_browser(page: str, folder: Path, width: int) -> tuple[str, list[str]]:
+    """Open a page in headless Chromium; return its document once drawn, and console errors."""
+    path = folder / f"opened_{width}.html"
+    path.write_text(page.replace("</body>", MEASURE + "</body>"), encoding="utf-8")
+    done = subprocess.run(
+        [
+            str(BROWSER),
+            *("--headless", "--no-sandbox", "--disable-quic", "--no-first-run"),
+            *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+            *("--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+            f"--user-data-dir={folder / 'browser'}",
+            f"--window-size={width},1000",
+            "--virtual-time-budget=20000",
+            "--enable-logging=stderr",
+            "--dump-dom",
+            path.as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=True,
+    )
+    errors = [
+        line
+        for line in done.stderr.splitlines()
+        if "CONSOLE" in line and ("Uncaught" in line or "rror" in line)
+    ]
+    return done.stdout, errors
+
+
+@needs_browser
+@pytest.mark.parametrize("width", [1200, 500])
+def test_a_browser_draws_every_plot_and_reports_no_error(
+    result: DemoResult, tmp_path: Path, width: int
+) -> None:
+    page = write_report(result, tmp_path).page.read_text(encoding="utf-8")
+    document, errors = in_browser(page, tmp_path, width)
+    assert errors == []
+    plots = re.findall(r'<div id="[\w-]+" class="plot[^"]*"', document)
+    assert len(plots) == page.count("Plotly.newPlot(") >= 5
+    assert all("js-plotly-plot" in plot for plot in plots)
+    # Plotly makes one of these where it could draw, none where WebGL or the data failed.
+    assert document.count('class="plot-container') == len(plots)
+    assert 'data-overflow="0"' in document
+    assert f'data-pictures="{page.count("<img ")}"' in document
+
+
+@needs_browser
+def test_an_error_in_the_page_is_found(result: DemoResult, tmp_path: Path) -> None:
+    page = write_report(result, tmp_path).page.read_text(encoding="utf-8")
+    broken = page.replace("</body>", "<script>Plotly.noSuchFunction()</script></body>")
+    assert any("noSuchFunction" in error for error in in_browser(broken, tmp_path, 1200)[1])

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import Field, dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.setting_fields import choice, number, other
-from intuitive_physics.validation import finite_float, name_string, positive_float, unit_vector
+from intuitive_physics.settings import check_settings, choice, number, other
+from intuitive_physics.validation import name_string, positive_float, unit_vector
 
 GRAVITY_SOURCES = ("plane", "up_hint", "imu")
 
@@ -178,8 +178,7 @@ class PerceptionSettings:
     )
 
     def __post_init__(self) -> None:
-        for setting in fields(self):
-            self._check(setting)
+        check_settings(self)
         for low, high in (("min_range", "max_range"), ("min_radius", "max_radius")):
             if getattr(self, low) >= getattr(self, high):
                 raise InvalidInputError(
@@ -200,27 +199,6 @@ class PerceptionSettings:
                 "as only what is looked for is found"
             )
         object.__setattr__(self, "known_objects", _checked_objects(self.known_objects))
-
-    def _check(self, setting: Field[Any]) -> None:
-        name, value = setting.name, getattr(self, setting.name)
-        if "lower" in setting.metadata:
-            lower, upper = setting.metadata["lower"], setting.metadata["upper"]
-            got = finite_float(value, name)
-            if not lower <= got <= upper:
-                raise InvalidInputError(f"{name} is {got:g}; expected {lower:g} to {upper:g}")
-            if isinstance(setting.default, int) and got != int(got):
-                raise InvalidInputError(f"{name} is {got:g}; expected a whole number")
-            kind = int if isinstance(setting.default, int) else float
-            object.__setattr__(self, name, kind(got))
-        elif "choices" in setting.metadata:
-            if value not in setting.metadata["choices"]:
-                raise InvalidInputError(
-                    f"{name} is {value!r}; expected one of {', '.join(setting.metadata['choices'])}"
-                )
-        elif isinstance(setting.default, str):
-            name_string(value, name)
-        elif isinstance(setting.default, bool) and not isinstance(value, bool):
-            raise InvalidInputError(f"{name} is {value!r}; expected true or false")
 
 
 def _checked_objects(objects: Iterable[Any]) -> tuple[KnownObject, ...]:

@@ -1,4 +1,4 @@
-"""Long work of a node's callbacks, in a thread, while its other callbacks go on."""
+"""Threads beside a node: long work of its callbacks, and how they are woken."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Background:
         """Await this in an `async` callback: what `work()` answers or raises."""
         done = Future()
         work_under_way = self._pool.submit(work)
-        work_under_way.add_done_callback(lambda _: self._tell(done))
+        work_under_way.add_done_callback(lambda _: _complete(done, self._node))
         await done
         return work_under_way.result()
 
@@ -37,10 +37,29 @@ class Background:
         """Wait for the work under way; what waits is left out."""
         self._pool.shutdown(cancel_futures=True)
 
-    def _tell(self, done: Future) -> None:
-        done.set_result(None)
-        executor = self._node.executor
-        if executor is not None:
-            # An executor that is just shutting down has nobody left to wake.
-            with suppress(InvalidHandle):
-                executor.wake()
+
+class WorkerSignal:
+    """Lets callbacks of a node wait, without blocking it, for what happens in another thread."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._future = Future()
+
+    def next(self) -> Future:
+        """Return what to await; take it before looking at the state that may change."""
+        return self._future
+
+    def set(self) -> None:
+        """Wake all that wait; from any thread."""
+        happened, self._future = self._future, Future()
+        _complete(happened, self._node)
+
+
+def _complete(future: Future, node: Node) -> None:
+    """Set a future's result, from any thread, and wake the callbacks that await it."""
+    future.set_result(None)
+    executor = node.executor
+    if executor is not None:
+        # An executor that is just shutting down has nobody left to wake.
+        with suppress(InvalidHandle):
+            executor.wake()

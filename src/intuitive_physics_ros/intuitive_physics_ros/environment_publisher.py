@@ -11,7 +11,7 @@ from std_msgs.msg import Header
 
 from intuitive_physics.scene import Environment
 from intuitive_physics_ros.conversions import environment_to_message
-from intuitive_physics_ros.conversions.geometry import (
+from intuitive_physics_ros.conversions.primitives import (
     pose_to_message,
     quaternion_to_message,
     rotated,

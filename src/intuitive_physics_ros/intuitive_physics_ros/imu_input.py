@@ -14,13 +14,14 @@ from sensor_msgs.msg import Imu
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.validation import unit_quaternion
 from intuitive_physics_ros.conversions import seconds_from_stamp
-from intuitive_physics_ros.conversions.geometry import rotated, xyz, xyzw
+from intuitive_physics_ros.conversions.primitives import rotated, xyz, xyzw
 from intuitive_physics_ros.input_monitor import InputMonitor
 from intuitive_physics_ros.qos import SENSOR_DATA
 
 Sample = Callable[[float, NDArray[np.float64], NDArray[np.float64] | None], None]
 
 TIMEOUT = 2.0
+"""s without a message after which the input counts as lost."""
 
 
 class ImuInput:

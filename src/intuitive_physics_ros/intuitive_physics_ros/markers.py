@@ -1,4 +1,4 @@
-"""RViz markers of objects, environments and predicted trajectories."""
+"""RViz markers of objects, environments, trajectories, and predicted distributions (Fig. 1)."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, Vector3
 from numpy.typing import ArrayLike, NDArray
 from std_msgs.msg import ColorRGBA, Header
-from visualization_msgs.msg import Marker
+from visualization_msgs.msg import Marker, MarkerArray
 
 from intuitive_physics.scene import Environment, Plane, SceneObject, StaticBox
 from intuitive_physics.shapes import Box, Capsule, Shape
 from intuitive_physics.state import ObjectState
-from intuitive_physics_ros.conversions.geometry import (
+from intuitive_physics_ros.conversions.primitives import (
     point_to_message,
     pose_to_message,
     rotated,
@@ -27,8 +27,31 @@ EDGELESS_PLANE_SIZE = 4.0
 """Edge length in m of the part of a plane without edges that is shown."""
 
 PLANE_THICKNESS = 1e-3
+"""m, of an unbounded plane as it is shown."""
+
 GRAVITY_ARROW_LENGTH = 0.3
 """m"""
+
+SAMPLE_COLOR = ColorRGBA(r=0.15, g=0.45, b=0.85, a=0.35)
+"""Of a sample: blue, and so transparent that dense bundles look darker."""
+
+MEAN_COLOR = ColorRGBA(r=0.95, g=0.55, b=0.10, a=1.0)
+"""Of the mean: orange."""
+
+ELLIPSOID_COLOR = ColorRGBA(r=0.95, g=0.55, b=0.10, a=0.20)
+"""Of a covariance ellipsoid: the mean's orange, transparent."""
+
+SAMPLE_WIDTH = 0.002
+"""m, of a sample's line."""
+
+MEAN_WIDTH = 0.006
+"""m, of the mean's line."""
+
+ELLIPSOIDS = 8
+"""Covariance ellipsoids an object, evenly over the horizon."""
+
+MAX_SAMPLES = 50
+"""Sample lines an object: more are a blur, and a load on RViz."""
 
 
 def clearing_marker() -> Marker:
@@ -37,7 +60,7 @@ def clearing_marker() -> Marker:
 
 
 def object_markers(
-    things: Sequence[SceneObject],
+    objects: Sequence[SceneObject],
     states: Sequence[ObjectState],
     header: Header,
     *,
@@ -51,9 +74,9 @@ def object_markers(
     colors : (3,) red, green and blue of each, 0 to 1; None for that of its material
     """
     markers: list[Marker] = []
-    own_colors = colors if colors is not None else [None] * len(things)
-    for thing, state, own in zip(things, states, own_colors, strict=True):
-        for kind, offset, size in _solids(thing.shape):
+    own_colors = colors if colors is not None else [None] * len(objects)
+    for moving, state, own in zip(objects, states, own_colors, strict=True):
+        for kind, offset, size in _solids(moving.shape):
             center = state.position + rotated(state.orientation, np.array([0.0, 0.0, offset]))
             markers.append(
                 Marker(
@@ -63,7 +86,7 @@ def object_markers(
                     type=kind,
                     pose=pose_to_message(center, state.orientation),
                     scale=vector_to_message(size),
-                    color=material_color(thing.material) if own is None else _color(own),
+                    color=material_color(moving.material) if own is None else _color(own),
                 )
             )
     return markers
@@ -202,3 +225,66 @@ def _z_axis_onto(direction: NDArray[np.float64]) -> NDArray[np.float64]:
     # Half way between z and the direction: (z × d, 1 + z · d), scaled to one.
     quaternion = np.array([-y, x, 0.0, 1.0 + z])
     return quaternion / np.linalg.norm(quaternion)
+
+
+def distribution_markers(
+    header: Header,
+    object_ids: Sequence[str],
+    positions: NDArray[np.float64],
+    mean: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+) -> MarkerArray:
+    """Return thin lines for the samples, a line for the mean, 2 σ ellipsoids for the covariance.
+
+    Parameters
+    ----------
+    positions : (n_samples, n_objects, n_times, 3) m
+    mean : (n_objects, n_times, 3) m
+    covariance : (n_objects, n_times, 3, 3) m²; an ellipsoid is left out where one is not finite
+    """
+    markers = [clearing_marker()]
+    for i in range(len(object_ids)):
+        samples, middle = positions[:MAX_SAMPLES, i], mean[i : i + 1]
+        markers += [
+            trajectory_marker(
+                samples, header, SAMPLE_COLOR, namespace="samples", id=i, width=SAMPLE_WIDTH
+            ),
+            trajectory_marker(middle, header, MEAN_COLOR, namespace="mean", id=i, width=MEAN_WIDTH),
+        ]
+        shown = np.linspace(0, mean.shape[1] - 1, ELLIPSOIDS + 1).round().astype(int)[1:]
+        finite = np.isfinite(mean[i]).all(axis=1) & np.isfinite(covariance[i]).all(axis=(1, 2))
+        for k in np.unique(shown[finite[shown]]):
+            marker = _ellipsoid(mean[i, k], covariance[i, k])
+            marker.header, marker.id = header, i * ELLIPSOIDS + len(markers)
+            markers.append(marker)
+    return MarkerArray(markers=markers)
+
+
+def _ellipsoid(center: NDArray[np.float64], covariance: NDArray[np.float64]) -> Marker:
+    """Return the ellipsoid of two standard deviations to each side."""
+    variances, axes = np.linalg.eigh(covariance)
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 0] = -axes[:, 0]
+    size = 4.0 * np.sqrt(np.maximum(variances, 1e-8))
+    return Marker(
+        ns="covariance",
+        type=Marker.SPHERE,
+        pose=pose_to_message(center, _quaternion(axes)),
+        scale=vector_to_message(size),
+        color=ELLIPSOID_COLOR,
+    )
+
+
+def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the unit quaternion (x, y, z, w) of a rotation matrix (3, 3)."""
+    # The eigenvector of this symmetric matrix to its largest eigenvalue (Bar-Itzhack 2000).
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation
+    matrix = np.array(
+        [
+            [xx - yy - zz, yx + xy, zx + xz, zy - yz],
+            [yx + xy, yy - xx - zz, zy + yz, xz - zx],
+            [zx + xz, zy + yz, zz - xx - yy, yx - xy],
+            [zy - yz, xz - zx, yx - xy, xx + yy + zz],
+        ]
+    )
+    return np.asarray(np.linalg.eigh(matrix)[1][:, -1])

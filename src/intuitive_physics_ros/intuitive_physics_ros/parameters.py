@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -18,6 +18,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.settings import list_settings
+from intuitive_physics_ros.rclpy_internals import parameter_overrides
 
 
 @dataclass(frozen=True)
@@ -31,8 +33,7 @@ class Parameter:
     description : one sentence with the unit
     range : smallest and largest value allowed, both included; for numbers
     choices : values allowed; for strings
-    read_only : False where the node looks at the value again each time it needs it, so that it
-        may change while the node runs
+    read_only : False where the value may change while the node runs
     """
 
     name: str
@@ -95,6 +96,7 @@ TYPE_WORDS = {
     RosParameter.Type.DOUBLE_ARRAY: "a list of numbers with a decimal point",
     RosParameter.Type.STRING_ARRAY: "a list of strings",
 }
+"""How each type of parameter is called in messages to users."""
 
 
 def setting_parameters(settings: type[Any], *, read_only: bool = True) -> list[Parameter]:
@@ -102,23 +104,20 @@ def setting_parameters(settings: type[Any], *, read_only: bool = True) -> list[P
 
     Parameters
     ----------
-    settings : dataclass whose fields have the metadata `description`, and `lower` and `upper` or
-        `choices` where their values are limited
+    settings : dataclass whose fields `intuitive_physics.settings` made
     read_only : of all of them, as in `Parameter`
     """
     return [
         Parameter(
             setting.name,
             setting.default,
-            setting.metadata["description"],
-            (setting.metadata["lower"], setting.metadata["upper"])
-            if "lower" in setting.metadata
-            else None,
-            setting.metadata.get("choices", ()),
+            setting.meaning,
+            setting.range,
+            setting.choices,
             read_only,
         )
-        for setting in fields(settings)
-        if isinstance(setting.default, bool | int | float | str)
+        for setting in list_settings(settings)
+        if setting.is_simple
     ]
 
 
@@ -139,14 +138,14 @@ def declare_parameters(node: Node, parameters: Iterable[Parameter]) -> dict[str,
 
 def unknown_overrides(node: Node) -> list[str]:
     """Names that the command line or a parameter file gave and the node does not have."""
-    return sorted(name for name in _overrides(node) if not node.has_parameter(name))
+    return sorted(name for name in parameter_overrides(node) if not node.has_parameter(name))
 
 
 def _declare(node: Node, parameter: Parameter) -> Any:
     try:
         declared = node.declare_parameter(parameter.name, parameter.default, parameter.descriptor())
     except ParameterException:
-        override = _overrides(node).get(parameter.name)
+        override = parameter_overrides(node).get(parameter.name)
         got = override.value if override is not None else parameter.default
         raise InvalidInputError(
             f"parameter {parameter.name} is {got!r}; expected {parameter.constraint} "
@@ -164,8 +163,3 @@ def _check(declared: Mapping[str, Parameter], new: Iterable[RosParameter]) -> Se
                 reason=f"{parameter.name} is {parameter.value!r}; expected {known.constraint}",
             )
     return SetParametersResult(successful=True)
-
-
-def _overrides(node: Node) -> Mapping[str, RosParameter]:
-    # rclpy keeps them to itself; without them a message could not say what the user wrote.
-    return getattr(node, "_parameter_overrides", {})

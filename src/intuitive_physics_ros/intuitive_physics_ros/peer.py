@@ -30,7 +30,7 @@ class Peer:
     Parameters
     ----------
     name : of the node
-    timeout : s that each wait lasts at the most, unless told otherwise
+    timeout : s that each wait lasts at most, unless it names another limit
     """
 
     def __init__(self, name: str, timeout: float = 20.0) -> None:
@@ -98,7 +98,7 @@ class Peer:
     def publisher(
         self, kind: type, topic: str, qos: QoSProfile | int = 10, *, listeners: int = 1
     ) -> Any:
-        """Return a publisher once so many subscribers are connected to it."""
+        """Return a publisher once `listeners` subscribers are connected to it."""
         publisher = self.node.create_publisher(kind, topic, qos)
         self.spin_until(
             lambda: publisher.get_subscription_count() >= listeners, f"listeners on {topic}"

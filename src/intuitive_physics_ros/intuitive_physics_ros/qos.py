@@ -12,5 +12,12 @@ LATCHED = QoSProfile(
 )
 """Environment and static parameters: a node that starts late, or again, gets the newest."""
 
+OBSERVATIONS = QoSProfile(
+    depth=50,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Finished observations: a learner that starts late, or again, still gets the newest 50."""
+
 RELIABLE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 """What must not be lost while both ends live, such as finished observations."""

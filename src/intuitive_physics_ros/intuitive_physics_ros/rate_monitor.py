@@ -51,7 +51,7 @@ class RateMonitor:
         self._idle_reason = reason
 
     def check(self) -> Status:
-        """Say how it does; the counts start anew, but for the sum of what was left out."""
+        """Return the status and restart the counts, except the sum of what was left out."""
         counts, self._counts = self._counts, _Counts()
         now = time.monotonic()
         achieved = len(counts.seconds) / max(now - self._checked_at, 1e-3)

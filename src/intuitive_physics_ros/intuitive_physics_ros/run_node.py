@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 import re
+import signal
+import socket
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import FrameType
 
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import (
     ConditionReachedException,
@@ -23,16 +26,20 @@ from rclpy.signals import SignalHandlerOptions
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_ros.parameters import unknown_overrides
-from intuitive_physics_ros.stop_signal import StopSignal
+from intuitive_physics_ros.rclpy_internals import RCLError
 
 START_ERRORS = (IntuitivePhysicsError, NameValidationException, ParameterException, RCLError)
 """What a user's mistake at start-up raises; anything else is a bug and shows its traceback."""
 
 END_OF_SPINNING = (ConditionReachedException, ExternalShutdownException, ShutdownException)
+"""What an executor raises when it is to stop."""
+
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+"""Signals that end a node."""
 
 
 def run_node(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
-    """Make a node, run it on a single-threaded executor until it is told to stop, clean up.
+    """Make a node, run it on a single-threaded executor until it is stopped, clean up.
 
     Ctrl-C (SIGINT), SIGTERM and `rclpy.try_shutdown` end it; signals that come while it ends
     change nothing. An `IntuitivePhysicsError` that leaves a callback is logged and the node goes
@@ -91,7 +98,7 @@ def _spin(node: Node, stop: StopSignal) -> None:
 
 
 def _ensure_log_folder() -> None:
-    # rclpy.init fails when none of these tells it where to log, as under some service managers.
+    # rclpy.init fails when none of these names a folder for logs, as under some service managers.
     if not any(os.environ.get(name) for name in ("ROS_LOG_DIR", "ROS_HOME", "HOME")):
         folder = Path(tempfile.gettempdir()) / f"ros_log_{os.getuid()}"
         os.environ["ROS_LOG_DIR"] = str(folder)
@@ -109,3 +116,66 @@ def _explain(error: Exception) -> int:
     sentence = re.sub(r",? at \S+:\d+", "", " ".join(str(error).split()))
     print(f"{Path(sys.argv[0]).name}: error: {sentence}", file=sys.stderr, flush=True)
     return 1
+
+
+class StopSignal:
+    """Is set by the first SIGINT or SIGTERM of this process; later ones change nothing.
+
+    rclpy's own handlers end its context at once, under the feet of callbacks and threads that
+    publish. With this one everything still works until the node has been destroyed.
+
+    Make it in the main thread, before `rclpy.init`, and tell that to install no handlers.
+    """
+
+    def __init__(self) -> None:
+        self._event = threading.Event()
+        # A handler in Python runs only once the main thread is back from waiting in C. What
+        # arrives here arrives at once.
+        self._arrivals, self._wakeup = socket.socketpair()
+        self._wakeup.setblocking(False)
+        for number in STOP_SIGNALS:
+            signal.signal(number, self._set)
+        signal.set_wakeup_fd(self._wakeup.fileno(), warn_on_full_buffer=False)
+        os.register_at_fork(
+            before=_hold_back, after_in_parent=_let_through, after_in_child=_leave_to_parent
+        )
+
+    def is_set(self) -> bool:
+        """Whether a signal has come."""
+        return self._event.is_set()
+
+    def when_set(self, action: Callable[[], None]) -> None:
+        """Call `action` from another thread as soon as a signal comes, at once if one has."""
+
+        def wait() -> None:
+            self._arrivals.recv(1)
+            self._event.set()
+            action()
+
+        threading.Thread(target=wait, name="stop signal", daemon=True).start()
+
+    def ignore_rest(self) -> None:
+        """Ignore SIGINT for good, even while Python itself ends."""
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def _set(self, number: int, frame: FrameType | None) -> None:
+        self._event.set()
+
+
+# A forked worker shares the socket: a signal to the worker would stop the node. So signals wait
+# until the worker has become one that SIGTERM ends and that leaves SIGINT to the node.
+
+
+def _hold_back() -> None:
+    signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
+
+
+def _let_through() -> None:
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOP_SIGNALS)
+
+
+def _leave_to_parent() -> None:
+    signal.set_wakeup_fd(-1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    _let_through()

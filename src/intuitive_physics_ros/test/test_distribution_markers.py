@@ -8,7 +8,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
 from intuitive_physics.geometry.rotations import rotation_matrix
-from intuitive_physics_ros.distribution_markers import (
+from intuitive_physics_ros.markers import (
     ELLIPSOIDS,
     MAX_SAMPLES,
     distribution_markers,

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from std_msgs.msg import Header
 
 from intuitive_physics.scene import Environment, Plane
-from intuitive_physics_ros.conversions.geometry import rotated, xyz, xyzw
+from intuitive_physics_ros.conversions.primitives import rotated, xyz, xyzw
 from intuitive_physics_ros.environment_publisher import EnvironmentPublisher, transform_from_camera
 from intuitive_physics_ros.qos import LATCHED
 

@@ -7,11 +7,13 @@ below zero then is no measure of depth.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.scene import Plane
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 
@@ -36,13 +38,11 @@ class Body:
 
     def axis(self, k: int) -> NDArray[np.float64]:
         """Return the body's k-th axis in the environment's frame, (…, 3)."""
-        x, y, z, w = np.moveaxis(self.orientations, -1, 0)
-        columns = (
-            (1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)),
-            (2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)),
-            (2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)),
-        )
-        return np.stack(columns[k], axis=-1)
+        return self._rotations[..., k]
+
+    @cached_property
+    def _rotations(self) -> NDArray[np.float64]:
+        return rotation_matrix(self.orientations)
 
 
 def gap_to_plane(body: Body, plane: Plane) -> NDArray[np.float64]:

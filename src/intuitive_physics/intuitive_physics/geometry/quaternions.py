@@ -1,4 +1,4 @@
-"""Quaternions (x, y, z, w) as tuples of floats, as `vectors` are."""
+"""Quaternions (x, y, z, w) as tuples of floats, as `vectors` are; `rotations` has array forms."""
 
 from __future__ import annotations
 
@@ -20,6 +20,17 @@ def turned_by(q, turn):
     z, w = c * q[2] + share * pz, c * q[3] + share * pw
     scale = 1.0 / sqrt(x * x + y * y + z * z + w * w)
     return x * scale, y * scale, z * scale, w * scale
+
+
+@kernel
+def rotated_axes(q):
+    """The axes of a frame of orientation q: the columns of its rotation matrix."""
+    x, y, z, w = q
+    return (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w)),
+        (2.0 * (x * y - z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + x * w)),
+        (2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y)),
+    )
 
 
 @kernel

@@ -1,4 +1,7 @@
-"""Rotations as quaternions (x, y, z, w) and as matrices."""
+"""Rotations as unit quaternions (x, y, z, w) and as matrices, for whole arrays at once.
+
+`quaternions` has the same for kernels.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,58 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
-def rotation_matrix(quaternion: ArrayLike) -> NDArray[np.float64]:
-    """Return the matrix (3, 3) of a unit quaternion (x, y, z, w); its columns are the new axes."""
-    x, y, z, w = np.asarray(quaternion, dtype=np.float64)
-    return np.array(
+def rotation_matrix(quaternions: ArrayLike) -> NDArray[np.float64]:
+    """Return the rotation matrices of unit quaternions.
+
+    Parameters
+    ----------
+    quaternions : (…, 4) as (x, y, z, w)
+
+    Returns
+    -------
+    array
+        (…, 3, 3); its columns are the axes of the rotated frame
+    """
+    q = np.asarray(quaternions, dtype=np.float64)
+    x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    matrices = np.empty((*q.shape[:-1], 3, 3))
+    matrices[..., 0, 0] = 1 - 2 * (y * y + z * z)
+    matrices[..., 0, 1] = 2 * (x * y - z * w)
+    matrices[..., 0, 2] = 2 * (x * z + y * w)
+    matrices[..., 1, 0] = 2 * (x * y + z * w)
+    matrices[..., 1, 1] = 1 - 2 * (x * x + z * z)
+    matrices[..., 1, 2] = 2 * (y * z - x * w)
+    matrices[..., 2, 0] = 2 * (x * z - y * w)
+    matrices[..., 2, 1] = 2 * (y * z + x * w)
+    matrices[..., 2, 2] = 1 - 2 * (x * x + y * y)
+    return matrices
+
+
+def rotate_quaternions(quaternions: ArrayLike, rotation_vectors: ArrayLike) -> NDArray[np.float64]:
+    """Rotate orientations by rotation vectors in the environment's axes.
+
+    Parameters
+    ----------
+    quaternions : (…, 4) unit quaternions (x, y, z, w)
+    rotation_vectors : (…, 3) rad, of a shape that broadcasts against that of the quaternions
+
+    Returns
+    -------
+    array
+        (…, 4) unit quaternions (x, y, z, w)
+    """
+    vectors = np.asarray(rotation_vectors, dtype=np.float64)
+    angles = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    # sin(θ/2) / θ by NumPy's sinc(x) = sin(π x) / (π x), which is right at θ = 0 too.
+    x1, y1, z1 = np.moveaxis(0.5 * np.sinc(angles / (2.0 * np.pi)) * vectors, -1, 0)
+    w1 = np.cos(0.5 * angles[..., 0])
+    x2, y2, z2, w2 = np.moveaxis(np.asarray(quaternions, dtype=np.float64), -1, 0)
+    return np.stack(
         [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
+            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+        ],
+        axis=-1,
     )

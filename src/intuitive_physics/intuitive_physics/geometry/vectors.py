@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import sqrt
 
 from intuitive_physics.kernels import fast_inlined
+from intuitive_physics.kernels.pointers import float_at, put_float
 
 
 @fast_inlined
@@ -17,6 +18,26 @@ def load(array):
 def store(array, a):
     """Write a vector into an array of three."""
     array[0], array[1], array[2] = a
+
+
+@fast_inlined
+def vector_at(address, k):
+    """Row k of the array (n, 3) of float64 at an address."""
+    return float_at(address, 3 * k), float_at(address, 3 * k + 1), float_at(address, 3 * k + 2)
+
+
+@fast_inlined
+def put_vector(address, k, a):
+    """Write row k of the array (n, 3) of float64 at an address."""
+    put_float(address, 3 * k, a[0])
+    put_float(address, 3 * k + 1, a[1])
+    put_float(address, 3 * k + 2, a[2])
+
+
+@fast_inlined
+def bounded(value, low, high):
+    """A number, or the nearer of two bounds where it lies outside them."""
+    return min(max(value, low), high)
 
 
 @fast_inlined

@@ -19,11 +19,14 @@ PATH_HELP = (
     "a folder of saved observations, an .mcap file or bag with observations, a learner's database "
     "(.sqlite3), or a recorded set (.npz)"
 )
-ENGINE = "auto"
+RECORDED_SET_SUFFIX = ".npz"
+"""Of motions recorded by others, which an added package reads."""
 
+ENGINE = "auto"
+"""The default engine."""
 
 ITERATIONS = 2000
-
+"""The default number of evaluations of J."""
 
 METHOD = "levenberg_marquardt"
 """The library's `DEFAULT_METHOD`, which would take a second to import."""
@@ -59,7 +62,7 @@ def add_learning_options(
 
 def read_observations(path: Path) -> tuple[str, list[Observation]]:
     """Return title and observations of what `PATH_HELP` tells of."""
-    from intuitive_physics_experiments.recorded_sets.recorded_data import load_recorded_set
+    from intuitive_physics_cli.plugins import observation_reader
     from intuitive_physics_recordings.bag_reader import METADATA_FILE
     from intuitive_physics_recordings.observation_bag import SUFFIX, read_observation_bag
     from intuitive_physics_recordings.observation_files import load_observations
@@ -73,9 +76,15 @@ def read_observations(path: Path) -> tuple[str, list[Observation]]:
     if path.suffix == DATABASE_SUFFIX:
         with open_database(path) as store:
             return "stored observations", store.observations()
-    if path.suffix != ".npz":
-        raise InvalidInputError(f"{path} is no .npz file; expected {PATH_HELP}")
-    return load_recorded_set(path)
+    read = observation_reader(path.suffix)
+    if read is None and path.suffix == RECORDED_SET_SUFFIX:
+        raise InvalidInputError(
+            f"{path} is a recorded set, which the package intuitive_physics_experiments reads; "
+            "install it"
+        )
+    if read is None:
+        raise InvalidInputError(f"{path} is no {RECORDED_SET_SUFFIX} file; expected {PATH_HELP}")
+    return read(path)
 
 
 def learning_options(options: argparse.Namespace) -> Any:

@@ -15,7 +15,7 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation
 from intuitive_physics.simulation import pack_worlds
 from intuitive_physics_cli.evaluation.free_flight import free_flight
-from intuitive_physics_experiments.engines.experiment_engines import make_experiment_simulator
+from intuitive_physics_cli.plugins import make_engine
 from intuitive_physics_learner.learning_session import (
     LearningOptions,
     LearningResult,
@@ -83,7 +83,7 @@ def evaluate(
     known = None if start is None else _not_learned(start)
     result = learn(
         training,
-        make_experiment_simulator(engine),
+        make_engine(engine),
         options,
         previous=known,
         on_progress=on_progress,
@@ -145,7 +145,7 @@ def _simulate(
     observations: Sequence[Observation], parameters: StaticParameters, engine: str
 ) -> list[list[NDArray[np.float64]]]:
     """Simulated positions (n, 3) m at the times each object was observed."""
-    simulator = make_experiment_simulator(engine)
+    simulator = make_engine(engine)
     simulated = []
     for seen in observations:
         instants = np.unique(np.concatenate([_times(seen, j) for j in range(len(seen.objects))]))

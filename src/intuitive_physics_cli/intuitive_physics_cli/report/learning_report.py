@@ -19,6 +19,7 @@ from intuitive_physics_cli.report.report_page import (
     heading,
     page,
     parameter_section,
+    section,
     table,
 )
 from intuitive_physics_cli.report.report_plots import cost_plot, library_script
@@ -112,23 +113,25 @@ def _page(report: LearningReport) -> str:
         "their initial states."
     )
     sections = [
-        heading(report.title, introduction, numbers),
-        "<h2>What was learned</h2>",
-        parameter_section(evaluation.result.learned),
-        "<h2>How the cost fell</h2><p>J is the mean distance between simulated and observed "
-        "trajectories of the observations learned from.</p>",
-        cost_plot(
-            "cost",
-            evaluation.result.search.history,
-            {"default parameters": default, "free flight": flight},
+        section("What was learned", parameter_section(evaluation.result.learned)),
+        section(
+            "How the cost fell",
+            cost_plot(
+                "cost",
+                evaluation.result.search.history,
+                {"default parameters": default, "free flight": flight},
+            ),
+            _error_table(evaluation),
+            introduction="J is the mean distance between simulated and observed trajectories of "
+            "the observations learned from.",
         ),
-        _error_table(evaluation),
         *prediction_sections(
             report.cases, report.noise, "Predictions of what was not learned from"
         ),
-        footer(report.about),
     ]
-    return page(f"Intuitive physics: {report.title}", library_script(), sections)
+    head = heading(report.title, introduction, numbers)
+    title = f"Intuitive physics: {report.title}"
+    return page(title, library_script(), head, sections, footer(report.about))
 
 
 def _error_table(evaluation: Evaluation) -> str:

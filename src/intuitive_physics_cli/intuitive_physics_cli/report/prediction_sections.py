@@ -9,11 +9,14 @@ import numpy as np
 
 from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
 from intuitive_physics_cli.evaluation.prediction_coverage import LEVELS, region_coverage
-from intuitive_physics_cli.report.report_page import table
-from intuitive_physics_cli.report.report_plots import coverage_plot, prediction_plot
+from intuitive_physics_cli.report.report_page import section, side_by_side, table
+from intuitive_physics_cli.report.report_plots import SMALL_PLOT, coverage_plot, prediction_plot
 
 MOST_SHOWN = 6
-TOLD_LEVELS = (0.5, 0.9)
+"""Cases with a plot of their own."""
+
+SUMMARY_LEVELS = (0.5, 0.9)
+"""Regions whose coverage the text states."""
 
 
 def prediction_sections(cases: Sequence[PredictionCase], noise: float, title: str) -> list[str]:
@@ -28,17 +31,19 @@ def prediction_sections(cases: Sequence[PredictionCase], noise: float, title: st
         return []
     worst = sorted(cases, key=lambda case: -case.error)
     shown = [
-        f"<h3>{html.escape(case.name)}: {case.error:.3f} m</h3>"
-        + prediction_plot(f"case-{number}", case)
+        f"<h3>{html.escape(case.name)}: {100.0 * case.error:.1f} cm</h3>"
+        + prediction_plot(f"case-{number}", case, SMALL_PLOT)
         for number, case in enumerate(worst[:MOST_SHOWN])
     ]
     return [
-        f"<h2>{html.escape(title)}: the worst first</h2>"
-        f"<p>The {len(shown)} worst of {len(cases)}; the number is the mean distance between the "
-        "mean of the prediction and what was seen. Drag to turn, scroll to come nearer.</p>",
-        *shown,
-        _all_cases(worst),
-        *_calibration(cases, noise),
+        section(
+            f"{title}: the worst first",
+            side_by_side(shown),
+            _all_cases(worst),
+            introduction=f"The {len(shown)} worst of {len(cases)}; the number is the mean distance "
+            "between the mean of the prediction and what was seen. Drag to turn, scroll to zoom.",
+        ),
+        _calibration(cases, noise),
     ]
 
 
@@ -57,16 +62,16 @@ def _all_cases(worst: Sequence[PredictionCase]) -> str:
     return table(header, rows)
 
 
-def _calibration(cases: Sequence[PredictionCase], noise: float) -> list[str]:
+def _calibration(cases: Sequence[PredictionCase], noise: float) -> str:
     shares = region_coverage(cases, noise, np.random.default_rng(0))
-    told = ", ".join(
+    claims = ", ".join(
         f"those that claim {100.0 * level:.0f} % hold "
         f"{100.0 * shares[int(np.abs(LEVELS - level).argmin())]:.0f} %"
-        for level in TOLD_LEVELS
+        for level in SUMMARY_LEVELS
     )
-    return [
-        "<h2>Is the spread honest?</h2>"
-        f"<p>How many of the points that were seen lie in the regions of the predictions: {told}. "
-        "Below the dashed line predictions are too sure of themselves, above it too cautious.</p>",
+    return section(
+        "Is the spread honest?",
         coverage_plot("coverage", shares),
-    ]
+        introduction="How many of the points that were seen lie in the regions of the predictions: "
+        f"{claims}. Below the dashed line predictions are too confident, above it too cautious.",
+    )

@@ -21,17 +21,31 @@ from intuitive_physics_cli.report.figure_style import (
 )
 
 MOST_SAMPLES_DRAWN = 30
+"""Sample paths in one plot; more are a blur."""
+
 MOST_POINTS_DRAWN = 120
+"""Points of a path in one plot, evenly over time."""
+
 MARGIN = 0.2
+"""m of a plane that is shown beyond the trajectories."""
+
+SMALL_PLOT, LARGE_PLOT = 380, 600
+"""Heights in pixels of plots in several columns, and of one alone."""
 
 LAYOUT = {
-    "margin": {"l": 55, "r": 15, "t": 10, "b": 45},
+    "margin": {"l": 60, "r": 15, "t": 10, "b": 45},
     "paper_bgcolor": "white",
     "plot_bgcolor": "white",
-    "font": {"family": "system-ui, sans-serif", "color": "#111827"},
-    "legend": {"orientation": "h", "y": 1.1},
+    "font": {"family": "system-ui, sans-serif", "color": "#111827", "size": 13},
+    "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0.0},
 }
+"""Layout that all plots share."""
+
 GRID = {"gridcolor": "#e5e7eb", "zerolinecolor": "#e5e7eb"}
+"""Look of an axis."""
+
+VIEW_DISTANCE = 1.55
+"""Distance of the camera from a scene, in sizes of the scene."""
 
 
 def library_script() -> str:
@@ -55,12 +69,18 @@ def plot(name: str, data: list[dict[str, Any]], layout: dict[str, Any], height: 
     return (
         f'<div id="{name}" class="plot"></div>'
         f'<script>Plotly.newPlot("{name}", ...{figure}, '
-        "{responsive: true, displaylogo: false})</script>"
+        "{responsive: true, displaylogo: false, displayModeBar: false})</script>"
     )
 
 
-def prediction_plot(name: str, case: PredictionCase) -> str:
-    """Samples in thin blue, what was seen in green, the error at each point in red (Fig. 5)."""
+def prediction_plot(name: str, case: PredictionCase, height: int = LARGE_PLOT) -> str:
+    """Samples in thin blue, what was seen in green, the error at each point in red (Fig. 5).
+
+    Parameters
+    ----------
+    name : unique on the page; letters, digits and hyphens
+    height : pixels
+    """
     step = max(1, -(-len(case.times) // MOST_POINTS_DRAWN))
     samples = case.samples[:MOST_SAMPLES_DRAWN, ::step]
     mean, observed = case.mean[::step], case.observed[::step]
@@ -77,8 +97,12 @@ def prediction_plot(name: str, case: PredictionCase) -> str:
         "xaxis": {"title": {"text": "x (m)"}, **axis},
         "yaxis": {"title": {"text": "y (m)"}, **axis},
         "zaxis": {"title": {"text": "z (m)"}, **axis},
+        "camera": _camera(case),
     }
-    return plot(name, data, {"scene": scene}, 480)
+    # A scene has no axis labels outside of it that would need a margin.
+    margin = {"l": 0, "r": 0, "t": 0, "b": 0}
+    legend = {**LAYOUT["legend"], "y": 0.0, "yanchor": "top"}
+    return plot(name, data, {"scene": scene, "margin": margin, "legend": legend}, height)
 
 
 def cost_plot(name: str, history: NDArray[np.float64], levels: dict[str, float]) -> str:
@@ -109,7 +133,7 @@ def cost_plot(name: str, history: NDArray[np.float64], levels: dict[str, float])
         "xaxis": {"title": {"text": "iterations"}, "type": "log", **GRID},
         "yaxis": {"title": {"text": "J (m)"}, "type": "log", **GRID},
     }
-    return plot(name, data, axes, 340)
+    return plot(name, data, axes, SMALL_PLOT)
 
 
 def coverage_plot(name: str, shares: NDArray[np.float64]) -> str:
@@ -134,7 +158,21 @@ def coverage_plot(name: str, shares: NDArray[np.float64]) -> str:
         "xaxis": {"title": {"text": "share the region claims to hold"}, "range": [0, 1], **GRID},
         "yaxis": {"title": {"text": "share of points in it"}, "range": [0, 1], **GRID},
     }
-    return plot(name, data, axes, 360)
+    return plot(name, data, axes, SMALL_PLOT)
+
+
+def _camera(case: PredictionCase) -> dict[str, Any]:
+    """A view that shows walls from their front, from above and somewhat from the side."""
+    gravity = case.environment.gravity
+    up = -gravity / max(float(np.linalg.norm(gravity)), 1e-9)
+    walls = [plane.normal for plane in case.environment.planes if abs(plane.normal @ up) < 0.5]
+    front = np.sum(walls, axis=0) if walls else np.array([1.0, -1.0, 0.0])
+    if np.linalg.norm(front[:2]) < 0.1:
+        front = np.array([1.0, -1.0, 0.0])
+    azimuth = np.arctan2(front[1], front[0]) + 0.35
+    eye = VIEW_DISTANCE * np.array([0.9 * np.cos(azimuth), 0.9 * np.sin(azimuth), 0.45])
+    x, y, z = eye.round(3).tolist()
+    return {"eye": {"x": x, "y": y, "z": z}, "center": {"x": 0, "y": 0, "z": -0.12}}
 
 
 def _line(

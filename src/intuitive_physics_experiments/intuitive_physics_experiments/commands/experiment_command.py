@@ -43,6 +43,7 @@ def _add_dataset(experiments: Any) -> None:
     _add_engine(parser)
     parser.add_argument(
         "--first-states",
+        dest="initial_states",
         default="three_points",
         help="three_points, as in the paper, flight, or true (default: three_points)",
     )

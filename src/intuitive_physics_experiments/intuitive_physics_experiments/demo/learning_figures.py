@@ -26,29 +26,23 @@ def draw_cost(axes: Any, learning: LearningOutcome) -> None:
     axes.legend(loc="upper right")
 
 
-def draw_parameters(axes_list: Any, learning: LearningOutcome) -> None:
-    """Learned against true coefficients of the pairs that were identified or should have been.
-
-    Parameters
-    ----------
-    axes_list : four axes, one for each coefficient of a pair
-    """
+def draw_coefficient(axes: Any, learning: LearningOutcome, coefficient: str) -> None:
+    """One coefficient of the pairs that were identified or should have been, learned and true."""
     rows = identified_pairs(learning)
     labels = [" – ".join(pair) for pair in rows]
-    for axes, coefficient in zip(axes_list, PAIR_COEFFICIENTS, strict=True):
-        for y, pair in enumerate(rows):
-            _draw_parameter(axes, learning, coefficient, pair, len(rows) - 1 - y)
-        axes.set_title(coefficient.replace("_", " "), loc="left", fontsize=10, weight="normal")
-        axes.set_yticks(range(len(rows)), labels[::-1])
-        axes.set_ylim(-0.6, len(rows) - 0.4)
-        axes.set_xlim(0.0, 1.08 * axes.get_xlim()[1])
-        axes.grid(axis="x")
-        axes.spines["left"].set_visible(False)
-        axes.tick_params(axis="y", length=0)
+    for y, pair in enumerate(rows):
+        _draw_parameter(axes, learning, coefficient, pair, len(rows) - 1 - y)
+    axes.set_title(coefficient.replace("_", " "), loc="left", fontsize=10, weight="normal")
+    axes.set_yticks(range(len(rows)), labels[::-1])
+    axes.set_ylim(-0.6, len(rows) - 0.4)
+    axes.set_xlim(0.0, 1.08 * axes.get_xlim()[1])
+    axes.grid(axis="x")
+    axes.spines["left"].set_visible(False)
+    axes.tick_params(axis="y", length=0)
 
 
 def parameter_legend() -> list[Any]:
-    """Handles that explain `draw_parameters`."""
+    """Handles that explain `draw_coefficient`."""
     from matplotlib.lines import Line2D
 
     return [

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.materials import PAIR_COEFFICIENTS
 from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
 from intuitive_physics_cli.report.prediction_sections import prediction_sections
 from intuitive_physics_cli.report.report_page import (
@@ -20,6 +21,8 @@ from intuitive_physics_cli.report.report_page import (
     parameter_section,
     png,
     png_figure,
+    section,
+    side_by_side,
     table,
 )
 from intuitive_physics_cli.report.report_plots import cost_plot, library_script, prediction_plot
@@ -31,8 +34,8 @@ from intuitive_physics_experiments.demo.demo_result import (
 )
 from intuitive_physics_experiments.demo.frame_figure import draw_frame
 from intuitive_physics_experiments.demo.learning_figures import (
+    draw_coefficient,
     draw_cost,
-    draw_parameters,
     parameter_legend,
 )
 from intuitive_physics_experiments.demo.prediction_figures import (
@@ -89,46 +92,73 @@ def _page(result: DemoResult) -> str:
         "true parameters": learning.oracle_cost,
     }
     sections = [
-        heading(TITLE, INTRODUCTION, result.summary),
-        "<h2>What the camera saw</h2>",
-        png_figure(
-            (9.0, 7.0),
-            lambda figure: draw_frame(figure.add_subplot(), result.example),
-            "A depth frame (missing readings are white) with the planes that were found, the ball, "
-            "its track over the whole throw, and the direction of gravity.",
+        section(
+            "What the camera saw",
+            png_figure(
+                (11.0, 8.0),
+                lambda figure: draw_frame(figure.add_subplot(), result.example),
+                "A depth frame (missing readings are white) with the planes that were found, the "
+                "ball, its track over the whole throw, and the direction of gravity.",
+            ),
         ),
-        "<h2>What was learned</h2>",
-        png_figure(
-            (11.0, 3.2),
-            lambda figure: _draw_parameters(figure, learning),
-            "Coefficients of each pair of materials that touched.",
+        section(
+            "What was learned",
+            side_by_side(_parameter_figures(learning)),
+            parameter_section(learning.learned, learning.true),
+            introduction="Coefficients of each pair of materials that touched.",
         ),
-        parameter_section(learning.learned, learning.true),
-        "<h2>How the cost fell</h2><p>J is the mean distance between simulated and observed "
-        "trajectories. Below the line of the true parameters there is only noise to be learned."
-        "</p>",
-        cost_plot("cost", learning.cost_history, levels),
-        "<h2>What was predicted, and what then happened</h2>"
-        f"<p>A {html.escape(prediction.material)} ball of {100.0 * prediction.radius:.0f} cm "
-        "radius that was not learned from: simulations from noisy copies of its perceived state, "
-        "and where it then was seen.</p>",
-        prediction_plot("unseen", _as_case(prediction)),
-        png_figure(
-            (11.0, 3.6),
-            lambda figure: _draw_prediction_over_time(figure, result),
-            "Height, and distance of the predicted mean from the truth beside the spread that the "
-            "prediction claims.",
+        section(
+            "How the cost fell",
+            cost_plot("cost", learning.cost_history, levels),
+            introduction="J is the mean distance between simulated and observed trajectories. "
+            "Below the line of the true parameters there is only noise to be learned.",
+        ),
+        section(
+            "What was predicted, and what then happened",
+            prediction_plot("unseen", _as_case(prediction)),
+            side_by_side(_prediction_figures(prediction)),
+            introduction=f"A {prediction.material} ball of {100.0 * prediction.radius:.0f} cm "
+            "radius that was not learned from: simulations from noisy copies of its perceived "
+            "state, and where it was seen afterwards. Drag to turn, scroll to zoom.",
         ),
         *prediction_sections(
             result.cases,
             result.point_noise,
             "Throws that were learned from, each simulated from its initial state",
         ),
-        "<h2>Every throw</h2>",
-        _throw_table(result.throws),
-        footer(result.about),
+        section("Every throw", _throw_table(result.throws)),
     ]
-    return page("Intuitive physics: demo", library_script(), sections)
+    head = heading(TITLE, INTRODUCTION, result.summary)
+    return page("Intuitive physics: demo", library_script(), head, sections, footer(result.about))
+
+
+def _parameter_figures(learning: LearningOutcome) -> list[str]:
+    """A figure for each coefficient, with its legend: small ones that stack on a narrow page."""
+
+    def draw(coefficient: str, figure: Any) -> None:
+        draw_coefficient(figure.subplots(), learning, coefficient)
+        figure.legend(handles=parameter_legend(), loc="outside lower center", ncols=3)
+
+    return [
+        png_figure((5.6, 3.0), partial(draw, coefficient), "", coefficient.replace("_", " "))
+        for coefficient in PAIR_COEFFICIENTS
+    ]
+
+
+def _prediction_figures(prediction: PredictionOutcome) -> list[str]:
+    return [
+        png_figure(
+            (6.0, 3.8),
+            lambda figure: draw_prediction_side(figure.subplots(), prediction),
+            "Height of the ball: predicted, observed and true.",
+        ),
+        png_figure(
+            (6.0, 3.8),
+            lambda figure: draw_prediction_error(figure.subplots(), prediction),
+            "Distance of the predicted mean from the truth, beside the spread that the prediction "
+            "claims.",
+        ),
+    ]
 
 
 def _as_case(prediction: PredictionOutcome) -> PredictionCase:
@@ -186,18 +216,12 @@ def _draw_parameters(figure: Any, learning: LearningOutcome) -> None:
     grid = figure.add_gridspec(2, 4, height_ratios=(1.0, 0.05))
     first = figure.add_subplot(grid[0, 0])
     others = [figure.add_subplot(grid[0, k], sharey=first) for k in (1, 2, 3)]
-    for axes in others:
-        axes.tick_params(axis="y", labelleft=False)
-    draw_parameters([first, *others], learning)
+    for axes, coefficient in zip([first, *others], PAIR_COEFFICIENTS, strict=True):
+        draw_coefficient(axes, learning, coefficient)
+        axes.tick_params(axis="y", labelleft=axes is first)
     below = figure.add_subplot(grid[1, :])
     below.set_axis_off()
     below.legend(handles=parameter_legend(), loc="center", ncols=3)
-
-
-def _draw_prediction_over_time(figure: Any, result: DemoResult) -> None:
-    left, right = figure.subplots(1, 2)
-    draw_prediction_side(left, result.prediction)
-    draw_prediction_error(right, result.prediction)
 
 
 def _draw_picture(figure: Any, result: DemoResult) -> None:

@@ -16,7 +16,7 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import SceneObject
 from intuitive_physics.shapes import Capsule, Sphere
 from intuitive_physics.simulation import Simulator
-from intuitive_physics_experiments.engines.experiment_engines import make_experiment_simulator
+from intuitive_physics_cli.plugins import make_engine
 from intuitive_physics_experiments.paper.paper_room import (
     TRUE_RANGES,
     draw_parameters,
@@ -38,7 +38,7 @@ def dataset_simulator(engine: str) -> Simulator:
         raise UnknownNameError(
             f"engine of the set is {engine!r}; expected one of {', '.join(DATASET_ENGINES)}"
         )
-    return make_experiment_simulator(engine)
+    return make_engine(engine)
 
 
 def dataset_parameters(

@@ -12,7 +12,7 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.validation import finite_array
 from intuitive_physics_cli.evaluation.evaluation import split
-from intuitive_physics_experiments.engines.experiment_engines import make_experiment_simulator
+from intuitive_physics_cli.plugins import make_engine
 from intuitive_physics_experiments.recorded_sets.cube_tosses import MATERIALS, CubeToss
 from intuitive_physics_experiments.recorded_sets.toss_errors import TossBatch, TossErrors
 from intuitive_physics_experiments.recorded_sets.toss_mass_centre import (
@@ -165,7 +165,7 @@ def toss_simulators(name: str) -> list[Simulator]:
             MujocoSimulator(time_step=MUJOCO_STEP, contact_time=time)
             for time in MUJOCO_CONTACT_TIMES
         ]
-    return [make_experiment_simulator(name)]
+    return [make_engine(name)]
 
 
 def _fit(

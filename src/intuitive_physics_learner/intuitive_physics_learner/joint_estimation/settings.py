@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.setting_fields import number, other
+from intuitive_physics.settings import number, other
 
 
 def _hand_set(default: float, lower: float, upper: float, description: str) -> Any:

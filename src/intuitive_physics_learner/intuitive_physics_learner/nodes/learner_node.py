@@ -11,7 +11,6 @@ from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessa
 from intuitive_physics_msgs.srv import AddObservation, GetStaticParameters, SetStaticParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.learned_parameters import LearnedParameters
@@ -39,16 +38,9 @@ from intuitive_physics_ros.conversions import (
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
 from intuitive_physics_ros.input_monitor import InputMonitor
 from intuitive_physics_ros.parameters import declare_parameters
-from intuitive_physics_ros.qos import LATCHED
+from intuitive_physics_ros.qos import LATCHED, OBSERVATIONS
 from intuitive_physics_ros.result_codes import error_result, ok_result
 from intuitive_physics_ros.run_node import run_node
-
-OBSERVATIONS = QoSProfile(
-    depth=50,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-"""A learner that starts late, or again, still gets the newest observations."""
 
 STOP_PATIENCE = 2.0
 """s to wait at the end for a search to stop; it is asked after every batch of candidates."""

@@ -28,8 +28,8 @@ from intuitive_physics_learner.errors import (
 from intuitive_physics_learner.learning_job import JobProgress, LearningJob, Work
 from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.nodes.parameters import learning_options
+from intuitive_physics_ros.background import WorkerSignal
 from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_result
-from intuitive_physics_ros.worker_signal import WorkerSignal
 
 CODES: dict[type[BaseException], int] = {
     NoObservationsError: ResultCode.NO_OBSERVATIONS,

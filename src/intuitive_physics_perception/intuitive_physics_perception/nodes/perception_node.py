@@ -7,7 +7,6 @@ from intuitive_physics_msgs.msg import ObjectStates
 from intuitive_physics_msgs.msg import Observation as ObservationMessage
 from numpy.typing import NDArray
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -41,15 +40,8 @@ from intuitive_physics_ros.markers import (
     object_markers,
 )
 from intuitive_physics_ros.parameters import Parameter, declare_parameters, setting_parameters
-from intuitive_physics_ros.qos import SENSOR_DATA
+from intuitive_physics_ros.qos import OBSERVATIONS, SENSOR_DATA
 from intuitive_physics_ros.run_node import run_node
-
-OBSERVATIONS = QoSProfile(
-    depth=50,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-"""Finished observations: a learner that starts late still gets the last ones."""
 
 NO_ORIENTATION = [0.0, 0.0, 0.0, 0.0]
 

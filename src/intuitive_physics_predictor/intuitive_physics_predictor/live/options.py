@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from intuitive_physics.setting_fields import choice, number, other
+from intuitive_physics.settings import choice, number, other
 from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS
 from intuitive_physics.simulation.contact_noise import LARGEST_TILT, ContactNoise
 from intuitive_physics_predictor.noise import StateNoise

@@ -27,7 +27,7 @@ from intuitive_physics_ros.conversions import (
     region_from_message,
     static_parameters_from_message,
 )
-from intuitive_physics_ros.conversions.geometry import point_to_message
+from intuitive_physics_ros.conversions.primitives import point_to_message
 from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_result
 
 CODES: dict[type[BaseException], int] = {

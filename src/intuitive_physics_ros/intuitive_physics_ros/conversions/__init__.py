@@ -1,12 +1,15 @@
 """Messages to library objects and back, one module for each family of messages."""
 
-from intuitive_physics_ros.conversions.arrays import float32_field, float64_field
-from intuitive_physics_ros.conversions.bounds import bounds_from_messages, bounds_to_messages
 from intuitive_physics_ros.conversions.environment import (
     environment_from_message,
     environment_to_message,
 )
-from intuitive_physics_ros.conversions.fields import InvalidFieldError, in_field
+from intuitive_physics_ros.conversions.fields import (
+    InvalidFieldError,
+    float32_field,
+    float64_field,
+    in_field,
+)
 from intuitive_physics_ros.conversions.object_states import (
     object_state_from_message,
     object_state_to_message,
@@ -18,10 +21,15 @@ from intuitive_physics_ros.conversions.observation import (
     observation_from_message,
     observation_to_message,
 )
-from intuitive_physics_ros.conversions.region import region_from_message
-from intuitive_physics_ros.conversions.shape import shape_from_message, shape_to_message
-from intuitive_physics_ros.conversions.stamps import seconds_from_stamp, stamp_from_seconds
+from intuitive_physics_ros.conversions.primitives import seconds_from_stamp, stamp_from_seconds
+from intuitive_physics_ros.conversions.shapes_and_regions import (
+    region_from_message,
+    shape_from_message,
+    shape_to_message,
+)
 from intuitive_physics_ros.conversions.static_parameters import (
+    bounds_from_messages,
+    bounds_to_messages,
     static_parameters_from_message,
     static_parameters_to_message,
 )

@@ -11,7 +11,7 @@ from std_msgs.msg import Header
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.scene import Environment, Plane, StaticBox
 from intuitive_physics_ros.conversions.fields import in_field
-from intuitive_physics_ros.conversions.geometry import (
+from intuitive_physics_ros.conversions.primitives import (
     point_to_message,
     points_array,
     pose_to_message,

@@ -15,19 +15,23 @@ from std_msgs.msg import Header
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.scene import Scene, SceneObject
 from intuitive_physics.state import ERROR_SIZE, ObjectState
-from intuitive_physics_ros.conversions.arrays import flat_array
 from intuitive_physics_ros.conversions.environment import environment_from_message
-from intuitive_physics_ros.conversions.fields import in_field
-from intuitive_physics_ros.conversions.geometry import (
+from intuitive_physics_ros.conversions.fields import flat_array, in_field
+from intuitive_physics_ros.conversions.primitives import (
     pose_to_message,
     vector_to_message,
     xyz,
     xyzw,
 )
-from intuitive_physics_ros.conversions.shape import shape_from_message, shape_to_message
+from intuitive_physics_ros.conversions.shapes_and_regions import (
+    shape_from_message,
+    shape_to_message,
+)
 
 POSE = slice(0, 6)
+"""Rows and columns of position and orientation in the covariance of a state."""
 TWIST = slice(6, 12)
+"""Rows and columns of linear and angular velocity in the covariance of a state."""
 
 
 def object_state_to_message(thing: SceneObject, state: ObjectState) -> ObjectStateMessage:

@@ -10,17 +10,16 @@ from std_msgs.msg import Header
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_ros.conversions.arrays import flat_array, float64_field
 from intuitive_physics_ros.conversions.environment import (
     environment_from_message,
     environment_to_message,
 )
-from intuitive_physics_ros.conversions.fields import in_field
+from intuitive_physics_ros.conversions.fields import flat_array, float64_field, in_field
 from intuitive_physics_ros.conversions.object_states import (
     object_state_from_message,
     object_state_to_message,
 )
-from intuitive_physics_ros.conversions.stamps import seconds_from_stamp, stamp_from_seconds
+from intuitive_physics_ros.conversions.primitives import seconds_from_stamp, stamp_from_seconds
 
 
 def observation_to_message(observation: Observation) -> ObservationMessage:

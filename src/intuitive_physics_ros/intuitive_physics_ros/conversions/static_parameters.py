@@ -1,12 +1,12 @@
-"""`StaticParameters` messages and θ_s with what is known of its uncertainty."""
+"""`StaticParameters` messages and θ_s with its uncertainty; `ParameterBounds` messages."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from intuitive_physics_msgs.msg import PairCoefficients
+from intuitive_physics_msgs.msg import PairCoefficients, ParameterBounds
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
 from numpy.typing import NDArray
 from std_msgs.msg import Header
@@ -19,9 +19,11 @@ from intuitive_physics.materials import (
     material_pairs,
     pair_count,
 )
-from intuitive_physics.parameter_space import parameter_vector
-from intuitive_physics_ros.conversions.arrays import flat_array, float64_field
-from intuitive_physics_ros.conversions.fields import in_field
+from intuitive_physics.parameter_space import DEFAULT_BOUNDS, Bounds, parameter_vector
+from intuitive_physics_ros.conversions.fields import flat_array, float64_field, in_field
+
+SCALES = {ParameterBounds.LINEAR: "linear", ParameterBounds.LOGARITHMIC: "logarithmic"}
+"""Names of the scales by their code in a message."""
 
 
 def static_parameters_to_message(
@@ -31,7 +33,7 @@ def static_parameters_to_message(
 
     Parameters
     ----------
-    learned : what to send; `LearnedParameters.defaults` tells of defaults
+    learned : what to send; `LearnedParameters.defaults` for defaults
     stamp : when it was learned
     """
     m = len(learned.materials)
@@ -142,3 +144,37 @@ def _one_each(values: Sequence[float], field: str, count: int) -> NDArray[np.flo
                 f"has {len(values)} elements; expected {count}, one for each material"
             )
     return np.array(values, dtype=np.float64)
+
+
+def bounds_to_messages(bounds: Mapping[str, Bounds]) -> list[ParameterBounds]:
+    """Return bounds by kind of parameter as messages."""
+    codes = {scale: code for code, scale in SCALES.items()}
+    return [
+        ParameterBounds(kind=kind, lower=float(b.lower), upper=float(b.upper), scale=codes[b.scale])
+        for kind, b in bounds.items()
+    ]
+
+
+def bounds_from_messages(messages: Sequence[ParameterBounds]) -> dict[str, Bounds]:
+    """Return the bounds by kind of parameter that messages carry.
+
+    Raises
+    ------
+    InvalidInputError
+        When a kind is unknown or stands twice, or a range or scale is not what it must be.
+    """
+    bounds: dict[str, Bounds] = {}
+    for i, message in enumerate(messages):
+        with in_field(f"bounds[{i}]"):
+            if message.kind not in DEFAULT_BOUNDS or message.kind in bounds:
+                raise InvalidInputError(
+                    f"kind is {message.kind!r}; expected one of {', '.join(DEFAULT_BOUNDS)}, "
+                    "each once"
+                )
+            if message.scale not in SCALES:
+                raise InvalidInputError(
+                    f"scale is {message.scale}; expected {ParameterBounds.LINEAR} (linear) "
+                    f"or {ParameterBounds.LOGARITHMIC} (logarithmic)"
+                )
+            bounds[message.kind] = Bounds(message.lower, message.upper, SCALES[message.scale])
+    return bounds

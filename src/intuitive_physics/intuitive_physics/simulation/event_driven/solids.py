@@ -6,6 +6,7 @@ from math import inf
 
 from numba import int64
 
+from intuitive_physics.geometry.quaternions import rotated_axes
 from intuitive_physics.geometry.vectors import (
     add_scaled,
     cross,
@@ -120,7 +121,10 @@ def _place_box(solid, features, f, box, material):
     solid.kind = BOX
     solid.material = material
     store(solid.center, load(box))
-    _write_axes(solid, box[3], box[4], box[5], box[6])
+    x, y, z = rotated_axes((box[3], box[4], box[5], box[6]))
+    store(solid.axes[0], x)
+    store(solid.axes[1], y)
+    store(solid.axes[2], z)
     for k in range(3):
         solid.half_lengths[k] = 0.5 * box[7 + k]
     _start_bounds(solid)
@@ -143,23 +147,6 @@ def _place_box(solid, features, f, box, material):
         f += 2
     solid.last_feature = f
     return f
-
-
-@kernel
-def _write_axes(solid, x, y, z, w):
-    """Write the columns of the rotation matrix of a quaternion."""
-    store(
-        solid.axes[0],
-        (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
-    )
-    store(
-        solid.axes[1],
-        (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),
-    )
-    store(
-        solid.axes[2],
-        (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)),
-    )
 
 
 @kernel

@@ -16,8 +16,8 @@ from intuitive_physics.geometry.vectors import (
     sub,
 )
 from intuitive_physics.kernels import inlined, kernel
+from intuitive_physics.kernels.pointers import float_at, record_getter
 from intuitive_physics.simulation.noisy_impacts import NOISE_FIELDS
-from intuitive_physics.simulation.pointers import float_at, record_getter
 
 MOST_TOUCHED = 12
 """Solids that one object can touch at once."""

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from math import inf
 
+from intuitive_physics.geometry.clipping import clip
+from intuitive_physics.geometry.closest_points import nearest_of_segments
 from intuitive_physics.geometry.vectors import (
     add_scaled,
     cross,
@@ -15,12 +17,11 @@ from intuitive_physics.geometry.vectors import (
     norm,
     scaled,
     sub,
+    vector_at,
 )
 from intuitive_physics.kernels import kernel
-from intuitive_physics.simulation.stepped.clipping import clip
-from intuitive_physics.simulation.stepped.closest_points import nearest_of_segments
 from intuitive_physics.simulation.stepped.manifolds import write_contact, write_face
-from intuitive_physics.simulation.stepped.world import body_at, clipped_corner, column
+from intuitive_physics.simulation.stepped.world import CLIPPED, body_at, clipped_polygon, column
 
 FACES_PREFERRED = 1e-3
 """m per m of size. An edge axis has to separate by so much more than a face to be taken."""
@@ -118,7 +119,8 @@ def _meet_faces(world, i, j, best, normal, margin, count):
         if abs(slope) > abs(steepest):
             facing, steepest = k, slope
     write_face(world, visitor, facing, 1.0 if steepest < 0.0 else -1.0)
-    side, corners = 0, 4
+    clipped, spare = clipped_polygon(world, 0), clipped_polygon(world, 1)
+    corners = 4
     for turn in range(1, 3):
         k = (axis + turn) % 3
         along = column(box.rotation, k)
@@ -127,12 +129,12 @@ def _meet_faces(world, i, j, best, normal, margin, count):
             if corners > 0:
                 out = along if sign else scaled(along, -1.0)
                 limit = (middle if sign else -middle) + box.half_extents[k]
-                corners = clip(world, side, corners, out, limit)
-                side = 1 - side
+                corners = clip(clipped, corners, out, limit, spare, CLIPPED)
+                clipped, spare = spare, clipped
     top = dot(outward, load(box.position)) + box.half_extents[axis]
     nearest = inf
     for k in range(corners):
-        point = load(clipped_corner(world, side, k).point)
+        point = vector_at(clipped, k)
         gap = dot(outward, point) - top
         nearest = min(nearest, gap)
         if gap < margin:

@@ -9,6 +9,15 @@ from __future__ import annotations
 
 from math import inf
 
+from intuitive_physics.geometry.clipping import clip_by_edges
+from intuitive_physics.geometry.closest_points import (
+    nearest_of_segments,
+    nearest_on_polygon,
+    nearest_on_segment,
+    part_over_polygon,
+    point_from_box,
+    segment_nearest_to_box,
+)
 from intuitive_physics.geometry.vectors import (
     add,
     add_scaled,
@@ -16,28 +25,23 @@ from intuitive_physics.geometry.vectors import (
     dot,
     load,
     norm,
+    put_vector,
     scaled,
     store,
     sub,
+    vector_at,
 )
 from intuitive_physics.kernels import kernel
-from intuitive_physics.simulation.stepped.clipping import clip_by_edges
-from intuitive_physics.simulation.stepped.closest_points import (
-    nearest_of_segments,
-    nearest_on_polygon,
-    nearest_on_segment,
-    part_over_polygon,
-    point_from_box,
-    segment_end,
-    segment_nearest_to_box,
-)
-from intuitive_physics.simulation.stepped.poses import mass_centre
+from intuitive_physics.simulation.stepped.poses import into_frame, mass_centre, segment_end
 from intuitive_physics.simulation.stepped.world import (
+    CLIPPED,
     body_at,
-    clipped_corner,
+    clipped_polygon,
     column,
     contact_at,
     plane_at,
+    times,
+    transposed_times,
 )
 from intuitive_physics.simulation.world_batch import BOX, CAPSULE, SPHERE
 
@@ -123,18 +127,19 @@ def _rounded_on_sheet(world, i, p, margin, count):
     body, plane = body_at(world, i), plane_at(world, p)
     start = segment_end(body, -1.0)
     span = sub(segment_end(body, 1.0), start)
-    low, high = part_over_polygon(start, span, plane)
+    n = load(plane.normal)
+    low, high = part_over_polygon(start, span, plane.boundary, plane.corners, n)
     if low > high:
         low, high = 0.0, 1.0
     least = inf
     for end in range(1 if body.kind == SPHERE else 2):
         centre = add_scaled(start, span, high if end else low)
-        near = nearest_on_polygon(centre, plane)
+        near = nearest_on_polygon(centre, plane.boundary, plane.corners, n, plane.offset)
         away = sub(centre, near)
         distance = norm(away)
         gap = distance - body.radius
         least = min(least, gap)
-        if gap < margin and dot(away, load(plane.normal)) > 0.0:
+        if gap < margin and dot(away, n) > 0.0:
             normal = scaled(away, 1.0 / distance)
             count = write_contact(world, count, i, -1 - p, gap, normal, near)
     return count, least
@@ -155,10 +160,11 @@ def _box_on_sheet(world, i, p, margin, count):
         if abs(slope) > abs(steepest):
             lowest, steepest = k, slope
     write_face(world, body, lowest, 1.0 if steepest < 0.0 else -1.0)
-    corners, side = clip_by_edges(world, 4, plane)
+    clipped, spare = clipped_polygon(world, 0), clipped_polygon(world, 1)
+    corners, clipped = clip_by_edges(clipped, 4, spare, CLIPPED, plane.boundary, plane.corners, n)
     least = inf
     for k in range(corners):
-        point = load(clipped_corner(world, side, k).point)
+        point = vector_at(clipped, k)
         gap = dot(n, point) - plane.offset
         if gap > -body.thinness:
             least = min(least, gap)
@@ -169,16 +175,17 @@ def _box_on_sheet(world, i, p, margin, count):
 
 @kernel
 def write_face(world, body, axis, sign):
-    """Write the four corners (m) of a box's face, in turn, to side 0 of the clipped corners."""
+    """Write the four corners (m) of a box's face, in turn, to the first of the clipped polygons."""
     other, third = (axis + 1) % 3, (axis + 2) % 3
     out = scaled(column(body.rotation, axis), sign * body.half_extents[axis])
     centre = add(load(body.position), out)
     u = scaled(column(body.rotation, other), body.half_extents[other])
     v = scaled(column(body.rotation, third), body.half_extents[third])
-    store(clipped_corner(world, 0, 0).point, add(add(centre, u), v))
-    store(clipped_corner(world, 0, 1).point, add(sub(centre, u), v))
-    store(clipped_corner(world, 0, 2).point, sub(sub(centre, u), v))
-    store(clipped_corner(world, 0, 3).point, sub(add(centre, u), v))
+    face = clipped_polygon(world, 0)
+    put_vector(face, 0, add(add(centre, u), v))
+    put_vector(face, 1, add(sub(centre, u), v))
+    put_vector(face, 2, sub(sub(centre, u), v))
+    put_vector(face, 3, sub(add(centre, u), v))
 
 
 @kernel
@@ -237,7 +244,9 @@ def meet_box(world, i, j, box, margin, count):
     if rounded.kind != CAPSULE:
         return _meet_point(world, i, j, box, start, margin, count)
     span = sub(segment_end(rounded, 1.0), start)
-    nearest = segment_nearest_to_box(start, span, solid)
+    nearest = segment_nearest_to_box(
+        into_frame(solid, start), transposed_times(solid.rotation, span), load(solid.half_extents)
+    )
     least = inf
     for end in range(3):
         t = 0.5 * end
@@ -254,7 +263,9 @@ def meet_box(world, i, j, box, margin, count):
 @kernel
 def _meet_point(world, i, j, box, centre, margin, count):
     rounded = body_at(world, j if box == i else i)
-    distance, n = point_from_box(centre, body_at(world, box))
+    solid = body_at(world, box)
+    distance, away = point_from_box(into_frame(solid, centre), load(solid.half_extents))
+    n = times(solid.rotation, away)
     gap = distance - rounded.radius
     if gap < margin:
         point = add_scaled(centre, n, -rounded.radius - 0.5 * gap)

@@ -19,7 +19,7 @@ from intuitive_physics.geometry.vectors import (
     sub,
 )
 from intuitive_physics.kernels import fast_inlined, kernel
-from intuitive_physics.simulation.pointers import float_at, put_float
+from intuitive_physics.kernels.pointers import float_at, put_float
 from intuitive_physics.simulation.stepped.poses import (
     angular_momentum,
     mass_centre,

@@ -6,11 +6,12 @@ from math import inf
 
 import numpy as np
 
+from intuitive_physics.geometry.closest_points import part_over_polygon
 from intuitive_physics.geometry.vectors import dot, load, sub
 from intuitive_physics.kernels import entry, kernel
-from intuitive_physics.simulation.stepped.closest_points import part_over_polygon, segment_end
 from intuitive_physics.simulation.stepped.collision import meet
 from intuitive_physics.simulation.stepped.manifolds import meet_plane
+from intuitive_physics.simulation.stepped.poses import segment_end
 from intuitive_physics.simulation.stepped.set_up import place_environment, place_shape
 from intuitive_physics.simulation.stepped.world import body_at, plane_at
 from intuitive_physics.simulation.world_batch import CAPSULE
@@ -125,9 +126,9 @@ def _gap_to_plane(world, i, p, margin):
 
 @kernel
 def _is_over(body, plane):
-    centre = load(body.position)
-    low, high = part_over_polygon(centre, (0.0, 0.0, 0.0), plane)
-    return low < high and dot(load(plane.normal), centre) > plane.offset
+    centre, n = load(body.position), load(plane.normal)
+    low, high = part_over_polygon(centre, (0.0, 0.0, 0.0), plane.boundary, plane.corners, n)
+    return low < high and dot(n, centre) > plane.offset
 
 
 @kernel
@@ -136,7 +137,7 @@ def _lowest_over(body, plane):
     n = load(plane.normal)
     start = segment_end(body, -1.0)
     span = sub(segment_end(body, 1.0), start)
-    low, high = part_over_polygon(start, span, plane)
+    low, high = part_over_polygon(start, span, plane.boundary, plane.corners, n)
     return dot(n, start) - plane.offset + min(low * dot(n, span), high * dot(n, span))
 
 

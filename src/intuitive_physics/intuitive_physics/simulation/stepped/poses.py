@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from math import cos, sin, sqrt
 
-from intuitive_physics.geometry.vectors import add, dot, load, scaled
+from intuitive_physics.geometry.quaternions import load_quaternion, rotated_axes
+from intuitive_physics.geometry.vectors import add, add_scaled, dot, load, scaled, sub
 from intuitive_physics.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.stepped.world import column, transposed_times
 from intuitive_physics.simulation.world_batch import SPHERE
@@ -46,12 +47,11 @@ def rotate(body, origin, angle):
 @kernel
 def set_rotation(body):
     """Bring the rotation matrix up to the orientation."""
-    q = body.orientation
-    x, y, z, w = q[0], q[1], q[2], q[3]
     r = body.rotation
-    r[0], r[1], r[2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)
-    r[3], r[4], r[5] = 2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)
-    r[6], r[7], r[8] = 2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)
+    x, y, z = rotated_axes(load_quaternion(body.orientation))
+    r[0], r[3], r[6] = x
+    r[1], r[4], r[7] = y
+    r[2], r[5], r[8] = z
 
 
 @kernel
@@ -109,3 +109,15 @@ def support(body, n):
     for k in range(3):
         reach += abs(body.half_extents[k] * dot(n, column(body.rotation, k)))
     return reach
+
+
+@fast_inlined
+def segment_end(body, sign):
+    """End of a capsule's axis, or a sphere's centre."""
+    return add_scaled(load(body.position), column(body.rotation, 2), sign * body.half_extents[2])
+
+
+@fast_inlined
+def into_frame(body, point):
+    """A point of the world in the frame of a body, from its shape's centre."""
+    return transposed_times(body.rotation, sub(point, load(body.position)))

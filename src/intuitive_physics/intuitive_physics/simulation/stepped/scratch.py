@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from intuitive_physics.simulation.stepped.world import BODY, CLIPPED, CONTACT, CORNER, PLANE, WORLD
+from intuitive_physics.simulation.stepped.world import BODY, CLIPPED, CONTACT, PLANE, WORLD
 from intuitive_physics.simulation.world_batch import WorldBatch
 
 CONTACTS_A_BODY = 48
@@ -26,7 +26,7 @@ class Scratch:
         self.bodies = np.zeros(moving + boxes, BODY)
         self.planes = np.zeros(planes, PLANE)
         self.contacts = np.zeros(contacts_a_body * moving, CONTACT)
-        self.clipped = np.zeros((2, CLIPPED), CORNER)
+        self.clipped = np.zeros((2, CLIPPED, 3))
         self.world = np.zeros(1, WORLD)
         for name in ("bodies", "planes", "contacts", "clipped"):
             self.world[name] = getattr(self, name).ctypes.data

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from intuitive_physics.kernels import fast_inlined
+from intuitive_physics.kernels.pointers import float_at, record_getter
 from intuitive_physics.simulation.noisy_impacts import NOISE_FIELDS
-from intuitive_physics.simulation.pointers import float_at, record_getter
 
 KEPT = 16
 """Contacts of one body whose impulses are kept to start the next step's search with."""
@@ -120,15 +120,13 @@ CONTACT = np.dtype(
     align=True,
 )
 
-CORNER = np.dtype([("point", "f8", 3)])
-
 WORLD = np.dtype(
     [
         # Addresses of arrays, see `pointers`.
         ("bodies", "i8"),  # (n + b,) BODY: n that move, then the environment's boxes
         ("planes", "i8"),  # (P,) PLANE
         ("contacts", "i8"),  # (contact_room,) CONTACT, scratch
-        ("clipped", "i8"),  # (2, CLIPPED) CORNER, scratch of `clipping`
+        ("clipped", "i8"),  # (2, CLIPPED, 3) float64, m, scratch: two polygons
         ("coefficients", "i8"),  # (4, m, m) float64
         ("times", "i8"),  # (T,) float64, s
         ("positions", "i8"),  # (n, T, 3) float64 to be filled
@@ -150,7 +148,7 @@ WORLD = np.dtype(
 STATIC, DYNAMIC, ROLLING, RESTITUTION = range(4)
 
 _body, _plane = record_getter(BODY), record_getter(PLANE)
-_contact, _corner = record_getter(CONTACT), record_getter(CORNER)
+_contact = record_getter(CONTACT)
 
 
 @fast_inlined
@@ -175,13 +173,9 @@ def contact_at(world, c):
 
 
 @fast_inlined
-def clipped_corner(world, side, k):
-    return _corner(world.clipped, side * CLIPPED + k)
-
-
-@fast_inlined
-def boundary_corner(plane, k):
-    return _corner(plane.boundary, k)
+def clipped_polygon(world, side):
+    """Address of one of the two polygons for `clipping`, each with room for CLIPPED corners."""
+    return world.clipped + side * CLIPPED * 24
 
 
 @fast_inlined

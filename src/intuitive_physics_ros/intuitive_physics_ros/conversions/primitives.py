@@ -1,12 +1,21 @@
-"""Vectors, points, quaternions and poses."""
+"""Vectors, points, quaternions, poses and stamps."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.validation import finite_float
+
+NANOSECONDS = 1_000_000_000
+"""In a second."""
+LAST_SECOND = 2**31 - 1
+"""s; `builtin_interfaces/Time` counts seconds as a signed 32-bit number."""
 
 
 def vector_to_message(vector: ArrayLike) -> Vector3:
@@ -53,3 +62,16 @@ def xyzw(message: Quaternion) -> tuple[float, float, float, float]:
 def points_array(messages: Sequence[Point]) -> NDArray[np.float64]:
     """Return points as an array of shape (n, 3); they are not checked."""
     return np.array([xyz(message) for message in messages], dtype=np.float64).reshape(-1, 3)
+
+
+def stamp_from_seconds(seconds: float) -> Time:
+    """Return the stamp nearest to a time in s, from 0 to 2038-01-19 as the message allows."""
+    nanoseconds = round(finite_float(seconds, "time") * NANOSECONDS)
+    if not 0 <= nanoseconds <= LAST_SECOND * NANOSECONDS:
+        raise InvalidInputError(f"time is {seconds:g} s; expected 0 to {LAST_SECOND} s")
+    return Time(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
+
+
+def seconds_from_stamp(stamp: Time) -> float:
+    """Return a stamp in s: to a quarter of a microsecond today, as a double holds it."""
+    return stamp.sec + stamp.nanosec / NANOSECONDS

@@ -13,8 +13,8 @@ from intuitive_physics_msgs.msg import (
 )
 
 from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics_experiments.demo.nodes.suite import Suite
 from intuitive_physics_experiments.demo.progress import Progress
-from intuitive_physics_experiments.demo.suite import Suite
 from intuitive_physics_experiments.rendering.depth_bag_writer import DEPTH_TOPIC
 from intuitive_physics_recordings.bag_reader import BagReader
 from intuitive_physics_ros.node_process import NodeProcess

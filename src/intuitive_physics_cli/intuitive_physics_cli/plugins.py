@@ -1,0 +1,100 @@
+"""What other installed packages add to the command line, by entry points.
+
+A package adds commands, readers of recordings and engines without the command line knowing it, so
+that a robot's installation needs nothing of it. In its `setup.py`:
+
+```
+entry_points={
+    "intuitive_physics_cli.commands": ["render = my_package.render_command"],
+    "intuitive_physics_cli.observation_readers": ["npz = my_package.recorded_data:load"],
+    "intuitive_physics_cli.engines": ["mujoco = my_package.mujoco_simulator:MujocoSimulator"],
+}
+```
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any
+
+from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.observation import Observation
+from intuitive_physics.simulation import SIMULATORS, Simulator, make_simulator
+
+COMMANDS = "intuitive_physics_cli.commands"
+"""Group of modules with a function `add_to(commands)`, as the command line's own have."""
+
+OBSERVATION_READERS = "intuitive_physics_cli.observation_readers"
+"""Group of functions from a path to title and observations; the name is the file's suffix."""
+
+ENGINES = "intuitive_physics_cli.engines"
+"""Group of functions that return a `Simulator`; the name is the engine's."""
+
+Reader = Callable[[Path], tuple[str, list[Observation]]]
+
+
+def command_modules() -> Iterator[Any]:
+    """Yield the modules of added commands; one that cannot be imported is named and left out."""
+    for entry in _installed(COMMANDS):
+        try:
+            yield entry.load()
+        except ImportError as error:
+            print(
+                f"intuitive-physics: warning: command {entry.name} is left out, since "
+                f"{entry.module} cannot be imported: {error}",
+                file=sys.stderr,
+            )
+
+
+def observation_reader(suffix: str) -> Reader | None:
+    """Return what reads observations from files with a suffix such as ".npz", None without one."""
+    for entry in _installed(OBSERVATION_READERS):
+        if f".{entry.name}" == suffix:
+            reader: Reader = _loaded(entry)
+            return reader
+    return None
+
+
+def engine_names() -> tuple[str, ...]:
+    """Return the names of all engines, the library's first."""
+    return (*SIMULATORS, *(entry.name for entry in _installed(ENGINES)))
+
+
+def make_engine(name: str, threads: int = 1) -> Simulator:
+    """Return the engine of that name, the library's or an added one.
+
+    Raises
+    ------
+    UnknownNameError
+        When there is none.
+    InvalidInputError
+        When its package cannot be imported.
+    """
+    if name in SIMULATORS:
+        return make_simulator(name, threads)
+    for entry in _installed(ENGINES):
+        if entry.name == name:
+            simulator: Simulator = _loaded(entry)()
+            return simulator
+    raise UnknownNameError(f"simulator is {name!r}; expected one of {', '.join(engine_names())}")
+
+
+def _installed(group: str) -> list[EntryPoint]:
+    """Return the entry points of a group by name; of two with one name the first."""
+    found: dict[str, EntryPoint] = {}
+    for entry in sorted(entry_points(group=group), key=lambda entry: entry.name):
+        found.setdefault(entry.name, entry)
+    return list(found.values())
+
+
+def _loaded(entry: EntryPoint) -> Any:
+    try:
+        return entry.load()
+    except ImportError as error:
+        raise InvalidInputError(
+            f"{entry.name} needs {entry.module}, which cannot be imported: {error}; "
+            "install what is missing"
+        ) from None

@@ -1,0 +1,1 @@
+"""The part of the demo that starts the nodes and talks to them."""

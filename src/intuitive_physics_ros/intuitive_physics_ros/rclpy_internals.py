@@ -1,0 +1,24 @@
+"""What the suite needs of rclpy and rclpy offers no public way to: all of it, and nothing else.
+
+`test_rclpy_internals.py` fails with the name of what is gone when a release of rclpy changes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+RCLError: type[Exception] = rclpy_implementation.RCLError
+"""What rcl raises, for instance when its arguments cannot be parsed."""
+
+
+def parameter_overrides(node: Node) -> Mapping[str, Parameter]:
+    """Return the parameters that the command line or a file gave, declared or not, by name.
+
+    Without them a message could not say what the user wrote, nor that a name is unknown.
+    """
+    overrides: Mapping[str, Parameter] = getattr(node, "_parameter_overrides", {})
+    return overrides

@@ -1,0 +1,121 @@
+"""Every key of a package.xml is one that rosdep or ROS knows, and what is imported is declared."""
+
+from __future__ import annotations
+
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+from tools.house.import_graph import imports_of
+from tools.house.source_tree import SourceTree
+
+TREE = SourceTree(Path(__file__).parent.parent)
+
+ROSDEP_KEYS = {
+    "python3-hypothesis",
+    "python3-matplotlib",
+    "python3-mujoco-pip",
+    "python3-numba",
+    "python3-numpy",
+    "python3-open3d-pip",
+    "python3-pybullet-pip",
+    "python3-pytest",
+    "python3-rosbags-pip",
+    "python3-scipy",
+    "python3-yaml",
+}
+"""Keys of rosdep/python.yaml in ros/rosdistro that resolve on Ubuntu; checked in its commit 8468e88
+of 22 August 2026. Add a key only after looking it up there."""
+
+ROS_PACKAGES = {
+    "action_msgs",
+    "ament_cmake",
+    "ament_index_python",
+    "builtin_interfaces",
+    "diagnostic_msgs",
+    "geometry_msgs",
+    "launch",
+    "launch_ros",
+    "rcl_interfaces",
+    "rclpy",
+    "rosgraph_msgs",
+    "rosidl_default_generators",
+    "rosidl_default_runtime",
+    "rviz2",
+    "sensor_msgs",
+    "std_msgs",
+    "std_srvs",
+    "tf2_msgs",
+    "tf2_ros_py",
+    "visualization_msgs",
+}
+"""Packages that jazzy/distribution.yaml of the same commit releases."""
+
+KEY_OF_IMPORT = {
+    "hypothesis": "python3-hypothesis",
+    "matplotlib": "python3-matplotlib",
+    "mpl_toolkits": "python3-matplotlib",
+    "mujoco": "python3-mujoco-pip",
+    "numba": "python3-numba",
+    "numpy": "python3-numpy",
+    "open3d": "python3-open3d-pip",
+    "pybullet": "python3-pybullet-pip",
+    "pytest": "python3-pytest",
+    "rosbags": "python3-rosbags-pip",
+    "scipy": "python3-scipy",
+    "tf2_ros": "tf2_ros_py",
+    "yaml": "python3-yaml",
+}
+"""The key that brings a Python package, where it has another name."""
+
+FROM_PIP = {
+    "cma": "cma",
+    "distributed": "distributed",
+    "plotly": "plotly",
+    "rerun": "rerun-sdk",
+    "scoringrules": "scoringrules",
+}
+"""Python packages without a rosdep key, with the name that `pip install` takes."""
+
+
+def manifest(package: str) -> Path:
+    return TREE.root / "src" / package / "package.xml"
+
+
+def declared_keys(package: str) -> set[str | None]:
+    root = ElementTree.parse(manifest(package)).getroot()
+    return {element.text for element in root if element.tag.endswith("depend")}
+
+
+@pytest.mark.parametrize("package", TREE.packages)
+def test_every_key_is_known(package):
+    unknown = declared_keys(package) - ROSDEP_KEYS - ROS_PACKAGES - set(TREE.packages)
+    assert not unknown, f"{package} declares {unknown}, which rosdep install does not find"
+
+
+@pytest.mark.parametrize("package", TREE.python_packages)
+def test_what_is_imported_from_outside_is_declared(package):
+    imported = {
+        item.module.split(".")[0]
+        for module in TREE.package_modules
+        if module.package == package
+        for item in imports_of(module)
+    }
+    outside = imported - set(sys.stdlib_module_names) - set(TREE.packages)
+    needed = {KEY_OF_IMPORT.get(name, name) for name in outside - set(FROM_PIP)}
+    lacking = needed - declared_keys(package)
+    assert not lacking, f"package.xml of {package} lacks {sorted(lacking)}"
+
+
+@pytest.mark.parametrize("package", TREE.python_packages)
+def test_what_comes_from_pip_is_named_in_the_manifest(package):
+    text = manifest(package).read_text(encoding="utf-8")
+    for module in TREE.package_modules:
+        if module.package == package:
+            for item in imports_of(module):
+                name = FROM_PIP.get(item.module.split(".")[0])
+                assert name is None or f"pip install {name}" in text, (
+                    f"{module.path} imports {name}, which has no rosdep key; "
+                    f"expected a comment with “pip install {name}” in {package}/package.xml"
+                )

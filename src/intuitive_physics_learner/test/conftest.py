@@ -12,28 +12,37 @@ import pytest
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.simulation import Rollout, Simulator, WorldStatus, make_simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_learner import TrajectoryCost
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.search.learning_task import LearningTask
 
 
 class GlideSimulator(Simulator):
     """Objects glide straight, slowed by the restitution e of their pair with the floor.
 
-    x(t) = x(0) + e v t; where e > 0.99 a world fails half-way. Density and friction do nothing.
+    x(t) = x(0) + f(e) v t, f(e) = e unless given; where e > 0.99 a world fails half-way. Density
+    and friction do nothing.
     """
 
     name = "glide"
+
+    def __init__(self, effect=lambda e: e):
+        self._effect = effect
 
     def _rollout(self, worlds, times, orientations):
         floors = worlds.plane_materials[worlds.environment_index, 0]
         sets = worlds.parameter_index[:, None]
         e = worlds.coefficients[sets, 3, worlds.object_materials, floors[:, None]]
+        factor = self._effect(e)
         v, x = worlds.states[..., 7:10], worlds.states[..., 0:3]
         t = np.broadcast_to(times, (worlds.size, times.shape[1]))
-        positions = x[:, :, None] + e[..., None, None] * v[:, :, None] * t[:, None, :, None]
+        positions = x[:, :, None] + factor[..., None, None] * v[:, :, None] * t[:, None, :, None]
         failed = (e > 0.99).any(axis=1)
         positions[failed, :, times.shape[1] // 2 :] = np.nan
         status = np.where(failed, WorldStatus.TOO_MANY_EVENTS, WorldStatus.OK)
@@ -67,6 +76,36 @@ def glides():
             objects.append(ObservedObject(thing, Trajectory(start + times, positions), state))
         given = {} if id is None else {"id": id}
         return Observation(FLOOR, tuple(objects), start, **given)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def gliding_task():
+    """Make a task to learn e from one ball for each given e, x(t) = x(0) + f(e) v t.
+
+    Initial velocities are known exactly. A task has four active parameters, of which only e, the
+    last, has an effect; it begins at e = 0.5. Points are 0.04 s apart.
+    """
+
+    def make(restitutions, effect=lambda e: e, position_deviation=0.0, noise=0.0, count=12):
+        generator = np.random.default_rng(0)
+        ball = SceneObject("ball", "ball", Sphere(0.05))
+        times = 0.04 * np.arange(1, count + 1)
+        covariance = np.diag(np.repeat([1.0, 0.0, 0.0, 0.0], 3)) * position_deviation**2
+        observed = []
+        for e in restitutions:
+            position, velocity = generator.normal(size=(2, 3))
+            state = ObjectState(position, linear_velocity=velocity, covariance=covariance)
+            positions = position + effect(np.array(e)) * times[:, None] * velocity
+            positions += generator.normal(0.0, noise, positions.shape)
+            seen = ObservedObject(ball, Trajectory(times, positions), state)
+            observed.append(Observation(FLOOR, (seen,), 0.0))
+        cost = TrajectoryCost(observed, GlideSimulator(effect))
+        space = ParameterSpace(cost.materials)
+        influence = parameter_influence(observed, cost.materials)
+        start = StaticParameters.uniform(cost.materials, restitution=0.5)
+        return LearningTask(cost, space, influence, start)
 
     return make
 

@@ -1,31 +1,32 @@
-"""Which parameters the observations can tell, and how well.
+"""Which parameters the observations determine, and how well.
 
 Three questions are asked of every parameter at the optimum θ_s of a search:
 
-1. Does J respond? Each parameter is moved over its bounds, all others kept. Where J never rises by
-   more than twice its own standard error, the observations cannot tell the parameter: the density
-   of a lone sphere, a pair that never touches, a friction that never acted.
-2. How sharp is the optimum? Near it the residuals r (simulated minus observed positions) are
-   linear in θ_s. With their Jacobian A over the unit interval of each parameter, their variance
-   σ² and the knowledge that a parameter lies within its bounds (a variance of 1/12), the
-   covariance of θ_s is
+1. Does J respond? Each parameter is moved over its bounds, all others fixed. Where J never rises by
+   more than twice its own standard error, the observations do not determine the parameter: the
+   density of a lone sphere, a pair that never touches, a friction that never acted.
+2. How large is the curvature at the optimum? Near it the residuals r (simulated minus observed
+   positions) are linear in θ_s. With their Jacobian A over the unit interval of each parameter,
+   their variance σ² and the knowledge that a parameter lies within its bounds (a variance of 1/12),
+   the covariance of θ_s is
 
        Σ = (Aᵀ A / (σ² τ) + 12 I)⁻¹.
 
-   The residuals of one trajectory are alike from one point to the next (an error of the first
+   The residuals of one trajectory are alike from one point to the next (an error of the initial
    state moves them all), so they count as n / τ independent ones, τ being their integrated
    autocorrelation time. A parameter whose standard deviation is not below half of that of its
    bounds alone was not learned from the data either.
-3. How far is J as good (see `reach`)? The deviation of a parameter that can be moved by L both ways
-   is at least L / √3. One that can be moved farther to one side than to the other, such as a
-   friction that only has to be large enough, has an interval besides.
+3. How far can it be moved without a significant rise of J (`one_sided_intervals`)? The deviation of
+   a parameter that can be moved by L both ways is at least L / √3. One that can be moved farther to
+   one side than to the other, such as a friction that only has to be large enough, has an interval
+   besides.
 
 All take a handful of simulations for each parameter of each observation that can depend on it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,41 +39,33 @@ from intuitive_physics_learner.cost.cancellation import batches, stop_if
 from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE, Cost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.trials import Trials
+from intuitive_physics_learner.search.one_sided_intervals import (
+    SMALLEST_RESPONSE,
+    UNIFORM,
+    acceptable_moves,
+)
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
-from intuitive_physics_learner.search.reach import ROUNDS, SMALLEST_RESPONSE, UNIFORM, reaches
-
-SCAN_LEVELS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
-"""Where on its interval each parameter is tried."""
-
-JACOBIAN_STEP = 0.01
-"""Of the unit interval, to both sides: large against the kinks of single contacts."""
-
-RESPONSE_THRESHOLD = 2.0
-"""Standard errors of J by which it must rise."""
-
-SMALLEST_NOISE = 1e-4
-"""m; no camera measures better, and the numbers below stay well conditioned."""
-
-ONE_SIDED = 2.0 * UNIFORM
-"""Standard deviations beyond which J is not expected to be as good."""
+from intuitive_physics_learner.search.settings import IdentifiabilitySettings
 
 PRIOR_PRECISION = 12.0
-"""One over the variance of a number known only to lie within the unit interval."""
+"""One over the variance of a number known only to lie within the unit interval, per width²."""
 
 LARGEST_DEVIATION = 0.5 / np.sqrt(PRIOR_PRECISION)
-"""Standard deviation on the unit interval from which on a parameter is not identified."""
+"""Width: standard deviation from which on a parameter is not identified, half that of its bounds
+alone."""
 
 
 @dataclass(frozen=True, eq=False)
 class Identifiability:
-    """What the observations tell of each parameter, in the order of `parameter_names`.
+    """Which parameters the observations determine, in the order of `parameter_names`.
 
     Parameters
     ----------
     responsive : (|θ_s|,) bool, whether J depends on the parameter at all, within its bounds
     identified : (|θ_s|,) bool
-    standard_deviations : (|θ_s|,) in the parameter's SI unit, NaN where not identified
-    intervals : (|θ_s|, 2) as `LearnedParameters.intervals`
+    standard_deviations : (|θ_s|,) in each parameter's SI unit, NaN where not identified
+    intervals : (|θ_s|, 2) one-sided intervals in each parameter's SI unit, NaN where there is none,
+        as `LearnedParameters.intervals`
     """
 
     responsive: NDArray[np.bool_]
@@ -81,14 +74,19 @@ class Identifiability:
     intervals: NDArray[np.float64]
 
 
-def identification_trials(influence: NDArray[np.bool_]) -> int:
+def identification_trials(
+    influence: NDArray[np.bool_], settings: IdentifiabilitySettings | None = None
+) -> int:
     """Simulations of single observations that `identify` takes at most.
 
     Parameters
     ----------
     influence : (n_observations, |θ_s|) bool, of the parameters that are asked about
+    settings : that `identify` is given
     """
-    return 2 * len(influence) + (len(SCAN_LEVELS) + 2 + 2 * ROUNDS) * int(influence.sum())
+    settings = settings or IdentifiabilitySettings()
+    each = len(settings.scan_levels) + 2 + 2 * settings.move_rounds
+    return 2 * len(influence) + each * int(influence.sum())
 
 
 def identify(
@@ -97,8 +95,9 @@ def identify(
     parameters: StaticParameters,
     active: NDArray[np.bool_] | None = None,
     cancelled: Callable[[], bool] | None = None,
+    settings: IdentifiabilitySettings | None = None,
 ) -> Identifiability:
-    """Ask of every parameter what the observations tell, around an optimum.
+    """Find out which parameters the observations determine, around an optimum.
 
     Parameters
     ----------
@@ -108,30 +107,34 @@ def identify(
     active : (|θ_s|,) bool, which parameters to ask about; the others are taken to have no influence
         (`active_parameters`); None asks about all
     cancelled : looked at between batches
+    settings : thresholds; None for the defaults
 
     Raises
     ------
     LearningCancelledError
         When `cancelled` returned True.
     """
+    settings = settings or IdentifiabilitySettings()
     axes = ParameterAxes(space, parameters)
     influence = parameter_influence(cost.observations, cost.materials)
     residuals = cost.residuals([parameters])[0]
-    noise = _Noise(residuals, cost.point_trajectory)
+    noise = _Noise(residuals, cost.point_trajectory, settings.smallest_noise)
     asked = np.arange(axes.size) if active is None else np.flatnonzero(active)
-    changes = np.zeros((axes.size, len(SCAN_LEVELS)))
+    levels = settings.scan_levels
+    changes = np.zeros((axes.size, len(levels)))
     # Most parameters are of few observations, and only these are simulated again.
     saving = CachedCost(cost)
-    changes[asked] = _cost_changes(saving, axes, asked, parameters, cancelled)
-    threshold = max(SMALLEST_RESPONSE, RESPONSE_THRESHOLD * noise.cost_standard_error)
+    changes[asked] = _cost_changes(saving, axes, asked, parameters, levels, cancelled)
+    threshold = max(SMALLEST_RESPONSE, settings.response_threshold * noise.cost_standard_error)
     rising = np.flatnonzero(changes.max(axis=1) > threshold)
     deviations = np.full(axes.size, np.inf)
     if rising.size:
-        squares = _squares_of_slopes(cost, axes, rising, influence[:, rising], cancelled)
+        step, own = settings.jacobian_step, influence[:, rising]
+        squares = _squares_of_slopes(cost, axes, rising, own, step, cancelled)
         information = squares / noise.effective_variance(rising.size)
         covariance = np.linalg.inv(information + PRIOR_PRECISION * np.eye(rising.size))
         deviations[rising] = np.sqrt(np.diag(covariance))
-    moved = reaches(saving, axes, parameters, influence, deviations, cancelled)
+    moved = acceptable_moves(saving, axes, parameters, influence, deviations, cancelled, settings)
     deviations = np.maximum(deviations, moved.min(axis=1) / UNIFORM)
     identified = deviations < LARGEST_DEVIATION
     deviations[~identified] = np.nan
@@ -139,26 +142,35 @@ def identify(
         np.abs(changes).max(axis=1) > SMALLEST_RESPONSE,
         identified,
         deviations * axes.slopes,
-        _intervals(axes, moved, deviations),
+        _one_sided_intervals(axes, moved, deviations, settings.one_sided_deviations * UNIFORM),
     )
 
 
-def _intervals(
-    axes: ParameterAxes, moved: NDArray[np.float64], deviations: NDArray[np.float64]
+def _one_sided_intervals(
+    axes: ParameterAxes,
+    moved: NDArray[np.float64],
+    deviations: NDArray[np.float64],
+    least: float,
 ) -> NDArray[np.float64]:
-    """Ends (|θ_s|, 2) of where J is as good, in SI units; NaN where deviations, on the axes, do."""
-    ends = np.full((axes.size, 2), np.nan)
-    for axis in np.flatnonzero(moved.max(axis=1) > ONE_SIDED * deviations):
-        way = np.maximum(moved[axis], UNIFORM * deviations[axis])
-        low, high = np.clip(axes.origin[axis] + way * (-1.0, 1.0), 0.0, 1.0)
-        ends[axis] = axes.value(int(axis), low), axes.value(int(axis), high)
-    return ends
+    """Intervals (|θ_s|, 2) in SI units; NaN where no move exceeds `least` standard deviations."""
+    intervals = np.full((axes.size, 2), np.nan)
+    for axis in np.flatnonzero(moved.max(axis=1) > least * deviations):
+        distances = np.maximum(moved[axis], UNIFORM * deviations[axis])
+        low, high = np.clip(axes.origin[axis] + distances * (-1.0, 1.0), 0.0, 1.0)
+        intervals[axis] = axes.value(int(axis), low), axes.value(int(axis), high)
+    return intervals
 
 
 class _Noise:
-    """What the residuals at the optimum, shape (n_points, 3), say of the noise."""
+    """The noise that the residuals at the optimum, (n_points, 3) m, imply."""
 
-    def __init__(self, residuals: NDArray[np.float64], point_trajectory: NDArray[np.int64]) -> None:
+    def __init__(
+        self,
+        residuals: NDArray[np.float64],
+        point_trajectory: NDArray[np.int64],
+        smallest: float,
+    ) -> None:
+        self._smallest = smallest
         good = np.isfinite(residuals).all(axis=1)
         starts = np.flatnonzero(np.diff(point_trajectory[good])) + 1
         self._parts = [part for part in np.split(residuals[good], starts) if len(part)]
@@ -180,7 +192,7 @@ class _Noise:
         squares = sum(float(np.square(part).sum()) for part in self._parts)
         independent = 3 * self._count / self._autocorrelation_time
         variance = squares / (3 * self._count) * independent / max(independent - fitted, 1.0)
-        return max(variance, SMALLEST_NOISE**2) * self._autocorrelation_time
+        return max(variance, self._smallest**2) * self._autocorrelation_time
 
 
 def _autocorrelation_time(parts: list[NDArray[np.float64]]) -> float:
@@ -202,17 +214,18 @@ def _cost_changes(
     axes: ParameterAxes,
     chosen: NDArray[np.int64],
     parameters: StaticParameters,
+    levels: Sequence[float],
     cancelled: Callable[[], bool] | None,
 ) -> NDArray[np.float64]:
-    """By how much J changes at each scan level, shape (n_chosen, n_levels), in m."""
+    """Change (n_chosen, n_levels) of J in m at each scan level."""
     at_optimum = cost.distances([parameters])[0]
     lower, upper = axes.lower[chosen, None], axes.upper[chosen, None]
-    places = lower + np.array(SCAN_LEVELS) * (upper - lower)
+    places = lower + np.array(levels) * (upper - lower)
     moves = [axes.moved(axis, z) for axis, row in zip(chosen, places, strict=True) for z in row]
     changes = []
     for batch in batches(moves, cancelled):
         distances = cost.distances(batch)
-        # A world that the engine cannot finish says nothing of what the data can tell.
+        # A world that the engine cannot finish says nothing about identifiability.
         distances = np.where(distances < FAILED_DISTANCE, distances, at_optimum)
         changes.append((distances - at_optimum).mean(axis=1))
     return np.concatenate(changes).reshape(places.shape)
@@ -223,6 +236,7 @@ def _squares_of_slopes(
     axes: ParameterAxes,
     chosen: NDArray[np.int64],
     influence: NDArray[np.bool_],
+    step: float,
     cancelled: Callable[[], bool] | None,
 ) -> NDArray[np.float64]:
     """Aᵀ A (n_chosen, n_chosen) in m², A being the slopes of all residuals along the chosen axes.
@@ -230,9 +244,10 @@ def _squares_of_slopes(
     Parameters
     ----------
     influence : (n_observations, n_chosen) bool
+    step : width of the differences to each side
     """
-    below = np.maximum(axes.origin - JACOBIAN_STEP, axes.lower)[chosen]
-    above = np.minimum(axes.origin + JACOBIAN_STEP, axes.upper)[chosen]
+    below = np.maximum(axes.origin - step, axes.lower)[chosen]
+    above = np.minimum(axes.origin + step, axes.upper)[chosen]
     width = above - below
     moves = [axes.moved(axis, z) for axis, z in zip(chosen, below, strict=True)]
     moves += [axes.moved(axis, z) for axis, z in zip(chosen, above, strict=True)]
@@ -245,7 +260,7 @@ def _squares_of_slopes(
         index = np.concatenate([own, own + chosen.size])
         trials = Trials(moves, index, np.full(index.size, observation))
         residuals = cost.trial_residuals(trials).reshape(2, own.size, -1)
-        # Points that are not there, or that the simulator did not reach, tell nothing.
+        # Points that are not there, or that the simulator did not reach, carry no information.
         steps = np.nan_to_num(residuals[1] - residuals[0], posinf=0.0, neginf=0.0)
         slopes = steps / width[own, None]
         squares[np.ix_(own, own)] += slopes @ slopes.T

@@ -1,4 +1,4 @@
-"""A parameter that could as well be elsewhere is not said to be known."""
+"""A parameter that could as well have another value is not reported as known."""
 
 import numpy as np
 from hypothesis import given
@@ -12,10 +12,12 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import TrajectoryCost, identify
 from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE
+from intuitive_physics_learner.search.one_sided_intervals import is_acceptable
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
-from intuitive_physics_learner.search.reach import is_as_good
+from intuitive_physics_learner.search.settings import IdentifiabilitySettings
 
 MATERIALS = ("ball", "floor")
+SETTINGS = IdentifiabilitySettings()
 PAIR = parameter_names(MATERIALS).index("dynamic_friction[ball, floor]")
 
 rises = st.floats(1e-6, 1.0)
@@ -26,29 +28,29 @@ def test_one_observation_among_indifferent_ones_is_no_agreement(rise, others):
     # d = (x, 0, …, 0): mean x/n, and standard error sqrt(x²/n / n) = x/n. But it counts where it is
     # much worse than it was, x > 0.1 n D.
     alone = np.array([rise, *np.zeros(others)])
-    assert is_as_good(alone, np.full(others + 1, 11.0 * rise / (others + 1)))
-    assert not is_as_good(alone, np.full(others + 1, 9.0 * rise / (others + 1)))
+    assert is_acceptable(alone, np.full(others + 1, 11.0 * rise / (others + 1)), SETTINGS)
+    assert not is_acceptable(alone, np.full(others + 1, 9.0 * rise / (others + 1)), SETTINGS)
 
 
 @given(rise=rises, count=st.integers(1, 20))
 def test_what_all_say_alike_counts(rise, count):
     costs = np.full(count, 100.0)
-    assert not is_as_good(np.full(count, rise), costs)
-    assert is_as_good(np.full(count, -rise), costs)
+    assert not is_acceptable(np.full(count, rise), costs, SETTINGS)
+    assert is_acceptable(np.full(count, -rise), costs, SETTINGS)
     failed = np.array([FAILED_DISTANCE, *np.full(count, -rise)])
-    assert not is_as_good(failed, np.full(count + 1, 100.0))
+    assert not is_acceptable(failed, np.full(count + 1, 100.0), SETTINGS)
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=10), st.randoms())
 def test_neither_order_nor_unit_matters(values, random):
     shuffled, costs = random.sample(values, len(values)), np.full(len(values), 0.5)
     if abs(np.mean(values)) > 1e-6:
-        first = is_as_good(np.array(values), costs)
-        assert first == is_as_good(4.0 * np.array(shuffled), 4.0 * costs)
+        first = is_acceptable(np.array(values), costs, SETTINGS)
+        assert first == is_acceptable(4.0 * np.array(shuffled), 4.0 * costs, SETTINGS)
 
 
 def thrown(simulator, parameters, template, velocity, generator):
-    """One of `throws`, thrown anew from the same place with another velocity (m/s)."""
+    """One of `throws`, thrown again from the same place with another velocity (m/s)."""
     (ball,) = template.objects
     state = ObjectState(ball.initial_state.position, linear_velocity=velocity)
     scene = Scene(template.environment, (ball.object,), (state,))
@@ -58,7 +60,7 @@ def thrown(simulator, parameters, template, velocity, generator):
     return Observation(template.environment, (ObservedObject(ball.object, noisy, state),), 0.0)
 
 
-def test_friction_that_only_has_to_be_large_enough_has_an_open_end(
+def test_friction_that_only_has_to_be_large_enough_has_a_one_sided_interval(
     event_driven, throws, true_parameters
 ):
     # An impact of normal velocity v_n ends the slip s of a sphere where 2/7 s ≤ μ (1 + e) v_n. All
@@ -75,9 +77,9 @@ def test_friction_that_only_has_to_be_large_enough_has_an_open_end(
         thrown(event_driven, true, template, (speed, 0.0, 0.0), generator) for speed in speeds
     ]
     cost = TrajectoryCost(observed, event_driven, MATERIALS)
-    told = identify(cost, ParameterSpace(MATERIALS), replace_pair(true_parameters, 0.29))
-    low, high = told.intervals[PAIR]
-    assert told.identified[PAIR]
+    found = identify(cost, ParameterSpace(MATERIALS), replace_pair(true_parameters, 0.29))
+    low, high = found.intervals[PAIR]
+    assert found.identified[PAIR]
     assert 0.2 < low < 0.29
     assert high == 1.0
 
@@ -108,9 +110,9 @@ def test_observations_of_several_objects(glide, glides):
     observed.append(glides(generator, 0.5))
     space = ParameterSpace(materials)
     cost = TrajectoryCost(observed, glide, materials)
-    told = identify(cost, space, StaticParameters.uniform(materials, restitution=0.5))
+    found = identify(cost, space, StaticParameters.uniform(materials, restitution=0.5))
     names = parameter_names(materials)
-    assert {name for name, yes in zip(names, told.identified, strict=True) if yes} == {
+    assert {name for name, yes in zip(names, found.identified, strict=True) if yes} == {
         "restitution[ball, floor]",
         "restitution[floor, puck]",
     }

@@ -1,0 +1,112 @@
+"""A scan tries each parameter over its range, with the initial states that fit each value best."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.coordinate_scan import (
+    ScanCandidates,
+    compatible_moves,
+    scanned_states,
+)
+from intuitive_physics_learner.joint_estimation.fit_horizons import TrajectoryFits
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.linearisation import (
+    ParameterSteps,
+    linearise,
+    separate_groups,
+)
+from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
+
+SETTINGS = JointEstimationSettings()
+LEVELS = np.array([0.1, 0.5, 0.9])
+
+
+def candidates_of(task):
+    influence = task.influence[:, task.active]
+    levels = np.tile(LEVELS, (task.begin.size, 1))
+    return ScanCandidates(task.begin, separate_groups(influence), task.searched, levels)
+
+
+def test_candidates_move_their_own_parameter_only(gliding_task):
+    task = gliding_task([0.5, 0.7])
+    candidates = candidates_of(task)
+    # All four parameters share both observations: no two move together.
+    assert len(candidates.parameters) == 4 * LEVELS.size
+    for parameter in range(4):
+        for k, level in enumerate(LEVELS):
+            moved = task.searched.to_unit(candidates.parameters[candidates.index[parameter, k]])
+            assert moved[parameter] == pytest.approx(level)
+            if parameter != 3:
+                assert moved[3] == task.begin[3]
+
+
+def test_initial_states_are_the_ridge_regression_of_each_level(gliding_task):
+    # x(t) = x₀ + s + e v t with s free: s = -Σ r / (n + σ²/p²), r being the residuals at s = 0.
+    noise, deviation = 0.5, 0.02
+    task = gliding_task([0.6, 0.3], position_deviation=deviation, noise=0.01)
+    influence = task.influence[:, task.active]
+    (block,) = observation_blocks(task.cost.observations, influence, SETTINGS)
+    fits = TrajectoryFits.initial(block, SETTINGS)
+    steps = ParameterSteps(
+        task.begin,
+        np.full(4, 0.1),
+        separate_groups(influence),
+        task.searched.to_parameters,
+        SETTINGS,
+    )
+    until = fits.horizons
+    linear = linearise(task.cost, block, fits.estimate, fits.deviations, steps, until, SETTINGS)
+    estimates, residuals = scanned_states(
+        task.cost, block, fits, linear, candidates_of(task), noise, SETTINGS
+    )
+    estimates = estimates.reshape(4, LEVELS.size, 2, 3)
+    residuals = residuals.reshape(4, LEVELS.size, 2, -1, 3)
+    prior = SETTINGS.prior_widening * deviation
+    for w, observation in enumerate(task.cost.observations):
+        (ball,) = observation.objects
+        times = ball.trajectory.times
+        fitted = times <= fits.horizons[w]
+        n = np.count_nonzero(fitted)
+        velocity = ball.initial_state.linear_velocity
+        for k, e in enumerate(LEVELS):
+            moved = ball.initial_state.position + e * times[:, None] * velocity
+            here = (moved - ball.trajectory.positions)[fitted]
+            expected = -here.sum(axis=0) / (n + noise**2 / prior**2)
+            np.testing.assert_allclose(estimates[3, k, w], expected, atol=1e-9)
+            np.testing.assert_allclose(residuals[3, k, w, :n], here + expected, atol=1e-9)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_moves_share_no_observation_and_none_that_gains_most_is_left_out(seed):
+    rng = np.random.default_rng(seed)
+    influence = rng.random((6, 8)) < 0.3
+    gains = rng.normal(size=8)
+    moves = compatible_moves(gains, influence, 0.5)
+    assert (gains[moves] >= 0.5).all()
+    assert (influence[:, moves].sum(axis=1) <= 1).all()
+    for parameter in set(np.flatnonzero(gains >= 0.5)) - set(moves):
+        rivals = [m for m in moves if (influence[:, m] & influence[:, parameter]).any()]
+        assert max(gains[rivals]) >= gains[parameter]
+
+
+def test_a_scan_leaves_a_local_optimum(gliding_task):
+    # f(e) is lowest at 0.6: from 0.5 the fit to f(0.95) = 0.245 climbs to f(0) = 0.072.
+    def valley(e):
+        return np.where(e < 0.6, 0.2, 2.0) * (e - 0.6) ** 2
+
+    task = gliding_task([0.95, 0.95], effect=valley, noise=0.002)
+
+    def fitted(settings):
+        influence = task.influence[:, task.active]
+        fit = JointFit(task.cost, task.searched, influence, task.begin, settings)
+        for _ in range(12):
+            fit.step()
+        return fit.unit[3]
+
+    assert fitted(SETTINGS) == pytest.approx(0.95, abs=0.01)
+    assert fitted(replace(SETTINGS, scan_steps=())) < 0.1

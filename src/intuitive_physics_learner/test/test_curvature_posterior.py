@@ -1,0 +1,98 @@
+"""The posterior at an estimate is that of linear least squares, and wide where one side is flat."""
+
+import numpy as np
+import pytest
+
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
+from intuitive_physics_learner.joint_estimation.normal_equations import NormalEquations, Posterior
+from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
+from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
+from intuitive_physics_learner.search.identifiability import PRIOR_PRECISION
+
+SETTINGS = JointEstimationSettings(outlier_length=100.0)
+"""Least squares: nothing is an outlier."""
+
+PRIOR_DEVIATION = PRIOR_PRECISION**-0.5
+E = 3
+"""Index of the only parameter that has an effect."""
+
+
+def model_of(task):
+    influence = task.influence[:, task.active]
+    return TrajectoryModel(task.cost, task.searched, influence, SETTINGS)
+
+
+def information_of(task, model, horizons, slope=1.0):
+    """Information on e of balls x(t) = x₀ + s + slope · e v t with free s, s eliminated."""
+    total = 0.0
+    for observation, horizon in zip(task.cost.observations, horizons, strict=True):
+        (ball,) = observation.objects
+        times = ball.trajectory.times[ball.trajectory.times <= horizon]
+        speed2 = slope**2 * np.sum(ball.initial_state.linear_velocity**2)
+        prior = SETTINGS.prior_widening * np.sqrt(ball.initial_state.covariance[0, 0])
+        own = times.size / model.noise**2 + prior**-2
+        total += speed2 * (times**2).sum() / model.noise**2
+        total -= speed2 * times.sum() ** 2 / model.noise**4 / own
+    return total
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.003])
+def test_a_linear_problem_has_the_posterior_of_least_squares(gliding_task, noise):
+    task = gliding_task([0.5, 0.5, 0.5], position_deviation=0.01, noise=noise)
+    model = model_of(task)
+    estimate = model.initial_estimate(task.begin)
+    posterior, deviations = model.curvature_posterior(estimate)
+    information = information_of(task, model, estimate.fits[0].horizons) + PRIOR_PRECISION
+    assert posterior.deviations[E] == pytest.approx(information**-0.5, rel=1e-6)
+    # The loss is a parabola: both sides and the scan agree with it.
+    assert deviations[E] == pytest.approx(information**-0.5, rel=1e-6)
+    # What has no effect keeps its prior, and no correlation with e.
+    np.testing.assert_allclose(posterior.deviations[:E], PRIOR_DEVIATION)
+    np.testing.assert_allclose(posterior.covariance[E, :E], 0.0, atol=1e-12)
+    assert (deviations[:E] >= PRIOR_DEVIATION).all()
+
+
+def test_a_parameter_that_only_has_to_be_large_enough_keeps_its_prior(gliding_task):
+    # f(e) = min(e, ½) at e = ½: a slope of one below and none above, half of it on average.
+    task = gliding_task([0.5, 0.5], effect=lambda e: np.minimum(e, 0.5), position_deviation=0.01)
+    model = model_of(task)
+    estimate = model.initial_estimate(task.begin)
+    posterior, deviations = model.curvature_posterior(estimate)
+    information = information_of(task, model, estimate.fits[0].horizons, slope=0.5)
+    expected = (information + PRIOR_PRECISION) ** -0.5
+    assert posterior.deviations[E] == pytest.approx(expected, rel=1e-6)
+    assert deviations[E] == pytest.approx(PRIOR_DEVIATION)
+
+
+def test_counts_its_simulations(gliding_task):
+    task = gliding_task([0.5, 0.5, 0.6], position_deviation=0.01)
+    model = model_of(task)
+    model.curvature_posterior(model.initial_estimate(task.begin))
+    assert model.simulations == model.curvature_simulations
+
+
+def test_eliminating_initial_states_is_the_inverse_of_the_whole_matrix(gliding_task):
+    # The posterior of (s, θ) has the covariance H⁻¹; its parts are what elimination gives.
+    task = gliding_task([0.5], position_deviation=0.01)
+    (block,) = observation_blocks(task.cost.observations, task.influence[:, task.active], SETTINGS)
+    generator = np.random.default_rng(0)
+    points = block.times.shape[1]
+    slopes = generator.normal(size=(1, 3 + 4, points, 3))
+    residuals = generator.normal(size=(1, points, 3))
+    valid = np.ones((1, points), dtype=bool)
+    linear = Linearisation(residuals, slopes, valid, np.zeros((1, points)), (slopes, slopes))
+    estimate = np.zeros((1, 3))
+    equations = NormalEquations.of(block, estimate, linear, block.durations, 1.0, SETTINGS)
+    eliminated = equations.eliminated()
+    whole = equations.hessian[0].copy()
+    whole[3:, 3:] += PRIOR_PRECISION * np.eye(4)
+    inverse = np.linalg.inv(whole)
+    posterior = Posterior.of([eliminated], 4, PRIOR_PRECISION)
+    np.testing.assert_allclose(posterior.covariance, inverse[3:, 3:], rtol=1e-9, atol=1e-12)
+    got = posterior.state_deviations(equations, eliminated)[0]
+    np.testing.assert_allclose(got, np.sqrt(np.diag(inverse))[:3], rtol=1e-9)
+    jacobian = slopes[0].reshape(7, -1)
+    variances = np.einsum("ip,ij,jp->p", jacobian, inverse, jacobian).reshape(points, 3)
+    spreads = posterior.spreads(linear, equations, eliminated)[0]
+    np.testing.assert_allclose(spreads, np.sqrt(variances.sum(axis=1)), rtol=1e-9)

@@ -1,0 +1,157 @@
+"""Fit horizons advance as far as the motion can be predicted, and retreat where a fit fails."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.fit_horizons import (
+    FAILED_LENGTH,
+    TrajectoryFits,
+    advanced_horizons,
+    first_horizons,
+    misfit_starts,
+)
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
+from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
+
+SETTINGS = JointEstimationSettings()
+NOISE = 0.01
+"""m"""
+
+
+@pytest.fixture
+def block(gliding_task):
+    """Two balls seen at 100 points, 0.04 s apart, with free initial positions."""
+    task = gliding_task([0.5, 0.5], position_deviation=0.02, count=100)
+    (made,) = observation_blocks(task.cost.observations, task.influence, SETTINGS)
+    return made
+
+
+def bent(block, bends):
+    """A linearisation of which only its error (W, P) in m is asked."""
+    nothing = np.zeros((*block.times.shape, 3))
+    slopes = np.zeros((len(nothing), 1, *nothing.shape[1:]))
+    valid = np.isfinite(block.times)
+    return Linearisation(nothing, slopes, valid, bends, (slopes, slopes))
+
+
+def test_a_fit_begins_with_the_first_points_or_the_first_time(block):
+    # The tenth point is at 0.4 s, the twentieth at 0.8 s.
+    np.testing.assert_allclose(first_horizons(block, SETTINGS), 0.4)
+    more = replace(SETTINGS, first_points=20)
+    np.testing.assert_allclose(first_horizons(block, more), 0.5)
+
+
+def test_horizons_advance_to_where_the_linearisation_error_exceeds_its_limit(block):
+    # An error κ t² may be 2 σ + s t with a spread of s t: t* = (s + √(s² + 8 κ σ)) / (2 κ).
+    curvature, speed = np.array([[0.021], [0.06]]), 0.03
+    linear = bent(block, curvature * block.times**2)
+    spreads = speed * block.times
+    ends = (speed + np.sqrt(speed**2 + 8.0 * curvature[:, 0] * NOISE)) / (2.0 * curvature[:, 0])
+    expected = np.floor(ends / 0.04) * 0.04
+    horizons = first_horizons(block, SETTINGS)
+    for _ in range(20):
+        before = horizons
+        horizons = advanced_horizons(block, linear, spreads, horizons, NOISE, SETTINGS)
+        assert (horizons >= before).all()
+        assert (horizons <= before + SETTINGS.largest_advance + 1e-12).all()
+    np.testing.assert_allclose(horizons, expected)
+
+
+def test_horizons_advance_to_where_the_spread_exceeds_its_limit(block):
+    spreads = 0.1 * block.times
+    horizons = np.array([0.4, 2.0])
+    for _ in range(20):
+        horizons = advanced_horizons(
+            block, bent(block, 0.0 * block.times), spreads, horizons, NOISE, SETTINGS
+        )
+    # 0.1 m/s reaches 0.15 m at 1.5 s, before which 1.48 s is the last point; what was fitted
+    # already stays so.
+    np.testing.assert_allclose(horizons, [1.48, 2.0])
+
+
+def test_horizons_end_with_the_trajectory(block):
+    horizons = np.array([3.9, 3.95])
+    predictable = bent(block, 0.0 * block.times)
+    moved = advanced_horizons(block, predictable, 0.0 * block.times, horizons, NOISE, SETTINGS)
+    np.testing.assert_allclose(moved, block.durations)
+
+
+@given(first=st.integers(6, 90))
+def test_a_misfit_starts_where_half_of_its_neighbours_are_off(first):
+    # Of six neighbours three are off as soon as three follow: the window begins three earlier.
+    times = 0.04 * np.arange(1, 101)[None]
+    residuals = np.zeros((1, 100, 3))
+    residuals[0, first:, 0] = 10.0 * NOISE
+    block = _Times(times)
+    start = misfit_starts(block, residuals, np.array([4.0]), NOISE, SETTINGS)
+    np.testing.assert_allclose(start, times[0, first - 3])
+    beyond = misfit_starts(block, residuals, times[0, first - 1 : first], NOISE, SETTINGS)
+    assert np.isinf(beyond).all()
+
+
+class _Times:
+    """As much of a block as misfits depend on."""
+
+    def __init__(self, times):
+        self.times = times
+
+
+def test_two_outliers_are_no_misfit(block):
+    residuals = np.zeros((2, 100, 3))
+    residuals[:, 50:52] = 1.0
+    assert np.isinf(misfit_starts(block, residuals, block.durations, NOISE, SETTINGS)).all()
+
+
+def test_a_horizon_retreats_to_before_its_misfit_and_others_reach_their_goals(block):
+    fits = TrajectoryFits.initial(block, SETTINGS)
+    fits.horizons = np.array([3.0, 3.0])
+    residuals = np.zeros((2, 100, 3))
+    residuals[1, 49:, 0] = 10.0 * NOISE
+    goals = np.array([3.2, 3.2])
+    moved, misfits = fits.advance(block, residuals, goals, NOISE, SETTINGS)
+    assert (moved, misfits) == (True, 1)
+    start = block.times[1, 46]
+    np.testing.assert_allclose(fits.horizons, [3.2, start - SETTINGS.retreat])
+
+
+def test_losses_are_hubers_and_the_priors(block):
+    fits = TrajectoryFits.initial(block, SETTINGS)
+    fits.horizons = np.array([0.04, 0.08])
+    estimates = np.zeros((1, 2, 3))
+    estimates[0, 0, 0] = 2.0 * block.prior_deviations[0, 0]
+    residuals = np.zeros((1, 2, 100, 3))
+    residuals[0, :, 0, 0] = 2.0 * NOISE
+    residuals[0, :, 1, 0] = 5.0 * NOISE
+    # ½ 2² inside; beyond 3 σ, 3 (5 - 3/2); later points do not count; ½ 2² of the prior.
+    got = fits.losses(block, estimates, residuals, NOISE, SETTINGS)
+    np.testing.assert_allclose(got, [[2.0 + 2.0, 2.0 + 10.5]])
+    residuals[0, 0, 0] = np.nan
+    failed = fits.losses(block, estimates, residuals, NOISE, SETTINGS)[0, 0]
+    assert failed == pytest.approx(2.0 + 3.0 * (FAILED_LENGTH - 1.5))
+
+
+def test_fits_continue_from_their_state(block):
+    fits, other = (TrajectoryFits.initial(block, SETTINGS) for _ in range(2))
+    fits.estimate += 0.125
+    fits.misfits += 2
+    other.load_state(fits.state())
+    assert other.state() == fits.state()
+    assert other.misfits.dtype == fits.misfits.dtype
+
+
+def test_a_joint_fit_reaches_the_end_of_what_it_can_predict(gliding_task):
+    task = gliding_task([0.6, 0.6, 0.6], position_deviation=0.02, count=60)
+    fit = JointFit(task.cost, task.searched, task.influence[:, task.active], task.begin, SETTINGS)
+    for _ in range(40):
+        fit.step()
+    assert fit.settled
+    assert fit.misfits == 0.0
+    assert fit.unit[3] == pytest.approx(0.6, abs=1e-4)
+    (part,) = fit.state()["fits"]
+    np.testing.assert_allclose(part["horizons"], 60 * 0.04)

@@ -1,0 +1,104 @@
+"""Slopes are derivatives, and bends say how far the linearisation is wrong a deviation away."""
+
+import numpy as np
+import pytest
+
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.linearisation import (
+    ParameterSteps,
+    linearise,
+    residuals_at,
+    separate_groups,
+)
+from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
+
+SETTINGS = JointEstimationSettings()
+DEVIATION = 0.06
+"""Of each parameter, in widths; half of it is the step."""
+
+E = 3
+"""Index of the only parameter that has an effect."""
+
+
+def linearised(task):
+    """Linearise at the task's start; return it with the block and |v| (W,) of its balls."""
+    influence = task.influence[:, task.active]
+    (block,) = observation_blocks(task.cost.observations, influence, SETTINGS)
+    deviations = np.full(task.begin.size, DEVIATION)
+    groups = separate_groups(influence)
+    steps = ParameterSteps(task.begin, deviations, groups, task.searched.to_parameters, SETTINGS)
+    estimate = np.zeros_like(block.prior_deviations)
+    linear = linearise(
+        task.cost, block, estimate, block.prior_deviations, steps, block.durations, SETTINGS
+    )
+    velocities = [o.objects[0].initial_state.linear_velocity for o in task.cost.observations]
+    return linear, block, np.array(velocities)
+
+
+@pytest.mark.parametrize(
+    ("effect", "slope", "bend"),
+    [
+        (lambda e: e, 1.0, 0.0),
+        # Sides of slope 2 e ± h differ by 2 h, of which half a deviation away counts.
+        (np.square, 1.0, 0.5 * DEVIATION * DEVIATION),
+        # A kink from slope -1 to 1 is wrong by a whole deviation.
+        (lambda e: np.abs(e - 0.5), 0.0, DEVIATION),
+    ],
+)
+def test_slopes_and_linearisation_error_of_known_functions(gliding_task, effect, slope, bend):
+    linear, block, velocities = linearised(gliding_task([0.5, 0.5], effect=effect))
+    paths = velocities[:, None] * block.times[..., None]
+    np.testing.assert_allclose(linear.slopes[:, E], slope * paths, atol=1e-9)
+    np.testing.assert_allclose(linear.slopes[:, :E], 0.0, atol=1e-9)
+    np.testing.assert_allclose(linear.bends, bend * np.linalg.norm(paths, axis=2), atol=1e-9)
+    up, down = (side[:, E] for side in linear.one_sided)
+    np.testing.assert_allclose(0.5 * (up + down), slope * paths, atol=1e-9)
+
+
+def test_initial_positions_move_all_points(gliding_task):
+    linear, block, _ = linearised(gliding_task([0.5], position_deviation=0.01))
+    for axis in range(3):
+        expected = np.zeros(3)
+        expected[axis] = 1.0
+        np.testing.assert_allclose(
+            linear.slopes[0, axis], np.tile(expected, (block.times.shape[1], 1)), atol=1e-9
+        )
+
+
+def test_residuals_elsewhere_are_as_the_slopes_say_of_a_linear_motion(gliding_task):
+    task = gliding_task([0.5, 0.7], position_deviation=0.01)
+    linear, block, _ = linearised(task)
+    moved = task.begin.copy()
+    moved[E] += 0.1
+    states = np.full((1, 2, 3), 0.02)
+    got = residuals_at(
+        task.cost,
+        block,
+        states,
+        [task.searched.to_parameters(moved)],
+        np.zeros((1, 1), dtype=int),
+        block.durations,
+    )
+    change = 0.02 * linear.slopes[:, :3].sum(axis=1) + 0.1 * linear.slopes[:, 3 + E]
+    np.testing.assert_allclose(got[0], linear.residuals + change, atol=1e-9)
+
+
+def test_points_that_are_not_simulated_have_no_slope(gliding_task):
+    # One step up from 0.985 the engine fails.
+    task = gliding_task([0.5])
+    begin = task.begin.copy()
+    begin[E] = 0.985
+    influence = task.influence[:, task.active]
+    (block,) = observation_blocks(task.cost.observations, influence, SETTINGS)
+    steps = ParameterSteps(
+        begin,
+        np.full(4, DEVIATION),
+        separate_groups(influence),
+        task.searched.to_parameters,
+        SETTINGS,
+    )
+    still = np.zeros((1, 0))
+    linear = linearise(task.cost, block, still, still, steps, block.durations, SETTINGS)
+    assert not linear.valid.any()
+    assert (linear.slopes == 0.0).all()
+    assert np.isfinite(linear.residuals).all()

@@ -8,7 +8,7 @@ from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noisy_newton import predict
-from intuitive_physics_predictor.queries import falls_below
+from intuitive_physics_predictor.queries.events import falls_below
 
 floor = Environment([Plane("floor", "wood", normal=(0, 0, 1), offset=0.0)])
 ball = SceneObject("ball", "rubber", Sphere(radius=0.05))

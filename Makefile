@@ -48,7 +48,7 @@ types: ## Only check types, with the environment as it is
 
 docs: setup ## Build the documentation site into docs/_build/html; warnings are errors
 	@echo "── docs"
-	@$(run_environment) .venv/bin/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+	@.venv/bin/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 
 test: setup ## Lint, test the libraries, test the nodes and the whole system

@@ -23,7 +23,7 @@ extensions = [
     "generated_reference",
     "docstring_text",
 ]
-exclude_patterns = ["_build", "_extensions"]
+exclude_patterns = ["_build", "_extensions", "reference/*.inc.md"]
 nitpicky = False
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
@@ -32,6 +32,7 @@ myst_dmath_double_inline = False
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
+autosummary_generate = False
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
 default_role = "code"

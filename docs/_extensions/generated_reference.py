@@ -8,9 +8,20 @@ from typing import Any
 import benchmark_pages
 import command_pages
 import interface_pages
+import layout_pages
 import library_pages
 import node_pages
 from sphinx.application import Sphinx
+
+MAKERS = (
+    node_pages,
+    interface_pages,
+    command_pages,
+    library_pages,
+    benchmark_pages,
+    layout_pages,
+)
+"""Modules whose `pages` returns pages by name."""
 
 
 def write_pages(app: Sphinx) -> None:
@@ -18,7 +29,7 @@ def write_pages(app: Sphinx) -> None:
     folder = Path(app.srcdir) / "reference"
     repository = Path(app.srcdir).parent
     pages: dict[str, str] = {}
-    for maker in (node_pages, interface_pages, command_pages, library_pages, benchmark_pages):
+    for maker in MAKERS:
         pages.update(maker.pages(repository))
     for name, text in pages.items():
         path = folder / name
@@ -32,5 +43,5 @@ def write_pages(app: Sphinx) -> None:
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register with Sphinx."""
-    app.connect("builder-inited", write_pages)
+    app.connect("builder-inited", write_pages, priority=100)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -89,13 +89,12 @@ def _node(repository: Path, path: Path) -> str:
         _calls(repository, found),
         "### Parameters\n",
         table(
-            ("name", "default", "range", "description"),
+            ("name", "default", "description"),
             (
                 (
                     f"{code(one.name)}{'' if one.read_only else ' ✎'}",
                     code(_default(one.default)),
-                    _range(one),
-                    one.description.replace("*", "\\*"),
+                    one.description.replace("*", "\\*") + _range(one),
                 )
                 for one in parameters(node_class)
             ),
@@ -174,8 +173,13 @@ def _default(value: Any) -> str:
 
 
 def _range(parameter: Any) -> str:
+    """Return what a value may be, to follow a description; nothing where anything may be."""
     if parameter.choices:
-        return ", ".join(code(choice) for choice in parameter.choices)
+        return f" (one of {', '.join(code(choice) for choice in parameter.choices)})"
     if parameter.range is not None:
-        return f"{parameter.range[0]:g} to {parameter.range[1]:g}"
+        return f" ({_number(parameter.range[0])} to {_number(parameter.range[1])})"
     return ""
+
+
+def _number(value: float) -> str:
+    return f"{int(value):,}" if value == int(value) else f"{value:g}"

@@ -27,7 +27,13 @@ SITE = [
     for path in sorted((ROOT / "docs").rglob("*.md"))
     if not {"_build", "reference"} & set(path.relative_to(ROOT / "docs").parts)
 ]
-PAGES = [README, *SITE, ROOT / "benchmarks" / "README.md", *sorted(ROOT.glob("src/*/README.md"))]
+PAGES = [
+    README,
+    ROOT / "CONTRIBUTING.md",
+    *SITE,
+    ROOT / "benchmarks" / "README.md",
+    *sorted(ROOT.glob("src/*/README.md")),
+]
 GENERATED = {name for maker in MAKERS for name in maker.pages(ROOT)}
 SOURCES = [path for path in (ROOT / "src").rglob("*") if path.suffix in (".py", ".msg", ".srv")]
 

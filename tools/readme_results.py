@@ -148,12 +148,11 @@ def prediction_node() -> tuple[str, ...]:
     path = "benchmarks/results/prediction.md"
     rows = markdown_rows(path, "The node at 100 Hz")
     alone = {row["engine"]: row for row in markdown_rows(path, "The paper's way")}
-    scenes = [row["scene"] for row in rows]
+    rates = [cell.partition("(")[2].removesuffix(" Hz)") for cell in alone["ODE"].values()]
     return (
         "distributions a second, 20 samples of 5 s; 1 sphere, 3 spheres, 3 mixed objects",
         ", ".join(row["Hz"] for row in rows),
-        "ODE alone "
-        + ", ".join(re.search(r"\((\d+) Hz\)", alone["ODE"][scene])[1] for scene in scenes),
+        f"ODE alone {', '.join(rates[1:])}",
         f"[{rows[0]['for s']} s each](docs/benchmarks.md)",
         "`make bench-prediction`",
     )

@@ -9,6 +9,7 @@ import benchmark_pages
 import command_pages
 import interface_pages
 import layout_pages
+import learning_tables
 import library_pages
 import node_pages
 from sphinx.application import Sphinx
@@ -20,6 +21,7 @@ MAKERS = (
     library_pages,
     benchmark_pages,
     layout_pages,
+    learning_tables,
 )
 """Modules whose `pages` returns pages by name."""
 

@@ -11,6 +11,8 @@ from markdown_table import code, table
 
 from intuitive_physics_cli import command_line
 
+LINE_LENGTH = 76
+
 
 def pages(_: Path) -> dict[str, str]:
     """Return the page by its name."""
@@ -34,7 +36,7 @@ def commands(
 def _command(name: str, parser: argparse.ArgumentParser) -> str:
     usage = re.sub(r"\s+", " ", parser.format_usage().removeprefix("usage: ")).strip()
     rows = [
-        (_form(action), _help(action), _default(action))
+        (_form(action), _default(action), _help(action))
         for action in parser._actions
         if action.help is not argparse.SUPPRESS and not isinstance(action, argparse._HelpAction)
     ]
@@ -42,10 +44,21 @@ def _command(name: str, parser: argparse.ArgumentParser) -> str:
         [
             f"## {name}\n",
             f"{_escaped(parser.description or '')}\n",
-            f"```\n{usage}\n```\n",
-            table(("argument", "meaning", "default"), rows) if rows else "",
+            f"```\n{_folded(usage)}\n```\n",
+            table(("argument", "default", "meaning"), rows) if rows else "",
         ]
     )
+
+
+def _folded(usage: str) -> str:
+    """Return a usage in lines that a page has room for, no option divided."""
+    parts = re.findall(r"\[[^]]*\]|\S+", usage)
+    lines = [""]
+    for part in parts:
+        if len(lines[-1]) + len(part) > LINE_LENGTH:
+            lines.append("   ")
+        lines[-1] += f"{' ' if lines[-1] else ''}{part}"
+    return "\n".join(lines)
 
 
 def _form(action: argparse.Action) -> str:
@@ -77,9 +90,10 @@ def _help(action: argparse.Action) -> str:
 
 
 def _default(action: argparse.Action) -> str:
-    if action.default in (None, False, [], argparse.SUPPRESS) or action.required:
+    given = action.default
+    if given is None or given is False or given == [] or given is argparse.SUPPRESS:
         return ""
-    return code(str(action.default).replace(str(Path.home()), "~"))
+    return code(str(given).replace(str(Path.home()), "~"))
 
 
 def _escaped(words: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.kernels.warm_up import WarmUp
 from intuitive_physics_perception.detection.box_faces import find_faces
 from intuitive_physics_perception.input.depth import Intrinsics, points_from_depth
 from intuitive_physics_perception.input.point_cloud import Field, points_from_cloud_data
@@ -68,5 +69,5 @@ def _as_cloud(points: NDArray[np.float32], kind: str) -> NDArray[np.float32]:
     )
 
 
-WARM_UPS = (warm_up,)
+WARM_UPS: tuple[WarmUp, ...] = (warm_up,)
 """Of `intuitive_physics.kernels.warm_up`."""

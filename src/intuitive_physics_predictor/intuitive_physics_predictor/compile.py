@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from intuitive_physics.kernels.warm_up import WarmUp
 from intuitive_physics.simulation.compile import warm_up as warm_up_simulation
 from intuitive_physics.state import ObjectState
 from intuitive_physics_predictor.moments import weighted_moments
@@ -22,5 +23,5 @@ def warm_up_samples() -> None:
     StateSpread.of([ObjectState((0.0, 0.0, 0.0))], StateNoise()).draw(1, np.random.default_rng(0))
 
 
-WARM_UPS = (warm_up_samples,)
+WARM_UPS: tuple[WarmUp, ...] = (warm_up_samples,)
 """Of `intuitive_physics.kernels.warm_up`, beside those of the simulation."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from intuitive_physics.setting_fields import number, other
+from intuitive_physics.settings import number, other
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics_learner.learning_session import LearningResult
 from intuitive_physics_learner.search.convergence import SearchProgress
 
-TELL_PERIOD = 0.1
+REPORT_PERIOD = 0.1
 """s between two calls of `on_change` at least, except for the last."""
 
 Work = Callable[[Callable[[SearchProgress], None], Callable[[], bool]], LearningResult]
@@ -23,13 +23,13 @@ Work = Callable[[Callable[[SearchProgress], None], Callable[[], bool]], Learning
 
 @dataclass(frozen=True)
 class JobProgress:
-    """How far a job is.
+    """The progress of a job.
 
     Parameters
     ----------
     iteration : evaluations of J so far
     best_cost : lowest J so far, m; infinite before the first
-    new_costs : lowest J after each iteration since this was last taken, m
+    new_costs : lowest J after each iteration since the progress was last drained, m
     seconds_left : until the end at the latest, as far as known
     """
 
@@ -40,7 +40,7 @@ class JobProgress:
 
 
 class LearningJob:
-    """Runs at once. The search's kernels release the interpreter, so other threads go on.
+    """Starts at once. The search's kernels release the interpreter lock, so other threads run too.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class LearningJob:
         self._outcome: Future[LearningResult] = Future()
         self._lock = threading.Lock()
         self._progress = JobProgress(0, np.inf, (), np.inf)
-        self._told_at = -np.inf
+        self._reported_at = -np.inf
         self._began = time.monotonic()
         self._ended: float | None = None
         self._thread = threading.Thread(target=self._run, name="learning", daemon=True)
@@ -63,7 +63,7 @@ class LearningJob:
 
     @property
     def done(self) -> bool:
-        """Whether it has ended, in whatever way."""
+        """Whether it has ended, with or without a result."""
         return self._outcome.done()
 
     @property
@@ -77,7 +77,7 @@ class LearningJob:
         return self._progress.iteration
 
     def cancel(self) -> None:
-        """Ask it to stop after the batch of candidates it is at."""
+        """Make it stop after the present batch of candidates."""
         self._cancelled.set()
 
     def stop(self, timeout: float) -> bool:
@@ -86,12 +86,14 @@ class LearningJob:
         self._thread.join(timeout)
         return self.done
 
-    def take_progress(self) -> JobProgress:
-        """Return how far it is; its new costs are told once."""
+    def drain_progress(self) -> JobProgress:
+        """Return the progress and drain the new costs: each is returned once."""
         with self._lock:
-            taken = self._progress
-            self._progress = JobProgress(taken.iteration, taken.best_cost, (), taken.seconds_left)
-        return taken
+            drained = self._progress
+            self._progress = JobProgress(
+                drained.iteration, drained.best_cost, (), drained.seconds_left
+            )
+        return drained
 
     def result(self) -> LearningResult:
         """Wait for the end and return what was learned, or raise what the work raised."""
@@ -107,7 +109,7 @@ class LearningJob:
         try:
             result = self._work(self._on_progress, self._cancelled.is_set)
         except Exception as error:
-            # Whoever asks for the result gets it, in a thread that can answer.
+            # `result` raises it in the caller's thread.
             self._ended = time.monotonic()
             self._outcome.set_exception(error)
         else:
@@ -124,6 +126,6 @@ class LearningJob:
                 progress.seconds_left,
             )
         now = time.monotonic()
-        if now - self._told_at >= TELL_PERIOD:
-            self._told_at = now
+        if now - self._reported_at >= REPORT_PERIOD:
+            self._reported_at = now
             self._on_change()

@@ -1,4 +1,4 @@
-"""Learning from a store: what was learned becomes its next version, what was killed goes on."""
+"""Learning from a store: what is learned becomes its next version; killed searches continue."""
 
 from __future__ import annotations
 
@@ -30,9 +30,14 @@ PROBE_HEIGHT = 1e3
 
 
 def check_environments(observations: Sequence[Observation], simulator: Simulator) -> None:
-    """Put a lone ball of one of its materials into each environment and look what happens.
+    """Simulate a lone ball of one of its materials in each environment.
 
     Every engine knows balls, so one that refuses this scene refuses the environment.
+
+    Parameters
+    ----------
+    observations : whose environments are checked
+    simulator : the engine
 
     Raises
     ------
@@ -58,7 +63,7 @@ def check_environments(observations: Sequence[Observation], simulator: Simulator
 
 
 LARGEST_SAVING_SHARE = 0.05
-"""Of a search's time that may go into saving where it stands."""
+"""Part of a search's time that may be spent on storing its state."""
 
 
 def learn_from_store(
@@ -72,16 +77,25 @@ def learn_from_store(
 ) -> LearningResult:
     """Learn from stored observations, starting from the newest θ_s, and store the next version.
 
-    About once a second the store is told where the search stands. The same search, asked for
-    again after it was killed or cancelled, goes on from there and ends as if it had not stopped;
-    a version of θ_s that was stored meanwhile makes it another search.
+    About once a second the state of the search is stored. The same search, started again after it
+    was killed or cancelled, continues from there and ends as if it had not stopped; a version of
+    θ_s that was stored meanwhile makes it another search.
+
+    Parameters
+    ----------
+    store : of observations and θ_s
+    simulator : the engine that simulates candidates
+    options : how to learn
+    on_progress : called after each step of the search
+    cancelled : looked at between batches of candidates
+    make_cost : what evaluates J; by default this process
 
     Raises
     ------
     NoObservationsError
         When nothing is stored.
     UnknownMethodError, UnknownNameError
-        When no update rule or no observation has the name given.
+        When no method or no observation has the name given.
     IncompatibleEnvironmentError, UnsupportedSceneError
         When the simulator cannot express the environment of an observation, or its objects.
     LearningCancelledError
@@ -102,28 +116,28 @@ def learn_from_store(
         check_environments(observations, simulator)
         raise
     stored = store.add_parameters(result.learned)
-    search.forget()
+    search.delete()
     return LearningResult(stored, result.search)
 
 
 class StoredSearch:
-    """A search over stored observations that the store knows how to go on with.
+    """A search over stored observations whose state is stored too, so that it can continue.
 
     Parameters
     ----------
-    store : where it is kept
-    purpose : keeps searches apart that are otherwise the same
+    store : of its state
+    purpose : distinguishes searches that are otherwise the same; part of the stored key
     observations : to learn from
     simulator : the engine that simulates candidates
     options : how to learn
     make_cost : what evaluates J
-    clock : s, by which the time of the search is told
+    clock : returns s, by which the search is timed
 
     Attributes
     ----------
-    seconds : of search so far, with those before it was interrupted
+    seconds : of search so far, those before it was interrupted included
     iterations : evaluations of J so far, likewise
-    finished : whether it was stored as having come to its end
+    finished : whether it was stored as finished
     """
 
     def __init__(
@@ -168,56 +182,56 @@ class StoredSearch:
     ) -> LearningResult:
         """Search until a criterion is met, and return what was learned so far.
 
-        A time limit counts from the very beginning; at least one step is done. Raises what
+        A time limit counts from the first start; at least one step is done. Raises what
         `learn_from_store` raises.
         """
         began, before = self._clock(), self.seconds
         if criteria.time_limit is not None:
             criteria = replace(criteria, time_limit=max(0.0, criteria.time_limit - before))
 
-        def take_note(progress: SearchProgress) -> None:
+        def count(progress: SearchProgress) -> None:
             self.iterations = progress.iteration
             if on_progress is not None:
                 on_progress(progress)
 
-        def save(state: Mapping[str, Any]) -> None:
+        def on_checkpoint(state: Mapping[str, Any]) -> None:
             self.seconds = before + self._clock() - began
             self._state = state
             if time.monotonic() >= self._next_saving:
-                self._save()
+                self._write()
 
         result = learn(
             self._observations,
             self._simulator,
             replace(self._options, criteria=criteria),
             previous=self._start,
-            on_progress=take_note,
+            on_progress=count,
             cancelled=cancelled,
             resume=self._state or None,
-            on_checkpoint=save,
+            on_checkpoint=on_checkpoint,
             make_cost=self._make_cost,
         )
         self.seconds = before + self._clock() - began
         return result
 
-    def keep(self, version: int, *, finished: bool) -> None:
-        """Store where it stands now.
+    def save(self, version: int, *, finished: bool) -> None:
+        """Store its present state.
 
         Parameters
         ----------
-        version : of the newest θ_s; with that it goes on
-        finished : whether it has come to its end
+        version : of the newest θ_s, which the search is to continue with
+        finished : whether it has ended
         """
         self._version = version
         if finished:
             self._state = None
-        self._save()
+        self._write()
 
-    def forget(self) -> None:
-        """Take it out of the store."""
+    def delete(self) -> None:
+        """Delete its state from the store."""
         self._store.delete_checkpoint(self._key)
 
-    def _save(self) -> None:
+    def _write(self) -> None:
         began = time.monotonic()
         self._store.save_checkpoint(
             SearchCheckpoint(
@@ -234,7 +248,7 @@ def _key(
     simulator: Simulator,
     options: LearningOptions,
 ) -> str:
-    """Digest of whatever decides how a search goes, apart from the θ_s it starts from."""
+    """Digest of all that determines a search, apart from the θ_s it starts from."""
     parts = {
         "purpose": purpose,
         "observations": [one.id for one in observations],

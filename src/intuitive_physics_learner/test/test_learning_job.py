@@ -29,12 +29,12 @@ def test_progress_and_result(glide, glides):
     while not job.done:
         changed.wait(5.0)
         changed.clear()
-        history += job.take_progress().new_costs
-    history += job.take_progress().new_costs
+        history += job.drain_progress().new_costs
+    history += job.drain_progress().new_costs
     result = job.result()
     assert history == result.search.history.tolist()
     assert job.iteration == 500
-    assert job.take_progress().best_cost == result.search.cost
+    assert job.drain_progress().best_cost == result.search.cost
     assert job.seconds >= result.search.seconds
 
 

@@ -9,8 +9,7 @@ import pytest
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner import LearningCancelledError, ObservationStore, TrajectoryCost
-from intuitive_physics_learner.online import improvement
-from intuitive_physics_learner.online.improvement import OnlineOptions, OnlineSearch
+from intuitive_physics_learner.online.improvement import OnlineOptions, OnlineSearch, SliceSettings
 
 
 @pytest.fixture
@@ -19,11 +18,8 @@ def store(tmp_path):
         yield opened
 
 
-@pytest.fixture(autouse=True)
-def short_slices(monkeypatch):
-    monkeypatch.setattr(improvement, "FIRST_SLICE", 50)
-    monkeypatch.setattr(improvement, "LONGEST_SLICE", 0.1)
-
+SLICES = SliceSettings(first_slice=50, longest_slice=0.1)
+"""Short, so that there are several."""
 
 OPTIONS = OnlineOptions(seconds=10.0, iterations_without_gain=300)
 
@@ -45,7 +41,7 @@ def test_every_new_version_has_a_lower_cost_on_the_same_observations(
 ):
     observed = throws(6, 0, noise=0.003)
     store.add_all(observed)
-    improvements = run_to_end(OnlineSearch(store, event_driven, OPTIONS))
+    improvements = run_to_end(OnlineSearch(store, event_driven, OPTIONS, SLICES))
     assert len(improvements) >= 2
     assert [one.version for one in improvements] == list(range(1, len(improvements) + 1))
     assert [one.to_dict() for one in store.parameters_history()] == [
@@ -108,27 +104,27 @@ def test_notices_what_others_store(store, glide, glides):
 
 def test_goes_on_after_it_was_stopped_and_rests_when_finished(store, event_driven, throws):
     store.add_all(throws(3, 0, noise=0.003))
-    first = OnlineSearch(store, event_driven, OPTIONS)
+    first = OnlineSearch(store, event_driven, OPTIONS, SLICES)
     told = []
     first.run_slice(on_progress=told.append)
-    again = OnlineSearch(store, event_driven, OPTIONS)
+    again = OnlineSearch(store, event_driven, OPTIONS, SLICES)
     more = []
     again.run_slice(on_progress=more.append)
     assert more[0].iteration > told[-1].iteration
     run_to_end(again)
-    assert OnlineSearch(store, event_driven, OPTIONS).finished
+    assert OnlineSearch(store, event_driven, OPTIONS, SLICES).finished
     store.add_all(throws(1, 9))
-    assert not OnlineSearch(store, event_driven, OPTIONS).finished
+    assert not OnlineSearch(store, event_driven, OPTIONS, SLICES).finished
 
 
 def test_keeps_to_its_time(store, event_driven, throws):
     store.add_all(throws(3, 0, noise=0.003))
     options = OnlineOptions(method="random", seconds=0.5, iterations_without_gain=10**7)
     began = time.process_time()
-    run_to_end(OnlineSearch(store, event_driven, options))
+    run_to_end(OnlineSearch(store, event_driven, options, SLICES))
     # At most the last slice is too much.
     assert 0.5 <= time.process_time() - began < 1.5
-    assert OnlineSearch(store, event_driven, options).finished
+    assert OnlineSearch(store, event_driven, options, SLICES).finished
 
 
 def test_stops_when_asked(store, glide, glides):

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.settings import number, other
+from intuitive_physics.settings import check_settings, number, other
 
 
-def _hand_set(default: float, lower: float, upper: float, description: str) -> Any:
+def _hand_set(
+    default: float, lower: float, upper: float, description: str, *, unit: str = ""
+) -> Any:
     """A number without a derivation."""
-    return number(default, lower, upper, f"{description}; set by hand")
+    return number(default, lower, upper, f"{description}; set by hand", unit=unit)
 
 
 @dataclass(frozen=True)
@@ -30,8 +32,9 @@ class JointEstimationSettings:
         1e-4,
         1e-9,
         1.0,
-        "m, noise of an observed position at least: no camera measures better, and what is divided "
-        "by it stays well conditioned",
+        "noise of an observed position at least: no camera measures better, and what is divided by "
+        "it stays well conditioned",
+        unit="m",
     )
     prior_widening: float = _hand_set(
         10.0,
@@ -46,8 +49,9 @@ class JointEstimationSettings:
         0.5,
         1e-3,
         10.0,
-        "step of a finite difference to each side, in standard deviations of what is moved: a "
-        "slope is that of the region where the truth is likely to be",
+        "step of a finite difference to each side: a slope is that of the region where the truth "
+        "is likely to be",
+        unit="standard deviations of what is moved",
     )
     smallest_difference: float = _hand_set(
         1e-6,
@@ -75,7 +79,8 @@ class JointEstimationSettings:
         3.0,
         0.1,
         100.0,
-        "length of a residual in σ from which on Huber's loss grows linearly",
+        "length of a residual from which on Huber's loss grows linearly",
+        unit="σ",
     )
 
     first_damping: float = _hand_set(
@@ -88,13 +93,14 @@ class JointEstimationSettings:
     smallest_damping: float = _hand_set(1e-6, 0.0, 1e12, "damping at least")
     largest_damping: float = _hand_set(1e4, 0.0, 1e12, "damping at most")
     largest_move: float = _hand_set(
-        0.2, 1e-3, 1.0, "width by which a parameter moves at most in one step"
+        0.2, 1e-3, 1.0, "by which a parameter moves at most in one step", unit="widths"
     )
     settled_move: float = _hand_set(
         0.02,
         0.0,
         10.0,
-        "largest move of any parameter, in its standard deviations, of a step that has converged",
+        "largest move of any parameter of a step that has converged",
+        unit="standard deviations of the parameter",
     )
     settled_steps: int = _hand_set(
         2, 1, 1000, "consecutive converged steps after which the fit has converged"
@@ -103,21 +109,23 @@ class JointEstimationSettings:
     first_points: int = _hand_set(
         10, 1, 10_000, "points of each object that the first fit horizon includes at most"
     )
-    first_duration: float = _hand_set(0.5, 0.0, 1e4, "s, the first fit horizon at most")
+    first_duration: float = _hand_set(0.5, 0.0, 1e4, "the first fit horizon at most", unit="s")
     largest_advance: float = _hand_set(
-        0.2, 0.0, 1e4, "s by which a fit horizon advances at most in one step"
+        0.2, 0.0, 1e4, "by which a fit horizon advances at most in one step", unit="s"
     )
     largest_spread: float = _hand_set(
         0.15,
         0.0,
         1e4,
-        "m, standard deviation of a predicted position up to which it may enter the fit",
+        "standard deviation of a predicted position up to which it may enter the fit",
+        unit="m",
     )
     largest_bend: float = _hand_set(
         2.0,
         0.0,
         1e4,
-        "linearisation error of a predicted position, in σ, up to which it may enter the fit",
+        "linearisation error of a predicted position up to which it may enter the fit",
+        unit="σ",
     )
     largest_bend_share: float = _hand_set(
         1.0,
@@ -130,14 +138,15 @@ class JointEstimationSettings:
         2.3,
         0.1,
         100.0,
-        "median length of neighbouring residuals, in σ, above which the fit fails there; of three "
-        "normal components it is 1.54",
+        "median length of neighbouring residuals above which the fit fails there; of three normal "
+        "components it is 1.54",
+        unit="σ",
     )
     misfit_points: int = _hand_set(
         6, 1, 1000, "neighbouring points whose median length is compared with `misfit_length`"
     )
     retreat: float = _hand_set(
-        0.3, 0.0, 1e4, "s before the first misfit to which a fit horizon retreats"
+        0.3, 0.0, 1e4, "before the first misfit, to where a fit horizon retreats", unit="s"
     )
     misfit_patience: int = _hand_set(
         1, 1, 1000, "steps with a misfit after which the fit horizon retreats"
@@ -206,11 +215,12 @@ class JointEstimationSettings:
         0.1,
         1e-6,
         1.0,
-        "width over which a descent of J takes its first slopes: wide against the kinks of single "
+        "over which a descent of J takes its first slopes: wide against the kinks of single "
         "contacts",
+        unit="widths",
     )
     smallest_width: float = _hand_set(
-        0.002, 1e-9, 1.0, "width below which a descent of J takes no more slopes"
+        0.002, 1e-9, 1.0, "below which a descent of J takes no more slopes", unit="widths"
     )
     width_factor: float = _hand_set(
         0.4, 1e-3, 0.999, "factor on that width when steps along slopes gain nothing"
@@ -234,6 +244,9 @@ class JointEstimationSettings:
         "part of the median distance below which distances count as squares in a descent of J: a "
         "sum of distances has no slope at zero",
     )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
 
     def difference_steps(self, deviations: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return steps of finite differences of the shape of `deviations`, in the same units.

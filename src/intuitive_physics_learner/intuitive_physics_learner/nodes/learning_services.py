@@ -144,7 +144,7 @@ class AskedSearches:
         while True:
             change = self._changed.next()
             done = job.done
-            progress = job.take_progress()
+            progress = job.drain_progress()
             history.extend(progress.new_costs)
             if goal is not None and options is not None and progress.new_costs:
                 goal.publish_feedback(_feedback(progress, options))

@@ -1,4 +1,4 @@
-"""Improving θ_s a little at a time: search, judge on the same observations, keep what is better."""
+"""Improving θ_s in slices: search, compare J on the same observations, store what is better."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.observation import observation_materials
+from intuitive_physics.settings import check_settings, number
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions
@@ -20,15 +21,27 @@ from intuitive_physics_learner.search.convergence import (
 from intuitive_physics_learner.store import ObservationStore
 from intuitive_physics_learner.stored_learning import StoredSearch
 
-FIRST_SLICE = 100
-"""Evaluations of J before what was found is judged for the first time; twice as many each time
-after, as long as that takes no longer than `LONGEST_SLICE`."""
 
-LONGEST_SLICE = 8.0
-"""s of CPU time; observations that arrive meanwhile wait until it is over."""
+@dataclass(frozen=True)
+class SliceSettings:
+    """How background learning divides a search. None of the defaults has a derivation."""
 
-SMALLEST_GAIN = 1e-3
-"""Part of J by which it must fall to be worth a new version."""
+    first_slice: int = number(
+        100,
+        1,
+        10_000_000,
+        "evaluations of J before the first comparison; the next slice is twice as long while one "
+        "takes less than half of `longest_slice`",
+    )
+    longest_slice: float = number(
+        8.0, 0.0, 1e6, "CPU time of a slice; observations that arrive meanwhile wait", unit="s"
+    )
+    smallest_gain: float = number(
+        1e-3, 0.0, 1.0, "part of J by which it must fall to be worth a new version"
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
 
 
 @dataclass(frozen=True)
@@ -63,16 +76,17 @@ class OnlineOptions:
 class OnlineSearch:
     """The search over all observations that a store holds now, in slices.
 
-    It starts from the newest θ_s. After each slice what was found is judged by J, on the same
-    observations, against the newest θ_s, and stored as the next version if it is better. Where it
-    stands is kept in the store, so it goes on after the process was killed, until it has converged
-    or its time is up.
+    It starts from the newest θ_s. After each slice the J of what was found is compared with that of
+    the newest θ_s on the same observations, and it is stored as the next version if it is better.
+    The state of the search is stored too, so it continues after the process was killed, until it
+    has converged or its time is up.
 
     Parameters
     ----------
     store : of the observations, at least one
     simulator : the engine that simulates candidates
     options : how to learn
+    slices : how to divide the search; None for the defaults
 
     Raises
     ------
@@ -81,8 +95,13 @@ class OnlineSearch:
     """
 
     def __init__(
-        self, store: ObservationStore, simulator: Simulator, options: OnlineOptions
+        self,
+        store: ObservationStore,
+        simulator: Simulator,
+        options: OnlineOptions,
+        slices: SliceSettings | None = None,
     ) -> None:
+        self._slices = slices or SliceSettings()
         self._store = store
         self._options = options
         self._observations = store.observations()
@@ -95,21 +114,21 @@ class OnlineSearch:
             options.learning_options(),
             clock=time.process_time,
         )
-        self._slice = FIRST_SLICE
+        self._slice = self._slices.first_slice
         known = () if self._newest is None else self._newest.materials
         seen = observation_materials(self._observations)
         self._materials = tuple(dict.fromkeys((*known, *seen)))
         self._cost = TrajectoryCost(self._observations, simulator, self._materials)
-        self._newest_cost = self._judged(self._newest or LearnedParameters.defaults(seen))
+        self._newest_cost = self._cost_of(self._newest or LearnedParameters.defaults(seen))
 
     @property
     def finished(self) -> bool:
-        """Whether nothing is left to do for these observations."""
+        """Whether the search over these observations has ended."""
         return self._search.finished
 
     @property
     def outdated(self) -> bool:
-        """Whether the store has other observations, or another newest θ_s, by now."""
+        """Whether the store holds other observations, or another newest θ_s, than the search."""
         return (self._store.count(), self._store.newest_version()) != (
             len(self._observations),
             self._version,
@@ -121,18 +140,18 @@ class OnlineSearch:
         on_progress: Callable[[SearchProgress], None] | None = None,
         cancelled: Callable[[], bool] | None = None,
     ) -> LearnedParameters | None:
-        """Search for a while; return the new version, or None when there was no improvement."""
+        """Search for one slice; return the new version, or None when there was no improvement."""
         before = self._search.seconds
         criteria = ConvergenceCriteria(
             max_iterations=self._search.iterations + self._slice,
             max_iterations_without_gain=self._options.iterations_without_gain,
         )
         result = self._search.run(criteria, on_progress=on_progress, cancelled=cancelled)
-        if self._search.seconds - before < 0.5 * LONGEST_SLICE:
+        if self._search.seconds - before < 0.5 * self._slices.longest_slice:
             self._slice *= 2
         improved = self._stored_if_better(result.learned)
         converged = result.search.stop_reason is not StopReason.MAX_ITERATIONS
-        self._search.keep(
+        self._search.save(
             self._version, finished=converged or self._search.seconds >= self._options.seconds
         )
         return improved
@@ -142,14 +161,14 @@ class OnlineSearch:
         return 0 if self._newest is None else self._newest.version
 
     def _stored_if_better(self, found: LearnedParameters) -> LearnedParameters | None:
-        cost = self._judged(found)
-        if cost >= self._newest_cost * (1.0 - SMALLEST_GAIN):
+        cost = self._cost_of(found)
+        if cost >= self._newest_cost * (1.0 - self._slices.smallest_gain):
             return None
         improved = self._store.add_improvement(found, on=self._version)
         if improved is not None:
             self._newest, self._newest_cost = improved, cost
         return improved
 
-    def _judged(self, learned: LearnedParameters) -> float:
+    def _cost_of(self, learned: LearnedParameters) -> float:
         """J of a version of θ_s on these observations, m."""
         return float(self._cost.costs([learned.parameters.extended(self._materials)])[0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from intuitive_physics.settings import number, other
+from intuitive_physics.settings import check_settings, number, other
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,9 @@ class IdentifiabilitySettings:
         1e-4,
         1e-9,
         1.0,
-        "m, noise of the residuals at least: no camera measures better, and the information matrix "
+        "noise of the residuals at least: no camera measures better, and the information matrix "
         "stays well conditioned",
+        unit="m",
     )
     largest_rise: float = number(
         1.2,
@@ -64,3 +65,6 @@ class IdentifiabilitySettings:
         "distance, in those of a uniform distribution with the parameter's standard deviation, "
         "beyond which an acceptable move gives a one-sided interval; set by hand",
     )
+
+    def __post_init__(self) -> None:
+        check_settings(self)

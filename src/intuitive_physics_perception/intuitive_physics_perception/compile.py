@@ -7,8 +7,9 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_perception.detection.box_faces import find_faces
-from intuitive_physics_perception.input.depth import Intrinsics, points_from_depth
+from intuitive_physics_perception.detection.box_fit import find_faces
+from intuitive_physics_perception.input.camera import Intrinsics
+from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.input.point_cloud import Field, points_from_cloud_data
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics_perception.compile import main
-from intuitive_physics_perception.input.depth import Intrinsics, points_from_depth
+from intuitive_physics_perception.input.camera import Intrinsics
+from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 

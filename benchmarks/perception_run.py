@@ -17,7 +17,7 @@ from benchmarks.perception_truth import TrueBall, TrueRecording
 from intuitive_physics.observation import ObservedObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics_experiments.rendering.depth_bag_writer import CAMERA_INFO_TOPIC, DEPTH_TOPIC
-from intuitive_physics_perception.detection.detected_sphere import DetectedSphere
+from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.frame_result import Perceived
 from intuitive_physics_perception.input.frame_decoder import FrameDecoder

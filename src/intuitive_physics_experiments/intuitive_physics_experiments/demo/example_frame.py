@@ -14,11 +14,8 @@ from intuitive_physics_experiments.demo.demo_result import ExampleFrame
 from intuitive_physics_experiments.rendering.camera import Camera
 from intuitive_physics_experiments.rendering.depth_bag_writer import DEPTH_TOPIC
 from intuitive_physics_perception.environment.environment_model import model_environment
-from intuitive_physics_perception.input.depth import (
-    Intrinsics,
-    depth_from_image_data,
-    points_from_depth,
-)
+from intuitive_physics_perception.input.camera import Intrinsics
+from intuitive_physics_perception.input.depth import depth_from_image_data, points_from_depth
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_recordings.bag_reader import BagReader
 

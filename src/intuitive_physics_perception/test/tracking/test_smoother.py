@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from intuitive_physics.scene import Environment, Plane
-from intuitive_physics_perception.detection.detected_sphere import DetectedSphere
+from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.smoother import smooth
 from intuitive_physics_perception.tracking.tracker import Tracker

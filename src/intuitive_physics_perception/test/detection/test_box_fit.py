@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from intuitive_physics_perception.compile import warm_up
-from intuitive_physics_perception.detection import box_faces
+from intuitive_physics_perception.detection import box_fit
 
 
 @pytest.mark.parametrize("count", [100, 1500])
@@ -17,7 +17,7 @@ def test_one_kind_of_array_is_compiled_for(count: int, kind: type) -> None:
     rng = np.random.default_rng(3)
     points = rng.uniform(0.0, 0.3, (count, 3))
     points[np.arange(count), np.arange(count) % 3] = 0.0
-    faces = box_faces.find_faces((points + 1.0).astype(kind), np.full(count, 1e-3, kind), rng)
+    faces = box_fit.find_faces((points + 1.0).astype(kind), np.full(count, 1e-3, kind), rng)
     assert faces is not None
     assert np.abs(np.abs(faces.rotation) - np.abs(faces.rotation).round()).max() < 0.05
-    assert len(box_faces._near_counts.signatures) == 1
+    assert len(box_fit._near_counts.signatures) == 1

@@ -8,8 +8,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from intuitive_physics_perception.environment.environment_check import EnvironmentCheck
-from intuitive_physics_perception.input.depth import Intrinsics, points_from_depth
+from intuitive_physics_perception.environment.environment_model import EnvironmentCheck
+from intuitive_physics_perception.input.camera import Intrinsics
+from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 

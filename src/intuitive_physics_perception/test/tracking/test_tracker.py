@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics.shapes import Capsule
-from intuitive_physics_perception.detection.detected_solid import DetectedSolid
-from intuitive_physics_perception.detection.detected_sphere import DetectedSphere
+from intuitive_physics_perception.detection.detections import DetectedSolid, DetectedSphere
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
 from intuitive_physics_perception.tracking.tracker import Tracker
 

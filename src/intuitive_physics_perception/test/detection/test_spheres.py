@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from intuitive_physics_perception.detection.clustering import neighbour_labels
-from intuitive_physics_perception.detection.detected_sphere import DetectedSphere
-from intuitive_physics_perception.detection.foreground import ForegroundFinder
-from intuitive_physics_perception.detection.objects import all_objects
-from intuitive_physics_perception.detection.solids import SolidFinder
+from intuitive_physics_perception.detection.detections import DetectedSphere
+from intuitive_physics_perception.detection.foreground import ForegroundFinder, neighbour_labels
+from intuitive_physics_perception.detection.solids import SolidFinder, all_objects
 from intuitive_physics_perception.detection.sphere_fit import refine_sphere
 from intuitive_physics_perception.detection.sphere_ransac import (
     BATCH,

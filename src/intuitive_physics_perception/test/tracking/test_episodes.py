@@ -10,7 +10,7 @@ import pytest
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Sphere
-from intuitive_physics_perception.detection.detected_sphere import DetectedSphere
+from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import EpisodeRecorder, observations_of
 from intuitive_physics_perception.tracking.initial_state import Record, state_at

@@ -8,14 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_perception.detection.detected_sphere import DetectedSphere
+from intuitive_physics_perception.detection.detections import DetectedSphere
+from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.colors import (
     CHANNELS,
     colors_from_cloud_data,
     colors_from_image_data,
     with_color,
 )
-from intuitive_physics_perception.input.depth import Intrinsics, points_from_depth
+from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.input.point_cloud import Field
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from intuitive_physics_perception.tracking.association import cheapest_pairs
+from intuitive_physics_perception.tracking.tracker import cheapest_pairs
 
 COSTS = arrays(
     np.float64,

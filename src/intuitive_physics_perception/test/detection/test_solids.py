@@ -12,7 +12,7 @@ from intuitive_physics.scene import Environment, StaticBox
 from intuitive_physics.shapes import Box, Capsule
 from intuitive_physics_perception.detection.foreground import ForegroundFinder
 from intuitive_physics_perception.detection.solids import SolidFinder
-from intuitive_physics_perception.environment.furniture import Furniture
+from intuitive_physics_perception.environment.static_boxes import StaticBoxFilter
 from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -120,7 +120,7 @@ def test_a_static_box_of_the_environment_is_no_object(corner_model, shapes) -> N
         assert len(found) == count
 
 
-def test_a_crate_is_furniture_and_a_ball_before_it_or_on_it_is_not(corner_model, shapes) -> None:
+def test_a_crate_is_a_static_box_and_a_ball_before_it_or_on_it_is_not(corner_model, shapes) -> None:
     room, rays, model = corner_model
     place, edges = np.array([1.6, 0.0, 0.1]), (0.3, 0.3, 0.2)
     turn = Rotation.from_matrix(model.rotation @ room.rotation.T) * Rotation.from_euler("z", 0.5)
@@ -130,11 +130,11 @@ def test_a_crate_is_furniture_and_a_ball_before_it_or_on_it_is_not(corner_model,
     known = model.environment
     furnished = replace(model, environment=Environment(known.planes, [crate], known.gravity))
     foreground = ForegroundFinder(furnished, SETTINGS)
-    furniture = Furniture(furnished, SETTINGS)
+    static_boxes = StaticBoxFilter(furnished, SETTINGS)
     box = shapes["box"](place, edges, 0.5)
     for balls in ([], [((1.25, 0.0, 0.25), 0.05)], [((1.6, 0.0, 0.25), 0.05)]):
         points = points_from_depth(room.depth(balls, [box]), rays)
-        clusters = furniture.without(points, foreground.find(points))
+        clusters = static_boxes.without(points, foreground.find(points))
         assert len(clusters.indices) == len(balls)
         if balls:
             center = room.to_camera(np.array(balls[0][0]))

@@ -9,7 +9,8 @@ import pytest
 
 from intuitive_physics_perception.environment.environment_model import model_environment
 from intuitive_physics_perception.environment.static_boxes import with_static_boxes
-from intuitive_physics_perception.input.depth import Intrinsics, points_from_depth
+from intuitive_physics_perception.input.camera import Intrinsics
+from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 

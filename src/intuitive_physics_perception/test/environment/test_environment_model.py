@@ -16,7 +16,8 @@ from intuitive_physics_perception.environment.environment_model import (
 from intuitive_physics_perception.environment.fusion import fuse
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.planes import detect_planes
-from intuitive_physics_perception.input.depth import Intrinsics, points_from_depth
+from intuitive_physics_perception.input.camera import Intrinsics
+from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SETTINGS = PerceptionSettings()

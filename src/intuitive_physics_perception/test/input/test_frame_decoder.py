@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_perception.input.depth import Intrinsics
+from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.frame_decoder import FrameDecoder
 
 WIDTH, HEIGHT = 8, 6

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from intuitive_physics_perception.detection.known_radius import RADIUS_DEVIATION, with_known_radius
+from intuitive_physics_perception.detection.spheres import RADIUS_DEVIATION, with_known_radius
 
 TOLERANCE = 0.006
 SPHERE = np.array([0.1, 0.2, 1.5, 0.052])

@@ -10,7 +10,8 @@ from scipy.spatial import ConvexHull
 
 from intuitive_physics_perception.environment.environment_model import model_environment
 from intuitive_physics_perception.environment.plane_edges import REACH, SeenAround, bounded_polygon
-from intuitive_physics_perception.input.depth import Intrinsics, points_from_depth
+from intuitive_physics_perception.input.camera import Intrinsics
+from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SCATTERED = 20000

@@ -8,11 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_perception.input.depth import (
-    Intrinsics,
-    depth_from_image_data,
-    points_from_depth,
-)
+from intuitive_physics_perception.input.camera import Intrinsics
+from intuitive_physics_perception.input.depth import depth_from_image_data, points_from_depth
 
 K = [500.0, 0.0, 3.0, 0.0, 400.0, 2.0, 0.0, 0.0, 1.0]
 

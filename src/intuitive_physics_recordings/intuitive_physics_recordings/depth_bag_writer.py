@@ -1,42 +1,49 @@
-"""Writing depth images as a rosbag2 recording (MCAP), which `ros2 bag play` plays too."""
+"""Writing bags (MCAP), which `ros2 bag play` plays too; depth images with their camera."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.interfaces import (
-    Connection,
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.interfaces import Connection
 from rosbags.typesys import Stores, get_typestore
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_experiments.rendering.camera import Camera
+from intuitive_physics_recordings.bag_writing import mcap_writer, offered_qos
 
 DEPTH_TOPIC = "/camera/depth/image_rect_raw"
+"""Of the images, named as camera drivers do."""
+
 CAMERA_INFO_TOPIC = "/camera/depth/camera_info"
-_ENDLESS = QosTime(9223372036, 854775807)
-_SENSOR_QOS = Qos(
-    QosHistory.KEEP_LAST,
-    5,
-    QosReliability.RELIABLE,
-    QosDurability.VOLATILE,
-    _ENDLESS,
-    _ENDLESS,
-    QosLiveliness.AUTOMATIC,
-    _ENDLESS,
-    False,
-)
+"""Of the camera's size and matrix, beside the images."""
+
+QUEUE = 5
+"""Messages kept for a slow subscriber."""
+
+
+class DepthCamera(Protocol):
+    """A pinhole camera without distortion, as far as a bag tells of it.
+
+    Parameters
+    ----------
+    width, height : pixels
+    frame_id : optical frame: z forward, x right
+    """
+
+    @property
+    def width(self) -> int: ...
+
+    @property
+    def height(self) -> int: ...
+
+    @property
+    def frame_id(self) -> str: ...
+
+    def matrix(self) -> NDArray[np.float64]:
+        """Return K, (3, 3) pixels."""
 
 
 class DepthBagWriter:
@@ -48,15 +55,13 @@ class DepthBagWriter:
     camera : of all images
     """
 
-    def __init__(self, path: Path, camera: Camera) -> None:
+    def __init__(self, path: Path, camera: DepthCamera) -> None:
         if path.exists():
             raise InvalidInputError(f"{path} exists already; expected a new folder for the bag")
         self._typestore = get_typestore(Stores.ROS2_JAZZY)
         self._types = self._typestore.types
         self._camera = camera
-        self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
-        # Chunks, not messages: other MCAP readers know only compressed chunks.
-        self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        self._writer = mcap_writer(path)
         try:
             self._writer.open()
         except OSError as error:
@@ -99,7 +104,7 @@ class DepthBagWriter:
 
     def _add_topic(self, topic: str, type_name: str) -> Connection:
         return self._writer.add_connection(
-            topic, type_name, typestore=self._typestore, offered_qos_profiles=[_SENSOR_QOS]
+            topic, type_name, typestore=self._typestore, offered_qos_profiles=[offered_qos(QUEUE)]
         )
 
     def _header(self, time: int) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from pathlib import Path
 
@@ -26,7 +27,8 @@ extensions = [
 exclude_patterns = ["_build", "_extensions", "reference/*.inc.md"]
 nitpicky = False
 
-myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "substitution"]
+myst_substitutions = importlib.import_module("setting_pages").values()
 myst_heading_anchors = 3
 myst_dmath_double_inline = False
 

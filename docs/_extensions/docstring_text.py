@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import Any, TypeVar
 
 from sphinx.application import Sphinx
 
@@ -26,7 +26,13 @@ def _escaped(text: str) -> str:
     return re.sub(r"(\w)_(?=\W|$)", r"\1\\_", text)
 
 
+def skip(_: Sphinx, what: str, name: str, thing: Any, skipped: bool, options: Any) -> bool | None:
+    """Leave out type variables, which numpydoc takes for classes."""
+    return True if isinstance(thing, TypeVar) else None
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register with Sphinx, before numpydoc reads the docstrings."""
     app.connect("autodoc-process-docstring", escape, priority=100)
+    app.connect("autodoc-skip-member", skip)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

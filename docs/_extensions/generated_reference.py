@@ -12,6 +12,7 @@ import layout_pages
 import learning_tables
 import library_pages
 import node_pages
+import setting_pages
 from sphinx.application import Sphinx
 
 MAKERS = (
@@ -22,6 +23,7 @@ MAKERS = (
     benchmark_pages,
     layout_pages,
     learning_tables,
+    setting_pages,
 )
 """Modules whose `pages` returns pages by name."""
 

@@ -2,4 +2,73 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
 
+from intuitive_physics.kernels.warm_up import WarmUp
+from intuitive_physics_perception.detection.box_fit import find_faces
+from intuitive_physics_perception.input.camera import Intrinsics
+from intuitive_physics_perception.input.depth import points_from_depth
+from intuitive_physics_perception.input.point_cloud import Field, points_from_cloud_data
+from intuitive_physics_perception.pipeline import PerceptionPipeline
+from intuitive_physics_perception.settings import PerceptionSettings
+
+WIDTH, HEIGHT, FOCAL_LENGTH = 80, 60, 60.0
+FIELD_DATATYPES = {"<f4": 7, "<f8": 8}
+
+
+def warm_up() -> None:
+    """Perceive a ball, followed over two frames, and a box before a wall, as depth images of all
+    kinds and as a cloud."""
+    rays = Intrinsics(
+        WIDTH, HEIGHT, [FOCAL_LENGTH, 0, WIDTH / 2, 0, FOCAL_LENGTH, HEIGHT / 2, 0, 0, 1]
+    ).rays()
+    wall = np.full((HEIGHT, WIDTH), 2.0, dtype=np.float32)
+    # A box is searched for spheres at random, which a ball is not.
+    box = wall.copy()
+    box[20:40, 20:40] = 1.2
+    frames = [points_from_depth(depth, rays) for depth in (wall, _with_ball(wall, rays), box)]
+    for kind, scale in ((np.uint16, 1000.0), (np.float32, 1.0)):
+        points_from_depth((scale * wall).astype(kind), rays)
+    pipeline = PerceptionPipeline(
+        PerceptionSettings(environment_frames=1), np.random.default_rng(0)
+    )
+    clouds = [_as_cloud(frames[1], "<f4"), _as_cloud(frames[1], "<f8")]
+    for k, points in enumerate([*frames[:2], *frames[1:], *clouds]):
+        pipeline.process(points, 0.1 * k)
+    find_faces(_corner(), np.full(300, 1e-3), np.random.default_rng(0))
+
+
+def _corner() -> NDArray[np.float64]:
+    """Points (300, 3) on three faces of a box."""
+    points = np.random.default_rng(0).uniform(0.0, 0.2, (300, 3))
+    points[np.arange(300), np.arange(300) % 3] = 0.0
+    return np.asarray(points + 1.0)
+
+
+def _with_ball(depth: NDArray[np.float32], rays: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Put a ball of 0.2 m radius 1.5 m before the camera: |z ray - c|² = r²."""
+    length2 = np.square(rays).sum(axis=-1)
+    root = 1.5**2 - length2 * (1.5**2 - 0.2**2)
+    ball = (1.5 - np.sqrt(np.maximum(root, 0.0))) / length2
+    return np.where(root > 0.0, ball, depth).astype(np.float32)
+
+
+def _as_cloud(points: NDArray[np.float32], kind: str) -> NDArray[np.float32]:
+    data = points.astype(kind)
+    step = 3 * data.itemsize
+    return points_from_cloud_data(
+        data.tobytes(),
+        width=WIDTH * HEIGHT,
+        height=1,
+        point_step=step,
+        row_step=step * WIDTH * HEIGHT,
+        fields=[
+            Field(name, k * data.itemsize, FIELD_DATATYPES[kind], 1) for k, name in enumerate("xyz")
+        ],
+        is_bigendian=False,
+    )
+
+
+WARM_UPS: tuple[WarmUp, ...] = (warm_up,)
+"""Of `intuitive_physics.kernels.warm_up`."""

@@ -15,8 +15,7 @@ from typing import Any, TypeVar
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.validation import finite_float, name_string
 
-Settings = TypeVar("Settings")
-"""A frozen dataclass of settings."""
+_Settings = TypeVar("_Settings")
 
 
 def number(
@@ -220,8 +219,8 @@ def _add_option(parser: argparse.ArgumentParser, setting: Setting) -> None:
 
 
 def settings_from_options(
-    settings: type[Settings], options: argparse.Namespace, **given: Any
-) -> Settings:
+    settings: type[_Settings], options: argparse.Namespace, **given: Any
+) -> _Settings:
     """Return the settings that a command line asks for.
 
     Parameters

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,9 @@ from intuitive_physics.validation import finite_array
 
 SPHERE, BOX, CAPSULE = range(3)
 """Codes in `WorldBatch.shape_kinds`."""
+
+PER_WORLD = {"per_world": True}
+"""Metadata of the fields of `WorldBatch` that have a row for each world."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,17 +60,17 @@ class WorldBatch:
     """
 
     materials: tuple[str, ...]
-    object_counts: NDArray[np.int64]
-    shape_kinds: NDArray[np.int64]
-    dimensions: NDArray[np.float64]
-    volumes: NDArray[np.float64]
-    unit_inertias: NDArray[np.float64]
-    object_materials: NDArray[np.int64]
-    states: NDArray[np.float64]
-    air_factors: NDArray[np.float64]
-    mass_centres: NDArray[np.float64]
-    noise_keys: NDArray[np.uint64]
-    environment_index: NDArray[np.int64]
+    object_counts: NDArray[np.int64] = field(metadata=PER_WORLD)
+    shape_kinds: NDArray[np.int64] = field(metadata=PER_WORLD)
+    dimensions: NDArray[np.float64] = field(metadata=PER_WORLD)
+    volumes: NDArray[np.float64] = field(metadata=PER_WORLD)
+    unit_inertias: NDArray[np.float64] = field(metadata=PER_WORLD)
+    object_materials: NDArray[np.int64] = field(metadata=PER_WORLD)
+    states: NDArray[np.float64] = field(metadata=PER_WORLD)
+    air_factors: NDArray[np.float64] = field(metadata=PER_WORLD)
+    mass_centres: NDArray[np.float64] = field(metadata=PER_WORLD)
+    noise_keys: NDArray[np.uint64] = field(metadata=PER_WORLD)
+    environment_index: NDArray[np.int64] = field(metadata=PER_WORLD)
     gravity: NDArray[np.float64]
     plane_counts: NDArray[np.int64]
     planes: NDArray[np.float64]
@@ -76,7 +80,7 @@ class WorldBatch:
     box_counts: NDArray[np.int64]
     boxes: NDArray[np.float64]
     box_materials: NDArray[np.int64]
-    parameter_index: NDArray[np.int64]
+    parameter_index: NDArray[np.int64] = field(metadata=PER_WORLD)
     density: NDArray[np.float64]
     coefficients: NDArray[np.float64]
     contact_noise: NDArray[np.float64]
@@ -86,6 +90,14 @@ class WorldBatch:
     def size(self) -> int:
         """Number of worlds W."""
         return int(self.object_counts.size)
+
+    @property
+    def arrays(self) -> tuple[NDArray, ...]:
+        """All arrays in order: what a kernel takes, and makes `WorldArrays` of.
+
+        Numba recognises the type of a plain tuple at once, and that of a named one only slowly.
+        """
+        return tuple(getattr(self, name) for name in WorldArrays._fields)
 
     def crossed(self, parameter_sets: Sequence[StaticParameters]) -> WorldBatch:
         """Return every world under every θ_s: world `c * W + w` is world w under set c."""
@@ -140,20 +152,7 @@ class WorldBatch:
         ----------
         changes : arrays of the worlds returned that take the place of these worlds' own
         """
-        per_world = (
-            "object_counts",
-            "shape_kinds",
-            "dimensions",
-            "volumes",
-            "unit_inertias",
-            "object_materials",
-            "states",
-            "air_factors",
-            "mass_centres",
-            "noise_keys",
-            "environment_index",
-            "parameter_index",
-        )
+        per_world = [one.name for one in fields(self) if one.metadata == PER_WORLD]
         own: dict[str, Any] = {
             name: getattr(self, name)[worlds] for name in per_world if name not in changes
         }
@@ -162,6 +161,12 @@ class WorldBatch:
             name: np.ascontiguousarray(changed) for name, changed in changes.items()
         }
         return replace(self, **own, **whole)
+
+
+WorldArrays = namedtuple(  # type: ignore[misc]
+    "WorldArrays", [one.name for one in fields(WorldBatch) if str(one.type).startswith("NDArray")]
+)
+"""The arrays of a `WorldBatch` as one record for kernels: `WorldArrays(*batch.arrays)`."""
 
 
 def pack_worlds(

@@ -27,10 +27,7 @@ from intuitive_physics.geometry.vectors import (
 from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.event_driven.contact_geometry import nearest
 from intuitive_physics.simulation.event_driven.world import (
-    DYNAMIC,
     MOST_TOUCHED,
-    ROLLING,
-    STATIC,
     contact_at,
     inertia,
     object_at,
@@ -40,6 +37,7 @@ from intuitive_physics.simulation.event_driven.world import (
     solid_at,
     solid_coefficient,
 )
+from intuitive_physics.simulation.world_record import DYNAMIC, ROLLING, STATIC
 
 STEP = 1e-3
 """s."""

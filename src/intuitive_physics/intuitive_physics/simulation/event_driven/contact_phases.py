@@ -48,12 +48,9 @@ from intuitive_physics.simulation.event_driven.contact_geometry import (
 from intuitive_physics.simulation.event_driven.impacts import contact_slip
 from intuitive_physics.simulation.event_driven.roots import first_fall_quadratic
 from intuitive_physics.simulation.event_driven.world import (
-    DYNAMIC,
     FACE,
     PLANE,
-    ROLLING,
     SIDE,
-    STATIC,
     feature_at,
     forget_touched,
     lift,
@@ -61,6 +58,7 @@ from intuitive_physics.simulation.event_driven.world import (
     solid_at,
     solid_coefficient,
 )
+from intuitive_physics.simulation.world_record import DYNAMIC, ROLLING, STATIC
 
 STILL = 1e-7
 """m/s. Slip, speed or r ω below this is none: rounding leaves about 1e-15."""

@@ -25,9 +25,6 @@ from intuitive_physics.geometry.vectors import (
 from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.event_driven.contact_geometry import nearest
 from intuitive_physics.simulation.event_driven.world import (
-    DYNAMIC,
-    RESTITUTION,
-    ROLLING,
     inertia,
     object_at,
     object_coefficient,
@@ -38,6 +35,7 @@ from intuitive_physics.simulation.event_driven.world import (
     touch,
 )
 from intuitive_physics.simulation.noisy_impacts import noisy_restitution, tilted
+from intuitive_physics.simulation.world_record import DYNAMIC, RESTITUTION, ROLLING
 
 REBOUND_SPEED = 5e-3
 """m/s. A rebound slower than this ends the bouncing (Zeno): it would rise by about 1 µm."""

@@ -37,6 +37,8 @@ class WorldBatch:
     dimensions : (W, O, 3) m: (radius, 0, 0), edge lengths, or (radius, length, 0)
     volumes : (W, O) m³
     unit_inertias : (W, O, 3) kg m² at 1 kg/m³, inertia factor included
+    inertia_ratios : (W, O) κ = I / (m r²) about the axis that an object rolls about: 2/5 for a
+        solid sphere, 2/3 for a thin shell; infinite for a box, which does not roll
     object_materials : (W, O) codes
     states : (W, O, 13) as `ObjectState.to_vector`
     air_factors : (W, O, 2) ½ ρ C_d A (kg/m) and ½ ρ C_M A r (kg) of drag and Magnus force
@@ -65,6 +67,7 @@ class WorldBatch:
     dimensions: NDArray[np.float64] = field(metadata=PER_WORLD)
     volumes: NDArray[np.float64] = field(metadata=PER_WORLD)
     unit_inertias: NDArray[np.float64] = field(metadata=PER_WORLD)
+    inertia_ratios: NDArray[np.float64] = field(metadata=PER_WORLD)
     object_materials: NDArray[np.int64] = field(metadata=PER_WORLD)
     states: NDArray[np.float64] = field(metadata=PER_WORLD)
     air_factors: NDArray[np.float64] = field(metadata=PER_WORLD)
@@ -218,6 +221,7 @@ def _object_arrays(scenes: Sequence[Scene], parameters: StaticParameters) -> dic
     dimensions = np.ones((*padded, 3))
     volumes = np.ones(padded)
     inertias = np.ones((*padded, 3))
+    inertia_ratios = np.ones(padded)
     materials = np.zeros(padded, dtype=np.int64)
     states = np.zeros((*padded, 13))
     states[..., 6] = 1.0
@@ -228,6 +232,7 @@ def _object_arrays(scenes: Sequence[Scene], parameters: StaticParameters) -> dic
             kinds[w, i], dimensions[w, i] = _shape_numbers(thing.shape)
             volumes[w, i] = thing.shape.volume
             inertias[w, i] = thing.inertia_factor * thing.shape.unit_density_inertia()
+            inertia_ratios[w, i] = _inertia_ratio(thing)
             materials[w, i] = parameters.index(thing.material)
             states[w, i] = state.to_vector()
             air[w, i] = _air_factors(thing, scene.environment.air_density)
@@ -238,6 +243,7 @@ def _object_arrays(scenes: Sequence[Scene], parameters: StaticParameters) -> dic
         "dimensions": dimensions,
         "volumes": volumes,
         "unit_inertias": inertias,
+        "inertia_ratios": inertia_ratios,
         "object_materials": materials,
         "states": states,
         "air_factors": air,
@@ -254,6 +260,14 @@ def _shape_numbers(shape: Shape) -> tuple[int, tuple[float, float, float]]:
         case Capsule():
             return CAPSULE, (shape.radius, shape.length, 0.0)
     raise InvalidInputError(f"shape is {shape!r}; expected a Sphere, Box or Capsule")
+
+
+def _inertia_ratio(thing: SceneObject) -> float:
+    shape = thing.shape
+    if not isinstance(shape, Sphere | Capsule):
+        return math.inf
+    about_axis = thing.inertia_factor * shape.unit_density_inertia()[2]
+    return float(about_axis / (shape.volume * shape.radius**2))
 
 
 def _air_factors(thing: SceneObject, air_density: float) -> tuple[float, float]:

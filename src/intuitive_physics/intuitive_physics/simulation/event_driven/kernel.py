@@ -68,6 +68,7 @@ def roll_worlds(first, last, batch, results, scratch, max_events):
                 object_at(world, i),
                 worlds.states[w, i],
                 worlds.dimensions[w, i, 0],
+                worlds.inertia_ratios[w, i],
                 material,
                 worlds.density[worlds.parameter_index[w], material],
             )
@@ -82,7 +83,7 @@ def roll_worlds(first, last, batch, results, scratch, max_events):
 
 
 @kernel
-def _place(body, state, radius, material, rho):
+def _place(body, state, radius, inertia_ratio, material, rho):
     for k in range(3):
         body.position[k] = state[k]
         body.velocity[k] = state[7 + k]
@@ -94,6 +95,10 @@ def _place(body, state, radius, material, rho):
     body.phase_end = inf
     body.radius = radius
     body.mass = rho * 4.0 / 3.0 * pi * radius**3
+    body.inertia = inertia_ratio * body.mass * radius * radius
+    body.rolling_share = 1.0 / (1.0 + inertia_ratio)
+    body.spin_gain = 1.0 / inertia_ratio
+    body.slip_gain = 1.0 + body.spin_gain
     body.impact_time = inf
     body.impact_solid = -1
     body.material = material

@@ -36,6 +36,13 @@ OBJECT = np.dtype(
         ("phase_end", "f8"),  # s, until when the accelerations hold
         ("radius", "f8"),  # m
         ("mass", "f8"),  # kg
+        ("inertia", "f8"),  # kg m²: κ m r², κ = 2/5 of a solid sphere and 2/3 of a thin shell
+        # Of a force along the surface, the part that accelerates a sphere in rolling contact,
+        # 1 / (1 + κ); friction takes the rest.
+        ("rolling_share", "f8"),
+        # Change of the spin's r ω, and of the slip, per change of velocity by friction.
+        ("spin_gain", "f8"),  # 1 / κ
+        ("slip_gain", "f8"),  # 1 + 1 / κ
         ("impact_time", "f8"),  # s, of the next impact on a solid, infinite if none
         ("impact_solid", "i8"),  # index of that solid
         ("material", "i8"),
@@ -180,12 +187,6 @@ def object_coefficient(world, kind, i, j):
 def pair_index(i, j):
     """Index of objects i and j, either of which may be the larger, in the world's pairs."""
     return (j * (j - 1)) // 2 + i if i < j else (i * (i - 1)) // 2 + j
-
-
-@inlined
-def inertia(body):
-    """Moment of inertia of a solid sphere, 2/5 m r², in kg m²."""
-    return 0.4 * body.mass * body.radius * body.radius
 
 
 @inlined

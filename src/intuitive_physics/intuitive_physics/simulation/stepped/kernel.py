@@ -50,6 +50,7 @@ def roll_worlds(first, last, batch, results, scratch, step):
                 worlds.volumes[w, i],
                 worlds.density[worlds.parameter_index[w], material],
                 worlds.unit_inertias[w, i],
+                worlds.inertia_ratios[w, i],
             )
         place_environment(world, worlds, worlds.environment_index[w])
         # What is never reached, and what is padding, has no place.

@@ -15,7 +15,17 @@ from intuitive_physics.simulation.world_batch import BOX, CAPSULE
 
 @kernel
 def place_object(
-    body, kind, dimensions, material, state, air_factors, lever, volume, density, unit_inertia
+    body,
+    kind,
+    dimensions,
+    material,
+    state,
+    air_factors,
+    lever,
+    volume,
+    density,
+    unit_inertia,
+    inertia_ratio,
 ):
     """Fill in a body that moves; see `WorldBatch` for the arrays."""
     place_shape(body, kind, dimensions, material, state)
@@ -27,6 +37,7 @@ def place_object(
     _set_mass_centre(body)
     _set_inverses(body)
     body.inverse_mass = 1.0 / (density * volume)
+    body.inertia_ratio = inertia_ratio
     body.drag, body.magnus = air_factors[0], air_factors[1]
     set_inverse_inertia(body)
 

@@ -36,6 +36,7 @@ BODY = np.dtype(
         ("inverse_mass", "f8"),  # 1/kg
         ("inertia", "f8", 3),  # kg m², about the body's axes
         ("own_inverse_inertia", "f8", 3),  # 1/(kg m²), its inverse
+        ("inertia_ratio", "f8"),  # κ = I / (m r²) about the axis it rolls about
         ("euler", "f8", 3),  # (I_y - I_z) / I_x and so on, as in Euler's equations
         ("round", "i8"),  # 1 where all three are alike
         ("kind", "i8"),

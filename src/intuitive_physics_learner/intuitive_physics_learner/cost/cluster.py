@@ -37,6 +37,7 @@ WHERE_GUIDE = (
     "empty: in this process; local:N: in N processes of this machine; ADDRESS:PORT: by the "
     "workers of that Dask scheduler"
 )
+"""What a user can give as the place where J is evaluated."""
 
 
 class CostMaker:
@@ -205,7 +206,7 @@ class ClusterCost(Cost):
         ) as error:
             raise ClusterError(
                 f"the cluster failed ({type(error).__name__}: {error}); start its scheduler and "
-                "workers again and learn again: the search goes on from its last checkpoint"
+                "workers again and learn again: the search continues from its last checkpoint"
             ) from None
 
 

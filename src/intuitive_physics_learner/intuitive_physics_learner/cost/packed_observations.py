@@ -42,7 +42,13 @@ class PackedObservations:
     def simulate(
         self, simulator: Simulator, trials: Trials, rows: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Simulate trials, the k-th being of the observation `rows[k]` of these.
+        """Simulate trials of these observations.
+
+        Parameters
+        ----------
+        simulator : the engine
+        trials : N of them
+        rows : (N,) index among these observations of that of each trial
 
         Returns
         -------
@@ -110,7 +116,13 @@ def _packed(
 
 
 def times_after_start(observation: Observation, seen: ObservedObject) -> NDArray[np.float64]:
-    """Times in s after the start at which an object was seen; below zero, it does not count."""
+    """Return the times (n_points,) in s after the start; points before it do not count.
+
+    Parameters
+    ----------
+    observation : with a start time
+    seen : one of its objects
+    """
     relative = seen.trajectory.times - observation.start_time
     relative[(relative < 0.0) & (relative >= -START_TOLERANCE)] = 0.0
     return relative

@@ -1,4 +1,4 @@
-"""Parameters of the learner node, and what they say about a search."""
+"""Parameters of the learner node, and the options of searches that follow from them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from intuitive_physics_ros.parameters import Parameter
 from intuitive_physics_ros.result_codes import RefusedError
 
 ONLINE_PREFIX = "online"
-"""Of the parameters that tell how to learn in the background."""
+"""Beginning of the names of the parameters of learning in the background."""
 
 
 def node_parameters() -> tuple[Parameter, ...]:
@@ -45,13 +45,13 @@ def node_parameters() -> tuple[Parameter, ...]:
         Parameter(
             "cores",
             0,
-            "of this machine that a search somebody asked for may use; 0: all",
+            "cores of this machine that a requested search may use; 0: all",
             range=(0, 1024),
         ),
         Parameter(
             "cluster",
             "",
-            f"where a search somebody asked for evaluates J. {WHERE_GUIDE}",
+            f"where a requested search evaluates J. {WHERE_GUIDE}",
         ),
         *_search_parameters(),
         *_online_parameters(),
@@ -71,7 +71,7 @@ def _search_parameters() -> tuple[Parameter, ...]:
         Parameter(
             "max_iterations_without_gain",
             0,
-            "stop after so many evaluations of J without gain; 0: never for that reason",
+            "evaluations of J without gain after which a search stops; 0: no limit",
             range=(0, 10_000_000),
             read_only=False,
         ),
@@ -118,8 +118,8 @@ def _online_parameters() -> tuple[Parameter, ...]:
         Parameter(
             f"{ONLINE_PREFIX}_priority",
             "idle",
-            "of learning in the background; idle: it gets only what nobody else wants; low: the "
-            "least share of a busy core, but never none",
+            "of learning in the background; idle: only time that no other process wants; low: the "
+            "smallest share of a busy core, but never none",
             choices=PRIORITIES,
             read_only=False,
         ),
@@ -133,7 +133,8 @@ def _online_parameters() -> tuple[Parameter, ...]:
         Parameter(
             f"{ONLINE_PREFIX}_iterations_without_gain",
             OnlineOptions.iterations_without_gain,
-            "evaluations of J without gain after which the background rests until there is news",
+            "evaluations of J without gain after which learning in the background waits for the "
+            "next observation",
             range=(1, 10_000_000),
             read_only=False,
         ),
@@ -141,7 +142,7 @@ def _online_parameters() -> tuple[Parameter, ...]:
 
 
 def online_options(node: Node) -> OnlineOptions:
-    """What the node's parameters say about learning in the background."""
+    """Return the options of learning in the background."""
     return OnlineOptions(
         method=node.get_parameter(f"{ONLINE_PREFIX}_method").value,
         seed=node.get_parameter("seed").value,
@@ -153,7 +154,7 @@ def online_options(node: Node) -> OnlineOptions:
 
 
 def learning_options(node: Node, message: LearningOptionsMessage) -> LearningOptions:
-    """What a caller asked for; what it left at zero is that of the node.
+    """Return the options of a request; what it leaves at zero is taken from the node's parameters.
 
     Raises
     ------
@@ -183,7 +184,7 @@ def learning_options(node: Node, message: LearningOptionsMessage) -> LearningOpt
 def _bounds(messages: Sequence[ParameterBounds]) -> dict[str, Bounds]:
     try:
         bounds = bounds_from_messages(messages)
-        # What kinds must be to one another does not depend on the materials.
+        # How the bounds of kinds must compare does not depend on the materials.
         ParameterSpace(("any",), bounds)
     except InvalidInputError as error:
         raise RefusedError(ResultCode.INVALID_BOUNDS, str(error)) from None

@@ -1,4 +1,4 @@
-"""When a search ends (ξ of Algorithm 1), what it tells on its way, and what it found."""
+"""When a search ends (ξ of Algorithm 1), its progress, and its result."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class ConvergenceCriteria:
 
 @dataclass(frozen=True)
 class SearchProgress:
-    """What a search tells while it runs.
+    """The progress of a search.
 
     Parameters
     ----------

@@ -17,8 +17,9 @@ class CmaEs(UpdateRule):
     It starts from the given point, else from the middle of the cube, and has no more candidates
     once pycma finds the search converged.
 
-    pycma has no plain state, so the state saved is what it was told: loading it tells it all again,
-    which takes a part of a millisecond a generation and gives the same search to the bit.
+    pycma has no plain state, so the state saved is the costs of all generations: loading it repeats
+    the search with these costs, which takes a part of a millisecond a generation and gives the same
+    search to the bit.
 
     Parameters
     ----------
@@ -71,7 +72,7 @@ class CmaEs(UpdateRule):
             self._tell(self._strategy.ask(), costs)
 
     def _begin(self) -> None:
-        """Make a strategy that was told nothing."""
+        """Make a strategy without any generation."""
         self._strategy = self._new_strategy(self._first_mean(), int(self.settings["population"]))
 
     def _tell(self, points: list[NDArray[np.float64]], costs: list[float]) -> None:

@@ -1,7 +1,7 @@
 # Intuitive Physics. `make` alone lists what there is.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build lint types test library-tests system-tests house demo bench-simulation \
+.PHONY: help setup build lint types docs test library-tests system-tests house demo bench-simulation \
 	bench-prediction bench-perception bench-learning clean
 
 # A ROS, or a Python, that the caller's shell has sourced must not mix with ours.
@@ -36,15 +36,20 @@ setup: ## Make .venv and build the workspace; the others do it when needed
 
 build: setup ## Build the workspace again after a change in src/
 
-lint: setup ## Only check style and types
+lint: setup ## Only check style and types, and build the documentation
 	@echo "── lint"
 	@.venv/bin/ruff check .
 	@.venv/bin/ruff format --check --quiet . || { .venv/bin/ruff format --diff --quiet . ; exit 1; }
-	@$(MAKE) --no-print-directory types
+	@$(MAKE) --no-print-directory types docs
 
 types: ## Only check types, with the environment as it is
 	@MYPYPATH=$(subst $(eval ) ,:,$(python_packages)) .venv/bin/mypy --namespace-packages \
 		$(foreach package,$(python_packages),$(package)$(notdir $(package:/=))) benchmarks tools
+
+docs: setup ## Build the documentation site into docs/_build/html; warnings are errors
+	@echo "── docs"
+	@.venv/bin/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+	@echo "docs/_build/html/index.html"
 
 test: setup ## Lint, test the libraries, test the nodes and the whole system
 	@failed=; for stage in lint library-tests system-tests; do \
@@ -85,5 +90,5 @@ bench-perception: setup ## Hold perception against the truth and against others;
 		.venv/bin/python -m benchmarks.perception $(options)
 
 clean: ## Remove the environment and everything built
-	rm -rf .venv build log install demo_output .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv build log install demo_output docs/_build docs/reference .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find src -name __pycache__ -o -name '*.egg-info' | xargs rm -rf

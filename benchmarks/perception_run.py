@@ -16,14 +16,14 @@ from benchmarks.perception_score import NEAR, Ball, Score, matched
 from benchmarks.perception_truth import TrueBall, TrueRecording
 from intuitive_physics.observation import ObservedObject
 from intuitive_physics.shapes import Sphere
-from intuitive_physics_experiments.rendering.depth_bag_writer import CAMERA_INFO_TOPIC, DEPTH_TOPIC
-from intuitive_physics_perception.detection.detected_sphere import DetectedSphere
+from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.frame_result import Perceived
 from intuitive_physics_perception.input.frame_decoder import FrameDecoder
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_recordings.bag_reader import BagReader
+from intuitive_physics_recordings.depth_bag_writer import CAMERA_INFO_TOPIC, DEPTH_TOPIC
 
 SETTLED = 0.1
 """s for which a ball must have been followed before its velocity counts."""

@@ -14,16 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.prediction_feed import SCENES, Feed
-from benchmarks.prediction_node import (
-    MOST_PUBLISHED,
-    NodeUnderTest,
-    Run,
-    largest_sample_count,
-)
-from benchmarks.prediction_peers import PeerTime, peer_times
-from benchmarks.prediction_report import complaints, json_line, report_text
-from benchmarks.prediction_truth import Truth, truth
-from benchmarks.steady_loop import Lateness, watch_loops
+from benchmarks.prediction_node import MOST_PUBLISHED, NodeUnderTest, largest_sample_count
+from benchmarks.prediction_peers import peer_times
+from benchmarks.prediction_report import Results, complaints, json_line, report_text
+from benchmarks.prediction_truth import truth
+from benchmarks.steady_loop import watch_loops
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_experiments.calibration.paper_calibration import PaperCalibrationOptions
 
@@ -54,26 +49,6 @@ SMALL_SET = PaperCalibrationOptions(samples=30, held_out=40, point_counts=(), sa
 
 FULL = Effort(300.0, trial=10.0, loop=10.0, truth=PaperCalibrationOptions(point_counts=()))
 QUICK = Effort(20.0, trial=4.0, loop=4.0, truth=SMALL_SET)
-
-
-@dataclass(frozen=True)
-class Results:
-    """What was measured, by scene.
-
-    Parameters
-    ----------
-    runs : of the node with 20 samples
-    most_samples : largest number that holds 100 Hz, all of them published up to MOST_PUBLISHED
-    loops : of constant work on both cores, with nothing beside it
-    peers : times of a prediction by ODE and PyBullet, the paper's way, and by ours
-    truth : coverage and scores of what is predicted
-    """
-
-    runs: dict[str, Run]
-    most_samples: dict[str, int]
-    loops: list[Lateness]
-    peers: dict[str, list[PeerTime]]
-    truth: Truth
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

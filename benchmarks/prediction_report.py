@@ -1,25 +1,47 @@
-"""Turns what was measured of the predictor into tables, and into the line that machines read."""
+"""What was measured of the predictor, as tables and as the line that machines read."""
 
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 from benchmarks.prediction_node import HOLDS, MOST_PUBLISHED, Run
+from benchmarks.prediction_peers import PeerTime
+from benchmarks.prediction_truth import Truth
 from benchmarks.report import NOTHING, table
 from benchmarks.steady_loop import RATE, WORK, Lateness
 
-if TYPE_CHECKING:
-    from benchmarks.prediction import Results
-
 MOST_LATENCY = 10.0
-"""ms"""
+"""ms from the tick to the received message, of 99 % of the messages."""
+
 LEAST_SAMPLES = {"1_sphere": 500}
+"""Samples that have to hold 100 Hz, by scene."""
+
 MOST_GROWTH = 5.0
 """MB over a run: what allocators move about, not what grows with each prediction."""
 
 COVERAGE = (0.85, 0.95)
 """Of 90 % regions."""
+
+
+@dataclass(frozen=True)
+class Results:
+    """What was measured, by scene.
+
+    Parameters
+    ----------
+    runs : of the node with 20 samples
+    most_samples : largest number that holds 100 Hz, all of them published up to MOST_PUBLISHED
+    loops : of constant work on both cores, with nothing beside it
+    peers : times of a prediction by ODE and PyBullet, the paper's way, and by ours
+    truth : coverage and scores of what is predicted
+    """
+
+    runs: dict[str, Run]
+    most_samples: dict[str, int]
+    loops: list[Lateness]
+    peers: dict[str, list[PeerTime]]
+    truth: Truth
 
 
 def report_text(results: Results, seconds: float) -> str:

@@ -14,12 +14,15 @@ import tempfile
 import time
 from dataclasses import dataclass
 
+from intuitive_physics.simulation.compile import warm_up
+
 _CHILD = """
 import time
 import numba, numpy
 start = time.perf_counter()
-from intuitive_physics.simulation.compile import {function}
-{function}()
+from intuitive_physics.kernels.warm_up import main
+from intuitive_physics.simulation.compile import warm_up
+{call}
 print(time.perf_counter() - start)
 """
 
@@ -43,16 +46,16 @@ class StartUp:
 def start_up(loads: int) -> StartUp:
     """Compile once and load `loads` times, of which the quickest counts."""
     with tempfile.TemporaryDirectory() as cache:
-        compiled = _run("main", cache)
-        loaded = min(_run("warm_up", cache) for _ in range(loads))
+        compiled = _run(f"main([{warm_up.__module__!r}])", cache)
+        loaded = min(_run("warm_up()", cache) for _ in range(loads))
     return StartUp(compiled[0], loaded[0], compiled[1], loaded[1])
 
 
-def _run(function: str, cache: str) -> tuple[float, float]:
+def _run(call: str, cache: str) -> tuple[float, float]:
     """Return what the child measured and its whole wall time, in s."""
     start = time.perf_counter()
     done = subprocess.run(
-        [sys.executable, "-c", _CHILD.format(function=function)],
+        [sys.executable, "-c", _CHILD.format(call=call)],
         env={**os.environ, "NUMBA_CACHE_DIR": cache},
         check=True,
         stdout=subprocess.PIPE,

@@ -5,7 +5,5 @@ set -euo pipefail
 # Numba does not notice that what a cached kernel calls has changed.
 find .venv/lib/python*/site-packages/intuitive_physics* -name '*.nb[ic]' -delete
 
-for module in intuitive_physics.simulation.compile intuitive_physics_perception.compile \
-    intuitive_physics_predictor.compile; do
-    .venv/bin/python -m "$module"
-done
+.venv/bin/python -m intuitive_physics.kernels.warm_up intuitive_physics.simulation.compile \
+    intuitive_physics_perception.compile intuitive_physics_predictor.compile

@@ -24,5 +24,6 @@ if ! .venv/bin/python -c 'import sys; sys.exit(sys.version_info >= (3, 12))'; th
         --use-pep517 --no-build-isolation pybullet
 fi
 echo "set-up: installing packages (2 GB, about two minutes)"
-install -r requirements/ros.txt -r requirements/runtime.txt -r requirements/test.txt
+install -r requirements/ros.txt -r requirements/runtime.txt -r requirements/test.txt \
+    -r requirements/docs.txt
 rm "$under_way"

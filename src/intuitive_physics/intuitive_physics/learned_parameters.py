@@ -1,4 +1,4 @@
-"""θ_s as the learner hands it on: with the uncertainty of each value, and where it came from."""
+"""Learned static parameters θ_s: with the uncertainty of each value, and how they were learned."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from intuitive_physics.materials import (
 )
 
 FORMAT = "intuitive_physics/learned_parameters/1"
+"""Format of files, which every file names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,14 +30,15 @@ class LearnedParameters:
     parameters : θ_s
     standard_deviations : (|θ_s|,) in the order of `parameter_names(parameters.materials)`, each in
         its parameter's own SI unit, never negative; NaN where it is not known
-    identified : (|θ_s|,) bool, same order: whether the observations could tell this parameter; one
-        that they could not is a default or an accident of the search, never learned
-    version : grows with every improvement; 0 means nothing was learned yet
+    identified : (|θ_s|,) bool, same order: whether the observations determine this parameter; the
+        value of one that they do not determine was not learned, whatever the search ended at
+    version : grows with every improvement; 0 before anything was learned
     cost : J in m over the observations it was learned from (Eq. 8); NaN when there were none
     observation_count : number of those observations
     method : name of the update rule that found it, "" for version 0
-    intervals : (|θ_s|, 2) lower and upper end of where J is as good, for parameters that the
-        observations bound less to one side than the standard deviation says; NaN for all others
+    intervals : (|θ_s|, 2) in each parameter's SI unit: lower and upper end of the interval of
+        values whose J is as small, for parameters with a one-sided interval, which the observations
+        bound less to one side than the standard deviation says; NaN for all others
     """
 
     parameters: StaticParameters
@@ -97,7 +99,7 @@ class LearnedParameters:
         return self.parameters.materials
 
     def extended(self, materials: Sequence[str]) -> LearnedParameters:
-        """Return the same over other materials: new ones have defaults that nobody identified."""
+        """Return the same for other materials: new ones have defaults that are not identified."""
         place = {name: i for i, name in enumerate(_unordered_names(materials))}
         shared = [
             (k, place[n]) for k, n in enumerate(_unordered_names(self.materials)) if n in place
@@ -121,7 +123,7 @@ class LearnedParameters:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data (numbers, strings, None for NaN) that JSON and YAML hold as it is."""
+        """Return plain data (numbers, strings, None for NaN) for JSON or YAML."""
         names = parameter_names(self.materials)
         return {
             "format": FORMAT,

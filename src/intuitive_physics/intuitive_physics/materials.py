@@ -16,7 +16,11 @@ PAIR_COEFFICIENTS = ("static_friction", "dynamic_friction", "rolling_friction", 
 """Order of the four coefficients of a pair wherever they stand in one array."""
 
 DEFAULT_DENSITY = 500.0
+"""kg/m³, of a material of which nothing was learned; set by hand, between foam and water."""
+
 DEFAULT_COEFFICIENTS = (0.5, 0.4, 0.01, 0.5)
+"""Of a pair of materials of which nothing was learned, in the order of `PAIR_COEFFICIENTS`; set by
+hand, dimensionless."""
 
 
 def pair_count(materials: int) -> int:
@@ -106,7 +110,7 @@ class StaticParameters:
         return dict(zip(PAIR_COEFFICIENTS, map(float, values), strict=True))
 
     def with_pair(self, a: str, b: str, **coefficients: float) -> StaticParameters:
-        """Return a copy in which the named coefficients of one pair are others."""
+        """Return a copy with other values of the named coefficients of one pair."""
         changed = self.coefficients.copy()
         i, j = self.index(a), self.index(b)
         for name, value in coefficients.items():
@@ -119,13 +123,13 @@ class StaticParameters:
         return StaticParameters(self.materials, self.density, changed)
 
     def with_density(self, material: str, density: float) -> StaticParameters:
-        """Return a copy in which one material has another density (kg/m³)."""
+        """Return a copy with another density (kg/m³) of one material."""
         changed = self.density.copy()
         changed[self.index(material)] = density
         return StaticParameters(self.materials, changed, self.coefficients)
 
     def extended(self, materials: Sequence[str]) -> StaticParameters:
-        """Return parameters over `materials`: known values kept, new ones at the defaults."""
+        """Return parameters of `materials`: known values, and defaults for new materials."""
         base = StaticParameters.uniform(materials)
         density, coefficients = base.density.copy(), base.coefficients.copy()
         known = [name for name in materials if name in self.materials]
@@ -136,7 +140,7 @@ class StaticParameters:
         return StaticParameters(materials, density, coefficients)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data that `from_dict` reads back."""
+        """Return plain data that `from_dict` reads."""
         return {
             "density": {
                 name: float(rho) for name, rho in zip(self.materials, self.density, strict=True)
@@ -148,7 +152,7 @@ class StaticParameters:
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> StaticParameters:
-        """Read what `to_dict` wrote; a pair that is missing is an error."""
+        """Read what `to_dict` wrote, with all pairs."""
         try:
             materials = list(data["density"])
             density = [data["density"][name] for name in materials]

@@ -1,4 +1,4 @@
-"""Observations Y^i: what was seen of one scene, kept as JSON that any tool can read."""
+"""Observations Y^i: the trajectories perceived in one scene, and their JSON files."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics.validation import name_string
 
 FORMAT = "intuitive_physics/observation/1"
+"""Format of the JSON text, which every text names."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +27,8 @@ class ObservedObject:
 
     Parameters
     ----------
-    object : what it is
-    trajectory : Y_j^i, where it was seen
+    object : its material and shape
+    trajectory : Y_j^i, its perceived positions
     initial_state : θ_d with covariance at the observation's `start_time`
     """
 
@@ -36,7 +37,7 @@ class ObservedObject:
     initial_state: ObjectState
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data that `from_dict` reads back."""
+        """Return plain data that `from_dict` reads."""
         return {
             "object": self.object.to_dict(),
             "times": self.trajectory.times.tolist(),
@@ -69,7 +70,7 @@ class Observation:
     environment : Ω_e
     objects : at least one
     start_time : s, on the clock of the trajectories; the initial states hold at this time
-    id : unique for ever; made if not given
+    id : unique among all observations; made at random if not given
     """
 
     environment: Environment

@@ -19,6 +19,7 @@ from intuitive_physics.materials import (
 from intuitive_physics.validation import finite_array, finite_float
 
 SCALES = ("linear", "logarithmic")
+"""How the unit interval may be stretched over a range."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,8 @@ DEFAULT_BOUNDS: dict[str, Bounds] = {
     "rolling_friction": Bounds(1e-4, 0.2, "logarithmic"),
     "restitution": Bounds(0.0, 1.0),
 }
+"""Range of each kind of parameter where nobody gives another: density in kg/m³, from foam to steel;
+the coefficients dimensionless. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +114,12 @@ class ParameterSpace:
         return replace(dynamic, upper=min(dynamic.upper, static.upper))
 
     def to_parameters(self, unit: ArrayLike) -> StaticParameters:
-        """Map a point of the unit cube, shape (|θ_s|,), to θ_s; what lies outside is clipped."""
+        """Map a point of the unit cube to θ_s; a point outside the cube is clipped.
+
+        Parameters
+        ----------
+        unit : (|θ_s|,) each from 0 to 1, in the order of `names`
+        """
         point = np.clip(finite_array(unit, "point of the unit cube", (self.size,)), 0.0, 1.0)
         m = len(self.materials)
         density = _stretch(point[:m], self.bounds["density"])
@@ -132,7 +140,13 @@ class ParameterSpace:
         return StaticParameters(self.materials, density, coefficients)
 
     def to_unit(self, parameters: StaticParameters) -> NDArray[np.float64]:
-        """Map θ_s to the unit cube, shape (|θ_s|,); values outside the bounds are clipped."""
+        """Map θ_s to the unit cube; values outside the bounds are clipped.
+
+        Returns
+        -------
+        array
+            (|θ_s|,) each from 0 to 1, in the order of `names`
+        """
         if parameters.materials != self.materials:
             parameters = _reordered(parameters, self.materials)
         m = len(self.materials)

@@ -1,4 +1,4 @@
-"""Parts of space that questions are about."""
+"""Regions of space, for queries."""
 
 from __future__ import annotations
 
@@ -20,16 +20,32 @@ from intuitive_physics.validation import (
 
 
 class Region(ABC):
-    """A part of space."""
+    """A region of space."""
 
     @abstractmethod
     def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether each point of an array (…, 3), in m, lies inside; shape (…)."""
+        """Return whether each point lies inside.
+
+        Parameters
+        ----------
+        points : (…, 3) m
+
+        Returns
+        -------
+        array
+            (…) of bool
+        """
 
 
 @dataclass(frozen=True, eq=False)
 class BallRegion(Region):
-    """All points within `radius` (m) of `center`, (3,) m."""
+    """All points within a distance of one point.
+
+    Parameters
+    ----------
+    center : (3,) m
+    radius : m
+    """
 
     center: NDArray[np.float64]
     radius: float
@@ -44,7 +60,14 @@ class BallRegion(Region):
 
 @dataclass(frozen=True, eq=False)
 class BoxRegion(Region):
-    """A box about `center` (3,) m, turned by `orientation` (x, y, z, w), `edge_lengths` (3,) m."""
+    """A box.
+
+    Parameters
+    ----------
+    center : (3,) m
+    orientation : (4,) unit quaternion (x, y, z, w), box to environment
+    edge_lengths : (3,) m
+    """
 
     center: NDArray[np.float64]
     orientation: NDArray[np.float64]
@@ -68,7 +91,13 @@ class BoxRegion(Region):
 
 @dataclass(frozen=True, eq=False)
 class HalfSpaceRegion(Region):
-    """All points p with normal · p < offset; normal (3,) is scaled to one, offset in m."""
+    """All points p with normal · p < offset.
+
+    Parameters
+    ----------
+    normal : (3,) of any length, scaled to one
+    offset : m
+    """
 
     normal: NDArray[np.float64]
     offset: float

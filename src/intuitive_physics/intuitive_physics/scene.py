@@ -1,4 +1,4 @@
-"""What a simulator is given: environment Ω_e, objects Ω_o and their initial states θ_d."""
+"""Scenes, the input of a simulator: environment Ω_e, objects Ω_o, their initial states θ_d."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ from intuitive_physics.validation import (
 )
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
+"""m/s², in a frame whose z axis points up."""
+
 STANDARD_AIR_DENSITY = 1.2
+"""kg/m³, of dry air at sea level and 20 °C."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +71,27 @@ class Plane:
         object.__setattr__(self, "boundary", corners)
 
     def signed_distances(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Distance of points (..., 3) from the infinite plane, positive on the normal's side."""
+        """Return distances from the infinite plane, positive on the normal's side.
+
+        Parameters
+        ----------
+        points : (..., 3) m
+
+        Returns
+        -------
+        array
+            (...) m
+        """
         return np.asarray(points, dtype=np.float64) @ self.normal - self.offset
 
     def covers(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Whether points (..., 3), dropped onto the plane, lie within its boundary, if it has one.
+        """Return whether points, projected onto the plane, lie within its boundary.
+
+        Every point does where the plane has no edge.
+
+        Parameters
+        ----------
+        points : (..., 3) m
 
         Returns
         -------
@@ -88,7 +107,7 @@ class Plane:
         return np.asarray((places @ outward.T <= bounds).all(axis=-1))
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data that `Environment.from_dict` reads back."""
+        """Return plain data that `Environment.from_dict` reads."""
         return {
             "id": self.id,
             "material": self.material,
@@ -139,7 +158,7 @@ class StaticBox:
         object.__setattr__(self, "edge_lengths", edges)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data that `Environment.from_dict` reads back."""
+        """Return plain data that `Environment.from_dict` reads."""
         return {
             "id": self.id,
             "material": self.material,
@@ -159,7 +178,7 @@ class Environment:
     boxes : static boxes
     gravity : (3,) m/s²
     frame_id : name of the frame everything is in
-    air_density : kg/m³, of use to objects with drag or Magnus force only
+    air_density : kg/m³, used for objects with drag or Magnus force
     """
 
     planes: tuple[Plane, ...]
@@ -193,7 +212,7 @@ class Environment:
         return tuple(dict.fromkeys(primitive.material for primitive in primitives))
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data that `from_dict` reads back."""
+        """Return plain data that `from_dict` reads."""
         return {
             "planes": [plane.to_dict() for plane in self.planes],
             "boxes": [box.to_dict() for box in self.boxes],
@@ -221,7 +240,7 @@ class Environment:
 
 @dataclass(frozen=True)
 class SceneObject:
-    """One element of Ω_o: what an object is, without where it is.
+    """One element of Ω_o: an object without its state.
 
     Parameters
     ----------
@@ -230,10 +249,10 @@ class SceneObject:
     shape : its primitive
     drag_coefficient : C_d in the drag force -½ ρ C_d A |v| v, A the shape's mean silhouette
     magnus_coefficient : C_M in the Magnus force ½ ρ A r C_M ω × v, with A = π r²
-    inertia_factor : of a box or capsule, its moments of inertia over those of a uniform solid of
-        the same mass, above zero: 1.2 for a cube with walls, say
+    inertia_factor : moments of inertia of a box or capsule over those of a uniform solid of the
+        same mass, above zero; 1.2 for a cube with walls, for example
     mass_centre : (3,) m, centre of mass of a box or capsule in its own axes, from the shape's
-        centre, inside the shape. Poses and velocities of a state stay those of the shape's centre
+        centre, inside the shape. Pose and velocity in a state are those of the shape's centre
     """
 
     id: str
@@ -275,7 +294,7 @@ class SceneObject:
         return x, y, z
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data that `from_dict` reads back."""
+        """Return plain data that `from_dict` reads."""
         return {
             "id": self.id,
             "material": self.material,
@@ -330,12 +349,12 @@ class Scene:
                 f"scene has {len(self.objects)} objects and {len(self.states)} states; "
                 "expected one state for each object"
             )
-        ids = [thing.id for thing in self.objects]
+        ids = [item.id for item in self.objects]
         if len(set(ids)) != len(ids):
             raise InvalidInputError(f"scene has the object ids {ids}; expected each once")
 
     @property
     def materials(self) -> tuple[str, ...]:
         """Materials of objects, then of the environment, each once."""
-        own = tuple(thing.material for thing in self.objects)
+        own = tuple(item.material for item in self.objects)
         return tuple(dict.fromkeys(own + self.environment.materials))

@@ -37,22 +37,27 @@ class Shape(ABC):
 
     @abstractmethod
     def unit_density_inertia(self) -> NDArray[np.float64]:
-        """Principal moments of inertia at 1 kg/m³, shape (3,), in kg m², in the body frame."""
+        """Return the principal moments of inertia at 1 kg/m³, (3,) kg m², in the body frame."""
 
     @abstractmethod
     def contains(self, point: ArrayLike) -> bool:
-        """Whether a point (3,) m of the body frame lies inside or on the surface."""
+        """Return whether a point lies inside or on the surface.
+
+        Parameters
+        ----------
+        point : (3,) m, in the body frame
+        """
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """Plain data that `shape_from_dict` reads back."""
+        """Return plain data that `shape_from_dict` reads."""
 
     def mass(self, density: float) -> float:
         """Mass in kg at a uniform density in kg/m³ (Sec. III-A: M = ρ v)."""
         return positive_float(density, "density") * self.volume
 
     def inertia(self, density: float) -> NDArray[np.float64]:
-        """Principal moments of inertia at `density` (kg/m³), shape (3,), in kg m²."""
+        """Return the principal moments of inertia at `density` (kg/m³), (3,) kg m²."""
         return positive_float(density, "density") * self.unit_density_inertia()
 
 
@@ -187,6 +192,7 @@ class Capsule(Shape):
 
 
 SHAPE_KINDS: dict[str, type[Shape]] = {kind.kind: kind for kind in (Sphere, Box, Capsule)}
+"""Classes of shapes by the names they have in files."""
 
 
 def shape_from_dict(data: Mapping[str, Any]) -> Shape:

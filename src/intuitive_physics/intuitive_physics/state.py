@@ -13,10 +13,19 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.validation import covariance_matrix, finite_array, unit_quaternion
 
 ERROR_SIZE = 12
+"""Components of the deviation of a state, which are the axes of its covariance."""
+
 POSITION = slice(0, 3)
+"""Of these components: deviation of the position, m."""
+
 ROTATION = slice(3, 6)
+"""Deviation of the orientation, a rotation vector in the environment's frame, rad."""
+
 LINEAR_VELOCITY = slice(6, 9)
+"""Deviation of the linear velocity, m/s."""
+
 ANGULAR_VELOCITY = slice(9, 12)
+"""Deviation of the angular velocity, rad/s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +39,7 @@ class ObjectState:
     linear_velocity : (3,) m/s
     angular_velocity : (3,) rad/s, in the environment's frame (not the body's)
     covariance : (12, 12), order: position, rotation vector, linear velocity, angular velocity;
-        all zeros means "known exactly"
+        all zeros where the state is known exactly
     """
 
     position: NDArray[np.float64]
@@ -65,7 +74,12 @@ class ObjectState:
         )
 
     def with_covariance(self, covariance: ArrayLike) -> ObjectState:
-        """Return the same state with another covariance, shape (12, 12)."""
+        """Return the same state with another covariance.
+
+        Parameters
+        ----------
+        covariance : (12, 12), in the order of `ObjectState`
+        """
         return ObjectState(
             self.position,
             self.orientation,
@@ -75,19 +89,32 @@ class ObjectState:
         )
 
     def to_vector(self) -> NDArray[np.float64]:
-        """Return (13,): position, orientation (x, y, z, w), linear and angular velocity."""
+        """Return the state without its covariance as one array.
+
+        Returns
+        -------
+        array
+            (13,): position (m), orientation (x, y, z, w), linear velocity (m/s), angular velocity
+            (rad/s)
+        """
         return np.concatenate(
             [self.position, self.orientation, self.linear_velocity, self.angular_velocity]
         )
 
     @staticmethod
     def from_vector(vector: ArrayLike, covariance: ArrayLike | None = None) -> ObjectState:
-        """Read what `to_vector` wrote."""
+        """Read what `to_vector` wrote.
+
+        Parameters
+        ----------
+        vector : (13,) in the units of `to_vector`
+        covariance : (12, 12); None where the state is known exactly
+        """
         v = finite_array(vector, "state vector", (13,))
         return ObjectState(v[0:3], v[3:7], v[7:10], v[10:13], covariance)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data that `from_dict` reads back."""
+        """Return plain data that `from_dict` reads."""
         return {
             "position": self.position.tolist(),
             "orientation": self.orientation.tolist(),

@@ -1,4 +1,4 @@
-"""Checks of what comes in, each raising `InvalidInputError` with what was got and expected."""
+"""Checks of input, each of which raises `InvalidInputError` with what was got and expected."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics.errors import InvalidInputError
 
 UNIT_QUATERNION_TOLERANCE = 1e-3
+"""How far the norm of a quaternion may be from one: farther is a mistake, not rounding."""
 
 
 def positive_float(value: Any, name: str) -> float:
@@ -48,11 +49,18 @@ def name_string(value: Any, name: str) -> str:
 
 
 def finite_array(value: ArrayLike, name: str, shape: Sequence[int | None]) -> NDArray[np.float64]:
-    """Return `value` as a C-contiguous float64 copy, checked for its shape and for finiteness.
+    """Return a C-contiguous float64 copy after checking shape and finiteness.
 
     Parameters
     ----------
+    value : (…) array of the expected shape, in any unit
+    name : of the value, for the message
     shape : the expected shape; None stands for any length of that axis
+
+    Returns
+    -------
+    array
+        (…) of the expected shape
     """
     try:
         array = np.array(value, dtype=np.float64, order="C")
@@ -72,12 +80,17 @@ def finite_array(value: ArrayLike, name: str, shape: Sequence[int | None]) -> ND
 
 
 def unit_quaternion(value: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Return the quaternion (x, y, z, w), shape (4,), normalised to machine precision.
+    """Return a quaternion, (4,), normalised to machine precision.
+
+    Parameters
+    ----------
+    value : (4,) as (x, y, z, w)
+    name : of the value, for the message
 
     Raises
     ------
     InvalidInputError
-        When its norm is further than 1e-3 from one: then it is a mistake, not rounding.
+        When its norm differs from one by more than `UNIT_QUATERNION_TOLERANCE`.
     """
     quaternion = finite_array(value, name, (4,))
     norm = float(np.linalg.norm(quaternion))
@@ -89,7 +102,13 @@ def unit_quaternion(value: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def unit_vector(value: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Return a vector of shape (3,), any length but zero, scaled to length one."""
+    """Return a vector, (3,), scaled to length one.
+
+    Parameters
+    ----------
+    value : (3,) of any length but zero
+    name : of the value, for the message
+    """
     vector = finite_array(value, name, (3,))
     norm = float(np.linalg.norm(vector))
     if norm < 1e-12:
@@ -98,7 +117,13 @@ def unit_vector(value: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def covariance_matrix(value: ArrayLike, name: str, size: int) -> NDArray[np.float64]:
-    """Return a symmetric, positive semi-definite matrix of shape (size, size)."""
+    """Return a symmetric, positive semi-definite matrix, (size, size).
+
+    Parameters
+    ----------
+    value : (size, size)
+    name : of the value, for the message
+    """
     matrix = finite_array(value, name, (size, size))
     scale = max(float(np.abs(matrix).max()), 1e-300)
     if np.abs(matrix - matrix.T).max() > 1e-6 * scale:
@@ -114,7 +139,13 @@ def covariance_matrix(value: ArrayLike, name: str, size: int) -> NDArray[np.floa
 
 
 def increasing_times(value: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Return strictly increasing times of shape (n_times,), n_times ≥ 1, in seconds."""
+    """Return strictly increasing times, (n_times,) s.
+
+    Parameters
+    ----------
+    value : (n_times,) s, at least one
+    name : of the value, for the message
+    """
     times = finite_array(value, name, (None,))
     if times.size == 0:
         raise InvalidInputError(f"{name} is empty; expected at least one time")
@@ -129,7 +160,7 @@ def increasing_times(value: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def _scaled_to_one(array: NDArray[np.float64], norm: float) -> NDArray[np.float64]:
-    """Leave what is normalised already as it is, so that what was written reads back equal."""
+    """Scale to norm one, but leave a normalised array as it is: files then read back equal."""
     return array if abs(norm - 1.0) < 1e-15 else array / norm
 
 

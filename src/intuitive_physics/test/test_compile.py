@@ -9,6 +9,7 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 
 import intuitive_physics.simulation
+from intuitive_physics.kernels.warm_up import main
 from intuitive_physics.scene import Plane
 from intuitive_physics.shapes import Box, Capsule, Sphere
 from intuitive_physics.simulation import compile as compilation
@@ -77,3 +78,8 @@ def test_no_call_compiles_what_set_up_has_not():
     assert {name: len(kernel.signatures) for name, kernel in kernels.items()} == dict.fromkeys(
         kernels, 1
     )
+
+
+def test_the_command_compiles_in_processes_of_its_own(capsys):
+    main(["intuitive_physics.simulation.compile"])
+    assert "kernels ready after" in capsys.readouterr().out

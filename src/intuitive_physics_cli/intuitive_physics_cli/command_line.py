@@ -21,6 +21,30 @@ from intuitive_physics_cli.plugins import command_modules
 INTERRUPTED = 130
 """Exit code of a program that Ctrl-C ended, as shells have it."""
 
+OWN_COMMANDS = {
+    "perceive": perceive_command,
+    "learn": learn_command,
+    "predict": predict_command,
+    "import": import_command,
+    "export": export_command,
+    "report": report_command,
+}
+"""Modules of the commands that need no other package than this one does."""
+
+ORDER = (
+    "render",
+    "perceive",
+    "learn",
+    "predict",
+    "evaluate",
+    "calibrate",
+    "import",
+    "export",
+    "experiment",
+    "report",
+)
+"""Commands as the help lists them, in the order of work; those not named here come last."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one subcommand.
@@ -53,16 +77,9 @@ def _parser() -> argparse.ArgumentParser:
         description="Learn how things move from seeing them move, with no ROS needed.",
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for command in (
-        perceive_command,
-        learn_command,
-        predict_command,
-        report_command,
-        import_command,
-        export_command,
-        *command_modules(),
-    ):
-        command.add_to(commands)
+    modules = {**command_modules(), **OWN_COMMANDS}
+    for name in sorted(modules, key=lambda name: (*ORDER, name).index(name)):
+        modules[name].add_to(commands)
     return parser
 
 

@@ -15,7 +15,7 @@ entry_points={
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
@@ -36,17 +36,28 @@ ENGINES = "intuitive_physics_cli.engines"
 Reader = Callable[[Path], tuple[str, list[Observation]]]
 
 
-def command_modules() -> Iterator[Any]:
-    """Yield the modules of added commands; one that cannot be imported is named and left out."""
+def command_modules() -> dict[str, Any]:
+    """Return the modules of added commands by the commands' names.
+
+    Those of a package that cannot be loaded are left out; one line on standard error says so.
+    """
+    found: dict[str, Any] = {}
+    left_out: dict[tuple[str, str], list[str]] = {}
     for entry in _installed(COMMANDS):
         try:
-            yield entry.load()
-        except ImportError as error:
-            print(
-                f"intuitive-physics: warning: command {entry.name} is left out, since "
-                f"{entry.module} cannot be imported: {error}",
-                file=sys.stderr,
-            )
+            found[entry.name] = entry.load()
+        # Whatever is wrong with another package, the commands of this one go on.
+        except Exception as error:
+            package = entry.module.partition(".")[0]
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            left_out.setdefault((package, reason), []).append(entry.name)
+    for (package, reason), names in left_out.items():
+        print(
+            f"intuitive-physics: warning: {', '.join(names)} of {package} cannot be loaded: "
+            f"{reason}",
+            file=sys.stderr,
+        )
+    return found
 
 
 def observation_reader(suffix: str) -> Reader | None:

@@ -72,6 +72,28 @@ def test_a_broken_package_is_named_and_left_out(
     assert "package_that_is_gone" in warning
 
 
+def test_a_package_with_several_broken_commands_is_one_line(
+    install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "broken_package.py").write_text("this is no Python")
+    install({COMMANDS: "shout = broken_package\nwhisper = broken_package"})
+    with pytest.raises(SystemExit) as ended:
+        main(["learn", "--help"])
+    assert ended.value.code == 0
+    (warning,) = [line for line in capsys.readouterr().err.splitlines() if "shout" in line]
+    assert "shout, whisper of broken_package cannot be loaded: SyntaxError" in warning
+
+
+def test_an_added_command_cannot_take_the_place_of_an_own_one(
+    install: Install, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install({COMMANDS: "learn = added_package"})
+    with pytest.raises(SystemExit) as ended:
+        main(["learn", "--help"])
+    assert ended.value.code == 0
+    assert "usage: intuitive-physics learn" in capsys.readouterr().out
+
+
 def test_an_added_reader_reads_its_suffix(install: Install, tmp_path: Path) -> None:
     install({OBSERVATION_READERS: "xyz = added_package:read"})
     path = tmp_path / "motions.xyz"

@@ -11,12 +11,15 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_cli.evaluation.bag_frames import find_frame_source, read_frames
-from intuitive_physics_cli.evaluation.recording_perception import perceive_recording
-from intuitive_physics_experiments.rendering.depth_bag_writer import CAMERA_INFO_TOPIC, DEPTH_TOPIC
+from intuitive_physics_cli.evaluation.recording_perception import (
+    find_frame_source,
+    perceive_recording,
+    read_frames,
+)
 from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
 from intuitive_physics_recordings.bag_reader import BagReader
+from intuitive_physics_recordings.depth_bag_writer import CAMERA_INFO_TOPIC, DEPTH_TOPIC
 
 
 def cloud_bag(path: Path, points: np.ndarray, topic: str = "/points") -> None:

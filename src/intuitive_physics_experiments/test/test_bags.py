@@ -14,11 +14,6 @@ from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics_experiments.rendering.camera import Camera
-from intuitive_physics_experiments.rendering.depth_bag_writer import (
-    CAMERA_INFO_TOPIC,
-    DEPTH_TOPIC,
-    DepthBagWriter,
-)
 from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
 from intuitive_physics_experiments.rendering.rendered_bag import (
     RenderSettings,
@@ -26,6 +21,11 @@ from intuitive_physics_experiments.rendering.rendered_bag import (
     reuse_or_render_bag,
 )
 from intuitive_physics_recordings.bag_reader import BagReader
+from intuitive_physics_recordings.depth_bag_writer import (
+    CAMERA_INFO_TOPIC,
+    DEPTH_TOPIC,
+    DepthBagWriter,
+)
 
 SMALL = Camera.looking_at((0, 0, 1), (1, 1, 0), width=8, height=6, focal_length=6.0)
 

@@ -15,19 +15,23 @@ from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_cli.evaluation.free_flight import free_flight
-from intuitive_physics_experiments.calibration.baselines import fixed_noise, free_flights
-from intuitive_physics_experiments.calibration.calibrate import FITTED, OURS
-from intuitive_physics_experiments.calibration.observed_outcomes import (
+from intuitive_physics_cli.evaluation.evaluation import free_flight
+from intuitive_physics_experiments.calibration.calibrate import (
+    FITTED,
+    OURS,
+    fixed_noise,
+    free_flights,
+)
+from intuitive_physics_experiments.calibration.observed_calibration import (
     observed_outcomes,
     position_noise,
 )
 from intuitive_physics_experiments.calibration.paper_calibration import (
     PaperCalibrationOptions,
     calibrate_on_paper_set,
+    paper_outcomes,
 )
-from intuitive_physics_experiments.calibration.paper_outcomes import paper_outcomes
-from intuitive_physics_experiments.calibration.tables import reliability_rows, score_rows
+from intuitive_physics_experiments.calibration.report import reliability_rows, score_rows
 from intuitive_physics_experiments.calibration.verification import score
 from intuitive_physics_experiments.paper.paper_dataset import POSITION_NOISE, make_paper_dataset
 from intuitive_physics_predictor.noise_scales import NoiseScales

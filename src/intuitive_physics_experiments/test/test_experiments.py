@@ -20,7 +20,7 @@ from intuitive_physics_experiments.paper.learning_curve import (
 )
 from intuitive_physics_experiments.paper.paper_dataset import make_paper_dataset
 from intuitive_physics_experiments.paper.prediction import (
-    PredictionSettings,
+    PredictionExperimentSettings,
     run_prediction,
 )
 from intuitive_physics_experiments.paper.rgbd import RgbdSettings, run_rgbd
@@ -149,7 +149,7 @@ def test_all_rules_search_the_same_set(tmp_path: Path) -> None:
 
 
 def test_predictions_of_test_runs(tmp_path: Path) -> None:
-    settings = PredictionSettings(2, 5, 3, iterations=60)
+    settings = PredictionExperimentSettings(2, 5, 3, iterations=60)
     rows = run_prediction(tmp_path, settings, "test")
     # Four fifths of 5 of 8 throws are learned from; the other runs count with all their objects.
     runs = _runs(2, 8)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics.state import ObjectState
-from intuitive_physics_cli.evaluation.free_flight import free_flight
+from intuitive_physics_cli.evaluation.evaluation import free_flight
 from intuitive_physics_experiments.rendering.corner_room import corner_environment
 
 R = 0.05

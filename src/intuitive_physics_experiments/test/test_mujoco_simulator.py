@@ -10,8 +10,7 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Capsule, Sphere
 from intuitive_physics.state import ObjectState
-from intuitive_physics_experiments.engines.mujoco_model import damping_ratio
-from intuitive_physics_experiments.engines.mujoco_simulator import MujocoSimulator
+from intuitive_physics_experiments.engines.mujoco_simulator import MujocoSimulator, damping_ratio
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 

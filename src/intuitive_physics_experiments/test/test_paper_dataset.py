@@ -11,7 +11,6 @@ from intuitive_physics.scene import SceneObject
 from intuitive_physics.shapes import Box, Capsule, Sphere
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import LINEAR_VELOCITY, POSITION
-from intuitive_physics_experiments.paper.dataset_engines import dataset_parameters
 from intuitive_physics_experiments.paper.paper_dataset import (
     POSITION_NOISE,
     PaperDataset,
@@ -20,6 +19,7 @@ from intuitive_physics_experiments.paper.paper_dataset import (
 from intuitive_physics_experiments.paper.paper_room import (
     DIMENSIONS,
     HALF_ROOM,
+    dataset_parameters,
     draw_initial_states,
     draw_pool,
     paper_room,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
-from intuitive_physics_cli.evaluation.prediction_coverage import LEVELS, region_coverage
+from intuitive_physics_cli.evaluation.prediction_case import LEVELS, PredictionCase, region_coverage
 from intuitive_physics_experiments.rendering.corner_room import corner_environment
 
 POINTS, SAMPLES, CASES = 30, 60, 40

@@ -23,7 +23,7 @@ from intuitive_physics_experiments.demo.demo_result import (
     PredictionOutcome,
     ThrowErrors,
 )
-from intuitive_physics_experiments.demo.frame_figure import _pixels, _silhouette
+from intuitive_physics_experiments.demo.figures import _pixels, _silhouette
 from intuitive_physics_experiments.demo.report import write_report
 from intuitive_physics_experiments.rendering.corner_room import (
     MATERIALS,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_perception.detection.box_faces import find_faces
-from intuitive_physics_perception.input.depth import Intrinsics, points_from_depth
+from intuitive_physics.kernels.warm_up import WarmUp
+from intuitive_physics_perception.detection.box_fit import find_faces
+from intuitive_physics_perception.input.camera import Intrinsics
+from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.input.point_cloud import Field, points_from_cloud_data
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
@@ -70,12 +70,5 @@ def _as_cloud(points: NDArray[np.float32], kind: str) -> NDArray[np.float32]:
     )
 
 
-def main() -> None:
-    """Compile every kernel into Numba's cache."""
-    start = time.perf_counter()
-    warm_up()
-    print(f"perception kernels ready after {time.perf_counter() - start:.1f} s")
-
-
-if __name__ == "__main__":
-    main()
+WARM_UPS: tuple[WarmUp, ...] = (warm_up,)
+"""Of `intuitive_physics.kernels.warm_up`."""

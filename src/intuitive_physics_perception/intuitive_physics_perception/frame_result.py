@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import SceneObject
 from intuitive_physics.state import ObjectState
-from intuitive_physics_perception.detection.detection import Detection
+from intuitive_physics_perception.detection.detections import Detection
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.tracking.episodes import Episode
 

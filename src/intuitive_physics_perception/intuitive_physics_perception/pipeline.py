@@ -1,4 +1,4 @@
-"""Frame in; environment, object states and finished observations out (Sec. VI-B and VI-C)."""
+"""Frames in; environment, object states and finished observations out (Sec. VI-B and VI-C)."""
 
 from __future__ import annotations
 
@@ -11,23 +11,28 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
+from intuitive_physics.scene import Environment
 from intuitive_physics.validation import unit_vector
-from intuitive_physics_perception.detection.detected_solid import DetectedSolid
-from intuitive_physics_perception.detection.detected_sphere import DetectedSphere
-from intuitive_physics_perception.detection.objects import all_objects
+from intuitive_physics_perception.detection.cluster_memory import SEARCHES
+from intuitive_physics_perception.detection.detections import (
+    DetectedSolid,
+    DetectedSphere,
+    without_doubles,
+)
+from intuitive_physics_perception.detection.foreground import Clusters, ForegroundFinder
+from intuitive_physics_perception.detection.solids import SolidFinder, all_objects
+from intuitive_physics_perception.detection.spheres import SphereFinder
 from intuitive_physics_perception.environment.environment_model import (
+    EnvironmentCheck,
+    EnvironmentModel,
     NoEnvironmentError,
     model_environment,
 )
-from intuitive_physics_perception.environment.static_boxes import with_static_boxes
-from intuitive_physics_perception.frame_result import (
-    FrameDiagnostics,
-    Perceived,
-    PerceivedObject,
-)
-from intuitive_physics_perception.modelled_scene import ModelledScene
+from intuitive_physics_perception.environment.static_boxes import StaticBoxFilter, with_static_boxes
+from intuitive_physics_perception.frame_result import FrameDiagnostics, Perceived, PerceivedObject
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracking.episodes import Episode
+from intuitive_physics_perception.tracking.episodes import Episode, EpisodeRecorder
+from intuitive_physics_perception.tracking.tracker import Tracker
 
 SEARCHES_IN_FRAME = 1
 """Clusters that are searched for spheres at random in one frame, which bounds its time."""
@@ -211,3 +216,71 @@ def _has_readings(points: NDArray[np.float32]) -> bool:
 
 def _observations(episodes: Sequence[Episode]) -> tuple[Observation, ...]:
     return tuple(found for episode in episodes for found in episode.observations())
+
+
+class ModelledScene:
+    """Stages made for one environment, and what they remember of it."""
+
+    def __init__(
+        self,
+        model: EnvironmentModel,
+        settings: PerceptionSettings,
+        rng: np.random.Generator,
+        first_track: int,
+    ) -> None:
+        self.model = model
+        self.check = EnvironmentCheck(model, settings)
+        self.foreground = ForegroundFinder(model, settings)
+        self.static_boxes = StaticBoxFilter(model, settings)
+        self.spheres = SphereFinder(model.noise, settings, rng)
+        self.solids = SolidFinder(model, settings, rng) if settings.find_solids else None
+        self.follow_anew(settings, first_track)
+
+    def clusters(self, points: NDArray[np.float32]) -> Clusters:
+        """What is neither a plane nor a static box, in clusters."""
+        return self.static_boxes.without(points, self.foreground.find(points))
+
+    def get_used_to(self, points: NDArray[np.float32]) -> None:
+        """Find out what each pixel sees of the planes and what stands about, so that no later
+        frame waits for it."""
+        for _ in range(SEARCHES):
+            spheres = self.spheres.find(points, self.clusters(points))
+            all_objects(points, spheres, self.solids)
+
+    def follow_anew(self, settings: PerceptionSettings, first_track: int) -> None:
+        """Forget what was followed; the environment stays."""
+        self.tracker = Tracker(self.model.environment, settings, first_track)
+        self.episodes = EpisodeRecorder(self.model.environment, settings)
+
+
+def perceive_cloud(
+    points: ArrayLike, settings: PerceptionSettings, rng: np.random.Generator
+) -> tuple[Environment, list[DetectedSphere]]:
+    """Perceive one cloud alone: its environment, and the spheres in the environment's frame.
+
+    Parameters
+    ----------
+    points : (n, 3) or (height, width, 3) m in the sensor's frame, the sensor at the origin; NaN
+        where nothing was read
+
+    Raises
+    ------
+    InvalidInputError
+        When the points have another shape.
+    NoEnvironmentError
+        When the cloud shows no supporting plane.
+    """
+    try:
+        cloud = np.ascontiguousarray(points, dtype=np.float32)
+    except (TypeError, ValueError):
+        raise InvalidInputError(f"points are {points!r:.80}; expected numbers (n, 3)") from None
+    if cloud.ndim not in (2, 3) or cloud.shape[-1] != 3:
+        raise InvalidInputError(
+            f"points have the shape {cloud.shape}; expected (n, 3) or (height, width, 3)"
+        )
+    frame = cloud if cloud.ndim == 3 else cloud[None]
+    model = model_environment([frame], settings, rng)
+    clusters = ForegroundFinder(model, settings).find(frame)
+    found = SphereFinder(model.noise, settings, rng).find(frame, clusters)
+    spheres = without_doubles([sphere for part in found for sphere in part.spheres])
+    return model.environment, [s.moved(model.rotation, model.translation) for s in spheres]

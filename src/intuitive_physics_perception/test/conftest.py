@@ -13,7 +13,8 @@ from intuitive_physics_perception.environment.environment_model import (
     EnvironmentModel,
     model_environment,
 )
-from intuitive_physics_perception.input.depth import Intrinsics, points_from_depth
+from intuitive_physics_perception.input.camera import Intrinsics
+from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.settings import PerceptionSettings
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 525.0

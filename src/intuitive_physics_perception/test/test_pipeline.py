@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.geometry.rotations import rotation_matrix
-from intuitive_physics_perception.compile import main
-from intuitive_physics_perception.input.depth import Intrinsics, points_from_depth
+from intuitive_physics.kernels.warm_up import main
+from intuitive_physics_perception.input.camera import Intrinsics
+from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -135,7 +136,7 @@ def test_a_scene_without_planes_says_so_and_tries_again(recording) -> None:
 
 
 def test_kernels_can_be_compiled_beforehand(capsys) -> None:
-    main()
+    main(["intuitive_physics_perception.compile"])
     assert "kernels ready" in capsys.readouterr().out
 
 

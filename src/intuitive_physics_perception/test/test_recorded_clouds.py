@@ -9,8 +9,8 @@ import pytest
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_perception.environment.environment_model import NoEnvironmentError
+from intuitive_physics_perception.pipeline import perceive_cloud
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.single_cloud import perceive_cloud
 
 REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "real"
 SETTINGS = PerceptionSettings(up_hint=(0.0, 0.0, 1.0))

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 
+from intuitive_physics.kernels.warm_up import WarmUp
 from intuitive_physics.simulation.compile import warm_up as warm_up_simulation
 from intuitive_physics.state import ObjectState
 from intuitive_physics_predictor.moments import weighted_moments
@@ -15,16 +14,14 @@ from intuitive_physics_predictor.noise import StateNoise, StateSpread
 def warm_up() -> None:
     """Call once all that a prediction needs."""
     warm_up_simulation()
+    warm_up_samples()
+
+
+def warm_up_samples() -> None:
+    """Compile what draws samples and sums them up, or load it from the cache."""
     weighted_moments(np.zeros((2, 1, 3)), np.full(2, 0.5))
     StateSpread.of([ObjectState((0.0, 0.0, 0.0))], StateNoise()).draw(1, np.random.default_rng(0))
 
 
-def main() -> None:
-    """Compile every kernel into Numba's cache."""
-    start = time.perf_counter()
-    warm_up()
-    print(f"prediction kernels ready after {time.perf_counter() - start:.1f} s")
-
-
-if __name__ == "__main__":
-    main()
+WARM_UPS: tuple[WarmUp, ...] = (warm_up_samples,)
+"""Of `intuitive_physics.kernels.warm_up`, beside those of the simulation."""

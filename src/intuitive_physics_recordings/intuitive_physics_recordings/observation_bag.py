@@ -11,19 +11,10 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
 from intuitive_physics_recordings.bag_reader import BagReader
+from intuitive_physics_recordings.bag_writing import mcap_writer, offered_qos
 from intuitive_physics_recordings.observation_messages import (
     OBSERVATION_TYPE,
     observation_from_message,
@@ -33,22 +24,13 @@ from intuitive_physics_recordings.observation_messages import (
 from intuitive_physics_recordings.ros_messages import suite_typestore
 
 SUFFIX = ".mcap"
+"""Of a file of observations."""
 
 TOPIC = "/perception_node/observation"
 """Where perception publishes observations, and the learner hears them."""
 
-_ENDLESS = QosTime(9223372036, 854775807)
-_KEPT_FOR_LATE_JOINERS = Qos(
-    QosHistory.KEEP_LAST,
-    100,
-    QosReliability.RELIABLE,
-    QosDurability.TRANSIENT_LOCAL,
-    _ENDLESS,
-    _ENDLESS,
-    QosLiveliness.AUTOMATIC,
-    _ENDLESS,
-    False,
-)
+QUEUE = 100
+"""Observations kept for those who subscribe late."""
 
 
 def write_observation_bag(observations: Iterable[Observation], path: Path) -> None:
@@ -67,15 +49,12 @@ def write_observation_bag(observations: Iterable[Observation], path: Path) -> No
     try:
         with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as folder:
             bag = Path(folder) / path.stem
-            writer = Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP)
-            # Chunks, not messages: other MCAP readers know only compressed chunks.
-            writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-            with writer:
+            with mcap_writer(bag) as writer:
                 connection = writer.add_connection(
                     TOPIC,
                     OBSERVATION_TYPE,
                     typestore=store,
-                    offered_qos_profiles=[_KEPT_FOR_LATE_JOINERS],
+                    offered_qos_profiles=[offered_qos(QUEUE, transient_local=True)],
                 )
                 for stamp, message in messages:
                     data = store.serialize_cdr(message, OBSERVATION_TYPE)

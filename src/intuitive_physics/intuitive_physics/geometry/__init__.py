@@ -1,1 +1,1 @@
-"""Rotations, polygons and distances, each once: as arrays and as kernels."""
+"""Rotations, polygons and distances, each once for arrays and once for kernels."""

@@ -1,7 +1,7 @@
-"""Gaps between bodies: how far their surfaces are apart, for whole arrays of poses at once.
+"""Gaps between bodies: the distance of their surfaces, for whole arrays of poses at once.
 
-A gap is the distance where bodies are apart and not above zero where they overlap; how far it is
-below zero then is no measure of depth.
+A gap is the distance where bodies are apart, and zero or below where they overlap; then it does not
+measure how deep. `closest_points` has the kernels.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from intuitive_physics.scene import Plane
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 
 SEARCH_STEPS = 40
-"""Of the golden section along a capsule's axis, which leave 4e-9 of its length."""
+"""Steps of the golden-section search along a capsule's axis, which leave 4e-9 of its length."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class Body:
 
     Parameters
     ----------
-    shape : its primitive
+    shape : a Sphere, Box or Capsule
     positions : (…, 3) m
     orientations : (…, 4) unit quaternions (x, y, z, w)
     """
@@ -48,8 +48,8 @@ class Body:
 def gap_to_plane(body: Body, plane: Plane) -> NDArray[np.float64]:
     """Return the gap between a body and a plane, (…), m.
 
-    At a plane with edges a sphere may touch the edge; of boxes and capsules only the point nearest
-    to the plane is looked at. What has its centre behind such a sheet does not touch it.
+    A sphere may touch the edge of a bounded plane; of a box or capsule only the point nearest to
+    the plane counts. A body whose centre is behind a bounded plane does not touch it.
     """
     nearest, radius = _point_towards(body, -plane.normal)
     if plane.boundary is None:
@@ -79,7 +79,7 @@ def gap_between(a: Body, b: Body) -> NDArray[np.float64]:
 
 
 def _segment(body: Body) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Middle, half length as a vector, and radius of what is round about a segment."""
+    """Return middle and half length as vectors, (…, 3) m, and the radius around a core segment."""
     match body.shape:
         case Sphere():
             return body.positions, np.zeros(3), body.shape.radius
@@ -89,7 +89,7 @@ def _segment(body: Body) -> tuple[NDArray[np.float64], NDArray[np.float64], floa
 
 
 def _point_towards(body: Body, direction: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Point of a body's core that lies farthest in a direction, and the radius about the core."""
+    """Return the point of a body's core farthest in a direction, and the radius around the core."""
     if isinstance(body.shape, Box):
         halves = _half_edges(body)
         corner = sum((np.sign(half @ direction)[..., None] * half for half in halves), np.zeros(3))
@@ -146,7 +146,7 @@ def _distance_of_segments(
 def _distance_of_segment_to_box(
     middle: NDArray[np.float64], half: NDArray[np.float64], half_edges: list[NDArray[np.float64]]
 ) -> NDArray[np.float64]:
-    """Distance of middle + s half, s from -1 to 1, from a box about 0: convex in s, so searched."""
+    """Distance of middle + s half, s from -1 to 1, from a box about 0, by search: convex in s."""
 
     def distance(s: NDArray[np.float64]) -> NDArray[np.float64]:
         return _distance_to_box(middle + s[..., None] * half, half_edges)
@@ -189,7 +189,7 @@ def _gap_of_boxes(
         length = np.linalg.norm(axis, axis=-1)
         reach = sum(np.abs((half * axis).sum(axis=-1)) for half in (*own, *other))
         gap = (np.abs((apart * axis).sum(axis=-1)) - reach) / np.maximum(length, 1e-300)
-        # Parallel edges have no direction across: their faces' normals tell.
+        # Parallel edges have no direction across them: the faces' normals decide.
         widest = np.where(length > 1e-6, np.maximum(widest, gap), widest)
     return widest
 

@@ -1,4 +1,4 @@
-"""Convex polygons in space."""
+"""Convex polygons in space, as arrays of corners; `clipping` has the kernels."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from numpy.typing import NDArray
 def clip_polygon(
     corners: NDArray[np.float64], normal: NDArray[np.float64], offset: float
 ) -> NDArray[np.float64]:
-    """Keep the part of a convex polygon with normal · p ≥ offset (Sutherland-Hodgman).
+    """Return the part of a convex polygon with normal · p ≥ offset (Sutherland-Hodgman).
 
     Parameters
     ----------
     corners : (n, 3) m
-    normal : (3,)
+    normal : (3,) unit vector
     offset : m
 
     Returns
     -------
     array
-        (k, 3) m; k < 3 when nothing is left
+        (k, 3) m; k < 3 where nothing is left
     """
     kept = []
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -35,7 +35,20 @@ def clip_polygon(
 def plane_square(
     normal: NDArray[np.float64], offset: float, center: NDArray[np.float64], reach: float
 ) -> NDArray[np.float64]:
-    """Corners (4, 3) of a square in a plane, `reach` m to each side of what is nearest `center`."""
+    """Return the corners of a square in a plane.
+
+    Parameters
+    ----------
+    normal : (3,) unit normal of the plane
+    offset : m; points p of the plane satisfy normal · p = offset
+    center : (3,) m, a point whose projection onto the plane is the square's centre
+    reach : half of the square's edge length, m
+
+    Returns
+    -------
+    array
+        (4, 3) m, counter-clockwise about the normal
+    """
     u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     u /= np.linalg.norm(u)
     v = np.cross(normal, u)

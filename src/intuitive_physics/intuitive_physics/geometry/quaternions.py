@@ -10,7 +10,7 @@ from intuitive_physics.kernels import kernel
 
 @kernel
 def turned_by(q, turn):
-    """The quaternion q, turned by a rotation vector in the environment's axes, of length one."""
+    """The unit quaternion q, rotated by a rotation vector (rad) in the environment's axes."""
     half = 0.5 * norm(turn)
     # sin(x) / x, which is 1 - x² / 6 near zero.
     share = 0.5 * (sin(half) / half if half > 1e-4 else 1.0 - half * half / 6.0)

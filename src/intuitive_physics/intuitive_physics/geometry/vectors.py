@@ -1,4 +1,4 @@
-"""Vectors of three as tuples of floats: in Numba they live in registers, arrays do not."""
+"""Vectors of three as tuples of floats, for kernels: Numba keeps them in registers."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def tangential(a, n):
 
 @fast_inlined
 def clamped(a, longest):
-    """a, shortened to the length `longest` if it is longer."""
+    """A vector, shortened to the length `longest` if it is longer."""
     length = norm(a)
     if length > longest:
         return scaled(a, longest / length)

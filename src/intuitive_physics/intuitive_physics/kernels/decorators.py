@@ -1,4 +1,18 @@
-"""How Numba compiles what is written for it here."""
+"""How Numba compiles what is written for it here.
+
+This is the one place for options that Numba does not document; `test_kernels.py` fails with a clear
+word when a version of Numba no longer has one of them.
+
+- `_nrt` (private): without Numba's run-time, arrays among the arguments are not counted as
+  references, which costs two atomic operations a call and kept short functions two to five times
+  slower. A kernel can then allocate no array: its caller gives it the memory.
+- `get_call_template` (private, patched): Numba compiles a function once more for each number that
+  is written out in a call of it, and there is no option against it.
+- `no_cpython_wrapper`, `no_cfunc_wrapper` (undocumented): the wrappers that only calls from outside
+  need take a quarter of the time of compiling.
+- `forceinline` (documented): the compiler writes the function into its callers.
+- `error_model="numpy"` (documented): a division by zero gives infinity, without a branch.
+"""
 
 from __future__ import annotations
 
@@ -7,29 +21,32 @@ from typing import Any
 
 from numba import njit, types
 
-# Without Numba's run-time, arrays among the arguments are not counted as references, which costs
-# two atomic operations a call and kept short functions two to five times slower. A kernel can
-# then allocate no array: it is given its scratch. NumPy's error model divides without a branch.
-_OPTIONS: dict[str, Any] = {"_nrt": False, "error_model": "numpy", "nogil": True}
+COMMON_OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
+"""Of every kernel."""
 
+WITHOUT_RUNTIME: dict[str, Any] = {"_nrt": False}
+"""Of kernels that allocate no array."""
 
-_INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""What a function needs only when it is called from outside takes a quarter of the compiling."""
+WITHOUT_WRAPPERS: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+"""Of kernels that only other kernels call."""
+
+REORDERING = frozenset({"contract", "reassoc", "nsz"})
+"""Liberties with rounding that keep the meaning of NaN and infinity."""
 
 
 def entry(function: Callable) -> Any:
-    """Decorate a kernel that Python calls, without the GIL, and that is kept in the cache."""
-    return _once_for_all_numbers(njit(cache=True, **_OPTIONS)(function))
+    """Decorate a kernel that Python calls; its code is kept in the cache."""
+    return _compiled(function, cache=True, **WITHOUT_RUNTIME)
 
 
 def kernel(function: Callable) -> Any:
     """Decorate a function that only other kernels call; the cached entry holds its code too."""
-    return _once_for_all_numbers(njit(**_OPTIONS, **_INNER)(function))
+    return _compiled(function, **WITHOUT_RUNTIME, **WITHOUT_WRAPPERS)
 
 
 def inlined(function: Callable) -> Any:
     """Decorate a short function that the compiler is to write into each of its callers."""
-    return _once_for_all_numbers(njit(forceinline=True, **_OPTIONS, **_INNER)(function))
+    return _compiled(function, forceinline=True, **WITHOUT_RUNTIME, **WITHOUT_WRAPPERS)
 
 
 def fast_inlined(function: Callable) -> Any:
@@ -38,9 +55,27 @@ def fast_inlined(function: Callable) -> Any:
     The result is the same to rounding, from shorter chains of operations that wait for one
     another. NaN and infinity keep their meaning.
     """
-    fast = {"contract", "reassoc", "nsz"}
-    compiled = njit(forceinline=True, fastmath=fast, **_OPTIONS, **_INNER)(function)
-    return _once_for_all_numbers(compiled)
+    return _compiled(
+        function,
+        forceinline=True,
+        fastmath=set(REORDERING),
+        **WITHOUT_RUNTIME,
+        **WITHOUT_WRAPPERS,
+    )
+
+
+def allocating_entry(function: Callable) -> Any:
+    """Decorate a kernel that Python calls and that makes new arrays; kept in the cache."""
+    return _compiled(function, cache=True)
+
+
+def allocating_kernel(function: Callable) -> Any:
+    """Decorate a function that only other kernels call and that makes new arrays."""
+    return _compiled(function, **WITHOUT_WRAPPERS)
+
+
+def _compiled(function: Callable, **options: Any) -> Any:
+    return _once_for_all_numbers(njit(**COMMON_OPTIONS, **options)(function))
 
 
 def _once_for_all_numbers(dispatcher: Any) -> Any:

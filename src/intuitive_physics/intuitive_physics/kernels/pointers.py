@@ -1,7 +1,7 @@
-"""Reaching memory by its address, so that a kernel needs one pointer where it works on ten arrays.
+"""Access to memory by its address: a kernel then takes one pointer instead of ten arrays.
 
-Numba passes an array as seven or more numbers: a function of a dozen arrays spent more time on
-being called than on its work.
+Numba passes an array as seven or more numbers; calls of functions with a dozen arrays took longer
+than their work.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numba.extending import intrinsic
 
 
 def record_getter(dtype: np.dtype) -> Callable:
-    """Return a function (address, index) for kernels that answers a record of an array."""
+    """Return a function (address, index) for kernels that returns one record of an array."""
     record = from_dtype(dtype)
     size = dtype.itemsize
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_cli.commands.database_option import add_database, open_database
+from intuitive_physics_cli.commands.observation_source import add_database, open_database
 
 
 def add_to(commands: Any) -> None:

@@ -6,8 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from intuitive_physics_cli.commands.database_option import add_database, open_database
-from intuitive_physics_cli.commands.observation_source import PATH_HELP
+from intuitive_physics_cli.commands.observation_source import PATH_HELP, add_database, open_database
 
 
 def add_to(commands: Any) -> None:

@@ -7,12 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from intuitive_physics_cli.commands.database_option import DATABASE_SUFFIX, open_database
 from intuitive_physics_cli.commands.observation_source import (
+    DATABASE_SUFFIX,
     ENGINE,
     PATH_HELP,
     add_learning_options,
     learning_options,
+    open_database,
     progress_to,
     read_observations,
 )

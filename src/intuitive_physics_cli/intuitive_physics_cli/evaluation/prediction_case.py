@@ -1,4 +1,4 @@
-"""Observations predicted from their initial states by noisy Newton, to be judged and shown."""
+"""Observations predicted by noisy Newton, and how often their predicted regions hold."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from intuitive_physics.scene import Environment
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_predictor.noisy_newton import predict
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
+from intuitive_physics_predictor.scores.highest_density import coverage, highest_density_levels
 
 LONGEST_NAME, SHORT_NAME = 16, 8
 
@@ -121,3 +122,34 @@ def _cases_of(
 def _short(name: str) -> str:
     """A made-up id is told by its first letters, a given one as it is."""
     return name if len(name) <= LONGEST_NAME else name[:SHORT_NAME]
+
+
+LEVELS = np.linspace(0.05, 0.95, 19)
+POINTS_JUDGED = 30
+"""Of each case, evenly over its time: neighbours tell the same."""
+
+
+def region_coverage(
+    cases: Sequence[PredictionCase], noise: float, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Share of points inside the highest-density region of each of `LEVELS`, shape (19,).
+
+    Every case counts the same.
+
+    Parameters
+    ----------
+    cases : at least one
+    noise : m, standard deviation of a point that was seen, which its prediction does not have
+    """
+    shares = []
+    for case in cases:
+        count = case.times.size
+        judged = np.unique(np.linspace(0, count - 1, POINTS_JUDGED).round().astype(int))
+        samples = case.samples[:, judged]
+        samples = samples + rng.normal(0.0, noise, samples.shape)
+        levels = [
+            highest_density_levels(samples[:, k], case.observed[point])
+            for k, point in enumerate(judged)
+        ]
+        shares.append([coverage(levels, level) for level in LEVELS])
+    return np.asarray(np.mean(shares, axis=0))

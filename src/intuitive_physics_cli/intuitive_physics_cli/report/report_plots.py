@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.geometry.polygons import clip_polygon, plane_square
-from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
-from intuitive_physics_cli.evaluation.prediction_coverage import LEVELS
+from intuitive_physics_cli.evaluation.prediction_case import LEVELS, PredictionCase
 from intuitive_physics_cli.report.figure_style import (
     DEFAULT,
     GRAVITY,
@@ -32,7 +31,7 @@ MARGIN = 0.2
 SMALL_PLOT, LARGE_PLOT = 380, 600
 """Heights in pixels of plots in several columns, and of one alone."""
 
-LAYOUT = {
+LAYOUT: dict[str, Any] = {
     "margin": {"l": 60, "r": 15, "t": 10, "b": 45},
     "paper_bgcolor": "white",
     "plot_bgcolor": "white",

@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
 
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import parameter_names
-from intuitive_physics.observation import Observation
+from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.simulation import make_simulator
+from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION, ObjectState
+from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_cli.commands.observation_source import read_observations
 from intuitive_physics_cli.evaluation.evaluation import split
 from intuitive_physics_experiments.calibration.calibrate import Calibration, calibrate
 from intuitive_physics_experiments.calibration.launch_spread import launch_spread
-from intuitive_physics_experiments.calibration.observed_outcomes import observed_outcomes
+from intuitive_physics_experiments.paper.noisy_flight import fit_noisy_flight, flight_length
+from intuitive_physics_experiments.recorded_sets.initial_state import SMALLEST_NOISE
+from intuitive_physics_experiments.recorded_sets.initial_state_in_air import (
+    AirFactors,
+    fit_initial_state_in_air,
+)
 from intuitive_physics_experiments.recorded_sets.recorded_data import load_table_tennis
 from intuitive_physics_experiments.recorded_sets.table_tennis import (
     BALL_MATERIAL,
@@ -27,6 +38,137 @@ from intuitive_physics_experiments.recorded_sets.table_tennis import (
 from intuitive_physics_learner.learning_session import LearningOptions, learn
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria, SearchProgress
 from intuitive_physics_predictor.scores.noise_fit import FITTED_SCALES
+from intuitive_physics_predictor.scores.outcomes import Outcome
+
+WINDOW = 7
+"""Points of a stretch that a parabola is laid through to see the noise."""
+
+SYSTEMATIC = 1e-3
+"""m on each axis. By so much a camera errs alike from frame to frame, which no parabola shows:
+rendered ones, of which the truth is known, by 0.6 to 1.4 mm."""
+
+SAME_TIME = 1e-3
+"""s between points of two objects that count as seen at once."""
+
+SURELY_FREE = 0.1
+"""Share of such stretches that nothing but gravity acts on."""
+
+BY_CHANCE = 0.999
+"""Of free stretches are no farther from a parabola than what still counts."""
+
+
+def observed_outcomes(
+    observations: Sequence[Observation],
+    points: int,
+    horizons: Sequence[float],
+    densities: Mapping[str, float] | None = None,
+) -> list[Outcome]:
+    """Return each observation as seen for its first points, and what was seen after them.
+
+    Initial states are fitted to those points, before the first bounce, anew: those of an
+    observation may know more of its motion. The points nearest in time to each horizon count; where
+    an object was not seen within a frame of it, what happened is not known.
+
+    Parameters
+    ----------
+    points : of each object that are seen, at least 4
+    horizons : s after the last of them, increasing, further apart than two frames
+    densities : kg/m³ by material, of objects that air acts on
+
+    Raises
+    ------
+    InvalidInputError
+        When an object was seen less often.
+    """
+    return [_outcome(seen, points, np.array(horizons), densities or {}) for seen in observations]
+
+
+def position_noise(trajectory: Trajectory) -> float:
+    """Standard deviation of the noise of seen positions, in m on each axis.
+
+    Told by how far seven points in a row lie from a parabola. Of a ball that bounces high, a bounce
+    spoils most sevens: so those count that are no farther off than chance can explain, by what the
+    best tenth of them tells.
+    """
+    times, positions = trajectory.times, trajectory.positions
+    if len(times) < WINDOW:
+        return 0.0
+    freedom = 3 * (WINDOW - 3)
+    squares = []
+    for first in range(len(times) - WINDOW + 1):
+        since = times[first : first + WINDOW] - times[first]
+        design = np.vander(since / since[-1], 3)
+        _, residuals, *_ = np.linalg.lstsq(design, positions[first : first + WINDOW], rcond=None)
+        squares.append(residuals.sum())
+    variance = np.quantile(squares, SURELY_FREE) / chi2.ppf(SURELY_FREE, freedom)
+    free = [square for square in squares if square <= variance * chi2.ppf(BY_CHANCE, freedom)]
+    return float(np.sqrt(np.mean(free) / freedom))
+
+
+def _outcome(
+    seen: Observation, points: int, horizons: NDArray[np.float64], densities: Mapping[str, float]
+) -> Outcome:
+    start = max(float(thing.trajectory.times[0]) for thing in seen.objects)
+    states, clock = [], seen.objects[0].trajectory.times - start
+    noises = [position_noise(thing.trajectory) for thing in seen.objects]
+    for thing, noise in zip(seen.objects, noises, strict=True):
+        if len(thing.trajectory) < points:
+            raise InvalidInputError(
+                f"object {thing.object.id} of observation {seen.id} was seen "
+                f"{len(thing.trajectory)} times; expected at least {points}"
+            )
+        states.append(_initial_state(thing, start, points, noise, seen.environment, densities))
+    last = float(clock[min(int(np.searchsorted(clock, 0.0)) + points, len(clock)) - 1])
+    frame = float(np.median(np.diff(clock)))
+    nearest = np.abs(clock[:, None] - (last + horizons)).argmin(axis=0)
+    near = np.abs(clock[nearest] - (last + horizons)) <= frame
+    times = np.where(near, clock[nearest], last + horizons)
+    positions = np.full((len(seen.objects), len(times), 3), np.nan)
+    for row, thing in zip(positions, seen.objects, strict=True):
+        own = thing.trajectory.times - start
+        at = np.abs(own[:, None] - times).argmin(axis=0)
+        close = np.abs(own[at] - times) <= SAME_TIME
+        row[close] = thing.trajectory.positions[at[close]]
+    scene = Scene(seen.environment, seen.scene().objects, tuple(states))
+    return Outcome(scene, times, positions, float(np.hypot(np.median(noises), SYSTEMATIC)))
+
+
+def _initial_state(
+    thing: ObservedObject,
+    start: float,
+    points: int,
+    noise: float,
+    environment: Environment,
+    densities: Mapping[str, float],
+) -> ObjectState:
+    """State at `start`; of orientation and spin, what the observation says."""
+    first = int(np.searchsorted(thing.trajectory.times, start))
+    rows = slice(first, first + points)
+    times, positions = thing.trajectory.times[rows], thing.trajectory.positions[rows]
+    known, gravity = thing.initial_state, environment.gravity
+    if thing.object.drag_coefficient:
+        density = densities[thing.object.material]
+        air = air_factors(thing.object, environment.air_density, density)
+        fitted = fit_initial_state_in_air(times, positions, gravity, air)
+        position, velocity = fitted.position, fitted.linear_velocity
+        covariance = fitted.covariance.copy()
+    else:
+        sigma = max(noise, SMALLEST_NOISE)
+        free = flight_length(times, positions, gravity, sigma)
+        position, velocity, covariance = fit_noisy_flight(
+            times[:free], positions[:free], gravity, sigma
+        )
+    for part in (ROTATION, ANGULAR_VELOCITY):
+        covariance[part, part] = known.covariance[part, part]
+    return ObjectState(position, known.orientation, velocity, known.angular_velocity, covariance)
+
+
+def air_factors(thing: SceneObject, air_density: float, density: float) -> AirFactors:
+    """Return what air does to a ball of that density (kg/m³)."""
+    radius = thing.shape.bounding_radius
+    pressed = 0.5 * air_density * np.pi * radius**2 / thing.shape.mass(density)
+    return AirFactors(pressed * thing.drag_coefficient, pressed * radius * thing.magnus_coefficient)
+
 
 MASS_TOLERANCE = 0.02
 """Relative, of a ball by the rules of the sport (2.67 to 2.77 g)."""

@@ -84,10 +84,10 @@ def run(options: argparse.Namespace) -> None:
 def _calibrate_on_paper_set(options: argparse.Namespace) -> None:
     from intuitive_physics_cli.terminal import ProgressBar
     from intuitive_physics_experiments.calibration.paper_calibration import (
+        HORIZONS,
         PaperCalibrationOptions,
         calibrate_on_paper_set,
     )
-    from intuitive_physics_experiments.calibration.paper_outcomes import HORIZONS
     from intuitive_physics_experiments.calibration.report import write_calibration
     from intuitive_physics_experiments.paper.paper_room import SHAPE_KINDS
 

@@ -55,8 +55,10 @@ def _run_dataset(options: argparse.Namespace) -> None:
     import numpy as np
 
     from intuitive_physics_cli.terminal import ProgressBar
-    from intuitive_physics_experiments.paper.paper_dataset import make_paper_dataset
-    from intuitive_physics_experiments.paper.paper_dataset_files import save_paper_dataset
+    from intuitive_physics_experiments.paper.paper_dataset import (
+        make_paper_dataset,
+        save_paper_dataset,
+    )
 
     _check_seed(options.seed)
     with ProgressBar("simulating") as bar:
@@ -154,12 +156,12 @@ def _add_prediction(experiments: Any) -> None:
 def _run_prediction(options: argparse.Namespace) -> None:
     from intuitive_physics_experiments.paper.prediction import (
         QUICK,
-        PredictionSettings,
+        PredictionExperimentSettings,
         run_prediction,
     )
 
     given = _given(options, ("objects", "samples", "iterations"), QUICK)
-    settings = PredictionSettings(**given, seed=options.seed)
+    settings = PredictionExperimentSettings(**given, seed=options.seed)
     with _bar("learning") as bar:
         run_prediction(options.output, settings, _command(), options.cores, _told(bar))
     _print_page(options.output)

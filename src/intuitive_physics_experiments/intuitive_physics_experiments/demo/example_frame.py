@@ -12,15 +12,12 @@ from numpy.typing import NDArray
 from intuitive_physics.observation import Observation
 from intuitive_physics_experiments.demo.demo_result import ExampleFrame
 from intuitive_physics_experiments.rendering.camera import Camera
-from intuitive_physics_experiments.rendering.depth_bag_writer import DEPTH_TOPIC
 from intuitive_physics_perception.environment.environment_model import model_environment
-from intuitive_physics_perception.input.depth import (
-    Intrinsics,
-    depth_from_image_data,
-    points_from_depth,
-)
+from intuitive_physics_perception.input.camera import Intrinsics
+from intuitive_physics_perception.input.depth import depth_from_image_data, points_from_depth
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_recordings.bag_reader import BagReader
+from intuitive_physics_recordings.depth_bag_writer import DEPTH_TOPIC
 
 HEIGHT_SHOWN = 0.25
 """m; the frame shown is one in which the ball is well above the floor."""

@@ -13,7 +13,7 @@ import numpy as np
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import PAIR_COEFFICIENTS
 from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
-from intuitive_physics_cli.report.prediction_sections import prediction_sections
+from intuitive_physics_cli.report.learning_report import prediction_sections
 from intuitive_physics_cli.report.report_page import (
     footer,
     heading,
@@ -32,16 +32,14 @@ from intuitive_physics_experiments.demo.demo_result import (
     PredictionOutcome,
     ThrowErrors,
 )
-from intuitive_physics_experiments.demo.frame_figure import draw_frame
-from intuitive_physics_experiments.demo.learning_figures import (
+from intuitive_physics_experiments.demo.figures import (
     draw_coefficient,
     draw_cost,
-    parameter_legend,
-)
-from intuitive_physics_experiments.demo.prediction_figures import (
+    draw_frame,
     draw_prediction_3d,
     draw_prediction_error,
     draw_prediction_side,
+    parameter_legend,
 )
 
 PAGE_NAME, PICTURE_NAME = "report.html", "demo.png"

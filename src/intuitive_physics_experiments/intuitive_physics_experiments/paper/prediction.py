@@ -13,8 +13,13 @@ from numpy.typing import NDArray
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.observation import Observation
 from intuitive_physics.simulation import Simulator, make_simulator
-from intuitive_physics_cli.evaluation.prediction_case import PredictionCase, predict_cases
-from intuitive_physics_cli.evaluation.prediction_coverage import LEVELS, region_coverage
+from intuitive_physics_cli.evaluation.prediction_case import (
+    LEVELS,
+    PredictionCase,
+    predict_cases,
+    region_coverage,
+)
+from intuitive_physics_cli.report.figure_style import DEFAULT, GRAVITY, OBSERVED, PREDICTED
 from intuitive_physics_experiments.paper.cells import CellStore
 from intuitive_physics_experiments.paper.outcome import (
     markdown_table,
@@ -27,21 +32,71 @@ from intuitive_physics_experiments.paper.paper_dataset import (
     TRAINING_SHARE,
     make_paper_dataset,
 )
-from intuitive_physics_experiments.paper.prediction_figure import (
-    draw_error_over_time,
-    draw_predictions,
-)
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions, learn
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
+COLUMNS = 3
+ERROR_LINES = 40
+
+
+def draw_predictions(figure: Any, cases: Sequence[PredictionCase]) -> None:
+    """Samples in thin blue, what was seen in green, the error at some points in red."""
+    from matplotlib.ticker import MaxNLocator
+
+    rows = -(-len(cases) // COLUMNS)
+    for number, case in enumerate(cases, start=1):
+        axes = figure.add_subplot(rows, COLUMNS, number, projection="3d")
+        for sample in case.samples:
+            axes.plot(*sample.T, color=PREDICTED, lw=0.6, alpha=0.35)
+        mean = case.mean
+        for k in np.unique(np.linspace(0, len(mean) - 1, ERROR_LINES).astype(int)):
+            axes.plot(*np.stack([mean[k], case.observed[k]]).T, color=GRAVITY, lw=0.7, alpha=0.6)
+        axes.plot(*case.observed.T, color=OBSERVED, lw=2.2)
+        axes.set_title(f"{case.error:.2f} m", loc="left", fontsize=10, weight="normal")
+        axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
+        axes.set_aspect("equal")
+        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+            axis.set_major_locator(MaxNLocator(4))
+
+
+def draw_error_over_time(
+    figure: Any, cases: Sequence[PredictionCase], shares: NDArray[np.float64]
+) -> None:
+    """Mean error and spread over time, and coverage.
+
+    Parameters
+    ----------
+    cases : seen at the same times
+    shares : of `region_coverage`
+    """
+    left, right = figure.subplots(1, 2, width_ratios=(1.6, 1.0))
+    times = cases[0].times
+    left.plot(
+        times,
+        np.mean([case.distances for case in cases], axis=0),
+        color=PREDICTED,
+        label="error of the mean",
+    )
+    left.plot(
+        times, np.mean([case.spread for case in cases], axis=0), color=DEFAULT, label="spread"
+    )
+    left.set(xlabel="time (s)", ylabel="distance (m)", ylim=(0.0, None))
+    left.grid(axis="y")
+    left.legend()
+    right.plot([0, 1], [0, 1], color=DEFAULT, ls="--", lw=1.0)
+    right.plot(LEVELS, shares, "o-", color=PREDICTED, ms=3)
+    right.set(xlabel="share a region claims", ylabel="share of points in it")
+    right.set_aspect("equal")
+
+
 FIRST, EXAMPLES = "three_points", 6
 
 
 @dataclass(frozen=True)
-class PredictionSettings:
+class PredictionExperimentSettings:
     """What is predicted.
 
     Parameters
@@ -68,7 +123,7 @@ QUICK = {"objects": 3, "samples": 10, "iterations": 1000}
 
 def run_prediction(
     folder: Path,
-    settings: PredictionSettings,
+    settings: PredictionExperimentSettings,
     command: str,
     cores: int = 1,
     on_progress: Callable[[int, int, str], None] = lambda done, total, name: None,
@@ -118,7 +173,7 @@ def run_prediction(
 
 
 def _learned(
-    settings: PredictionSettings,
+    settings: PredictionExperimentSettings,
     training: Sequence[Observation],
     materials: Sequence[str],
     simulator: Simulator,
@@ -141,7 +196,7 @@ def _row(case: PredictionCase) -> dict[str, Any]:
 
 
 def _body(
-    settings: PredictionSettings,
+    settings: PredictionExperimentSettings,
     cases: Sequence[PredictionCase],
     cost: float,
     shares: NDArray[np.float64],

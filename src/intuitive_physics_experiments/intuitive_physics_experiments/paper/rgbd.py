@@ -22,8 +22,9 @@ from intuitive_physics.simulation import make_simulator
 from intuitive_physics_cli.evaluation.evaluation import split
 from intuitive_physics_cli.evaluation.prediction_case import PredictionCase, predict_cases
 from intuitive_physics_cli.evaluation.recording_perception import perceive_recording
+from intuitive_physics_cli.report.figure_style import DEFAULT, OBSERVED, PREDICTED, TRUE
 from intuitive_physics_experiments.demo.example_frame import example_frame
-from intuitive_physics_experiments.demo.frame_figure import draw_frame
+from intuitive_physics_experiments.demo.figures import draw_frame
 from intuitive_physics_experiments.paper.cells import CellStore
 from intuitive_physics_experiments.paper.outcome import (
     markdown_table,
@@ -31,8 +32,7 @@ from intuitive_physics_experiments.paper.outcome import (
     write_figure,
     write_page,
 )
-from intuitive_physics_experiments.paper.prediction_figure import draw_predictions
-from intuitive_physics_experiments.paper.rgbd_figure import draw_errors_by_size
+from intuitive_physics_experiments.paper.prediction import draw_predictions
 from intuitive_physics_experiments.rendering.corner_room import (
     BALL_RADII,
     ROOM_MATERIAL,
@@ -45,6 +45,42 @@ from intuitive_physics_learner.learning_session import LearningOptions, learn
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
 from intuitive_physics_recordings.observation_files import load_observations, save_observations
+
+
+def draw_errors_by_size(figure: Any, rows: Sequence[dict[str, Any]]) -> None:
+    """Draw mean ± σ of each error for each ball, the smallest first.
+
+    Parameters
+    ----------
+    rows : as `rgbd` writes them
+    """
+    axes = figure.add_subplot()
+    ordered = sorted(rows, key=lambda row: row["radius"])
+    places = np.arange(len(ordered))
+    kinds = (
+        ("learned", "learned", PREDICTED),
+        ("test", "throws not learned from", OBSERVED),
+        ("true_parameters", "true parameters", TRUE),
+        ("default", "default parameters", DEFAULT),
+    )
+    for k, (name, label, color) in enumerate(kinds):
+        axes.bar(
+            places + 0.2 * (k - 1.5),
+            [1e3 * row[name] for row in ordered],
+            0.18,
+            yerr=[1e3 * row[f"{name}_deviation"] for row in ordered],
+            color=color,
+            alpha=0.8,
+            error_kw={"lw": 1.0, "ecolor": "#374151"},
+            label=label,
+        )
+    axes.set_xticks(places, [f"{100.0 * row['radius']:.0f} cm, {row['ball']}" for row in ordered])
+    axes.set(xlabel="radius", ylabel="mean distance (mm)")
+    axes.set_ylim(bottom=0.0)
+    axes.grid(axis="y")
+    axes.set_axisbelow(True)
+    axes.legend()
+
 
 TRAIN_FRACTION = 0.8
 BAG_NAME = "throws"

@@ -14,8 +14,7 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_cli.evaluation.evaluation import split
-from intuitive_physics_cli.evaluation.free_flight import free_flight
+from intuitive_physics_cli.evaluation.evaluation import free_flight, split
 from intuitive_physics_experiments.recorded_sets.table_tennis import (
     AirCoefficients,
     ball_parameters,

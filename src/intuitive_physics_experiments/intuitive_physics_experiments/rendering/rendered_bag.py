@@ -20,11 +20,11 @@ from intuitive_physics_experiments.rendering.corner_room import (
     corner_environment,
     true_parameters,
 )
-from intuitive_physics_experiments.rendering.depth_bag_writer import DepthBagWriter
 from intuitive_physics_experiments.rendering.depth_noise import DepthNoise, NoisyDepthCamera
 from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer
 from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
 from intuitive_physics_experiments.rendering.throws import Throw, make_throws
+from intuitive_physics_recordings.depth_bag_writer import DepthBagWriter
 
 START_TIME = 1_750_000_000 * 1_000_000_000
 """ns since the epoch, fixed so that equal settings give equal bags."""

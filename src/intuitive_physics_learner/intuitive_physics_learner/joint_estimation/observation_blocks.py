@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.geometry.rotations import rotate_quaternions
 from intuitive_physics.observation import Observation
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import LINEAR_VELOCITY, POSITION, ROTATION
@@ -108,7 +109,9 @@ class InitialStates:
         states[:, :, :own] = self.observed[:, None]
         states[:, :, :own, 0:3] += errors[..., 0:3]
         if self.turns:
-            states[:, :, :own, 3:7] = _turned(self.observed[:, None, :, 3:7], errors[..., 3:6])
+            states[:, :, :own, 3:7] = rotate_quaternions(
+                self.observed[:, None, :, 3:7], errors[..., 3:6]
+            )
         states[:, :, :own, 7:13] += errors[..., 6:12]
         return states
 
@@ -118,27 +121,6 @@ def resting(*shape: int) -> NDArray[np.float64]:
     states = np.zeros((*shape, 13))
     states[..., 6] = 1.0
     return states
-
-
-def _turned(
-    quaternions: NDArray[np.float64], rotations: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Turn orientations (W, 1, O, 4) by rotation vectors (W, n, O, 3), in rad, in the
-    environment's frame."""
-    angles = np.linalg.norm(rotations, axis=-1, keepdims=True)
-    # sin(θ/2) / θ by NumPy's sinc(x) = sin(π x) / (π x), which is right at θ = 0 too.
-    x1, y1, z1 = np.moveaxis(0.5 * np.sinc(angles / (2.0 * np.pi)) * rotations, -1, 0)
-    w1 = np.cos(0.5 * angles[..., 0])
-    x2, y2, z2, w2 = np.moveaxis(quaternions, -1, 0)
-    return np.stack(
-        [
-            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
-            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
-            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
-            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-        ],
-        axis=-1,
-    )
 
 
 @dataclass(frozen=True, eq=False)

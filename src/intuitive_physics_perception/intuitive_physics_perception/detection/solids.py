@@ -1,4 +1,4 @@
-"""Boxes and capsules in clusters that hold no sphere."""
+"""Boxes and capsules in clusters that spheres do not explain; all objects of a frame together."""
 
 from __future__ import annotations
 
@@ -12,12 +12,21 @@ from intuitive_physics.scene import StaticBox
 from intuitive_physics_perception.detection.box_fit import fit_box
 from intuitive_physics_perception.detection.capsule_fit import fit_capsule
 from intuitive_physics_perception.detection.cluster_memory import ClusterMemory
-from intuitive_physics_perception.detection.detected_solid import DetectedSolid
+from intuitive_physics_perception.detection.detections import (
+    DetectedSolid,
+    Detection,
+    without_doubles,
+)
+from intuitive_physics_perception.detection.spheres import ClusterSpheres
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
+from intuitive_physics_perception.input.colors import with_color
 from intuitive_physics_perception.settings import PerceptionSettings
 
 FITTED_POINTS = 500
 STILLNESS = 0.2
+
+EXPLAINED = 0.1
+"""Part of a cluster that spheres may leave: noise, a shadow's edge, a finger."""
 
 
 class SolidFinder:
@@ -108,3 +117,57 @@ def holds(box: StaticBox, place: NDArray[np.float64]) -> bool:
     """Return whether a place (3,) of the environment's frame lies in a box."""
     local = (place - box.center) @ rotation_matrix(box.orientation)
     return bool((np.abs(local) <= 0.5 * box.edge_lengths).all())
+
+
+def all_objects(
+    points: NDArray[np.float32],
+    found: Sequence[ClusterSpheres],
+    solids: SolidFinder | None,
+    colors: NDArray[np.uint8] | None = None,
+) -> list[Detection]:
+    """Return the objects of a frame of points (height, width, 3), in the sensor's frame.
+
+    One solid that explains a whole cluster is likelier than a sphere that explains a part of it:
+    the near end of a capsule is one.
+
+    Parameters
+    ----------
+    found : the spheres of each cluster
+    solids : finds boxes and capsules; None to leave them out
+    colors : (height, width, 3) of the points, where they are known
+    """
+    unexplained = [part for part in found if part.rest > EXPLAINED] if solids else []
+    by_cluster = solids.find(points, [part.cluster for part in unexplained]) if solids else []
+    replaced = [
+        part for part, solid in zip(unexplained, by_cluster, strict=True) if solid is not None
+    ]
+    spheres = [
+        sphere
+        for part in found
+        if all(part is not other for other in replaced)
+        for sphere in part.spheres
+    ]
+    detections: list[Detection] = [
+        *without_doubles(spheres),
+        *(solid for solid in by_cluster if solid is not None),
+    ]
+    if colors is None:
+        return detections
+    clusters = {id(sphere): part.cluster for part in found for sphere in part.spheres}
+    clusters |= {
+        id(solid): part.cluster for part, solid in zip(unexplained, by_cluster, strict=True)
+    }
+    return [
+        _colored(detection, clusters[id(detection)], points, colors) for detection in detections
+    ]
+
+
+def _colored(
+    detection: Detection,
+    cluster: NDArray[np.int64],
+    points: NDArray[np.float32],
+    colors: NDArray[np.uint8],
+) -> Detection:
+    # Colours may be a view of a message, so only those asked for are copied.
+    rows, columns = np.divmod(cluster, points.shape[1])
+    return with_color(detection, points[rows, columns], colors[rows, columns])

@@ -1,20 +1,22 @@
-"""Spheres in clusters: RANSAC with MSAC scoring, refinement, and tests that reject what is none."""
+"""Spheres in clusters: RANSAC with MSAC scoring, refinement, and tests that reject false ones."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics_perception.detection.cluster_memory import ClusterMemory
-from intuitive_physics_perception.detection.cluster_view import ClusterView
-from intuitive_physics_perception.detection.detected_sphere import DetectedSphere
+from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.foreground import Clusters
-from intuitive_physics_perception.detection.known_radius import with_known_radius
-from intuitive_physics_perception.detection.sphere_fit import readings_beyond, refine_sphere
-from intuitive_physics_perception.detection.sphere_inspection import inspect_sphere
+from intuitive_physics_perception.detection.sphere_fit import (
+    inspect_sphere,
+    readings_beyond,
+    refine_sphere,
+)
 from intuitive_physics_perception.detection.sphere_ransac import (
     outline_sphere,
     ransac_spheres,
@@ -33,6 +35,17 @@ ROUGHLY_ON, ROUGHLY_SEEN = 0.6, 0.5
 MIN_DENSITY = 0.9
 STILLNESS = 0.2
 SYSTEMATIC_ERROR = 0.0005
+
+AROUND = 1.8
+"""Radii of the sphere, from its centre, that a window holds."""
+
+MOST_READINGS = 32_768
+"""Of a window. More would tell no better whether a sphere is one, and take the time of a frame."""
+
+SIGMAS = 3.0
+CLEARER = 9.0
+RADIUS_DEVIATION = 1e-4
+"""m, of a known radius: covariances stay well away from singular."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,3 +243,91 @@ class SphereFinder:
         covariance = covariance + SYSTEMATIC_ERROR**2 * np.eye(4)
         distance = float(np.linalg.norm(sphere[:3]))
         return DetectedSphere(sphere[:3], float(sphere[3]), covariance, each * on, distance)
+
+
+class ClusterView:
+    """One cluster of a frame as the sensor sees it.
+
+    Parameters
+    ----------
+    points : (height, width, 3) of the frame
+    cluster : (n,) indices of its points
+    """
+
+    def __init__(self, points: NDArray[np.float32], cluster: NDArray[np.int64]) -> None:
+        self._points = points
+        self._cluster = cluster
+
+    def readings_in_outline(self, sphere: NDArray[np.float64]) -> float:
+        """Return how many pixels the outline of a sphere (4,) has; 0 in an unorganised cloud."""
+        if self._points.shape[0] == 1:
+            return 0.0
+        sine = min(float(sphere[3]) / float(np.linalg.norm(sphere[:3])), 1.0)
+        return np.pi * (sine / self._pitch) ** 2
+
+    def around(self, sphere: NDArray[np.float64]) -> tuple[NDArray[np.float32], int]:
+        """Return readings (n, 3) about a sphere (4,) that the cluster is part of, and how many
+        each stands for.
+
+        All of an unorganised cloud; of an organised one a window that holds the sphere's outline.
+        """
+        height, width = self._points.shape[:2]
+        if height == 1:
+            return self._points[0], 1
+        distance = float(np.linalg.norm(sphere[:3]))
+        away = np.linalg.norm(self._directions - sphere[:3] / distance, axis=1)
+        nearest = int(away.argmin())
+        row, column = divmod(int(self._cluster[nearest]), width)
+        reach = float(away[nearest]) + AROUND * float(sphere[3]) / distance
+        half = int(min(reach / self._pitch, max(height, width))) + 2
+        rows = slice(max(row - half, 0), row + half + 1)
+        columns = slice(max(column - half, 0), column + half + 1)
+        window = self._points[rows, columns]
+        every = int(np.ceil(np.sqrt(window.shape[0] * window.shape[1] / MOST_READINGS)))
+        window = window[::every, ::every]
+        return np.ascontiguousarray(window).reshape(-1, 3), every * every
+
+    @cached_property
+    def _directions(self) -> NDArray[np.float32]:
+        own = self._points.reshape(-1, 3)[self._cluster]
+        return np.asarray(own / np.linalg.norm(own, axis=1, keepdims=True))
+
+    @cached_property
+    def _pitch(self) -> float:
+        """Angle between neighbouring pixels, rad."""
+        rows, columns = np.divmod(self._cluster, self._points.shape[1])
+        pixels = float(np.hypot(np.ptp(rows), np.ptp(columns)))
+        extent = float(np.linalg.norm(np.ptp(self._directions, axis=0)))
+        return max(extent / max(pixels, 1.0), 1e-6)
+
+
+def with_known_radius(
+    sphere: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    radii: Sequence[float],
+    tolerance: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return sphere (4,) and covariance (4, 4) given that its radius is one of some known ones.
+
+    A known radius is taken where the fit is compatible with it and clearly not with another; what
+    else the fit says of the radius moves the centre, as both go together. Where none fits it stays
+    as it is: not everything is known.
+
+    Parameters
+    ----------
+    tolerance : m, by which a known object may differ
+    """
+    variance = float(covariance[3, 3])
+    if not radii or not np.isfinite(variance) or variance <= 0.0:
+        return sphere, covariance
+    off = np.array(radii) - sphere[3]
+    distances2 = np.square(off) / (variance + (tolerance / SIGMAS) ** 2)
+    order = np.argsort(distances2)
+    nearest = int(order[0])
+    ambiguous = len(radii) > 1 and distances2[order[1]] < distances2[nearest] + CLEARER
+    if distances2[nearest] > SIGMAS**2 or ambiguous:
+        return sphere, covariance
+    # Bayes' rule for a measurement of the radius alone.
+    gain = covariance[:, 3] / (variance + RADIUS_DEVIATION**2)
+    moved = sphere + gain * off[nearest]
+    return moved, covariance - np.outer(gain, covariance[3])

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.geometry.polygons import clip_polygon, plane_square
 from intuitive_physics_perception.environment.noise import GAUSSIAN_MAD
-from intuitive_physics_perception.environment.plane_parts import DEEP
-from intuitive_physics_perception.environment.planes import DetectedPlane
+from intuitive_physics_perception.environment.planes import DEEP, DetectedPlane
 from intuitive_physics_perception.environment.range_cloud import (
     RangeCloud,
     angle_between_readings,

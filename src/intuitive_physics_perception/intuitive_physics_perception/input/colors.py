@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_perception.detection.detected_sphere import DetectedSphere
-from intuitive_physics_perception.detection.detection import Detection
+from intuitive_physics_perception.detection.detections import DetectedSphere, Detection
 from intuitive_physics_perception.input.point_cloud import Field
 from intuitive_physics_perception.input.raw_data import RawData, checked_bytes
 

@@ -7,129 +7,22 @@ unorganised cloud has height 1.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.validation import finite_array, positive_float
-from intuitive_physics_perception.input.raw_data import MAX_PIXELS, RawData, checked_bytes
-from intuitive_physics_perception.input.undistortion import (
-    DISTORTION_TERMS,
-    check_invertible,
-    undistorted,
-)
+from intuitive_physics_perception.input.raw_data import RawData, checked_bytes
 
 MILLIMETRES = 0.001
-CHECKED = 24
-"""Rows and columns of points at which a distortion is tried out."""
-
 IMAGE_TYPES: dict[str, np.dtype[Any]] = {
     "16UC1": np.dtype("<u2"),
     "mono16": np.dtype("<u2"),
     "32FC1": np.dtype("<f4"),
 }
 """Encodings of a depth image (REP 118): uint16 in millimetres, float32 in metres."""
-
-
-@dataclass(frozen=True, eq=False)
-class Intrinsics:
-    """A pinhole camera.
-
-    Parameters
-    ----------
-    width, height : pixels
-    matrix : (3, 3) or (9,) camera matrix K, in pixels
-    distortion : coefficients in OpenCV's order; empty means none
-    distortion_model : "plumb_bob" or "rational_polynomial"
-
-    Raises
-    ------
-    InvalidInputError
-        When the camera is not calibrated (focal length zero), the model is another one or the
-        distortion cannot be inverted for more than a tenth of the image.
-    """
-
-    width: int
-    height: int
-    matrix: NDArray[np.float64]
-    distortion: NDArray[np.float64]
-    distortion_model: str
-
-    def __init__(
-        self,
-        width: int,
-        height: int,
-        matrix: ArrayLike,
-        distortion: ArrayLike = (),
-        distortion_model: str = "plumb_bob",
-    ) -> None:
-        if width <= 0 or height <= 0 or width * height > MAX_PIXELS:
-            raise InvalidInputError(
-                f"camera has {width} x {height} pixels; expected both above 0 and at most "
-                f"{MAX_PIXELS:,} in all"
-            )
-        k = finite_array(np.ravel(np.asarray(matrix)), "camera matrix", (9,)).reshape(3, 3)
-        positive_float(k[0, 0], "focal length fx of the camera matrix")
-        positive_float(k[1, 1], "focal length fy of the camera matrix")
-        d = finite_array(distortion, "distortion", (None,))
-        if d.any() and d.size not in DISTORTION_TERMS.get(distortion_model, ()):
-            raise InvalidInputError(
-                f"distortion is {distortion_model!r} with {d.size} terms; expected plumb_bob with "
-                "4 or 5, rational_polynomial with 8, or an image without distortion"
-            )
-        object.__setattr__(self, "width", int(width))
-        object.__setattr__(self, "height", int(height))
-        object.__setattr__(self, "matrix", k)
-        object.__setattr__(self, "distortion", d if d.any() else np.zeros(0))
-        object.__setattr__(self, "distortion_model", distortion_model)
-        if self.distortion.size:
-            u, v = np.meshgrid(
-                np.linspace(0, width - 1, CHECKED), np.linspace(0, height - 1, CHECKED)
-            )
-            check_invertible(*self._at_unit_depth(u, v), self.distortion)
-
-    def part(
-        self, *, left: int = 0, top: int = 0, width: int, height: int, binning: int = 1
-    ) -> Intrinsics:
-        """Return the camera of a rectangle of the image whose pixels are then joined.
-
-        Parameters
-        ----------
-        left, top, width, height : of the rectangle, in pixels of the whole image
-        binning : pixels along x, and along y, that are joined to one
-        """
-        # In pixels of the whole image a joined pixel u has its centre at left + b u + (b - 1) / 2.
-        shift = np.array([left, top]) + (binning - 1) / 2.0
-        matrix = self.matrix.copy()
-        matrix[:2, 2] -= shift
-        matrix[:2] /= binning
-        return Intrinsics(
-            width // binning, height // binning, matrix, self.distortion, self.distortion_model
-        )
-
-    def rays(self) -> NDArray[np.float32]:
-        """Return (height, width, 3): where each pixel looks, scaled to z = 1.
-
-        NaN in all three where the distortion cannot be inverted.
-        """
-        u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
-        x, y = self._at_unit_depth(u, v)
-        if self.distortion.size:
-            x, y = undistorted(x, y, self.distortion)
-        rays = np.stack([x, y, np.ones_like(x)], axis=-1)
-        rays[np.isnan(x)] = np.nan
-        return np.ascontiguousarray(rays, dtype=np.float32)
-
-    def _at_unit_depth(
-        self, u: NDArray[Any], v: NDArray[Any]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the x and y of pixels on the plane z = 1, distorted as in the image."""
-        y = (v - self.matrix[1, 2]) / self.matrix[1, 1]
-        return (u - self.matrix[0, 2] - self.matrix[0, 1] * y) / self.matrix[0, 0], y
 
 
 def points_from_depth(depth: NDArray[Any], rays: NDArray[np.float32]) -> NDArray[np.float32]:

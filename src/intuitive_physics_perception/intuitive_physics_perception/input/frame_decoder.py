@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.colors import colors_from_cloud_data, colors_from_image_data
 from intuitive_physics_perception.input.depth import (
-    Intrinsics,
     check_size,
     depth_from_image_data,
     points_from_depth,

@@ -1,10 +1,12 @@
-"""The perception node's input: depth images or clouds, from subscription to points."""
+"""Input of the perception node: depth and colour images or clouds, from topics to points."""
 
 from __future__ import annotations
 
+import threading
+from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import TypeAlias
+from typing import Generic, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +17,7 @@ from std_msgs.msg import Header
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.input.frame_decoder import FrameDecoder
-from intuitive_physics_perception.input.frame_worker import FrameWorker
-from intuitive_physics_perception.nodes.color_input import ColorInput
+from intuitive_physics_ros.conversions import seconds_from_stamp
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
 from intuitive_physics_ros.input_monitor import InputMonitor
 from intuitive_physics_ros.qos import SENSOR_DATA
@@ -35,6 +36,13 @@ INPUTS: dict[str, tuple[type[Frame], ...]] = {
 """Messages that each value of the parameter `input` subscribes to."""
 
 TIMEOUT = 2.0
+
+COLOR_TOPIC = "~/color/image"
+SAME_TIME = 0.01
+"""s between stamps of a depth and a colour image of one frame: what is fast is elsewhere later."""
+
+KEPT = 4
+"""Newest colour images: those of frames that wait to be perceived."""
 
 
 class FrameInput:
@@ -131,3 +139,93 @@ class FrameInput:
         if self._kind is not None and kind is not self._kind:
             return Status(Level.OK, f"not used: {self._kind.__name__} messages came first")
         return self._monitors[kind].check()
+
+
+Item = TypeVar("Item")
+
+
+class FrameWorker(Generic[Item]):
+    """Calls `handle` for one item after the other in a thread of its own.
+
+    Parameters
+    ----------
+    prepare : called once in the thread before the first item
+    handle : called with each item; must not raise
+    waiting : items that may wait; when more come the oldest is dropped
+    """
+
+    def __init__(
+        self, prepare: Callable[[], None], handle: Callable[[Item], None], waiting: int = 3
+    ) -> None:
+        self.dropped = 0
+        self._prepare = prepare
+        self._handle = handle
+        self._items: deque[Item] = deque()
+        self._waiting = waiting
+        self._changed = threading.Condition()
+        self._stopping = False
+        self._thread = threading.Thread(target=self._run, name="frames", daemon=True)
+        self._thread.start()
+
+    def put(self, item: Item) -> None:
+        """Hand over an item and return at once."""
+        with self._changed:
+            if len(self._items) == self._waiting:
+                self._items.popleft()
+                self.dropped += 1
+            self._items.append(item)
+            self._changed.notify()
+
+    def stop(self) -> None:
+        """End the thread once the item under way is done; those that wait are left out."""
+        with self._changed:
+            self._stopping = True
+            self._changed.notify()
+        self._thread.join()
+
+    def _run(self) -> None:
+        self._prepare()
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._stopping or self._items)
+                if self._stopping:
+                    return
+                item = self._items.popleft()
+            self._handle(item)
+
+
+class ColorInput:
+    """Hears colour images that are registered to the depth images: pixel by pixel the same rays.
+
+    A frame whose colour image comes later than itself, or never, is perceived without colour.
+    """
+
+    def __init__(self, node: Node, diagnostics: Diagnostics) -> None:
+        self._monitor = InputMonitor(node, COLOR_TOPIC, TIMEOUT)
+        self._newest: deque[tuple[float, NDArray[np.uint8]]] = deque(maxlen=KEPT)
+        diagnostics.add(COLOR_TOPIC.removeprefix("~/"), self._monitor.check)
+        node.create_subscription(Image, COLOR_TOPIC, self._on_image, SENSOR_DATA)
+
+    def of_frame(self, header: Header, points: NDArray[np.float32]) -> NDArray[np.uint8] | None:
+        """Return the colours (height, width, 3) of a frame of points, None where there are none."""
+        time = seconds_from_stamp(header.stamp)
+        for stamp, colors in list(self._newest):
+            if abs(stamp - time) > SAME_TIME:
+                continue
+            if colors.shape != points.shape:
+                self._monitor.rejected(
+                    f"colour image has {colors.shape[1::-1]} pixels (width, height) and the depth "
+                    f"image {points.shape[1::-1]}; expected one that is registered to it"
+                )
+                return None
+            return colors
+        return None
+
+    def _on_image(self, message: Image) -> None:
+        try:
+            colors = FrameDecoder.image_colors(message)
+        except IntuitivePhysicsError as error:
+            self._monitor.rejected(error)
+            return
+        self._newest.append((seconds_from_stamp(message.header.stamp), colors))
+        self._monitor.accepted()

@@ -18,13 +18,13 @@ from intuitive_physics_perception.environment.environment_model import Environme
 from intuitive_physics_perception.environment.gravity import RestingAccelerometer
 from intuitive_physics_perception.frame_result import FrameDiagnostics, Perceived
 from intuitive_physics_perception.nodes.frame_input import INPUTS, FrameInput
-from intuitive_physics_perception.parameter_values import (
+from intuitive_physics_perception.pipeline import PerceptionPipeline
+from intuitive_physics_perception.settings import (
     NO_DIRECTION,
     NO_OBJECT,
+    PerceptionSettings,
     settings_from_values,
 )
-from intuitive_physics_perception.pipeline import PerceptionPipeline
-from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_ros.conversions import (
     object_states_to_message,
     observation_to_message,

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from intuitive_physics.shapes import Box, Capsule
 from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION, ObjectState
-from intuitive_physics_perception.detection.detected_solid import DetectedSolid
+from intuitive_physics_perception.detection.detections import DetectedSolid
 
 TURN, SPIN = slice(0, 3), slice(3, 6)
 SPIN_NOISE = 20.0

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_perception.detection.detection import Detection
+from intuitive_physics_perception.detection.detections import Detection
 from intuitive_physics_perception.tracking.attitude import Attitude
 from intuitive_physics_perception.tracking.motion import Prediction
 

@@ -1,30 +1,32 @@
-"""Which object of this frame is which of the last one, and a filter for each."""
+"""Multi-object tracking: assignment of detections to tracks, recognition of known objects."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.scene import Environment
-from intuitive_physics_perception.detection.detection import Detection, kind_of
+from intuitive_physics.shapes import Capsule
+from intuitive_physics_perception.detection.detections import Detection, kind_of
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracking.association import (
-    MOST_FOR_COLOR,
-    cheapest_pairs,
-    color_cost,
-)
-from intuitive_physics_perception.tracking.capsule_ends import is_in_capsule
-from intuitive_physics_perception.tracking.motion import POSITION
-from intuitive_physics_perception.tracking.recognition import settle
-from intuitive_physics_perception.tracking.track import Track
-from intuitive_physics_perception.tracking.track_filter import GATE, TrackFilter, innovation_of
+from intuitive_physics_perception.tracking.motion import POSITION, RADIUS
+from intuitive_physics_perception.tracking.track import GATE, Track, TrackFilter, innovation_of
 
 SMALLEST_LOG_DETERMINANT = -80.0
 RADIUS_GATE = 4.0
 RADIUS_SLACK = 0.003
 TENTATIVE_MISSES = 1
+
+COLOR_DEVIATION = 0.1
+"""Of the mean colour of one thing from frame to frame, as light and shade change, 0 to 1."""
+
+MOST_FOR_COLOR = 25.0
+"""A shadow must not cost more than to be five deviations off in position."""
+
+PATIENCE = 4
+KNOWN_RADIUS_DEVIATION = 1e-5
 
 
 class Tracker:
@@ -149,3 +151,87 @@ class Tracker:
         track.close_step(detection)
         self.next_number += 1
         return track
+
+
+def cheapest_pairs(costs: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Return pairs (row, column): as many as can be, and of these the cheapest together.
+
+    Parameters
+    ----------
+    costs : (n, m), not negative; inf where a pair is impossible
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    possible = np.isfinite(costs)
+    if not possible.any():
+        return []
+    # One impossible pair costs more than all possible ones, so none is chosen without need.
+    dear = 1.0 + 2.0 * min(costs.shape) * float(costs[possible].max())
+    rows, columns = linear_sum_assignment(np.where(possible, costs, dear))
+    return [(int(r), int(c)) for r, c in zip(rows, columns, strict=True) if possible[r, c]]
+
+
+def color_cost(first: NDArray[np.float64] | None, second: NDArray[np.float64] | None) -> float:
+    """Return the squared distance of two colours (3,) in variances, at most `MOST_FOR_COLOR`.
+
+    0 where one is not told: then position alone decides.
+    """
+    if first is None or second is None:
+        return 0.0
+    distance2 = float(np.sum(np.square((first - second) / COLOR_DEVIATION)))
+    return min(distance2, MOST_FOR_COLOR)
+
+
+def settle(track: Track, settings: PerceptionSettings) -> None:
+    """Call a track an object as soon as that is clear, and a known one where it is."""
+    if not track.confirmed and _is_settled(track, settings):
+        track.confirmed = True
+        _recognise(track, settings)
+
+
+def _is_settled(track: Track, settings: PerceptionSettings) -> bool:
+    """Whether it was seen often enough, and its radius tells known objects apart."""
+    deviation = np.sqrt(track.covariance[RADIUS, RADIUS])
+    return track.hits >= settings.confirming_hits and (
+        not settings.known_objects
+        or track.attitude is not None
+        or 2.0 * deviation < settings.known_object_tolerance
+        or track.hits >= PATIENCE * settings.confirming_hits
+    )
+
+
+def _recognise(track: Track, settings: PerceptionSettings) -> None:
+    """Give the track the known object nearest in radius, whose radius then holds."""
+    known = min(
+        settings.known_objects,
+        key=lambda thing: abs(thing.radius - track.mean[RADIUS]),
+        default=None,
+    )
+    if known is None or track.attitude is not None:
+        return
+    tolerance = settings.known_object_tolerance
+    if abs(known.radius - track.mean[RADIUS]) > tolerance:
+        return
+    track.known = known
+    # A measurement of the radius alone, as good as a known one: it moves the centre, too.
+    variance = track.covariance[RADIUS, RADIUS] + KNOWN_RADIUS_DEVIATION**2
+    gain = track.covariance[:, RADIUS] / variance
+    track.mean = track.mean + gain * (known.radius - track.mean[RADIUS])
+    track.covariance = track.covariance - np.outer(gain, gain) * variance
+
+
+def is_in_capsule(place: NDArray[np.float64], tracks: Iterable[Track]) -> bool:
+    """Return whether a place (3,) is in one of the capsules that are followed.
+
+    No other thing has its centre there, as two share no space.
+    """
+    for track in tracks:
+        if track.attitude is None or not isinstance(track.attitude.shape, Capsule):
+            continue
+        capsule, axis = track.attitude.shape, track.attitude.rotation[:, 2]
+        away = place - track.mean[POSITION]
+        half = 0.5 * capsule.length
+        off = away - float(np.clip(away @ axis, -half, half)) * axis
+        if np.linalg.norm(off) < capsule.radius:
+            return True
+    return False

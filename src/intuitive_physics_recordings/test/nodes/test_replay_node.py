@@ -25,7 +25,7 @@ from sensor_msgs.msg import Image  # noqa: E402
 from std_msgs.msg import Int32  # noqa: E402
 
 from intuitive_physics_experiments.rendering.camera import Camera  # noqa: E402
-from intuitive_physics_experiments.rendering.depth_bag_writer import (  # noqa: E402
+from intuitive_physics_recordings.depth_bag_writer import (  # noqa: E402
     DEPTH_TOPIC,
     DepthBagWriter,
 )

@@ -43,17 +43,17 @@ def in_field(name: str) -> Iterator[None]:
 
 
 def float64_field(values: ArrayLike) -> array[float]:
-    """Return what a `float64[]` field takes without looking at every element."""
+    """Return what a `float64[]` field takes in one copy: `values` of any shape (…), flat."""
     return _field("d", np.float64, values)
 
 
 def float32_field(values: ArrayLike) -> array[float]:
-    """Return what a `float32[]` field takes without looking at every element."""
+    """Return what a `float32[]` field takes in one copy: `values` of any shape (…), flat."""
     return _field("f", np.float32, values)
 
 
 def flat_array(field: Sequence[float], shape: Sequence[int]) -> NDArray[np.float64]:
-    """Return a number field as a finite array of the given shape.
+    """Return a number field as a finite array (…) of the given shape.
 
     Raises
     ------

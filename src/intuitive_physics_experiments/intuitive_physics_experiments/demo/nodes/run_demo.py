@@ -11,42 +11,57 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from intuitive_physics_msgs.msg import Environment
 
 from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.observation import Observation
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_cli.evaluation.prediction_case import predict_cases
 from intuitive_physics_experiments.demo.demo_result import (
     DemoResult,
     LearningOutcome,
-    PredictionOutcome,
-)
-from intuitive_physics_experiments.demo.example_frame import example_frame
-from intuitive_physics_experiments.demo.nodes.evaluation import (
     PerceivedFrame,
+    PredictionOutcome,
     explain_costs,
     perception_rmse,
     prediction_error,
     prediction_outcome,
     throw_errors,
 )
-from intuitive_physics_experiments.demo.nodes.learning import Learned, learn, learner_client
-from intuitive_physics_experiments.demo.nodes.suite import Suite
-from intuitive_physics_experiments.demo.nodes.watching import Heard, listen, replay
+from intuitive_physics_experiments.demo.example_frame import example_frame
+from intuitive_physics_experiments.demo.nodes.suite import (
+    Heard,
+    Learned,
+    Suite,
+    learn,
+    learner_client,
+    listen,
+    replay,
+)
 from intuitive_physics_experiments.demo.progress import Progress
 from intuitive_physics_experiments.demo.report import write_report
 from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, reuse_or_render_bag
 from intuitive_physics_learner.methods import DEFAULT_METHOD
-from intuitive_physics_ros.conversions import observation_from_message, seconds_from_stamp
+from intuitive_physics_ros.conversions import (
+    observation_from_message,
+    seconds_from_stamp,
+    trajectory_distribution_from_message,
+)
 from intuitive_physics_ros.peer import Peer
 
 SEEN_BEFORE_PREDICTING = 0.2
 """Seconds for which the new throw is watched before the prediction that is shown is taken."""
 
 LEAST_SHARE_SEEN = 0.75
+"""Share of the throws that must become observations."""
+
 LARGEST_PERCEPTION_ERROR = 0.02
+"""m, RMS distance of perceived from true positions with which the demo still succeeds."""
+
 LOWEST_RATE = 50.0
+"""1/s, predictions that must arrive."""
 
 SLOWER = 0.5
 """Of the speed of a replay in which fewer were, at which it is repeated."""
@@ -156,7 +171,14 @@ def _understood(heard: Heard, truth: GroundTruth) -> Seen:
     _require(bool(heard.environments), "perception published no environment")
     _require(bool(heard.observations), "perception published no observation")
     observations = [observation_from_message(message) for message in heard.observations]
-    return Seen(observations, PerceivedFrame.of(heard.environments[-1], truth))
+    return Seen(observations, _frame(heard.environments[-1], truth))
+
+
+def _frame(message: Environment, truth: GroundTruth) -> PerceivedFrame:
+    """Read where perception places the camera."""
+    at, turned = message.camera_pose.position, message.camera_pose.orientation
+    rotation = rotation_matrix((turned.x, turned.y, turned.z, turned.w))
+    return PerceivedFrame(rotation, np.array([at.x, at.y, at.z]), truth)
 
 
 def _prediction(heard: Heard, unseen: Seen) -> PredictionOutcome:
@@ -165,7 +187,15 @@ def _prediction(heard: Heard, unseen: Seen) -> PredictionOutcome:
     due = observation.start_time + SEEN_BEFORE_PREDICTING
     for _, message in heard.distributions:
         if seconds_from_stamp(message.header.stamp) >= due:
-            return prediction_outcome(message, observation, unseen.frame)
+            predicted = trajectory_distribution_from_message(message)
+            return prediction_outcome(
+                seconds_from_stamp(predicted.stamp),
+                predicted.times,
+                predicted.positions[:, 0],
+                predicted.mean[0],
+                observation,
+                unseen.frame,
+            )
     raise DemoError("the predictor predicted nothing while the ball was in the air")
 
 

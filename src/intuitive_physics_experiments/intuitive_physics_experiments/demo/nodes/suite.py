@@ -1,15 +1,39 @@
-"""The three nodes as processes, connected."""
+"""The three nodes as processes: start them, feed them, hear them, have them learn."""
 
 from __future__ import annotations
 
+import time
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
+import numpy as np
+from intuitive_physics_msgs.action import LearnParameters
+from intuitive_physics_msgs.msg import Environment, Observation, ResultCode, TrajectoryDistribution
+from numpy.typing import NDArray
+from rclpy.action import ActionClient
+
+from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics_bringup.connections import NODES, module, remappings
+from intuitive_physics_experiments.demo.progress import Progress
 from intuitive_physics_experiments.rendering.corner_room import BALL_RADII, ROOM_MATERIAL
-from intuitive_physics_experiments.rendering.depth_bag_writer import CAMERA_INFO_TOPIC, DEPTH_TOPIC
+from intuitive_physics_recordings.bag_reader import BagReader
+from intuitive_physics_recordings.depth_bag_writer import CAMERA_INFO_TOPIC, DEPTH_TOPIC
+from intuitive_physics_ros.conversions import static_parameters_from_message
 from intuitive_physics_ros.node_process import NodeProcess
 from intuitive_physics_ros.peer import Peer
+from intuitive_physics_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
+
+REPLAY_MODULE = "intuitive_physics_recordings.nodes.replay_node"
+"""The node that plays bags."""
+
+SETTLING_TIME = 1.5
+"""s after the last frame in which the last observation is finished and stored."""
+
+ACTION = "/learner_node/learn_parameters"
+"""Name of the learner's action."""
 
 
 class Suite:
@@ -80,3 +104,138 @@ class Suite:
         traceback: TracebackType | None,
     ) -> None:
         self.stop()
+
+
+@dataclass
+class Heard:
+    """Messages of the nodes; distributions with the time each arrived (s, monotonic)."""
+
+    environments: list[Environment] = field(default_factory=list)
+    observations: list[Observation] = field(default_factory=list)
+    distributions: list[tuple[float, TrajectoryDistribution]] = field(default_factory=list)
+
+    def clear(self) -> None:
+        """Forget what was heard but the environments, which are sent only once."""
+        self.observations.clear()
+        self.distributions.clear()
+
+
+def listen(peer: Peer) -> Heard:
+    """Begin to hear the nodes."""
+    heard = Heard()
+    subscribe = peer.node.create_subscription
+    subscribe(Environment, "/perception_node/environment", heard.environments.append, LATCHED)
+    subscribe(Observation, "/perception_node/observation", heard.observations.append, RELIABLE)
+    subscribe(
+        TrajectoryDistribution,
+        "/predictor_node/trajectory_distribution",
+        lambda message: heard.distributions.append((time.monotonic(), message)),
+        SENSOR_DATA,
+    )
+    return heard
+
+
+def replay(bag: Path, rate: float, suite: Suite, peer: Peer, progress: Progress) -> None:
+    """Play a bag from start to end while the nodes watch.
+
+    Raises
+    ------
+    IntuitivePhysicsError
+        When a node ends, or the bag cannot be played.
+    """
+    with BagReader(bag) as reader:
+        duration = reader.duration / rate
+    arguments = ["-p", f"bag:={bag}", "-p", f"rate:={rate}", "-p", "clock:=false"]
+    arguments += ["-p", f"wait_for_subscribers:=[{DEPTH_TOPIC}]"]
+    with NodeProcess(REPLAY_MODULE, arguments) as player:
+        start = time.monotonic()
+        while player.process.poll() is None:
+            peer.spin_for(0.1)
+            suite.check()
+            progress.bar(time.monotonic() - start, duration + 1.0)
+            if time.monotonic() - start > duration + 60.0:
+                raise IntuitivePhysicsError(f"replaying {bag} does not end:\n{player.output}")
+        code = player.wait(10.0)
+        if code != 0:
+            raise IntuitivePhysicsError(
+                f"replaying {bag} failed with code {code}:\n{player.output}"
+            )
+    peer.spin_for(SETTLING_TIME)
+    progress.end_bar()
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """Answer of the learner.
+
+    Parameters
+    ----------
+    parameters : θ_s with its uncertainty
+    cost_history : (iterations,) m, best J after each iteration
+    seconds : it took
+    """
+
+    parameters: LearnedParameters
+    cost_history: NDArray[np.float64]
+    seconds: float
+
+
+def learner_client(peer: Peer) -> ActionClient:
+    """Return a client of the learn action, to be made well before it is used.
+
+    A server drops its answer when it has not discovered the client yet, and a goal cannot be sent
+    twice: the learner would learn twice.
+    """
+    return ActionClient(peer.node, LearnParameters, ACTION)
+
+
+def learn(
+    peer: Peer,
+    client: ActionClient,
+    method: str,
+    iterations: int,
+    seed: int,
+    progress: Progress,
+    timeout: float = 120.0,
+) -> Learned:
+    """Learn from all observations the learner has stored.
+
+    Parameters
+    ----------
+    client : from `learner_client`
+    method : update rule
+    iterations : evaluations of J at most
+    seed : of the search
+    timeout : s to wait for the result
+
+    Raises
+    ------
+    IntuitivePhysicsError
+        When the learner refuses, fails or does not answer.
+    """
+    peer.spin_until(client.server_is_ready, f"the action {ACTION}")
+    goal = LearnParameters.Goal()
+    goal.options.method = method
+    goal.options.max_iterations = iterations
+    goal.options.seed = seed
+
+    def show(message: Any) -> None:
+        feedback = message.feedback
+        text = f"J {1e3 * feedback.best_cost:.1f} mm"
+        progress.bar(feedback.iteration, feedback.max_iterations or iterations, text)
+
+    sent = client.send_goal_async(goal, feedback_callback=show)
+    peer.spin_until(sent.done, f"the action {ACTION} to take a goal")
+    if not sent.result().accepted:
+        raise IntuitivePhysicsError("the learner refused to learn; its log says why")
+    answer = sent.result().get_result_async()
+    peer.spin_until(answer.done, "the learner to finish", timeout)
+    progress.end_bar()
+    result = answer.result().result
+    if result.result.value != ResultCode.OK:
+        raise IntuitivePhysicsError(f"learning failed: {result.result.message}")
+    return Learned(
+        static_parameters_from_message(result.static_parameters),
+        np.array(result.cost_history),
+        result.computation_time,
+    )

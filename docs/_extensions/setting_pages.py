@@ -1,0 +1,78 @@
+"""The page of all settings, and their values for the text of other pages."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+from dataclasses import is_dataclass
+from pathlib import Path
+from typing import Any
+
+from library_pages import public_modules
+from markdown_table import code, table
+
+from intuitive_physics.settings import Setting, list_settings
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+
+
+def pages(repository: Path) -> dict[str, str]:
+    """Return the page by its name."""
+    parts = [
+        "# Settings\n",
+        "Tuned numbers, from the classes that hold them: meaning, unit, range and origin.\n",
+    ]
+    for name, settings in sorted(_classes(repository).items()):
+        summary = " ".join((inspect.getdoc(settings) or "").partition("\n\n")[0].split())
+        rows = [
+            (code(one.name), code(words(one.default)), _meaning(one))
+            for one in list_settings(settings)
+        ]
+        parts.append(f"## {name.rpartition('.')[2]}\n\n`{name}`: {summary}\n")
+        parts.append(table(("setting", "default", "meaning"), rows))
+    return {"settings.md": "\n".join(parts)}
+
+
+def values() -> dict[str, dict[str, str]]:
+    """Return what `{{ joint.NAME }}` stands for in the pages."""
+    return {
+        "joint": {one.name: words(one.default) for one in list_settings(JointEstimationSettings)}
+    }
+
+
+def words(value: Any) -> str:
+    """Return a value as a reader wants it."""
+    if isinstance(value, bool) or value is None:
+        return str(value).lower()
+    if isinstance(value, tuple):
+        return ", ".join(words(one) for one in value)
+    return f"{value:g}" if isinstance(value, int | float) else str(value)
+
+
+def _classes(repository: Path) -> dict[str, type]:
+    """Return every class of settings by its full name."""
+    found = {}
+    for manifest in sorted((repository / "src").glob("*/setup.py")):
+        package = manifest.parent.name
+        for module in public_modules(manifest.parent / package):
+            path = manifest.parent.joinpath(*module.split(".")).with_suffix(".py")
+            if path.exists() and _imports_settings(path):
+                for name, value in vars(importlib.import_module(module)).items():
+                    own = inspect.isclass(value) and value.__module__ == module
+                    if own and is_dataclass(value) and list_settings(value):
+                        found[f"{module}.{name}"] = value
+    return found
+
+
+def _imports_settings(path: Path) -> bool:
+    return any(
+        isinstance(node, ast.ImportFrom) and node.module == "intuitive_physics.settings"
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    )
+
+
+def _meaning(one: Setting) -> str:
+    meaning = one.meaning.replace("*", "\\*")
+    if one.choices:
+        return f"{meaning} (one of {', '.join(code(choice) for choice in one.choices)})"
+    return meaning if one.range is None else f"{meaning} ({one.range[0]:g} to {one.range[1]:g})"

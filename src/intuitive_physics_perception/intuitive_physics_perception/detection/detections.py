@@ -1,0 +1,129 @@
+"""Objects as one frame shows them: spheres, boxes and capsules, each with its covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.shapes import Box, Capsule
+
+
+@dataclass(frozen=True, eq=False)
+class DetectedSphere:
+    """A sphere in one frame.
+
+    Parameters
+    ----------
+    center : (3,) m
+    radius : m
+    covariance : (4, 4) of centre and radius, m²
+    points : readings on its surface
+    range : m from the sensor to the centre
+    color : (3,) mean red, green and blue, 0 to 1; None where it is not told
+    """
+
+    center: NDArray[np.float64]
+    radius: float
+    covariance: NDArray[np.float64]
+    points: int
+    range: float
+    color: NDArray[np.float64] | None = None
+
+    def moved(
+        self, rotation: NDArray[np.float64], translation: NDArray[np.float64]
+    ) -> DetectedSphere:
+        """Return it in another frame, p_other = rotation p + translation."""
+        turn = np.eye(4)
+        turn[:3, :3] = rotation
+        return replace(
+            self,
+            center=rotation @ self.center + translation,
+            covariance=turn @ self.covariance @ turn.T,
+        )
+
+
+def without_doubles(spheres: list[DetectedSphere]) -> list[DetectedSphere]:
+    """Of spheres that share space keep the one with more points."""
+    kept: list[DetectedSphere] = []
+    for sphere in sorted(spheres, key=lambda sphere: -sphere.points):
+        if all(
+            np.linalg.norm(sphere.center - other.center) > max(sphere.radius, other.radius)
+            for other in kept
+        ):
+            kept.append(sphere)
+    return kept
+
+
+@dataclass(frozen=True, eq=False)
+class DetectedSolid:
+    """A box or capsule in one frame.
+
+    Parameters
+    ----------
+    shape : what it is, with its dimensions
+    center : (3,) m
+    rotation : (3, 3), body to the frame of `center`
+    position_covariance : (3, 3) m²
+    rotation_covariance : (3, 3) rad², of a rotation vector in the frame of `center`
+    size_variance : m², of each dimension
+    points : readings on its surface
+    misfit : mean squared distance from the surface, in variances of the noise
+    color : (3,) mean red, green and blue, 0 to 1; None where it is not told
+    """
+
+    shape: Box | Capsule
+    center: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    position_covariance: NDArray[np.float64]
+    rotation_covariance: NDArray[np.float64]
+    size_variance: float
+    points: int
+    misfit: float
+    color: NDArray[np.float64] | None = None
+
+    @property
+    def radius(self) -> float:
+        """m, of the largest sphere about the centre inside it: it touches nothing before that."""
+        if isinstance(self.shape, Capsule):
+            return self.shape.radius
+        return 0.5 * min(self.shape.edge_lengths)
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """(4, 4) m² of centre and radius."""
+        covariance = np.zeros((4, 4))
+        covariance[:3, :3] = self.position_covariance
+        covariance[3, 3] = self.size_variance
+        return covariance
+
+    def moved(
+        self, rotation: NDArray[np.float64], translation: NDArray[np.float64]
+    ) -> DetectedSolid:
+        """Return it in another frame, p_other = rotation p + translation."""
+        return replace(
+            self,
+            center=rotation @ self.center + translation,
+            rotation=rotation @ self.rotation,
+            position_covariance=rotation @ self.position_covariance @ rotation.T,
+            rotation_covariance=rotation @ self.rotation_covariance @ rotation.T,
+        )
+
+    def doubted(self, factor: float, points: int) -> DetectedSolid:
+        """Return it with all variances `factor` times as large, told by so many points."""
+        return replace(
+            self,
+            position_covariance=factor * self.position_covariance,
+            rotation_covariance=factor * self.rotation_covariance,
+            size_variance=factor * self.size_variance,
+            points=points,
+        )
+
+
+Detection = DetectedSphere | DetectedSolid
+
+
+def kind_of(detection: Detection) -> str:
+    """Return the name of a detection's shape."""
+    return "sphere" if isinstance(detection, DetectedSphere) else detection.shape.kind

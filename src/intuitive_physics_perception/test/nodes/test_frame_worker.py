@@ -1,0 +1,44 @@
+"""The worker takes the newest frames and never makes their bringer wait."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+from intuitive_physics_perception.nodes.frame_input import FrameWorker
+
+
+def test_items_are_handled_in_order_and_the_oldest_dropped() -> None:
+    handled: list[int] = []
+    begun, go_on = threading.Event(), threading.Event()
+
+    def handle(item: int) -> None:
+        begun.set()
+        go_on.wait(5.0)
+        handled.append(item)
+
+    worker = FrameWorker(lambda: None, handle, waiting=3)
+    worker.put(0)
+    assert begun.wait(5.0)
+    started = time.monotonic()
+    for item in range(1, 8):
+        worker.put(item)
+    assert time.monotonic() - started < 1.0
+    assert worker.dropped == 4
+    go_on.set()
+    deadline = time.monotonic() + 5.0
+    while len(handled) < 4 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    worker.stop()
+    assert handled == [0, 5, 6, 7]
+
+
+def test_it_is_prepared_first_and_stops_at_once() -> None:
+    order: list[str] = []
+    worker = FrameWorker(lambda: order.append("prepared"), order.append)
+    worker.put("item")
+    deadline = time.monotonic() + 5.0
+    while len(order) < 2 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    worker.stop()
+    assert order == ["prepared", "item"]

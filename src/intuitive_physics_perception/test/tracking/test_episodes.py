@@ -1,0 +1,179 @@
+"""Observations: initial states that are true, and rules of when they begin and end."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from intuitive_physics.observation import Observation
+from intuitive_physics.scene import Environment, Plane, SceneObject
+from intuitive_physics.shapes import Sphere
+from intuitive_physics_perception.detection.detections import DetectedSphere
+from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.tracking.episodes import EpisodeRecorder, observations_of
+from intuitive_physics_perception.tracking.initial_state import Record, state_at
+from intuitive_physics_perception.tracking.tracker import Tracker
+
+FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
+SETTINGS = PerceptionSettings()
+STEP = 1.0 / 30.0
+NOISE = 0.001
+RADIUS = 0.05
+
+
+def record(rng, times, path, name="ball", noise=NOISE):
+    seen = path + noise * rng.normal(size=path.shape)
+    return Record(
+        SceneObject(name, "m", Sphere(RADIUS)),
+        np.asarray(times),
+        seen,
+        np.tile(noise**2 * np.eye(3), (len(path), 1, 1)),
+        None,
+        np.asarray(times),
+        seen,
+    )
+
+
+def test_the_initial_state_is_least_squares_with_gravity_known(rng, bounce) -> None:
+    times = 5.0 + np.arange(0, 0.8, STEP)
+    velocity = np.array([1.2, -0.4, 1.0])
+    path = bounce(times - 5.0, (0, 0, 0.5), velocity, RADIUS)
+    ratios = []
+    for _ in range(60):
+        state = state_at(record(rng, times, path), 5.0, FLOOR, SETTINGS)
+        error = np.concatenate([state.position - path[0], state.linear_velocity - velocity])
+        own = np.r_[0:3, 6:9]
+        ratios.append(error @ np.linalg.solve(state.covariance[np.ix_(own, own)], error) / 6.0)
+        assert np.linalg.norm(error[3:]) < 0.05
+    # An honest covariance: squared errors in variances are one on average.
+    assert 0.7 < np.mean(ratios) < 1.5
+    assert np.diag(state.covariance)[9:] == pytest.approx(100.0)
+    assert np.diag(state.covariance)[3:6] == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("points", [3, 4, 5])
+def test_the_stretch_ends_before_the_bounce(rng, bounce, points) -> None:
+    # The ball meets the floor between the last point of the stretch and the next one.
+    fall = (points - 0.6) * STEP
+    times = np.arange(0, 0.8, STEP)
+    velocity = np.array([1.0, 0.0, -1.0])
+    start = np.array([0, 0, RADIUS + fall + 0.5 * 9.81 * fall**2])
+    errors = []
+    for _ in range(20):
+        state = state_at(
+            record(rng, times, bounce(times, start, velocity, RADIUS)), 0.0, FLOOR, SETTINGS
+        )
+        errors.append(state.linear_velocity - velocity)
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.05
+
+
+def test_a_ball_that_rolls_has_no_falling_state(rng) -> None:
+    times = np.arange(0, 1.0, STEP)
+    path = np.column_stack([0.8 * times, 0 * times, np.full(times.size, RADIUS)])
+    state = state_at(record(rng, times, path), 0.0, FLOOR, SETTINGS)
+    assert state.linear_velocity == pytest.approx([0.8, 0, 0], abs=0.02)
+
+
+def test_a_hand_that_carries_a_ball_gives_no_state(rng) -> None:
+    times = np.arange(0, 1.0, STEP)
+    path = np.column_stack([0.5 * times, 0.2 * np.sin(6 * times), 1.0 + 0 * times])
+    seen = record(rng, times, path)
+    assert all(state_at(seen, time, FLOOR, SETTINGS) is None for time in times[:20])
+
+
+def test_an_observation_begins_when_the_hand_lets_go(rng, bounce) -> None:
+    held, thrown = np.arange(0, 0.5, STEP), np.arange(0, 1.0, STEP)
+    hand = np.column_stack([0.3 * np.sin(4 * held), 0.1 * held, 1 - 0.2 * np.cos(5 * held)])
+    flight = bounce(thrown, hand[-1] + [0.02, 0, 0.02], (1.0, 0.3, 0.5), RADIUS)
+    times = np.concatenate([held, held[-1] + STEP + thrown])
+    seen = record(rng, times, np.concatenate([hand, flight]))
+    (observation,) = observations_of([seen], FLOOR, SETTINGS)
+    assert observation.start_time == pytest.approx(held[-1] + STEP, abs=1.5 * STEP)
+    assert observation.objects[0].trajectory.times[0] == observation.start_time
+
+
+def test_an_episode_is_cut_where_a_ball_appears(rng, bounce) -> None:
+    early = np.arange(0, 1.5, STEP)
+    late = early[early > 0.7]
+    first = record(rng, early, bounce(early, (0, 0, 0.5), (0.8, 0, 1.0), RADIUS), "first")
+    second = record(rng, late, bounce(late - late[0], (0, 1, 0.9), (1, 0, 0), RADIUS), "second")
+    alone, together = observations_of([second, first], FLOOR, SETTINGS)
+    assert [seen.object.id for seen in alone.objects] == ["first"]
+    assert alone.objects[0].trajectory.times[-1] < late[0]
+    assert {seen.object.id for seen in together.objects} == {"first", "second"}
+    assert late[0] <= together.start_time < late[0] + 4 * STEP
+    # All initial states hold at the start.
+    for seen in together.objects:
+        assert seen.initial_state.position == pytest.approx(seen.trajectory.positions[0], abs=0.006)
+        assert seen.trajectory.times[0] == together.start_time
+
+
+def test_what_hardly_moves_is_not_worth_an_observation(rng) -> None:
+    times = np.arange(0, 2.0, STEP)
+    still = np.tile([0.3, 0.2, RADIUS], (times.size, 1))
+    assert observations_of([record(rng, times, still)], FLOOR, SETTINGS) == []
+    short = np.column_stack([3.0 * times[:4], 0 * times[:4], np.ones(4)])
+    assert observations_of([record(rng, times[:4], short)], FLOOR, SETTINGS) == []
+
+
+def run(rng, paths, times, settings=SETTINGS) -> list[tuple[float, Observation]]:
+    """Observations with the time at which they were closed."""
+    tracker, recorder = Tracker(FLOOR, settings), EpisodeRecorder(FLOOR, settings)
+    closed = []
+    for k, time in enumerate(times):
+        spheres = [
+            DetectedSphere(
+                path[k] + NOISE * rng.normal(size=3), RADIUS, NOISE**2 * np.eye(4), 200, 2.0
+            )
+            for path in paths
+            if np.isfinite(path[k]).all()
+        ]
+        ended = tracker.update(float(time), spheres)
+        for episode in recorder.update(float(time), tracker.tracks, ended):
+            closed += [(time, found) for found in episode.observations()]
+    return closed
+
+
+def test_an_observation_is_closed_when_the_ball_leaves(rng, bounce) -> None:
+    times = np.arange(0, 2.0, STEP)
+    path = bounce(times, (0, 0, 0.5), (1.0, 0, 1.0), RADIUS)
+    path[times > 1.0] = np.nan
+    ((closed, observation),) = run(rng, [path], times)
+    assert closed == pytest.approx(1.0 + SETTINGS.coast_time, abs=2 * STEP)
+    assert observation.start_time == 0.0
+    assert len(observation.objects[0].trajectory) == int((times <= 1.0).sum())
+
+
+def test_an_observation_is_closed_when_the_ball_rests(rng, bounce) -> None:
+    times = np.arange(0, 4.0, STEP)
+    path = bounce(times, (0, 0, 0.4), (0.5, 0, 0.0), RADIUS, 0.3)
+    path[times > 1.5] = path[times > 1.5][0]
+    ((closed, observation),) = run(rng, [path], times)
+    assert 1.5 < closed < 1.5 + 2 * SETTINGS.rest_time
+    assert observation.objects[0].object.id == "sphere_1"
+
+
+def test_an_observation_is_closed_when_time_is_out(rng, bounce) -> None:
+    times = np.arange(0, 2.5, STEP)
+    path = bounce(times, (0, 0, 0.5), (0.5, 0, 0.0), RADIUS, 1.0)
+    settings = replace(SETTINGS, max_duration=1.0)
+    closed = run(rng, [path], times, settings)
+    assert [time for time, _ in closed] == pytest.approx([1.0, 2.0], abs=2 * STEP)
+    first, second = (found.objects[0].trajectory for _, found in closed)
+    assert first.times[-1] <= second.times[0]
+
+
+def test_a_ball_on_a_chair_has_states_but_no_observation(rng) -> None:
+    times = np.arange(0, 3.0, STEP)
+    assert run(rng, [np.tile([0.3, 0.2, 0.5], (times.size, 1))], times) == []
+
+
+def test_an_observation_can_be_kept(rng, bounce) -> None:
+    times = np.arange(0, 1.0, STEP)
+    seen = record(rng, times, bounce(times, (0, 0, 0.5), (1, 0, 1), RADIUS))
+    (observation,) = observations_of([seen], FLOOR, SETTINGS)
+    again = Observation.from_json(observation.to_json())
+    assert again.start_time == observation.start_time
+    assert again.scene().states[0].to_dict() == observation.scene().states[0].to_dict()

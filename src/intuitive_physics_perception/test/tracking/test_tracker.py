@@ -1,0 +1,258 @@
+"""Tracks: who is who, how fast, how large, and when it is over."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from intuitive_physics.scene import Environment, Plane
+from intuitive_physics.shapes import Capsule
+from intuitive_physics_perception.detection.detections import DetectedSolid, DetectedSphere
+from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
+from intuitive_physics_perception.tracking.tracker import Tracker
+
+FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
+SETTINGS = PerceptionSettings()
+STEP = 1.0 / 30.0
+NOISE = 0.001
+
+
+def seen(rng, place, radius=0.05, noise=NOISE, color=None):
+    error = noise * rng.normal(size=4)
+    return DetectedSphere(
+        np.asarray(place) + error[:3], radius + error[3], noise**2 * np.eye(4), 200, 2.0, color
+    )
+
+
+def follow(tracker, rng, paths, times, radius=0.05):
+    """Feed paths (n_balls, n_times, 3); return tracks after each frame and all that ended."""
+    alive, ended = [], []
+    for k, time in enumerate(times):
+        spheres = [seen(rng, path[k], radius) for path in paths if np.isfinite(path[k]).all()]
+        ended += tracker.update(float(time), spheres)
+        alive.append(deepcopy(tracker.tracks))
+    return alive, ended
+
+
+def test_velocity_before_and_after_a_bounce(rng, bounce) -> None:
+    times = np.arange(0, 1.2, STEP)
+    path = bounce(times, (0, 0, 0.8), (0.5, 0.2, 0.0), 0.05, 0.7)
+    tracker = Tracker(FLOOR, SETTINGS)
+    alive, _ = follow(tracker, rng, [path], times)
+    assert {track.number for tracks in alive for track in tracks} == {1}
+    truth = np.gradient(path, times, axis=0)
+    # Away from bounces (at 0.39 and 0.93 s) central differences of parabolas are exact.
+    for k in (8, 9, 10, 18, 19, 20, 25, 26):
+        speed = alive[k][0].mean[3:6]
+        assert np.linalg.norm(speed - truth[k]) < 0.12, times[k]
+
+
+def test_errors_are_as_large_as_the_covariance_says(bounce) -> None:
+    times = np.arange(0, 0.35, STEP)
+    path = bounce(times, (0, 0, 1.0), (1.0, 0.0, 0.5), 0.05)
+    velocity = np.array([1.0, 0.0, 0.5]) - np.array([0, 0, 9.81]) * times[-1]
+    ratios = []
+    for seed in range(60):
+        tracker = Tracker(FLOOR, SETTINGS)
+        alive, _ = follow(tracker, np.random.default_rng(seed), [path], times)
+        (track,) = alive[-1]
+        error = track.mean - np.array([*path[-1], *velocity, 0.05])
+        ratios.append(error @ np.linalg.solve(track.covariance, error) / 7.0)
+    # The process noise allows for accelerations that are not there, so it may be cautious.
+    assert 0.2 < np.mean(ratios) < 1.3
+
+
+def test_two_balls_that_cross_keep_their_names(rng) -> None:
+    times = np.arange(0, 0.8, STEP)
+    fall = 1.5 - 0.5 * 9.81 * times**2 * 0.0
+    left = np.column_stack([-0.8 + 2.0 * times, 0.08 + 0 * times, fall])
+    right = np.column_stack([0.8 - 2.0 * times, -0.08 + 0 * times, fall])
+    weightless = Environment(FLOOR.planes, gravity=(0, 0, -1e-6))
+    alive, _ = follow(Tracker(weightless, SETTINGS), rng, [left, right], times)
+    tracks = {track.number: track for track in alive[-1]}
+    assert sorted(tracks) == [1, 2]
+    assert tracks[1].mean[3] == pytest.approx(2.0, abs=0.1)
+    assert tracks[2].mean[3] == pytest.approx(-2.0, abs=0.1)
+
+
+RED, BLUE = np.array([0.7, 0.2, 0.2]), np.array([0.2, 0.2, 0.7])
+
+
+@pytest.mark.parametrize("elastic", [True, False])
+@pytest.mark.parametrize("colored", [True, False])
+def test_colours_tell_balls_that_meet_from_balls_that_pass(rng, elastic, colored) -> None:
+    """Equal balls that meet head-on without loss exchange their velocities: where balls are seen
+    is the same as if they had passed through each other, and only colour tells who is who."""
+    times = np.arange(0, 0.8, STEP)
+    along = np.array([1.0, 0.0, 0.0])
+    first, second = -0.4 + 1.0 * times, 0.4 - 1.0 * times
+    if elastic:
+        first, second = np.minimum(first, second), np.maximum(first, second)
+    tracker = Tracker(Environment(FLOOR.planes, gravity=(0, 0, -1e-6)), SETTINGS)
+    for k, time in enumerate(times):
+        light = rng.uniform(0.8, 1.0)
+        tracker.update(
+            float(time),
+            [
+                seen(
+                    rng, np.array([0, 0, 1.0]) + x[k] * along, color=light * c if colored else None
+                )
+                for x, c in ((first, RED), (second, BLUE))
+            ],
+        )
+    tracks = sorted(tracker.tracks, key=lambda track: track.number)
+    assert [track.number for track in tracks] == [1, 2]
+    # Without colour the simpler explanation holds: they passed.
+    truly = first if colored or not elastic else second
+    assert tracks[0].mean[0] == pytest.approx(truly[-1], abs=0.01)
+    if colored:
+        assert tracks[0].color == pytest.approx(RED, abs=0.15)
+        assert tracks[1].color == pytest.approx(BLUE, abs=0.15)
+
+
+def test_a_ball_whose_colour_changes_in_a_shadow_stays_itself(rng, bounce) -> None:
+    times = np.arange(0, 0.8, STEP)
+    path = bounce(times, (0, 0, 0.8), (0.5, 0.2, 0.0), 0.05, 0.7)
+    tracker = Tracker(FLOOR, SETTINGS)
+    for k, time in enumerate(times):
+        color = RED if k % 8 < 4 else 0.1 * BLUE
+        assert tracker.update(float(time), [seen(rng, path[k], color=color)]) == []
+    assert [track.number for track in tracker.tracks] == [1]
+
+
+def lying_capsule(rng, angle: float) -> DetectedSolid:
+    """A capsule of 4 cm radius and 20 cm between its ends, turned about the vertical."""
+    return DetectedSolid(
+        Capsule(0.04, 0.2),
+        np.array([0.3, 0.2, 0.04]) + NOISE * rng.normal(size=3),
+        Rotation.from_euler("yz", [90.0, angle], degrees=True).as_matrix(),
+        NOISE**2 * np.eye(3),
+        0.02**2 * np.eye(3),
+        NOISE**2,
+        300,
+        1.0,
+    )
+
+
+@pytest.mark.parametrize("turned", [True, False])
+def test_a_capsule_that_was_seen_end_on_is_a_capsule_once_its_side_is_seen(rng, turned) -> None:
+    """From the end it is a ball of its radius at the near cap; a ball apart from it stays one."""
+    place = lying_capsule(rng, 0.0).center + (np.array([-0.1, 0, 0]) if turned else [-0.2, 0, 0])
+    tracker = Tracker(FLOOR, SETTINGS)
+    for k in range(6):
+        tracker.update(k * STEP, [seen(rng, place, 0.04)])
+    assert [track.kind for track in tracker.tracks] == ["sphere"]
+    ended = []
+    for k in range(6, 9):
+        ended += tracker.update(k * STEP, [lying_capsule(rng, 0.0)])
+    kinds = [track.kind for track in tracker.tracks]
+    assert kinds == (["capsule"] if turned else ["sphere", "capsule"])
+    # The ball did not end, which would make an observation of it: it never was one.
+    assert ended == []
+    # Seen end-on again it is no further thing.
+    for k in (9, 10):
+        tracker.update(k * STEP, [seen(rng, place, 0.04)])
+    assert [track.kind for track in tracker.tracks] == kinds
+    assert tracker.next_number == 3
+
+
+def test_a_short_occlusion_keeps_the_track_and_a_long_one_ends_it(rng, bounce) -> None:
+    times = np.arange(0, 1.0, STEP)
+    path = bounce(times, (0, 0, 1.5), (1.0, 0, 1.0), 0.05)
+    hidden = path.copy()
+    hidden[10:15] = np.nan
+    alive, ended = follow(Tracker(FLOOR, SETTINGS), rng, [hidden], times)
+    assert ended == []
+    assert {track.number for track in alive[-1]} == {1}
+    hidden[10:22] = np.nan
+    alive, ended = follow(Tracker(FLOOR, SETTINGS), rng, [hidden], times)
+    assert [track.number for track in ended] == [1]
+    assert {track.number for track in alive[-1]} == {2}
+
+
+def test_radius_is_averaged(rng) -> None:
+    times = np.arange(0, 1.0, STEP)
+    still = np.tile([0.3, 0.2, 0.05], (times.size, 1))
+    alive, _ = follow(Tracker(FLOOR, SETTINGS), rng, [still], times)
+    assert alive[-1][0].mean[6] == pytest.approx(0.05, abs=0.0006)
+    assert np.sqrt(alive[-1][0].covariance[6, 6]) < 0.4 * NOISE
+
+
+def test_a_ball_that_lies_still_comes_to_rest_even_where_nothing_is_modelled(rng) -> None:
+    # On a chair the model does not know.
+    times = np.arange(0, 2.0, STEP)
+    still = np.tile([0.3, 0.2, 0.5], (times.size, 1))
+    alive, ended = follow(Tracker(FLOOR, SETTINGS), rng, [still], times)
+    (track,) = alive[-1]
+    assert ended == []
+    assert track.resting
+    assert track.mean[:3] == pytest.approx(still[0], abs=0.002)
+    assert track.mean[3:6] == pytest.approx([0, 0, 0])
+    assert {t.number for tracks in alive for t in tracks} == {1}
+
+
+def test_a_resting_ball_that_is_hit_moves_again(rng) -> None:
+    times = np.arange(0, 2.0, STEP)
+    path = np.tile([0.0, 0.0, 0.05], (times.size, 1))
+    late = times > 1.2
+    path[late, 0] = 1.0 * (times[late] - 1.2)
+    alive, _ = follow(Tracker(FLOOR, SETTINGS), rng, [path], times)
+    assert alive[34][0].resting
+    (track,) = alive[-1]
+    assert not track.resting
+    assert track.number == 1
+    assert track.moving_since == pytest.approx(1.2, abs=0.1)
+    assert track.mean[3] == pytest.approx(1.0, abs=0.1)
+
+
+def test_single_false_detections_never_become_objects(rng) -> None:
+    tracker = Tracker(FLOOR, SETTINGS)
+    for k in range(60):
+        place = rng.uniform(-1, 1, 3) + [0, 0, 2]
+        tracker.update(k * STEP, [seen(rng, place)] if k % 4 == 0 else [])
+        assert tracker.tracks == []
+
+
+def test_a_known_object_gives_name_material_and_radius(rng, bounce) -> None:
+    known = (KnownObject("small", 0.03, "wood"), KnownObject("large", 0.05, "rubber"))
+    settings = replace(SETTINGS, known_objects=known)
+    times = np.arange(0, 0.4, STEP)
+    path = bounce(times, (0, 0, 1), (1, 0, 0), 0.05)
+    alive, _ = follow(Tracker(FLOOR, settings), rng, [path], times, radius=0.051)
+    thing = alive[-1][0].scene_object(settings)
+    assert (thing.id, thing.material) == ("large_1", "rubber")
+    assert thing.shape.bounding_radius == pytest.approx(0.05, abs=1e-4)
+    alive, _ = follow(Tracker(FLOOR, settings), rng, [path], times, radius=0.04)
+    thing = alive[-1][0].scene_object(settings)
+    assert (thing.id, thing.material) == ("sphere_1", "ball")
+
+
+def test_the_state_has_a_wide_spin_and_no_doubt_in_rotation(rng) -> None:
+    tracker = Tracker(FLOOR, SETTINGS)
+    for k in range(4):
+        tracker.update(k * STEP, [seen(rng, (0, 0, 1.0))])
+    state = tracker.tracks[0].object_state(FLOOR, SETTINGS)
+    assert np.diag(state.covariance)[9:] == pytest.approx(100.0)
+    assert np.abs(state.covariance[3:6]).max() == 0.0
+    assert state.angular_velocity == pytest.approx([0, 0, 0])
+
+
+def test_balls_that_cross_behind_one_another_keep_their_names(rng) -> None:
+    # Where they cross the farther one is hidden for four frames.
+    times = np.arange(0, 0.8, STEP)
+    for trial in range(10):
+        speed, gap = rng.uniform(1.0, 3.0), rng.uniform(0.06, 0.12)
+        left = np.column_stack([speed * (times - 0.4), gap + 0 * times, 1 + 0 * times])
+        right = np.column_stack([-speed * (times - 0.4), -gap + 0 * times, 1 + 0 * times])
+        right[10:14] = np.nan
+        weightless = Environment(FLOOR.planes, gravity=(0, 0, -1e-6))
+        alive, _ = follow(Tracker(weightless, SETTINGS), rng, [left, right], times)
+        speeds = {track.number: track.mean[3] for track in alive[-1]}
+        assert speeds == {
+            1: pytest.approx(speed, abs=0.15),
+            2: pytest.approx(-speed, abs=0.15),
+        }, trial

@@ -1,0 +1,224 @@
+"""The README and the site's pages: short, true to the code, and without a dead link."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+sys.path[:0] = [str(ROOT / "docs" / "_extensions"), str(ROOT / "tools")]
+
+command_pages, node_pages, readme_results, ros_endpoints = (
+    importlib.import_module(name)
+    for name in ("command_pages", "node_pages", "readme_results", "ros_endpoints")
+)
+MAKERS = importlib.import_module("generated_reference").MAKERS
+
+README = ROOT / "README.md"
+SITE = [
+    path
+    for path in sorted((ROOT / "docs").rglob("*.md"))
+    if not {"_build", "reference"} & set(path.relative_to(ROOT / "docs").parts)
+]
+PAGES = [
+    README,
+    ROOT / "CONTRIBUTING.md",
+    *SITE,
+    ROOT / "benchmarks" / "README.md",
+    *sorted(ROOT.glob("src/*/README.md")),
+]
+GENERATED = {name for maker in MAKERS for name in maker.pages(ROOT)}
+SOURCES = [path for path in (ROOT / "src").rglob("*") if path.suffix in (".py", ".msg", ".srv")]
+
+LINK = re.compile(r"(?<!\!)\[[^\]]*\]\(([^)\s]+)\)")
+IMAGE = re.compile(r"!\[[^\]]*\]\(([^)\s]+)\)")
+CODE = re.compile(r"`([^`\n]+)`")
+ROOTS = ("src", "test", "tools", "docs", "benchmarks", "requirements")
+
+
+def relative(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def test_readme_is_for_a_newcomer():
+    lines = README.read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 150
+    assert "make demo" in "\n".join(lines)
+    assert "make test" in "\n".join(lines)
+
+
+def test_results_of_the_readme_are_those_of_the_runs():
+    text = README.read_text(encoding="utf-8")
+    assert readme_results.updated(text) == text, "tools/readme_results.py --write brings it up"
+
+
+def test_results_of_the_readme_are_few_and_comparable():
+    rows = readme_results.results_table().splitlines()[2:]
+    assert 0 < len(rows) <= 10
+    for row in rows:
+        what, result, compared, of, command = row.strip("| ").split(" | ")
+        assert what
+        assert re.search(r"\d", result), row
+        assert re.search(r"\d", compared), row
+        assert re.search(r"\[\d+ .*\]\(docs/", of), f"no denominator: {row}"
+        assert command.startswith(("`intuitive-physics ", "`make ")), row
+
+
+@pytest.mark.parametrize("page", PAGES, ids=relative)
+def test_links_lead_somewhere(page):
+    text = page.read_text(encoding="utf-8")
+    for target in [*LINK.findall(text), *IMAGE.findall(text)]:
+        if target.startswith(("http://", "https://", "#")):
+            continue
+        path = (page.parent / target.partition("#")[0]).resolve()
+        reference = ROOT / "docs" / "reference"
+        if path.is_relative_to(reference):
+            assert path.relative_to(reference).as_posix() in GENERATED, f"{page}: {target}"
+        else:
+            assert path.exists(), f"{page}: {target}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=relative)
+def test_paths_exist(page):
+    for token in CODE.findall(page.read_text(encoding="utf-8")):
+        if is_path(token):
+            assert found(token, page), f"{page} names {token}"
+
+
+def is_path(token: str) -> bool:
+    if not re.fullmatch(r"[\w./-]+", token) or token.startswith(("/", "~", ".")):
+        return False
+    first = token.split("/")[0]
+    in_tree = "/" in token and (first in ROOTS or first.startswith("intuitive_physics"))
+    in_tree = in_tree and not is_message_type(token)
+    return in_tree or token.endswith((".py", ".cpp", ".sh")) or bool(re.fullmatch(r"\w+/", token))
+
+
+def is_message_type(token: str) -> bool:
+    return bool(re.fullmatch(r"\w+_msgs/(msg|srv|action)/\w+", token))
+
+
+def found(token: str, page: Path) -> bool:
+    """Whether a path exists from the root, beside the page, or in the package it begins with."""
+    package = ROOT / "src" / token.split("/")[0]
+    if any((base / token).exists() for base in (ROOT, page.parent, package)):
+        return True
+    if token.startswith(("docs/_build", "docs/reference")):
+        return True
+    wanted = token.rstrip("/")
+    return "/" not in wanted and any(
+        path.name == wanted
+        for folder in ("src", "benchmarks", "tools")
+        for path in (ROOT / folder).rglob(wanted)
+    )
+
+
+def commands() -> Iterator[tuple[str, list[str]]]:
+    """Yield each command line of a code block or of code in the text, with its page."""
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+        blocks = re.findall(r"^```\w*\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+        lines = [line for block in blocks for line in block.splitlines()]
+        for line in [*lines, *CODE.findall(text)]:
+            line = line.removeprefix("$ ").strip()
+            if line.startswith(("intuitive-physics ", "make ")):
+                try:
+                    words = shlex.split(line, comments=True)
+                except ValueError:
+                    continue
+                yield relative(page), words
+
+
+def test_commands_exist():
+    parser = importlib.import_module("intuitive_physics_cli.command_line")._parser()
+    known = dict(command_pages.commands(parser))
+    checked = 0
+    for page, words in commands():
+        if words[0] != "intuitive-physics" or not words[1].islower():
+            continue
+        name = " ".join(words[1:3]) if " ".join(words[1:3]) in known else words[1]
+        assert name in known, f"{page} uses {' '.join(words)}"
+        options = {o for action in known[name]._actions for o in action.option_strings}
+        for word in words[2:]:
+            if word.startswith("--"):
+                assert word.split("=")[0] in options, f"{page} uses {' '.join(words)}"
+                checked += 1
+    assert checked > 20
+
+
+def test_targets_exist():
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    targets = set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
+    used = {(page, words[1]) for page, words in commands() if words[0] == "make" and words[1:]}
+    assert {target for _, target in used} >= {"demo", "test", "docs"}
+    for page, target in used:
+        assert target in targets or target.startswith("bench-"), f"{page} uses make {target}"
+
+
+def nodes() -> dict[str, type]:
+    return dict(node_pages.node_classes(ROOT))
+
+
+def test_topics_named_in_the_pages_exist():
+    known = set()
+    for module, node_class in nodes().items():
+        name = node_pages.node_name(node_class)
+        for one in ros_endpoints.endpoints(node_class, plays_a_bag=module == node_pages.BAG_TOPICS):
+            known |= {one.name, one.name.replace("~", f"/{name}")}
+    assert {"~/environment", "/predictor_node/query", "/tf_static", "/clock"} <= known
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for name in re.findall(r"(?:~|/\w+_node)/[a-z_/]+[a-z]", text):
+            # That package's own README shows a node that does not exist.
+            if page.parent.name != "intuitive_physics_ros":
+                assert name in known, f"{page} names {name}"
+
+
+def test_parameters_named_as_most_often_set_exist():
+    text = (ROOT / "docs" / "on_a_robot.md").read_text(encoding="utf-8")
+    by_node = {
+        node: {one.name for one in node_pages.parameters(node_class)}
+        for node, node_class in nodes().items()
+    }
+    for node in ("perception", "learner", "predictor"):
+        part = re.search(rf"^- {node}[^:\n]*:(.*?)^(?:- |\n)", text, re.MULTILINE | re.DOTALL)
+        assert part, node
+        names = set(CODE.findall(part[1]))
+        assert names
+        assert names <= by_node[f"{node}_node"], names - by_node[f"{node}_node"]
+
+
+@pytest.mark.parametrize("page", SITE, ids=relative)
+def test_names_of_the_code_exist(page):
+    """Words such as `plane_sigmas` or `FrameResult` stand in some source."""
+    known = {
+        word for path in SOURCES for word in re.findall(r"\w+", path.read_text(encoding="utf-8"))
+    }
+    known |= {one.name for node in nodes().values() for one in node_pages.parameters(node)}
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    for token in CODE.findall(text):
+        if re.fullmatch(r"[a-z]+(_[a-z]+)+|([A-Z][a-z]+){2,}", token):
+            assert token in known or (ROOT / "src" / token).exists(), f"{page} names {token}"
+
+
+def test_endpoint_that_only_a_running_node_knows_is_an_error():
+    class Unclear:
+        def __init__(self) -> None:
+            self.create_publisher(str, self.name(), 1)
+
+    with pytest.raises(ros_endpoints.UnresolvedEndpointError):
+        ros_endpoints.endpoints(Unclear)
+
+
+def test_example_of_the_library_runs():
+    example = ROOT / "docs" / "examples" / "predict_a_ball.py"
+    done = subprocess.run([sys.executable, example], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert 0.0 <= float(done.stdout.splitlines()[-1]) <= 1.0

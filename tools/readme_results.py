@@ -1,0 +1,215 @@
+"""The README's table of results, from the files that the runs wrote; `--write` updates it.
+
+Every figure of a row is read from the file that the row links to.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import re
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+README = ROOT / "README.md"
+BEGIN, END = "<!-- results: begin -->\n", "<!-- results: end -->\n"
+TITLES = ("what", "result", "to compare with", "of", "command")
+
+
+def main() -> int:
+    """Print the table, or write it into the README."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true", help="write it into README.md")
+    if not parser.parse_args().write:
+        print(results_table(), end="")
+        return 0
+    README.write_text(updated(README.read_text(encoding="utf-8")), encoding="utf-8")
+    return 0
+
+
+def updated(readme: str) -> str:
+    """Return the text of a README with the table as it is now."""
+    before, _, rest = readme.partition(BEGIN)
+    _, _, after = rest.partition(END)
+    return f"{before}{BEGIN}{results_table()}{END}{after}"
+
+
+def results_table() -> str:
+    """Return the table as Markdown."""
+    rows = [
+        initial_states("three_points", "paper's set, initial states from three points as there"),
+        initial_states("flight", "the same from all points before the first bounce"),
+        thrown_balls(),
+        update_rules(),
+        joint_estimation(),
+        calibration(),
+        perception(),
+        prediction_node(),
+        simulation(),
+        cube_tosses(),
+    ]
+    lines = [TITLES, ("---",) * len(TITLES), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def initial_states(kind: str, what: str) -> tuple[str, ...]:
+    path = "docs/results/learning_curve/summary.csv"
+    rows = [row for row in table_file(path) if row["first_states"] == kind]
+    learned, true, default = (
+        sum(float(row[f"{name}_test"]) for row in rows) / len(rows)
+        for name in ("learned", "oracle", "default")
+    )
+    sets = sum(int(row["repetitions"]) for row in rows)
+    return (
+        f"J over 5 s on throws not learned from; {what}",
+        f"{learned:.3f} m",
+        f"default {default:.3f} m, true {true:.3f} m",
+        f"[{sets} sets](docs/results/learning_curve/README.md)",
+        "`intuitive-physics experiment learning-curve`",
+    )
+
+
+def thrown_balls() -> tuple[str, ...]:
+    rows = table_file("docs/results/rgbd/errors_by_size.csv")
+    found = {row["ball"]: row for row in rows}
+    millimetres = {
+        name: ", ".join(
+            f"{1e3 * float(found[ball][name]):.1f}" for ball in ("wood", "rubber", "foam")
+        )
+        for name in ("test", "default", "true_parameters")
+    }
+    return (
+        "J of rendered throws through the whole pipeline, not learned from; balls of 3, 5, 7 cm",
+        f"{millimetres['test']} mm",
+        f"default {millimetres['default']} mm, true {millimetres['true_parameters']} mm",
+        f"[{rows[0]['observations']} throws of each ball](docs/results/rgbd/README.md)",
+        "`intuitive-physics experiment rgbd`",
+    )
+
+
+def update_rules() -> tuple[str, ...]:
+    rows = {
+        row["method"]: row
+        for row in table_file("docs/results/search_methods/final.csv")
+        if (row["objects"], row["samples"]) == ("10", "50")
+    }
+    best = rows["cma_es"]
+    return (
+        f"J after 500 evaluations of CMA-ES, {best['parameters']} parameters",
+        f"{float(best['J']):.3f} m",
+        f"default {float(best['default']):.3f} m, true {float(best['oracle']):.3f} m",
+        "[10 runs](docs/results/search_methods/README.md)",
+        "`intuitive-physics experiment search-methods`",
+    )
+
+
+def joint_estimation() -> tuple[str, ...]:
+    path = "benchmarks/results/learning.md"
+    rows = [r for r in markdown_rows(path, "Joint estimation") if r["set"] == "20x50"]
+    row = rows[0]
+    above = 100.0 * (float(row["defaults' J / oracle's"]) - 1.0)
+    return (
+        "until J on the test split is within 5 % of that of the true parameters, 945 parameters",
+        f"{float(row['s to 5 %']):.0f} s",
+        f"default stays {above:.0f} % above",
+        f"[{len(rows)} set](docs/benchmarks.md)",
+        "`make bench-learning`",
+    )
+
+
+def calibration() -> tuple[str, ...]:
+    rows = table_file("docs/results/calibration/scores.csv")
+    at = {row["prediction"]: row for row in rows if row["horizon"] == "2"}
+    ours, fixed = at["noisy Newton"], at["fixed noise"]
+    return (
+        "truth inside the 90 % region, 2 s ahead",
+        f"{100 * float(ours['coverage_90']):.0f} %",
+        f"the paper's fixed noise {100 * float(fixed['coverage_90']):.0f} %",
+        f"[{ours['trajectories']} trajectories](docs/results/calibration/README.md)",
+        "`intuitive-physics calibrate`",
+    )
+
+
+def perception() -> tuple[str, ...]:
+    rows = {row[""]: row for row in markdown_rows("benchmarks/results/perception.md", "Others")}
+    ours, other = rows["ours"], rows["Open3D + pyRANSAC-3D"]
+    position, took = "position up to 2 m", "ms a frame"
+    return (
+        "position of a ball in one depth frame up to 2 m, RMS; ms a frame",
+        f"{ours[position]} mm; {float(ours[took]):.0f} ms",
+        f"Open3D + pyRANSAC-3D {other[position]} mm; {float(other[took]):.0f} ms",
+        f"[{ours['false'].split()[-2]} frames](docs/benchmarks.md)",
+        "`make bench-perception`",
+    )
+
+
+def prediction_node() -> tuple[str, ...]:
+    path = "benchmarks/results/prediction.md"
+    rows = markdown_rows(path, "The node at 100 Hz")
+    alone = {row["engine"]: row for row in markdown_rows(path, "The paper's way")}
+    rates = [cell.partition("(")[2].removesuffix(" Hz)") for cell in alone["ODE"].values()]
+    return (
+        "distributions a second, 20 samples of 5 s; 1 sphere, 3 spheres, 3 mixed objects",
+        ", ".join(row["Hz"] for row in rows),
+        f"ODE alone {', '.join(rates[1:])}",
+        f"[{rows[0]['for s']} s each](docs/benchmarks.md)",
+        "`make bench-prediction`",
+    )
+
+
+def simulation() -> tuple[str, ...]:
+    rows = {
+        row["engine"]: row
+        for row in markdown_rows("benchmarks/results/simulation.md", "One prediction")
+    }
+    ours, sleeping = rows["ours against ODE"], rows["ours against ODE, auto-disable"]
+    scenes = ("1_sphere", "3_spheres", "1_box", "3_mixed")
+    return (
+        "speed over ODE (the paper's engine): 1 sphere, 3 spheres, 1 box, 3 mixed objects",
+        ", ".join(ours[scene] for scene in scenes),
+        "ODE with sleeping bodies " + ", ".join(sleeping[scene] for scene in scenes),
+        "[8 instances each](docs/benchmarks.md)",
+        "`make bench-simulation`",
+    )
+
+
+def cube_tosses() -> tuple[str, ...]:
+    text = (ROOT / "docs/results/recorded_data.md").read_text(encoding="utf-8")
+    command = (
+        "intuitive-physics evaluate cube_tosses.npz --train-counts 50 --learn-mass-centre "
+        "--measured-inertia --engine stepped --engine mujoco --iterations 300"
+    )
+    run = text[text.index(f"$ {command}\n") :]
+    fitted = re.search(r"^stepped, fitted +\S+ ± +\S+ +(\S+ ± +\S+)", run, re.MULTILINE)
+    default = re.search(r"^stepped, default.*? +\S+ ± +\S+ +(\S+ ± +\S+)", run, re.MULTILINE)
+    count = re.search(r"(\d+) to test", run)
+    assert fitted
+    assert default
+    assert count
+    return (
+        "recorded tosses of a cube, mean position error in % of its width",
+        f"{fitted[1]} %",
+        f"default {default[1]} %",
+        f"[{count[1]} tosses](docs/results/recorded_data.md)",
+        "`intuitive-physics evaluate cube_tosses.npz`",
+    )
+
+
+def table_file(path: str) -> list[dict[str, str]]:
+    """Return the rows of a CSV file."""
+    with (ROOT / path).open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def markdown_rows(path: str, heading: str) -> list[dict[str, str]]:
+    """Return the rows of the table under a heading that begins so."""
+    text = (ROOT / path).read_text(encoding="utf-8")
+    part = text[text.index(f"\n## {heading}") + 1 :].partition("\n## ")[0]
+    lines = [line for line in part.splitlines() if line.startswith("|")]
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    return [dict(zip(cells[0], row, strict=True)) for row in cells[2:]]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -93,7 +93,7 @@ def learn(
     simulator : the engine that simulates candidates
     options : how to learn
     previous : θ_s to start from; None starts from the defaults. Its materials that were not
-        observed keep their values, and so do parameters that J does not depend on.
+        observed do not change, nor do parameters that J does not depend on.
     on_progress : called after each step of the search
     cancelled : looked at between batches of candidates
     resume : what `on_checkpoint` was given by a search with the same observations, options and

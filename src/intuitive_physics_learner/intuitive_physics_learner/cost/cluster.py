@@ -1,7 +1,7 @@
 """Evaluating J in many processes or on many machines, through dask.distributed.
 
 Dask and not joblib, because J is evaluated thousands of times over the same observations: Dask
-keeps them, packed once, in the memory of its workers and sends candidates only, while joblib's
+holds them, packed once, in the memory of its workers and sends candidates only, while joblib's
 pools forget everything between two calls. And one engine serves both: processes of this machine
 and the workers of a scheduler elsewhere.
 

@@ -67,9 +67,9 @@ class Cost(ABC):
         self.trajectory_object = np.array([j for _, j in owners])
         self.trajectory_points = np.array(
             [
-                int((times_after_start(seen, thing) >= 0.0).sum())
+                int((times_after_start(seen, one) >= 0.0).sum())
                 for seen in observations
-                for thing in seen.objects
+                for one in seen.objects
             ]
         )
         self.point_trajectory = np.repeat(np.arange(len(owners)), self.trajectory_points)

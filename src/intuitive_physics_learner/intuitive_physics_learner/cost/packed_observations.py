@@ -83,7 +83,7 @@ def packed_in_groups(
     """Pack observations in groups so alike that at most half of each is padding."""
     groups: dict[tuple[int, int], list[int]] = {}
     for i, seen in enumerate(observations):
-        longest = max(len(thing.trajectory) for thing in seen.objects)
+        longest = max(len(one.trajectory) for one in seen.objects)
         groups.setdefault((len(seen.objects), longest.bit_length()), []).append(i)
     neutral = StaticParameters.uniform(materials)
     return [_packed(observations, groups[key], neutral) for key in sorted(groups)]
@@ -93,7 +93,7 @@ def _packed(
     observations: Sequence[Observation], members: list[int], neutral: StaticParameters
 ) -> PackedObservations:
     some = [observations[i] for i in members]
-    relative = [[times_after_start(seen, thing) for thing in seen.objects] for seen in some]
+    relative = [[times_after_start(seen, one) for one in seen.objects] for seen in some]
     unions = [np.unique(np.concatenate(times)) for times in relative]
     unions = [union[union >= 0.0] for union in unions]
     shape = (len(some), len(some[0].objects), max(map(len, unions)))
@@ -102,10 +102,10 @@ def _packed(
     seen_at = np.zeros(shape, dtype=bool)
     for w, (seen, union) in enumerate(zip(some, unions, strict=True)):
         times[w, : union.size] = union
-        for j, thing in enumerate(seen.objects):
+        for j, one in enumerate(seen.objects):
             after = relative[w][j] >= 0.0
             columns = np.searchsorted(union, relative[w][j][after])
-            observed[w, j, columns] = thing.trajectory.positions[after]
+            observed[w, j, columns] = one.trajectory.positions[after]
             seen_at[w, j, columns] = True
     worlds = pack_worlds([seen.scene() for seen in some], neutral)
     places = [np.flatnonzero(seen) for seen in seen_at]

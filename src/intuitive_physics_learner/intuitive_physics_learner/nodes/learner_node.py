@@ -43,7 +43,7 @@ from intuitive_physics_ros.result_codes import error_result, ok_result
 from intuitive_physics_ros.run_node import run_node
 
 STOP_PATIENCE = 2.0
-"""s to wait at the end for a search to stop; it looks after every batch of candidates."""
+"""s to wait at the end for a search to stop; it can stop after every batch of candidates."""
 
 
 class LearnerNode(Node):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from intuitive_physics_msgs.msg import LearningOptions as LearningOptionsMessage
@@ -12,6 +13,7 @@ from rclpy.node import Node
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.parameter_space import Bounds, ParameterSpace
+from intuitive_physics.settings import list_settings
 from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS
 from intuitive_physics_learner.cost.cluster import WHERE_GUIDE
 from intuitive_physics_learner.learning_session import LearningOptions
@@ -21,7 +23,7 @@ from intuitive_physics_learner.online.improvement import OnlineOptions
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 from intuitive_physics_learner.store.database import default_database_path
 from intuitive_physics_ros.conversions import bounds_from_messages
-from intuitive_physics_ros.parameters import Parameter
+from intuitive_physics_ros.parameters import Parameter, setting_parameters
 from intuitive_physics_ros.result_codes import RefusedError
 
 ONLINE_PREFIX = "online"
@@ -102,13 +104,6 @@ def _online_parameters() -> tuple[Parameter, ...]:
             read_only=False,
         ),
         Parameter(
-            f"{ONLINE_PREFIX}_method",
-            DEFAULT_METHOD,
-            "of the search in the background",
-            choices=METHODS,
-            read_only=False,
-        ),
-        Parameter(
             f"{ONLINE_PREFIX}_cores",
             1,
             "cores that learning in the background uses at most",
@@ -123,34 +118,20 @@ def _online_parameters() -> tuple[Parameter, ...]:
             choices=PRIORITIES,
             read_only=False,
         ),
-        Parameter(
-            f"{ONLINE_PREFIX}_seconds",
-            30.0,
-            "s of CPU time for searching in the background at most after each new observation",
-            range=(0.1, 1e6),
-            read_only=False,
-        ),
-        Parameter(
-            f"{ONLINE_PREFIX}_iterations_without_gain",
-            OnlineOptions.iterations_without_gain,
-            "evaluations of J without gain after which learning in the background waits for the "
-            "next observation",
-            range=(1, 10_000_000),
-            read_only=False,
+        *(
+            replace(parameter, name=f"{ONLINE_PREFIX}_{parameter.name}")
+            for parameter in setting_parameters(OnlineOptions, read_only=False)
         ),
     )
 
 
 def online_options(node: Node) -> OnlineOptions:
     """Return the options of learning in the background."""
-    return OnlineOptions(
-        method=node.get_parameter(f"{ONLINE_PREFIX}_method").value,
-        seed=node.get_parameter("seed").value,
-        seconds=node.get_parameter(f"{ONLINE_PREFIX}_seconds").value,
-        iterations_without_gain=node.get_parameter(
-            f"{ONLINE_PREFIX}_iterations_without_gain"
-        ).value,
-    )
+    given = {
+        setting.name: node.get_parameter(f"{ONLINE_PREFIX}_{setting.name}").value
+        for setting in list_settings(OnlineOptions)
+    }
+    return OnlineOptions(seed=node.get_parameter("seed").value, **given)
 
 
 def learning_options(node: Node, message: LearningOptionsMessage) -> LearningOptions:

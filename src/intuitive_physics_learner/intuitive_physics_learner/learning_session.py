@@ -167,7 +167,7 @@ def _begin(
     cancelled: Callable[[], bool] | None,
     make_cost: MakeCost,
 ) -> tuple[LearnedParameters, LearningTask]:
-    """Return θ_s to begin from, with all materials, and what is to be learned."""
+    """Return θ_s to begin from, over all materials, and the task of the search."""
     check_method(options.method)
     if not observations:
         raise NoObservationsError("there are no observations; expected at least one")

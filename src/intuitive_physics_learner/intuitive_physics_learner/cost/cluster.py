@@ -5,7 +5,7 @@ holds them, packed once, in the memory of its workers and sends candidates only,
 pools forget everything between two calls. And one engine serves both: processes of this machine
 and the workers of a scheduler elsewhere.
 
-A trial's outcome depends on nothing but the trial, so it does not matter who simulates it: the
+A trial's outcome depends on the trial only, so any worker can simulate it: the
 result is the same to the bit as without a cluster, as long as the machines are alike.
 """
 
@@ -41,7 +41,7 @@ WHERE_GUIDE = (
 
 
 class CostMaker:
-    """Makes the J of observations, evaluated where a user wants it; closes what it has started.
+    """Makes the J of observations, evaluated here or on a cluster; ends the processes it started.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class CostMaker:
         return ClusterCost(self._client, observations, simulator, materials)
 
     def close(self) -> None:
-        """End the processes that were started, leave a cluster that was not."""
+        """End the processes that were started here, disconnect from a cluster that was not."""
         client, self._client = self._client, None
         if client is not None:
             client.close()
@@ -211,7 +211,7 @@ class ClusterCost(Cost):
 
 
 def _leave_interrupts_to_parent() -> None:
-    """Ignore Ctrl-C, which reaches all processes of a terminal: who started this one ends it."""
+    """Ignore Ctrl-C, which reaches all processes of a terminal: the parent ends this one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

@@ -15,7 +15,7 @@ from intuitive_physics.validation import finite_array, positive_float
 class UpdateRule(ABC):
     """Proposes points of the unit cube, one generation after the other.
 
-    A generation is what a rule can propose before it needs to know a cost. `ask` hands it out in
+    A generation is all that a rule can propose before it needs to know a cost. `ask` returns it in
     portions, so the candidates and their order do not depend on how many are asked for at once.
 
     Parameters

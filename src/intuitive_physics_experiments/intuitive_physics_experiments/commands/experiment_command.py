@@ -5,11 +5,25 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.settings import add_options, settings_from_options
+from intuitive_physics_experiments.paper.settings import (
+    QUICK_LEARNING_CURVE,
+    QUICK_PREDICTION,
+    QUICK_RGBD,
+    QUICK_SEARCH_METHODS,
+    DatasetSettings,
+    LearningCurveSettings,
+    PredictionExperimentSettings,
+    RgbdSettings,
+    SearchMethodsSettings,
+)
+
+_Settings = TypeVar("_Settings")
 
 
 def add_to(commands: Any) -> None:
@@ -36,18 +50,13 @@ def _add_dataset(experiments: Any) -> None:
         "what was seen of them (30 Hz, noise of 2 cm) with the ground truth.",
     )
     parser.add_argument("output", type=Path, help="folder to make")
-    parser.add_argument("--objects", type=int, default=1, help="in the pool (default: 1)")
-    parser.add_argument(
-        "--samples", type=int, default=10, help="trajectories of each object (default: 10)"
-    )
-    _add_engine(parser)
+    add_options(parser, DatasetSettings)
     parser.add_argument(
         "--first-states",
         dest="initial_states",
         default="three_points",
         help="three_points, as in the paper, flight, or true (default: three_points)",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of all randomness (default: 0)")
     parser.set_defaults(run=_run_dataset)
 
 
@@ -60,20 +69,20 @@ def _run_dataset(options: argparse.Namespace) -> None:
         save_paper_dataset,
     )
 
-    _check_seed(options.seed)
+    settings = settings_from_options(DatasetSettings, options)
     with ProgressBar("simulating") as bar:
         dataset = make_paper_dataset(
-            options.objects,
-            options.samples,
-            np.random.default_rng(options.seed),
-            engine=options.engine,
+            settings.objects,
+            settings.samples,
+            np.random.default_rng(settings.seed),
+            engine=settings.engine,
             initial_states=options.initial_states,
             on_progress=bar.update,
         )
     save_paper_dataset(dataset, options.output)
     print(
         f"{options.output}: {len(dataset.training)} runs to learn from, {len(dataset.test)} to "
-        f"test, {options.objects} objects, {options.samples} trajectories of each"
+        f"test, {settings.objects} objects, {settings.samples} trajectories of each"
     )
 
 
@@ -85,26 +94,18 @@ def _add_learning_curve(experiments: Any) -> None:
         "times, and predict a fifth of the runs that is not learned from.",
     )
     _add_common(parser)
-    _add_engine(parser)
-    _add_counts(parser, "--objects", "sizes of the pool")
-    _add_counts(parser, "--samples", "trajectories of each object")
-    parser.add_argument("--repetitions", type=int, help="sets of each kind")
-    parser.add_argument("--iterations", type=int, help="evaluations of J for each learning")
-    parser.add_argument("--method", help="update rule (default: cma_es)")
+    add_options(
+        parser,
+        LearningCurveSettings,
+        ("objects", "samples", "repetitions", "iterations", "method", "engine", "seed"),
+    )
     parser.set_defaults(run=_run_learning_curve)
 
 
 def _run_learning_curve(options: argparse.Namespace) -> None:
-    from intuitive_physics_experiments.paper.learning_curve import (
-        QUICK,
-        LearningCurveSettings,
-        run_learning_curve,
-    )
+    from intuitive_physics_experiments.paper.learning_curve import run_learning_curve
 
-    given = _given(options, ("objects", "samples", "repetitions", "iterations"), QUICK)
-    if options.method is not None:
-        given["method"] = options.method
-    settings = LearningCurveSettings(**given, engine=options.engine, seed=options.seed)
+    settings = _settings(LearningCurveSettings, options, QUICK_LEARNING_CURVE)
     with _bar("learning") as bar:
         run_learning_curve(options.output, settings, _command(), options.cores, _told(bar))
     _print_page(options.output)
@@ -118,22 +119,14 @@ def _add_search_methods(experiments: Any) -> None:
         "samples of each by all nine update rules, ten times each.",
     )
     _add_common(parser)
-    _add_counts(parser, "--objects", "sizes of the pool")
-    _add_counts(parser, "--samples", "trajectories of each object")
-    parser.add_argument("--runs", type=int, help="searches by each rule on each set")
-    parser.add_argument("--iterations", type=int, help="evaluations of J in each search")
+    add_options(parser, SearchMethodsSettings)
     parser.set_defaults(run=_run_search_methods)
 
 
 def _run_search_methods(options: argparse.Namespace) -> None:
-    from intuitive_physics_experiments.paper.search_methods import (
-        QUICK,
-        SearchMethodsSettings,
-        run_search_methods,
-    )
+    from intuitive_physics_experiments.paper.search_methods import run_search_methods
 
-    given = _given(options, ("objects", "samples", "runs", "iterations"), QUICK)
-    settings = SearchMethodsSettings(**given, seed=options.seed)
+    settings = _settings(SearchMethodsSettings, options, QUICK_SEARCH_METHODS)
     with _bar("searching") as bar:
         run_search_methods(options.output, settings, _command(), options.cores, _told(bar))
     _print_page(options.output)
@@ -147,21 +140,14 @@ def _add_prediction(experiments: Any) -> None:
         "first three points.",
     )
     _add_common(parser)
-    parser.add_argument("--objects", type=int, help="in the pool")
-    parser.add_argument("--samples", type=int, help="trajectories of each object")
-    parser.add_argument("--iterations", type=int, help="evaluations of J for the learning")
+    add_options(parser, PredictionExperimentSettings, ("objects", "samples", "iterations", "seed"))
     parser.set_defaults(run=_run_prediction)
 
 
 def _run_prediction(options: argparse.Namespace) -> None:
-    from intuitive_physics_experiments.paper.prediction import (
-        QUICK,
-        PredictionExperimentSettings,
-        run_prediction,
-    )
+    from intuitive_physics_experiments.paper.prediction import run_prediction
 
-    given = _given(options, ("objects", "samples", "iterations"), QUICK)
-    settings = PredictionExperimentSettings(**given, seed=options.seed)
+    settings = _settings(PredictionExperimentSettings, options, QUICK_PREDICTION)
     with _bar("learning") as bar:
         run_prediction(options.output, settings, _command(), options.cores, _told(bar))
     _print_page(options.output)
@@ -175,16 +161,14 @@ def _add_rgbd(experiments: Any) -> None:
         "pipeline over them, learn each ball alone and predict throws that were not learned from.",
     )
     _add_common(parser)
-    parser.add_argument("--throws", type=int, help="of each ball")
-    parser.add_argument("--iterations", type=int, help="evaluations of J for each learning")
+    add_options(parser, RgbdSettings, ("throws", "iterations", "seed"))
     parser.set_defaults(run=_run_rgbd)
 
 
 def _run_rgbd(options: argparse.Namespace) -> None:
-    from intuitive_physics_experiments.paper.rgbd import QUICK, RgbdSettings, run_rgbd
+    from intuitive_physics_experiments.paper.rgbd import run_rgbd
 
-    given = _given(options, ("throws", "iterations"), QUICK)
-    settings = RgbdSettings(**given, seed=options.seed)
+    settings = _settings(RgbdSettings, options, QUICK_RGBD)
     with _bar("working") as bar:
         run_rgbd(options.output, settings, _command(), options.cores, _told(bar))
     _print_page(options.output)
@@ -194,42 +178,15 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("output", type=Path, help="folder of tables and figures; goes on there")
     parser.add_argument("--quick", action="store_true", help="reduced settings: about two minutes")
     parser.add_argument("--cores", type=int, default=1, help="of this machine (default: 1)")
-    parser.add_argument("--seed", type=int, default=0, help="of all randomness (default: 0)")
 
 
-def _add_engine(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--engine",
-        default="auto",
-        help="that moves the objects: auto, stepped, bullet or mujoco; another one than learns "
-        "shows what model error costs (default: auto)",
-    )
-
-
-def _add_counts(parser: argparse.ArgumentParser, name: str, what: str) -> None:
-    parser.add_argument(name, type=int, nargs="+", metavar="N", help=f"{what}, one or more")
-
-
-def _given(
-    options: argparse.Namespace, names: Sequence[str], quick: dict[str, Any]
-) -> dict[str, Any]:
-    """Settings of the command line, over the reduced ones where they are asked for."""
-    _check_seed(options.seed)
+def _settings(
+    kind: type[_Settings], options: argparse.Namespace, quick: Mapping[str, Any]
+) -> _Settings:
+    """Return the settings of the command line, over the reduced ones where it asks for them."""
     if options.cores < 1:
-        raise InvalidInputError(f"cores is {options.cores}; expected 1 or more")
-    chosen = dict(quick) if options.quick else {}
-    for name in names:
-        value = getattr(options, name)
-        if value is not None:
-            chosen[name] = tuple(value) if isinstance(value, list) else value
-            if min(value if isinstance(value, list) else [value]) < 1:
-                raise InvalidInputError(f"--{name} is {value}; expected 1 or more")
-    return chosen
-
-
-def _check_seed(seed: int) -> None:
-    if seed < 0:
-        raise InvalidInputError(f"seed is {seed}; expected 0 or more")
+        raise InvalidInputError(f"--cores is {options.cores}; expected 1 or more")
+    return settings_from_options(kind, options, **(quick if options.quick else {}))
 
 
 def _command() -> str:

@@ -9,6 +9,12 @@ from typing import Any
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.settings import check_settings, choice, number, other
 from intuitive_physics.validation import name_string, positive_float, unit_vector
+from intuitive_physics_perception.environment.settings import (
+    PlaneDetectionSettings,
+    PlaneEdgeSettings,
+    RestSettings,
+    StaticBoxSettings,
+)
 
 GRAVITY_SOURCES = ("plane", "up_hint", "imu")
 
@@ -176,6 +182,15 @@ class PerceptionSettings:
     angular_velocity_deviation: float = number(
         10.0, 0.0, 10000.0, "standard deviation of the unknown spin, rad/s"
     )
+
+    plane_detection: PlaneDetectionSettings = other(
+        PlaneDetectionSettings(), "how planes are searched for"
+    )
+    plane_edges: PlaneEdgeSettings = other(
+        PlaneEdgeSettings(), "when the end of a plane counts as seen"
+    )
+    static_box_fit: StaticBoxSettings = other(StaticBoxSettings(), "what becomes a static box")
+    rest: RestSettings = other(RestSettings(), "when an accelerometer counts as at rest")
 
     def __post_init__(self) -> None:
         check_settings(self)

@@ -82,6 +82,9 @@ def plane_boundary(
         (k, 3) m, counter-clockwise seen against the normal. Sides that are no seen edges lie
         `PlaneEdgeSettings.reach` away.
     """
+    if not (angle > 0.0 and plane.offset < 0.0):
+        # Readings coincide, or the plane goes through the sensor: nothing shows where it ends.
+        return None
     axes = np.column_stack(plane_axes(plane.normal))
     seen = _seen_around(cloud, plane, planes, axes, angle, settings)
     if len(seen.surface) < settings.plane_edges.surface_readings:

@@ -15,6 +15,11 @@ from intuitive_physics_perception.environment.settings import (
     RestSettings,
     StaticBoxSettings,
 )
+from intuitive_physics_perception.tracking.settings import (
+    InitialStateSettings,
+    MotionSettings,
+    TrackingSettings,
+)
 
 GRAVITY_SOURCES = ("plane", "up_hint", "imu")
 
@@ -191,6 +196,12 @@ class PerceptionSettings:
     )
     static_box_fit: StaticBoxSettings = other(StaticBoxSettings(), "what becomes a static box")
     rest: RestSettings = other(RestSettings(), "when an accelerometer counts as at rest")
+
+    motion: MotionSettings = other(MotionSettings(), "how objects are expected to move")
+    tracking: TrackingSettings = other(TrackingSettings(), "which detection belongs to which track")
+    initial_state: InitialStateSettings = other(
+        InitialStateSettings(), "how initial states are estimated"
+    )
 
     def __post_init__(self) -> None:
         check_settings(self)

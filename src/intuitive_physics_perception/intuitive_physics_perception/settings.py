@@ -9,6 +9,11 @@ from typing import Any
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.settings import check_settings, choice, number, other
 from intuitive_physics.validation import name_string, positive_float, unit_vector
+from intuitive_physics_perception.detection.settings import (
+    ClusterSettings,
+    SolidDetectionSettings,
+    SphereDetectionSettings,
+)
 from intuitive_physics_perception.environment.settings import (
     PlaneDetectionSettings,
     PlaneEdgeSettings,
@@ -197,6 +202,13 @@ class PerceptionSettings:
     static_box_fit: StaticBoxSettings = other(StaticBoxSettings(), "what becomes a static box")
     rest: RestSettings = other(RestSettings(), "when an accelerometer counts as at rest")
 
+    clusters: ClusterSettings = other(ClusterSettings(), "how foreground is split into clusters")
+    spheres: SphereDetectionSettings = other(
+        SphereDetectionSettings(), "how spheres are searched for, fitted and tested"
+    )
+    solids: SolidDetectionSettings = other(
+        SolidDetectionSettings(), "how boxes and capsules are fitted and tested"
+    )
     motion: MotionSettings = other(MotionSettings(), "how objects are expected to move")
     tracking: TrackingSettings = other(TrackingSettings(), "which detection belongs to which track")
     initial_state: InitialStateSettings = other(

@@ -16,7 +16,7 @@ from benchmarks.scenes import Instance, rolling_radius
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCE = ROOT / "benchmarks/ode/ode_rollout.cpp"
+SOURCE = ROOT / "benchmarks/peers/ode_rollout.cpp"
 PROGRAM = ROOT / "build/benchmarks/ode_rollout"
 
 
@@ -112,7 +112,7 @@ class _Prepared(Prepared):
 def _request(
     instance: Instance, flags: tuple[bool, bool], steps: int, time_step: float
 ) -> NDArray[np.float64]:
-    """Lay out an instance as `ode/ode_rollout.cpp` reads it."""
+    """Lay out an instance as `peers/ode_rollout.cpp` reads it."""
     environment = instance.scene.environment
     parameters = instance.static_parameters
     simulations, count = instance.starts.shape[:2]

@@ -20,7 +20,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from benchmarks.prediction_feed import RATE, Feed
+from benchmarks.prediction.feed import RATE, Feed
 from intuitive_physics_ros.node_process import NodeProcess
 from intuitive_physics_ros.peer import Peer, PeerTimeoutError
 

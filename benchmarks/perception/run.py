@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.perception_score import NEAR, Ball, Score, matched
-from benchmarks.perception_truth import TrueBall, TrueRecording
+from benchmarks.perception.score import NEAR, Ball, Score, matched
+from benchmarks.perception.truth import TrueBall, TrueRecording
 from intuitive_physics.observation import ObservedObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics_perception.detection.detections import DetectedSphere

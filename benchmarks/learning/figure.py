@@ -9,7 +9,7 @@ import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.learning_runs import JointRun, Task
+from benchmarks.learning.runs import JointRun, Task
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

@@ -1,14 +1,12 @@
 """`make bench-perception`: our perception on rendered bags with ground truth, beside others.
 
-README.md beside this file says what is measured and how.
+README.md in the folder above says what is measured and how.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
-import time
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -16,31 +14,29 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.peers.engine import MissingPeerError
-from benchmarks.perception_peers import FrameByFrame, Open3dAndPyransac, Peer
-from benchmarks.perception_report import (
-    accuracy_text,
-    figures,
-    json_line,
+from benchmarks.command import Outcome, report_progress, run_benchmark
+from benchmarks.perception.peers import FrameByFrame, Open3dAndPyransac, Peer
+from benchmarks.perception.report import (
+    accuracy_table,
+    key_figures,
     misses,
-    peers_text,
-    timing_text,
+    peers_table,
+    timing_table,
 )
-from benchmarks.perception_run import (
+from benchmarks.perception.run import (
     Findings,
     Frame,
     PerceivedBag,
     perceive_bag,
     some_frames,
 )
-from benchmarks.perception_scenes import PAUSE, SceneKind, random_truth
-from benchmarks.perception_score import Ball, Score
-from benchmarks.perception_truth import TrueRecording
+from benchmarks.perception.scenes import PAUSE, SceneKind, random_truth
+from benchmarks.perception.score import Ball, Score
+from benchmarks.perception.truth import TrueRecording
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_truth
 from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.settings import PerceptionSettings
 
-RESULTS = Path(__file__).resolve().parent / "results/perception.md"
 SEED = 5
 OURS = "ours"
 
@@ -81,52 +77,38 @@ class Comparison:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, and print the line of JSON last."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="measure little, for a first look")
-    parser.add_argument("--write", action="store_true", help=f"write the tables to {RESULTS} too")
-    options = parser.parse_args(arguments)
-    try:
-        text, found = run(QUICK if options.quick else FULL)
-    except MissingPeerError as error:
-        print(f"bench-perception: {error}", file=sys.stderr)
-        return 1
-    print(text)
-    if options.write:
-        RESULTS.parent.mkdir(exist_ok=True)
-        RESULTS.write_text(text)
-    for miss in misses(found):
-        print(f"bench-perception: bar not reached: {miss}", file=sys.stderr)
-    print(json_line(found))
-    return 0
+    description = __doc__.splitlines()[0]
+    return run_benchmark(
+        "perception", description, lambda quick: run(QUICK if quick else FULL), arguments
+    )
 
 
-def run(effort: Effort) -> tuple[str, dict[str, float]]:
-    """Return the tables and what the last line tells."""
-    start = time.perf_counter()
+def run(effort: Effort) -> Outcome:
+    """Measure every scene."""
     warm_up()
     findings, comparison = Findings(), Comparison()
     for k in range(effort.scenes):
         kind = SceneKind(
             planes=1 + k % 3, balls_at_once=1 + k // 3 % 3, throws=effort.throws, crates=k % 4
         )
-        print(f"── scene {k + 1} of {effort.scenes}: {kind}", file=sys.stderr)
+        report_progress(f"scene {k + 1} of {effort.scenes}: {kind}")
         measure_scene(kind, np.random.default_rng([SEED, k]), effort, findings, comparison)
-    texts = [
-        "# Perception benchmark",
-        f"{effort.scenes} rendered bags of {effort.throws} throws: balls of 3, 5 and 7 cm radius "
-        "at 1 to 3 m, one to three at once; one to three planes, none to three crates; the camera "
-        "tilted by 15 to 40° and a little rolled; all its faults on.",
-        accuracy_text(findings),
-        timing_text(findings.timing),
-        peers_text(
-            comparison.scores,
-            comparison.milliseconds,
-            [f"{name}: {how}" for name, how in comparison.how.items()],
-        ),
-        f"Measured in {time.perf_counter() - start:.0f} s.",
-    ]
-    return "\n\n".join(texts) + "\n", figures(
-        findings, comparison.milliseconds[Open3dAndPyransac.name]
+    figures = key_figures(findings, comparison.milliseconds[Open3dAndPyransac.name])
+    return Outcome(
+        tables=[
+            accuracy_table(findings),
+            timing_table(findings.timing),
+            peers_table(
+                comparison.scores,
+                comparison.milliseconds,
+                [f"{name}: {how}" for name, how in comparison.how.items()],
+            ),
+        ],
+        key_figures={name: float(f"{value:.4g}") for name, value in figures.items()},
+        note=f"{effort.scenes} rendered bags of {effort.throws} throws: balls of 3, 5 and 7 cm "
+        "radius at 1 to 3 m, one to three at once; one to three planes, none to three crates; the "
+        "camera tilted by 15 to 40° and a little rolled; all its faults on.",
+        complaints=[f"bar not reached: {miss}" for miss in misses(figures)],
     )
 
 

@@ -1,43 +1,42 @@
 """`make bench-simulation`: our simulators beside ODE, PyBullet and MuJoCo, in one interleaved run.
 
-README.md beside this file says what is measured and how.
+README.md in the folder above says what is measured and how.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from benchmarks.accuracy import Accuracy, accuracy
-from benchmarks.agreement import Agreement, agreement, complaints, convergence, spread
+from benchmarks.command import Outcome, report_progress, run_benchmark
 from benchmarks.peers.bullet_world import Bullet
-from benchmarks.peers.engine import Engine, MissingPeerError
+from benchmarks.peers.engine import Engine
 from benchmarks.peers.mujoco_rollout import Mujoco
 from benchmarks.peers.ode import Ode
 from benchmarks.peers.ours import NAMES, Ours
-from benchmarks.report import (
-    accuracy_text,
-    agreement_text,
-    batches_text,
-    json_line,
-    objects_text,
-    own_engine,
-    speed_text,
-    start_up_text,
-)
-from benchmarks.scaling import scale_batches, scale_objects
 from benchmarks.scenes import SCENES, Instance, thrown
-from benchmarks.start_up import start_up
+from benchmarks.simulation.accuracy import Accuracy, accuracy
+from benchmarks.simulation.agreement import Agreement, agreement, complaints, convergence, spread
+from benchmarks.simulation.report import (
+    accuracy_table,
+    agreement_table,
+    batches_table,
+    convergence_table,
+    key_figures,
+    objects_table,
+    own_engine,
+    speed_table,
+    start_up_table,
+)
+from benchmarks.simulation.scaling import scale_batches, scale_objects
+from benchmarks.simulation.start_up import start_up
 from benchmarks.timing import Measured, measure
 
-RESULTS = Path(__file__).resolve().parent / "results/simulation.md"
 SEED = 3
+"""Of all that is random."""
 
 
 @dataclass(frozen=True)
@@ -88,56 +87,45 @@ Scenes = dict[str, list[tuple[Instance, Measured]]]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, and print the line of JSON last."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="measure little, for a first look")
-    parser.add_argument("--write", action="store_true", help=f"write the tables to {RESULTS} too")
-    options = parser.parse_args(arguments)
-    try:
-        text, line, doubts = run(QUICK if options.quick else FULL)
-    except MissingPeerError as error:
-        print(f"bench-simulation: {error}", file=sys.stderr)
-        return 1
-    print(text)
-    if options.write:
-        RESULTS.parent.mkdir(exist_ok=True)
-        RESULTS.write_text(text)
-    for doubt in doubts:
-        print(f"bench-simulation: not the same physics: {doubt}", file=sys.stderr)
-    print(line)
-    return 1 if doubts else 0
+    description = __doc__.splitlines()[0]
+    return run_benchmark(
+        "simulation", description, lambda quick: run(QUICK if quick else FULL), arguments
+    )
 
 
-def run(effort: Effort) -> tuple[str, str, list[str]]:
-    """Return the tables, the line of JSON, and what speaks against comparing the engines."""
-    start = time.perf_counter()
+def run(effort: Effort) -> Outcome:
+    """Measure all; the result is not valid where the engines do not simulate the same physics."""
     rng = np.random.default_rng(SEED)
     engines = all_engines()
     scenes = compare(engines, effort, rng)
     measured = {name: [m for _, m in pairs] for name, pairs in scenes.items()}
-    _tell("agreement and accuracy")
+    report_progress("agreement and accuracy")
     distances = convergence(effort.witnesses, rng)
     found = compare_accuracy(effort, rng)
-    _tell("batches and threads")
+    report_progress("batches and threads")
     batches = list(scale_batches(effort.scaling_repetitions, rng))
-    _tell("numbers of objects")
+    report_progress("numbers of objects")
     objects = list(
         scale_objects([Ode()], effort.scaling_instances, effort.scaling_repetitions, rng)
     )
-    _tell("compiling and loading")
+    report_progress("compiling and loading")
     kernels = start_up(effort.loads)
     agreed = agreements(scenes)
-    texts = [
-        "# Simulation benchmark",
-        speed_text(measured, {engine.name: engine.how for engine in engines}),
-        agreement_text(agreed, distances),
-        accuracy_text(found, effort.drops),
-        batches_text(batches),
-        objects_text(objects),
-        start_up_text(kernels),
-        f"Measured in {time.perf_counter() - start:.0f} s.",
-    ]
     doubts = complaints(agreed, distances)
-    return "\n\n".join(texts) + "\n", json_line(measured, found, kernels), doubts
+    return Outcome(
+        tables=[
+            speed_table(measured, {engine.name: engine.how for engine in engines}),
+            agreement_table(agreed),
+            convergence_table(distances),
+            accuracy_table(found, effort.drops),
+            batches_table(batches),
+            objects_table(objects),
+            start_up_table(kernels),
+        ],
+        key_figures=key_figures(measured, found, kernels),
+        complaints=[f"not the same physics: {doubt}" for doubt in doubts],
+        valid=not doubts,
+    )
 
 
 def all_engines() -> list[Engine]:
@@ -159,7 +147,7 @@ def compare(engines: Sequence[Engine], effort: Effort, rng: np.random.Generator)
     for name, kinds in SCENES.items():
         scenes[name] = []
         for i in range(effort.instances):
-            _tell(f"{name}, instance {i + 1} of {effort.instances}")
+            report_progress(f"{name}, instance {i + 1} of {effort.instances}")
             instance = thrown(kinds, rng)
             scenes[name].append((instance, measure(engines, instance, effort.repetitions)))
     return scenes
@@ -198,10 +186,6 @@ def _merged(found: Sequence[Agreement]) -> Agreement:
         most_energy=max(a.most_energy for a in found),
         deepest=max(a.deepest for a in found),
     )
-
-
-def _tell(what: str) -> None:
-    print(f"── {what}", file=sys.stderr)
 
 
 if __name__ == "__main__":

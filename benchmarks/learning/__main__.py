@@ -1,27 +1,25 @@
 """`make bench-learning`: J against iterations and time on the paper's synthetic sets (Sec. IV-B).
 
-README.md beside this file says what is measured and how.
+README.md in the folder above says what is measured and how.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from benchmarks.learning_beside import compare_lateness
-from benchmarks.learning_cluster import compare_paces
-from benchmarks.learning_figure import draw_figure
-from benchmarks.learning_peers import compare_engines
-from benchmarks.learning_report import Histories, Joint, Measured, json_line, report
-from benchmarks.learning_runs import joint_run, make_task, rule_history
+from benchmarks.command import Outcome, report_progress, run_benchmark
+from benchmarks.learning.cluster import compare_paces
+from benchmarks.learning.figure import draw_figure
+from benchmarks.learning.loop_beside import compare_lateness
+from benchmarks.learning.peers import compare_engines
+from benchmarks.learning.report import Histories, Joint, Measured, key_figures, tables
+from benchmarks.learning.runs import joint_run, make_task, rule_history
 from intuitive_physics_learner import FURTHER_RULES, UPDATE_RULES
 
-RESULTS = Path(__file__).resolve().parent / "results"
 SETS = {"1x50": 1, "10x50": 10, "20x50": 20}
 
 
@@ -80,34 +78,32 @@ KINDS_OF_CMA_ES = ("cma_es", *FURTHER_RULES)
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, draw the figure, and print the line of JSON last."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="measure little, for a first look")
-    parser.add_argument("--write", action="store_true", help=f"write tables to {RESULTS} too")
-    options = parser.parse_args(arguments)
-    effort = QUICK if options.quick else FULL
+    description = __doc__.splitlines()[0]
+    return run_benchmark(
+        "learning", description, lambda quick: run(QUICK if quick else FULL), arguments
+    )
+
+
+def run(effort: Effort) -> Outcome:
+    """Measure all."""
     joint = run_joint(effort)
     histories = run_rules(effort, joint)
     further = run_further(effort, joint)
-    _tell("other engines")
+    report_progress("other engines")
     peers = compare_engines(effort.peer_seconds)
-    _tell("beside a loop, and on a cluster")
+    report_progress("beside a loop, and on a cluster")
     beside = compare_lateness(joint["1x50"][0][0], effort.loop_seconds)
     paces = compare_paces(joint["10x50"][0][0])
-    text = report(Measured(joint, histories, further, peers, beside, paces))
-    print(text)
-    figure = RESULTS / "learning.svg" if options.write else Path("build/learning.svg")
-    figure.parent.mkdir(parents=True, exist_ok=True)
-    draw_figure(histories, joint, figure)
-    print(f"figure: {figure}")
-    if options.write:
-        (RESULTS / "learning.md").write_text(text)
-    print(json_line(joint, histories))
-    return 0
+    return Outcome(
+        tables=tables(Measured(joint, histories, further, peers, beside, paces)),
+        key_figures=key_figures(joint, histories),
+        draw=lambda path: draw_figure(histories, joint, path),
+    )
 
 
 def run_joint(effort: Effort) -> Joint:
     """Run joint estimation on every set, after a step that loads and compiles all kernels."""
-    _tell("kernels")
+    report_progress("kernels")
     joint_run(make_task(10, 0), 0.0, judged=False)
     joint: Joint = {}
     for (name, objects), count, seconds, judged in zip(
@@ -115,7 +111,7 @@ def run_joint(effort: Effort) -> Joint:
     ):
         joint[name] = []
         for seed in range(count):
-            _tell(f"{name}, set {seed + 1} of {count}")
+            report_progress(f"{name}, set {seed + 1} of {count}")
             task = make_task(objects, FIRST_SEED + seed)
             joint[name].append((task, joint_run(task, seconds, judged=judged)))
     return joint
@@ -128,7 +124,7 @@ def run_rules(effort: Effort, joint: Joint) -> Histories:
         task = joint[name][0][0]
         histories[name] = {}
         for rule in UPDATE_RULES:
-            _tell(f"{name}, {rule}")
+            report_progress(f"{name}, {rule}")
             runs = [rule_history(task, rule, seed, iterations) for seed in range(seeds)]
             histories[name][rule] = np.mean(runs, axis=0)
     return histories
@@ -139,16 +135,12 @@ def run_further(effort: Effort, joint: Joint) -> Histories:
     histories: Histories = {}
     for name, iterations in zip(SETS, effort.further_iterations, strict=True):
         if iterations:
-            _tell(f"{name}, {', '.join(KINDS_OF_CMA_ES)}")
+            report_progress(f"{name}, {', '.join(KINDS_OF_CMA_ES)}")
             task = joint[name][0][0]
             histories[name] = {
                 rule: rule_history(task, rule, 0, iterations) for rule in KINDS_OF_CMA_ES
             }
     return histories
-
-
-def _tell(what: str) -> None:
-    print(f"── {what}", file=sys.stderr)
 
 
 if __name__ == "__main__":

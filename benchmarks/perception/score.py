@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.perception_truth import TrueBall
+from benchmarks.perception.truth import TrueBall
 
 ENOUGH_PIXELS = 60
 NEAR = 2.0

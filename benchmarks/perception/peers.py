@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.engine import MissingPeerError
-from benchmarks.perception_score import Ball
+from benchmarks.perception.score import Ball
 from intuitive_physics_perception.environment.planes import DetectedPlane
 
 PLANE_TOLERANCE = 0.03

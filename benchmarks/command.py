@@ -62,7 +62,7 @@ def run_benchmark(
     parser = argparse.ArgumentParser(prog=f"python -m benchmarks.{name}", description=description)
     parser.add_argument("--quick", action="store_true", help="measure little, for a first look")
     parser.add_argument(
-        "--write", action="store_true", help=f"write {FOLDER / name}.json and .md too"
+        "--write", action="store_true", help=f"write benchmarks/results/{name}.json and .md too"
     )
     given = list(sys.argv[1:] if arguments is None else arguments)
     options = parser.parse_args(given)

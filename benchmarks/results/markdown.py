@@ -42,19 +42,17 @@ def _body(note: str, tables: Sequence[Table]) -> Iterator[str]:
 def _provenance(run: Run) -> str:
     seconds = "" if run.seconds is None else f" in {run.seconds:.0f} s"
     machine = "" if run.machine is None else f" on {_machine(run.machine)}"
-    return (
-        f"Made by `{run.command}`{_state(run)}, {run.date[:10]},{seconds}{machine}".rstrip(",")
-        + "."
-    )
+    return f"Made by `{run.command}`{seconds}{_state(run)}{machine}."
 
 
 def _state(run: Run) -> str:
+    day = run.date[:10]
     if not run.commit:
-        return ""
+        return f" on {day}"
     commit = f"commit {run.commit[:7]}"
     if run.dirty is None:
-        return f", stored by {commit}"
-    return f" at {commit}" + (" with uncommitted changes" if run.dirty else "")
+        return f", stored by {commit} of {day}"
+    return f" on {day} at {commit}" + (" with uncommitted changes" if run.dirty else "") + ","
 
 
 def _machine(machine: Machine) -> str:

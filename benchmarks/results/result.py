@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -88,7 +88,7 @@ class Run:
     commit : hash that was checked out; where `dirty` is None, the commit that stored the result;
         empty without git
     dirty : whether files under version control were changed; None where the run did not record it
-    date : of its start, ISO 8601 in UTC
+    date : of its start, ISO 8601 in UTC; where `dirty` is None, of that commit
     seconds : that it took; None where not recorded
     machine : None where not recorded
     """
@@ -203,10 +203,8 @@ def _machine(data: object, where: str) -> Machine:
 
 def _table(data: object, where: str) -> Table:
     columns = [
-        Column(
-            **{f.name: _entry(c, f.name, (str,), f"{where}.columns[{i}]") for f in fields(Column)}
-        )
-        for i, c in enumerate(_entry(data, "columns", (list,), where))
+        _column(column, f"{where}.columns[{i}]")
+        for i, column in enumerate(_entry(data, "columns", (list,), where))
     ]
     rows = _entry(data, "rows", (list,), where)
     for i, row in enumerate(rows):
@@ -223,8 +221,26 @@ def _table(data: object, where: str) -> Table:
                     f"{where}.rows[{i}] has the cell {cell!r}; expected a number, a text or null"
                 )
     remarks = _entry(data, "remarks", (list,), where)
+    if not all(isinstance(remark, str) for remark in remarks):
+        raise ResultFileError(f"{where}.remarks is {remarks!r}; expected a list of texts")
     title = _entry(data, "title", (str,), where)
     return Table(title, columns, rows, _entry(data, "note", (str,), where), remarks)
+
+
+def _column(data: object, where: str) -> Column:
+    number_format = _entry(data, "number_format", (str,), where)
+    try:
+        format(1.0, number_format)
+    except ValueError:
+        raise ResultFileError(
+            f"{where} has the number_format {number_format!r}; "
+            "expected a format of numbers such as '.2f'"
+        ) from None
+    return Column(
+        heading=_entry(data, "heading", (str,), where),
+        unit=_entry(data, "unit", (str,), where),
+        number_format=number_format,
+    )
 
 
 def _entry(data: object, key: str, kinds: tuple[type, ...], where: str) -> Any:
@@ -233,10 +249,10 @@ def _entry(data: object, key: str, kinds: tuple[type, ...], where: str) -> Any:
         raise ResultFileError(f"{where} is {data!r}; expected a JSON object")
     expected = " or ".join("null" if kind is type(None) else kind.__name__ for kind in kinds)
     if key not in data:
-        raise ResultFileError(f"{where} has no {key!r}; expected a {expected}")
+        raise ResultFileError(f"{where} has no {key!r}; expected {expected}")
     value = data[key]
     if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
-        raise ResultFileError(f"{key!r} of {where} is {value!r}; expected a {expected}")
+        raise ResultFileError(f"{key!r} of {where} is {value!r}; expected {expected}")
     return value
 
 

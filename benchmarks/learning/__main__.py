@@ -21,6 +21,7 @@ from benchmarks.learning.runs import joint_run, make_task, rule_history
 from intuitive_physics_learner import FURTHER_RULES, UPDATE_RULES
 
 SETS = {"1x50": 1, "10x50": 10, "20x50": 20}
+"""Numbers of objects by the name of the set: objects by samples."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,8 @@ FULL = Effort(
     peer_seconds=20.0,
     loop_seconds=5.0,
 )
+"""Of the results that are kept."""
+
 QUICK = Effort(
     sets=(3, 1, 1),
     seconds=(3.0, 10.0, 20.0),
@@ -69,11 +72,13 @@ QUICK = Effort(
     peer_seconds=5.0,
     loop_seconds=2.0,
 )
+"""Of a first look."""
 
 FIRST_SEED = 100
 """Of the sets; nothing was tuned on those from here on."""
 
 KINDS_OF_CMA_ES = ("cma_es", *FURTHER_RULES)
+"""Rules that are compared over many more iterations."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -15,8 +15,13 @@ from intuitive_physics_learner.cost.cluster import CostMaker
 from intuitive_physics_learner.cost.cost_function import Cost
 
 WORKERS = 2
+"""Processes of the cluster, and threads that they are compared with."""
+
 CANDIDATES = 20
+"""Random θ_s that are evaluated at once."""
+
 ROUNDS = 3
+"""The quickest of them counts."""
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ RULE = "adaptive_random"
 """Of the paper's rules the one that gains most from few evaluations of J."""
 
 TIME_STEP = 0.01
+"""s, of the other engines."""
 
 SEED = 100
 """Of the set."""

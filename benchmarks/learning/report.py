@@ -19,6 +19,8 @@ BARS = {"1x50": 2.0, "10x50": 30.0, "20x50": 120.0}
 """s within which the test split's J is to be within 5 % of the oracle's, on two quiet cores."""
 
 Joint = dict[str, list[tuple[Task, JointRun]]]
+"""Tasks and their runs of joint estimation, by set."""
+
 Histories = dict[str, dict[str, NDArray[np.float64]]]
 """J in m after each evaluation, by set and rule."""
 

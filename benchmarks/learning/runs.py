@@ -24,7 +24,11 @@ from intuitive_physics_learner.joint_estimation import JointSearch
 from intuitive_physics_learner.search.learning_task import LearningTask
 
 SAMPLES = 50
+"""Of each object of a set."""
+
 THREADS = 2
+"""Of the learner's simulator."""
+
 TOLERANCE = 0.05
 """Part of the oracle's J by which a learner may stay above it."""
 
@@ -37,7 +41,7 @@ class Task:
     ----------
     dataset : with the paper's initial states, from three points
     simulator : of the learner
-    start : θ_s that every search begins from or knows nothing better than
+    start : θ_s that joint estimation begins from
     oracle : J of the true θ_s in m, on the training and on the test split, and on the test split
         from the true initial states
     """
@@ -58,7 +62,7 @@ class Task:
         return TrajectoryCost(observations, self.simulator, self.start.materials)
 
     def exact_cost(self) -> TrajectoryCost:
-        """J over the test split from the true initial states, which tells of θ_s alone."""
+        """J over the test split from the true initial states, which depends on θ_s alone."""
         observations = self.dataset.with_initial_states("true").test_observations
         return TrajectoryCost(observations, self.simulator, self.start.materials)
 
@@ -95,7 +99,8 @@ class JointRun:
 
     Parameters
     ----------
-    seconds : (n,) wall time after each step, set-up included, without the looks at J
+    seconds : (n,) wall time after each step in s, with the set-up, without the evaluations of J
+        over the test split
     iterations : (n,) evaluations of J that would have simulated as much
     training, test : (n,) J in m by then
     exact : J in m over the test split from the true initial states, of what was learned

@@ -38,7 +38,10 @@ from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SEED = 5
+"""Of the scenes, each of which has a generator of its own."""
+
 OURS = "ours"
+"""Name of our perception beside the others."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,10 @@ class Effort:
 
 
 FULL = Effort(scenes=20, throws=10, peer_frames=3)
+"""Of the results that are kept."""
+
 QUICK = Effort(scenes=9, throws=3, peer_frames=1)
+"""Of a first look."""
 
 
 @dataclass(frozen=True)

@@ -220,7 +220,7 @@ class _FirstVelocities:
         self._since: dict[int, float] = {}
 
     def add(self, stamp: float, ball: TrueBall, velocity: NDArray[np.float64]) -> None:
-        """Take the velocity (3,) that a ball was believed to have."""
+        """Take the velocity (3,) that was estimated for a ball."""
         since = self._since.setdefault(ball.throw, stamp)
         if ball.before_bounce is not None and stamp - since >= SETTLED:
             self.errors[ball.throw] = float(np.linalg.norm(velocity - ball.velocity))

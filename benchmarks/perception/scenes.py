@@ -35,10 +35,20 @@ ROLL = 5.0
 """Degrees, standard deviation, by which the camera is not upright."""
 
 LEAD_IN, DURATION, PAUSE = 0.5, 1.5, 0.4
+"""s before the first throw, of a throw at most, and between throws."""
+
 SHORTEST = 0.7
+"""s that a ball must stay in view."""
+
 STAGGER = 0.25
+"""s by which the balls of a group start one after the other, at most."""
+
 GAP = 0.01
+"""m that a ball keeps from planes at its release, from crates and from other balls."""
+
 FLOOR_LEAD = 1.05
+"""Times the readings of any wall that the floor must have."""
+
 LEAST_WALL = 0.02
 """Part of the readings that a wall must have to be one that can be seen."""
 
@@ -52,7 +62,7 @@ class SceneKind:
     planes : 1 to 3, the floor among them
     balls_at_once : 1 to 3
     throws : in all
-    crates : boxes that stand about, in view; no ball ever touches one
+    crates : static boxes in view; no ball ever touches one
     """
 
     planes: int

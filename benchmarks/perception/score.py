@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from benchmarks.perception.truth import TrueBall
 
 ENOUGH_PIXELS = 60
+"""Visible pixels from which on a ball counts for the recall."""
+
 NEAR = 2.0
 """m, up to which the bar of position holds."""
 

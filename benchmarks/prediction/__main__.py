@@ -32,7 +32,7 @@ class Effort:
     steady : each scene with 20 samples; memory has to be flat meanwhile
     trial : each number of samples
     loop : constant work, before and after the node
-    truth : calibration on the synthetic set
+    truth : options of the calibration on the synthetic set
     """
 
     steady: float
@@ -45,7 +45,10 @@ SMALL_SET = PaperCalibrationOptions(samples=30, held_out=40, point_counts=(), sa
 """Too small to hold the bars for sure: it shows that all works."""
 
 FULL = Effort(300.0, trial=10.0, loop=10.0, truth=PaperCalibrationOptions(point_counts=()))
+"""Of the results that are kept."""
+
 QUICK = Effort(20.0, trial=4.0, loop=4.0, truth=SMALL_SET)
+"""Of a first look."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

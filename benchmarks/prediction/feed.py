@@ -27,14 +27,19 @@ SCENES = {name: ALL_SCENES[name] for name in ("1_sphere", "3_spheres", "3_mixed"
 """Scenes of the benchmark, by what is thrown."""
 
 RATE = 30.0
+"""1/s, of the states."""
+
 THROWS = 8
 """Random throws that take turns, each for a second; from each the whole flight lies ahead."""
 
 TURN_NOISE, SPIN_NOISE = 0.05, 0.5
+"""rad and rad/s, standard deviations of orientation and angular velocity."""
+
 RELATIVE_DEVIATION = 0.1
 """Of learned static parameters."""
 
 SEED = 3
+"""Of the throws."""
 
 
 class Feed:

@@ -25,8 +25,14 @@ from intuitive_physics_ros.node_process import NodeProcess
 from intuitive_physics_ros.peer import Peer, PeerTimeoutError
 
 PREDICTOR = "intuitive_physics_predictor.nodes.predictor_node"
+"""Module of the node that is measured."""
+
 LEARNER = "intuitive_physics_learner.nodes.learner_node"
+"""Module of the node that is idle beside it."""
+
 NODE = "/predictor_node"
+"""Name of the node that is measured."""
+
 HOLDS = 99.0
 """1/s, at least; as of the bars."""
 
@@ -74,7 +80,7 @@ class Run:
 
 
 class NodeUnderTest:
-    """Starts the nodes, feeds the predictor and hears it.
+    """Starts the nodes, feeds the predictor and receives its messages.
 
     Parameters
     ----------
@@ -87,7 +93,7 @@ class NodeUnderTest:
             part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")
         ]
         self._heard: list[tuple[float, float, int, int]] = []
-        # Its types do not tell that a callback may have a second argument.
+        # Its types do not say that a callback may have a second argument.
         hear: Any = self._hear
         self._feed = feed
         with ExitStack() as started:
@@ -103,7 +109,7 @@ class NodeUnderTest:
             self._started = started.pop_all()
 
     def _watch(self, seconds: float) -> None:
-        """Feed the node for so long, and take what it has sent since whenever it is fed.
+        """Feed the node for some seconds; after each state take what it has sent since.
 
         When a message arrived is written on it by then. An executor would wait for each of them,
         and take a quarter of a core of the two that are the node's to do so.
@@ -121,7 +127,7 @@ class NodeUnderTest:
 
     def _hear(self, message: bytes, info: dict[str, int]) -> None:
         """Keep stamp (s), arrival (s), number of the prediction and size of a message."""
-        # CDR: four bytes that tell the byte order, then header.stamp.
+        # CDR: four bytes that give the byte order, then header.stamp.
         sec, nanosec = struct.unpack_from("<iI", message, 4)
         # The seed, which grows by one each time, and the time it took come last.
         (number,) = struct.unpack_from("<Q", message, len(message) - 16)
@@ -138,7 +144,7 @@ class NodeUnderTest:
         self.peer.call(SetParameters, f"{NODE}/set_parameters", request)
 
     def run(self, seconds: float) -> Run:
-        """Watch the node for so long, once it predicts steadily, from a thread that gives way."""
+        """Watch the node for some seconds, once it predicts steadily, in a thread of low priority."""
         with ThreadPoolExecutor(1, initializer=_give_way) as thread:
             return thread.submit(self._measure, seconds).result()
 

@@ -16,7 +16,10 @@ from benchmarks.scenes import thrown
 from benchmarks.timing import measure, typical_seconds
 
 INSTANCES, REPETITIONS = 3, 2
+"""Throws of each scene, and turns of each engine at each."""
+
 SEED = 3
+"""Of the throws."""
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ def this_machine() -> Machine:
 
 
 def _command(name: str, arguments: Sequence[str]) -> str:
-    """Return the command as it was given: make tells those that it starts of itself."""
+    """Return the command as it was given: make sets MAKELEVEL for the commands it starts."""
     options = " ".join(arguments)
     if "MAKELEVEL" not in os.environ:
         return f"python -m benchmarks.{name} {options}".rstrip()

@@ -49,7 +49,7 @@ class Table:
     title : heading of its section
     columns : as many as each row has cells
     rows : cells; a number that JSON cannot hold (infinity, NaN) becomes a text
-    note : what to know before reading it
+    note : sentences above it
     remarks : sentences below it
     """
 

@@ -72,6 +72,8 @@ FULL = Effort(
     drops=100,
     loads=5,
 )
+"""Of the results that are kept."""
+
 QUICK = Effort(
     instances=2,
     repetitions=1,
@@ -81,8 +83,10 @@ QUICK = Effort(
     drops=20,
     loads=1,
 )
+"""Of a first look."""
 
 Scenes = dict[str, list[tuple[Instance, Measured]]]
+"""Instances and what was measured of each, by scene."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -11,9 +11,16 @@ from benchmarks.peers.engine import Engine
 from benchmarks.scenes import TIME_STEP, Instance, dropped, pushed
 
 PEAKS = 2
-DROP_STEPS = 300  # the slowest drop's second peak is at 2.3 s
-PUSH_STEPS = 150  # sliding ends after 0.22 s
+"""Bounces of a drop whose heights are compared."""
+
+DROP_STEPS = 300
+"""Of a drop; the slowest drop's second peak is at 2.3 s."""
+
+PUSH_STEPS = 150
+"""Of a push; sliding ends after 0.22 s."""
+
 PUSH_SPEED, PUSH_FRICTION = 3.0, 0.4
+"""m/s and μ of a push."""
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,16 @@ from benchmarks.scenes import SCENES, SIMULATIONS, STEPS, thrown
 from benchmarks.timing import measure, typical_seconds
 
 BATCHES = (20, 200, 2000)
+"""Numbers of simulations."""
+
 THREADS = (1, 2)
+"""Numbers of threads, with which the largest batch is simulated."""
+
 OBJECTS = (1, 2, 5, 10, 20)
+"""Numbers of objects."""
+
 OBJECT_KINDS = {"spheres": ("sphere",), "mixed": ("sphere", "box", "capsule")}
+"""Kinds of objects that take turns, by the name of the series."""
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from intuitive_physics.simulation.compile import warm_up
 {call}
 print(time.perf_counter() - start)
 """
+"""Program of a process that measures the call that is put in."""
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,7 @@ class NodeUnderTest:
         self.peer.call(SetParameters, f"{NODE}/set_parameters", request)
 
     def run(self, seconds: float) -> Run:
-        """Watch the node for some seconds, once it predicts steadily, in a thread of low priority."""
+        """Watch the node, once it predicts steadily, in a thread of low priority (s)."""
         with ThreadPoolExecutor(1, initializer=_give_way) as thread:
             return thread.submit(self._measure, seconds).result()
 

@@ -25,7 +25,7 @@ def pages(repository: Path) -> dict[str, str]:
     for name, settings in sorted(_classes(repository).items()):
         summary = " ".join((inspect.getdoc(settings) or "").partition("\n\n")[0].split())
         rows = [
-            (code(one.name), code(words(one.default)), _meaning(one))
+            (code(one.name), f"{code(words(one.default))} {one.unit}", _meaning(one))
             for one in list_settings(settings)
         ]
         parts.append(f"## {name.rpartition('.')[2]}\n\n`{name}`: {summary}\n")
@@ -79,7 +79,7 @@ def _imports_settings(path: Path) -> bool:
 
 
 def _meaning(one: Setting) -> str:
-    meaning = one.meaning.replace("*", "\\*")
+    meaning = one.description.replace("*", "\\*")
     if one.choices:
         return f"{meaning} (one of {', '.join(code(choice) for choice in one.choices)})"
     return meaning if one.range is None else f"{meaning} ({one.range[0]:g} to {one.range[1]:g})"

@@ -10,16 +10,16 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from intuitive_physics.kernels import allocating_entry, allocating_kernel
 from intuitive_physics_perception.detection.sphere_fit import BEHIND_SIGMAS, surface_error
 
 NEIGHBOUR_DRAWS = 12
 """Draws for each of the three points beside the first: enough to find near ones mostly."""
 
 BATCH = 32
-"""Hypotheses between two looks at whether enough were tried."""
+"""Hypotheses after which it is checked whether enough were tried."""
 
 MISSED = 1e-3
 """Chance of having tried no four points of the best sphere, at which one stops."""
@@ -43,6 +43,7 @@ def ransac_spheres(
     points : (n, 3) m
     limits : smallest and largest radius, m
     sigmas : standard deviations within which a point counts
+    noise : (4,) of `RangeNoise`, as in `sphere_fit`
     most : hypotheses at most
     """
     spheres, scores = [np.empty((0, 4))], [np.empty(0)]
@@ -72,6 +73,10 @@ def outline_sphere(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
     A sphere of radius r at distance l is seen under the half angle α, sin α = r / l, and its
     nearest point at l - r: r = nearest sin α / (1 - sin α).
+
+    Parameters
+    ----------
+    points : (n, 3) m, of the cluster
     """
     ranges = np.linalg.norm(points, axis=1)
     directions = points / ranges[:, None]
@@ -88,14 +93,20 @@ def outline_sphere(points: NDArray[np.float64]) -> NDArray[np.float64]:
 def spheres_of_radius(
     points: NDArray[np.float64], radii: Sequence[float]
 ) -> list[NDArray[np.float64]]:
-    """Return (x, y, z, r) for each of some radii: as far behind the nearest points as r says."""
+    """Return (x, y, z, r) for each of some radii: as far behind the nearest points as r says.
+
+    Parameters
+    ----------
+    points : (n, 3) m, of the cluster
+    radii : m
+    """
     ranges = np.linalg.norm(points, axis=1)
     near = points[ranges <= np.quantile(ranges, 0.2)].mean(axis=0)
     distance = float(np.linalg.norm(near))
     return [np.append(near * (1.0 + radius / distance), radius) for radius in radii]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_entry
 def score_spheres(points: Any, spheres: Any, sigmas: float, noise: Any) -> Any:
     """MSAC score of each sphere (n, 4): what its inliers lie nearer than the tolerance, in its
     squares; the larger the better."""
@@ -111,7 +122,7 @@ def score_spheres(points: Any, spheres: Any, sigmas: float, noise: Any) -> Any:
     return scores
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_entry
 def random_spheres(points: Any, draws: Any, min_radius: float, max_radius: float) -> Any:
     """Spheres (m, 4) through four points each, m ≤ n: those of a possible size and bulging
     towards the sensor.
@@ -143,7 +154,7 @@ def random_spheres(points: Any, draws: Any, min_radius: float, max_radius: float
     return spheres[:found]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_kernel
 def _through(corners: Any, sphere: Any) -> bool:
     """Write the sphere through four points; False where they lie in a plane or see its inside."""
     # |p - c|² equal for all: 2 (p_i - p_0) · (c - p_0) = |p_i - p_0|², by Cramer's rule.

@@ -10,13 +10,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.kernels import allocating_entry
 from intuitive_physics_perception.input.raw_data import RawData, checked_bytes
 
 MILLIMETRES = 0.001
+"""Metres in the unit of a uint16 depth image (REP 118)."""
+
 IMAGE_TYPES: dict[str, np.dtype[Any]] = {
     "16UC1": np.dtype("<u2"),
     "mono16": np.dtype("<u2"),
@@ -26,7 +28,7 @@ IMAGE_TYPES: dict[str, np.dtype[Any]] = {
 
 
 def points_from_depth(depth: NDArray[Any], rays: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the frame of points of a depth image.
+    """Return the frame of points (height, width, 3) of a depth image.
 
     Parameters
     ----------
@@ -101,7 +103,7 @@ def depth_from_image_data(
     return np.ndarray((height, width), dtype, view.data, strides=(step, dtype.itemsize))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_entry
 def _scaled_rays(depth: Any, rays: Any, scale: Any) -> Any:
     height, width = depth.shape
     points = np.empty((height, width, 3), dtype=np.float32)

@@ -61,7 +61,7 @@ def initial_states(observation: Observation, points: int, noise: float) -> list[
     Parameters
     ----------
     observation : all its objects seen first at its start
-    points : at most so many of each object, at least 3
+    points : maximum number of each object, at least 3
     noise : m, standard deviation of a point on each axis
     """
     gravity = observation.environment.gravity
@@ -123,7 +123,8 @@ def paper_outcomes(
     Parameters
     ----------
     parameters : the true θ_s, and `simulator` the engine that moved the objects
-    points : of each object that are seen, at least 3; those before the first touch tell the state
+    points : of each object that are seen, at least 3; the state is fitted to those
+        before the first contact
     horizons : s after the last of these points
     rng : of the noise that is added to what happened, as a learner sees it; None: the truth
     ahead_of : the point that horizons count from, by how many were seen then, at least `points`;
@@ -177,7 +178,7 @@ FITTED_SCALES = ("static_parameters", "unidentified")
 are right as they are, and a scale of them could only be chance."""
 
 START = NoiseScales(unidentified=0.2)
-"""Where the noise fit begins. Joint estimation looks at whole trajectories and keeps near its start
+"""Where the noise fit begins. Joint estimation fits whole trajectories and keeps near its start
 what they do not depend on, and throws of the same objects in the same room depend on it as little:
 values from all over the bounds would only spread what is known."""
 
@@ -267,7 +268,7 @@ def calibrate_on_paper_set(
 
     Parameters
     ----------
-    on_progress : is told of the search
+    on_progress : called with the progress of the search
 
     Raises
     ------

@@ -38,6 +38,7 @@ SOURCE_TITLES = {
     "flight": "initial states from all points before the first bounce",
     "true": "true initial states",
 }
+"""Titles of the figure's parts, by where initial states come from."""
 
 
 def draw_learning_curve(figure: Any, summary: Sequence[dict[str, Any]]) -> None:
@@ -85,6 +86,7 @@ def _draw_panel(axes: Any, lines: Sequence[dict[str, Any]]) -> None:
 
 
 ERRORS = ("learned", "oracle", "default")
+"""Whose errors are compared: learned, true and default parameters."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,7 @@ class LearningCurveSettings:
 
 
 QUICK = {"objects": (1, 5), "samples": (10,), "repetitions": 2, "iterations": 300}
+"""Reduced settings, for a look in about two minutes."""
 
 
 def run_learning_curve(

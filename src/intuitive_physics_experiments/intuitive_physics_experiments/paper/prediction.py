@@ -39,7 +39,10 @@ from intuitive_physics_learner.search.parameter_search import ConvergenceCriteri
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 COLUMNS = 3
+"""Of the figure with an example each."""
+
 ERROR_LINES = 40
+"""Lines from predicted to observed points in one example."""
 
 
 def draw_predictions(figure: Any, cases: Sequence[PredictionCase]) -> None:
@@ -70,7 +73,7 @@ def draw_error_over_time(
     Parameters
     ----------
     cases : seen at the same times
-    shares : of `region_coverage`
+    shares : (19,) of `region_coverage`
     """
     left, right = figure.subplots(1, 2, width_ratios=(1.6, 1.0))
     times = cases[0].times
@@ -93,6 +96,7 @@ def draw_error_over_time(
 
 
 FIRST, EXAMPLES = "three_points", 6
+"""Where initial states come from, and how many predictions are drawn."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +108,7 @@ class PredictionExperimentSettings:
     objects : in the pool
     samples : trajectories of each object, 80 % of them to learn from, as in the paper
     further : trajectories of each object that are only predicted: those of one run share the error
-        of θ_s and of their contacts, so a few runs cannot tell how much regions hold
+        of θ_s and of their contacts, so a few runs cannot show how much regions hold
     iterations : evaluations of J for the learning
     sample_count : noisy-Newton samples of each prediction
     seed : of all randomness
@@ -119,6 +123,7 @@ class PredictionExperimentSettings:
 
 
 QUICK = {"objects": 3, "samples": 10, "iterations": 1000}
+"""Reduced settings, for a look in about two minutes."""
 
 
 def run_prediction(

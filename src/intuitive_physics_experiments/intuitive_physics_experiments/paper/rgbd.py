@@ -83,7 +83,10 @@ def draw_errors_by_size(figure: Any, rows: Sequence[dict[str, Any]]) -> None:
 
 
 TRAIN_FRACTION = 0.8
+"""Share of a ball's throws that is learned from."""
+
 BAG_NAME = "throws"
+"""Folder of the rendered bag."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +108,7 @@ class RgbdSettings:
 
 
 QUICK = {"throws": 3, "iterations": 150}
+"""Reduced settings, for a look in about two minutes."""
 
 
 def run_rgbd(

@@ -43,6 +43,7 @@ METHOD_COLORS = (
     "#d946ef",
     "#dc2626",
 )
+"""Of the update rules, in their order."""
 
 
 def draw_search_methods(
@@ -109,6 +110,7 @@ class SearchMethodsSettings:
 
 
 QUICK = {"objects": (1, 10), "samples": (1,), "runs": 2, "iterations": 200}
+"""Reduced settings, for a look in about two minutes."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,6 +28,9 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 STANDARD_AIR_DENSITY = 1.2
 """kg/m³, of dry air at sea level and 20 °C."""
 
+THIN_SHELL = 5.0 / 3.0
+"""Moment of inertia of a thin spherical shell, 2/3 m r², over that of a solid sphere, 2/5 m r²."""
+
 
 @dataclass(frozen=True, eq=False)
 class Plane:
@@ -249,8 +252,8 @@ class SceneObject:
     shape : its primitive
     drag_coefficient : C_d in the drag force -½ ρ C_d A |v| v, A the shape's mean silhouette
     magnus_coefficient : C_M in the Magnus force ½ ρ A r C_M ω × v, with A = π r²
-    inertia_factor : moments of inertia of a box or capsule over those of a uniform solid of the
-        same mass, above zero; 1.2 for a cube with walls, for example
+    inertia_factor : moments of inertia over those of a uniform solid of the same mass, above zero:
+        1.2 for a cube with walls, for example; at most 5/3 for a sphere, that of a thin shell
     mass_centre : (3,) m, centre of mass of a box or capsule in its own axes, from the shape's
         centre, inside the shape. Pose and velocity in a state are those of the shape's centre
     """
@@ -274,10 +277,10 @@ class SceneObject:
             words = f"{name.replace('_', ' ')} of object {self.id}"
             object.__setattr__(self, name, non_negative_float(getattr(self, name), words))
         factor = positive_float(self.inertia_factor, f"inertia factor of object {self.id}")
-        if factor != 1.0 and isinstance(self.shape, Sphere):
+        if factor > THIN_SHELL and isinstance(self.shape, Sphere):
             raise InvalidInputError(
-                f"inertia factor of object {self.id} is {factor:g}; expected 1 for a sphere: "
-                "event_driven rolls solid ones only"
+                f"inertia factor of object {self.id} is {factor:g}; expected at most 5/3 for a "
+                "sphere, that of a thin shell"
             )
         object.__setattr__(self, "inertia_factor", factor)
         object.__setattr__(self, "mass_centre", self._checked_mass_centre())

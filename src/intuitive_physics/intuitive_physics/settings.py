@@ -1,22 +1,22 @@
 """Settings: frozen dataclasses whose fields say their meaning, unit, range and choices.
 
-A field is made by `number`, `choice` or `other`. From the fields come the check of values
-(`check_settings`), a node's parameters (`intuitive_physics_ros.parameters`), command-line options
-(`add_options`, `settings_from_options`) and the reference pages (`list_settings`).
+A field is made by `number`, `numbers`, `choice` or `other`. From the fields come the check of
+values (`check_settings`), a node's parameters (`intuitive_physics_ros.parameters`), command-line
+options (`add_options`, `settings_from_options`) and the reference pages (`list_settings`).
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
-from dataclasses import MISSING, Field, dataclass, field, fields
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
+from math import inf
 from typing import Any, TypeVar
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.validation import finite_float, name_string
 
-Settings = TypeVar("Settings")
-"""A frozen dataclass of settings."""
+_Settings = TypeVar("_Settings")
 
 
 def number(
@@ -32,10 +32,23 @@ def number(
     Parameters
     ----------
     default : value where nobody gives one
-    lower, upper : smallest and largest value allowed, both included
+    lower, upper : smallest and largest value allowed, both included; `math.inf` where any finite
+        number above `lower` will do, which a node's parameters cannot express
     description : what the number means, without a full stop
     unit : as users read it, e.g. "m/s"; empty for what has none
     """
+    return _setting_field(default, description, lower=lower, upper=upper, unit=unit)
+
+
+def numbers(
+    default: tuple[float, ...],
+    lower: float,
+    upper: float,
+    description: str,
+    *,
+    unit: str = "",
+) -> Any:
+    """Make a field for one or more numbers, each as in `number`, whole ones where the first is."""
     return _setting_field(default, description, lower=lower, upper=upper, unit=unit)
 
 
@@ -76,8 +89,17 @@ class Setting:
 
     @property
     def is_simple(self) -> bool:
-        """Whether a user can write it: a truth value, a number or a word."""
+        """Whether it is one truth value, number or word, as a parameter of a node is."""
         return isinstance(self.default, bool | int | float | str)
+
+    @property
+    def is_list(self) -> bool:
+        """Whether it is one or more numbers."""
+        return self.range is not None and isinstance(self.default, tuple)
+
+    @property
+    def _is_whole(self) -> bool:
+        return isinstance(self.default[0] if self.is_list else self.default, int)
 
     @property
     def meaning(self) -> str:
@@ -88,9 +110,11 @@ class Setting:
     def constraint(self) -> str:
         """What a value must be, in words."""
         if self.range is not None:
-            kind = "a whole number" if isinstance(self.default, int) else "a number"
-            limits = f"{kind} from {self.range[0]:g} to {self.range[1]:g}"
-            return f"{limits} {self.unit}" if self.unit else limits
+            kind = "whole number" if self._is_whole else "number"
+            kind = f"one or more {kind}s" if self.is_list else f"a {kind}"
+            lower, upper = self.range if self._is_whole else (f"{one:g}" for one in self.range)
+            limits = f" from {lower} to {upper}" if self.range[1] < inf else f", at least {lower}"
+            return f"{kind}{limits} {self.unit}".rstrip()
         if self.choices:
             return f"one of {', '.join(self.choices)}"
         if isinstance(self.default, bool):
@@ -105,6 +129,8 @@ class Setting:
         InvalidInputError
             When the value is not what `constraint` says.
         """
+        if self.is_list:
+            return self._checked_list(value)
         if self.range is not None:
             return self._checked_number(value, *self.range)
         if self.choices:
@@ -117,12 +143,17 @@ class Setting:
             name_string(value, self.name)
         return value
 
+    def _checked_list(self, values: Any) -> tuple[float, ...]:
+        if not isinstance(values, list | tuple) or not values:
+            raise self._refused(repr(values))
+        one = replace(self, default=self.default[0])
+        return tuple(one.checked(value) for value in values)
+
     def _checked_number(self, value: Any, lower: float, upper: float) -> float:
         got = finite_float(value, self.name)
-        whole = isinstance(self.default, int)
-        if not lower <= got <= upper or (whole and got != int(got)):
+        if not lower <= got <= upper or (self._is_whole and got != int(got)):
             raise self._refused(f"{got:g}")
-        return int(value) if whole else got
+        return int(value) if self._is_whole else got
 
     def _refused(self, got: str) -> InvalidInputError:
         return InvalidInputError(
@@ -133,7 +164,7 @@ class Setting:
 def list_settings(settings: type[Any]) -> tuple[Setting, ...]:
     """Return what the fields of a class of settings say, in their order.
 
-    Fields that none of `number`, `choice` and `other` made are left out.
+    Fields that none of the functions above made are left out.
     """
     return tuple(_read(one) for one in fields(settings) if "description" in one.metadata)
 
@@ -170,7 +201,7 @@ def add_options(
     settings: type[Any],
     names: Iterable[str] | None = None,
 ) -> None:
-    """Add an option to a parser for each field that a user can write.
+    """Add an option to a parser for each field that a user can write on a command line.
 
     The field `time_step` becomes `--time-step`, a truth value also `--no-…`.
 
@@ -185,58 +216,64 @@ def add_options(
     UnknownNameError
         When the class has no such field, or one that cannot be written on a command line.
     """
-    simple = {one.name: one for one in list_settings(settings) if one.is_simple}
-    for name in simple if names is None else names:
-        if name not in simple:
+    known = {one.name: one for one in list_settings(settings) if one.is_simple or one.is_list}
+    for name in known if names is None else names:
+        if name not in known:
             raise UnknownNameError(
                 f"{settings.__name__} has no setting {name!r} for the command line; expected one "
-                f"of {', '.join(simple)}"
+                f"of {', '.join(known)}"
             )
-        _add_option(parser, simple[name])
+        _add_option(parser, known[name])
 
 
 def _add_option(parser: argparse.ArgumentParser, setting: Setting) -> None:
-    what: dict[str, Any] = {"type": type(setting.default), "metavar": "X"}
-    said = f"{setting.description}; {setting.constraint} (default: {setting.default})"
+    what: dict[str, Any] = {"type": type(setting.default), "metavar": "NAME"}
+    default, said = str(setting.default), setting.description
     if isinstance(setting.default, bool):
         what = {"action": argparse.BooleanOptionalAction}
-        said = f"{setting.description} (default: {str(setting.default).lower()})"
+        default = default.lower()
     elif setting.choices:
         what = {"choices": setting.choices}
-        said = f"{setting.description} (default: {setting.default})"
-    elif isinstance(setting.default, int):
-        what["metavar"] = "N"
-    elif isinstance(setting.default, str):
-        what["metavar"] = "NAME"
-        said = f"{setting.description} (default: {setting.default})"
+    elif setting.range is not None:
+        first = setting.default[0] if setting.is_list else setting.default
+        what = {"type": type(first), "metavar": "N" if isinstance(first, int) else "X"}
+        said = f"{said}; {setting.constraint}"
+        if setting.is_list:
+            what["nargs"] = "+"
+            default = " ".join(map(str, setting.default))
     # An option that is not given leaves no trace: the default stands in one place, the field.
     parser.add_argument(
-        f"--{setting.name.replace('_', '-')}",
+        _option_name(setting),
         dest=setting.name,
         default=argparse.SUPPRESS,
-        help=said.replace("%", "%%"),
+        help=f"{said} (default: {default})".replace("%", "%%"),
         **what,
     )
 
 
+def _option_name(setting: Setting) -> str:
+    return f"--{setting.name.replace('_', '-')}"
+
+
 def settings_from_options(
-    settings: type[Settings], options: argparse.Namespace, **given: Any
-) -> Settings:
+    settings: type[_Settings], options: argparse.Namespace, **otherwise: Any
+) -> _Settings:
     """Return the settings that a command line asks for.
 
     Parameters
     ----------
     settings : the class whose fields were added by `add_options`
     options : what the parser made of the command line
-    given : values of other fields
+    otherwise : values of fields that the command line does not give, instead of their defaults
 
     Raises
     ------
     InvalidInputError
         When a value lies outside its range.
     """
-    known = {one.name: one for one in list_settings(settings)}
     asked = {
-        name: known[name].checked(value) for name, value in vars(options).items() if name in known
+        one.name: replace(one, name=_option_name(one)).checked(getattr(options, one.name))
+        for one in list_settings(settings)
+        if hasattr(options, one.name)
     }
-    return settings(**{**asked, **given})
+    return settings(**{**otherwise, **asked})

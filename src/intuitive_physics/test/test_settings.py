@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass, field, fields
+from math import inf
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from intuitive_physics.settings import (
     choice,
     list_settings,
     number,
+    numbers,
     other,
     settings_from_options,
 )
@@ -24,9 +26,11 @@ from intuitive_physics.settings import (
 class Throw:
     speed: float = number(2.0, 0.0, 30.0, "of the ball at the start, 100 % of it", unit="m/s")
     balls: int = number(3, 1, 10, "balls thrown")
+    days: int = number(1, 1, inf, "on which they are thrown")
     hand: str = choice("left", ("left", "right"), "that throws")
     spins: bool = other(True, "whether the balls spin")
     thrower: str = other("Ann", "who throws")
+    heights: tuple[float, ...] = numbers((0.5, 1.0), 0.0, 3.0, "of the targets", unit="m")
     path: tuple[float, ...] = other((), "where it went")
     seen: dict = field(default_factory=dict)
 
@@ -36,19 +40,21 @@ class Throw:
 
 def test_fields_say_what_they_are():
     said = {one.name: one for one in list_settings(Throw)}
-    assert list(said) == ["speed", "balls", "hand", "spins", "thrower", "path"]
+    assert list(said) == ["speed", "balls", "days", "hand", "spins", "thrower", "heights", "path"]
     assert said["speed"].range == (0.0, 30.0)
     assert said["speed"].meaning == "of the ball at the start, 100 % of it, m/s"
     assert said["hand"].choices == ("left", "right")
     assert [one.constraint for one in said.values()] == [
         "a number from 0 to 30 m/s",
         "a whole number from 1 to 10",
+        "a whole number, at least 1",
         "one of left, right",
         "true or false",
         "a name with at least one character",
+        "one or more numbers from 0 to 3 m",
         "a value",
     ]
-    assert [one.name for one in said.values() if not one.is_simple] == ["path"]
+    assert [one.name for one in said.values() if not one.is_simple] == ["heights", "path"]
 
 
 @pytest.mark.parametrize(
@@ -62,11 +68,17 @@ def test_fields_say_what_they_are():
         ("speed", None),
         ("balls", 0),
         ("balls", 2.5),
+        ("days", 0),
+        ("days", np.inf),
         ("hand", "both"),
         ("hand", None),
         ("spins", 1),
         ("thrower", ""),
         ("thrower", 3),
+        ("heights", ()),
+        ("heights", 1.0),
+        ("heights", (1.0, 3.5)),
+        ("heights", (1.0, "high")),
     ],
 )
 def test_what_a_field_cannot_be_is_refused_by_its_name(name, value):
@@ -97,17 +109,18 @@ def parsed(arguments, names=None):
 
 def test_options_make_settings():
     assert parsed([]) == Throw()
-    asked = "--speed 4 --balls 2 --hand right --no-spins --thrower Bob"
-    assert parsed(asked.split()) == Throw(4.0, 2, "right", False, "Bob")
+    asked = "--speed 4 --balls 2 --hand right --no-spins --thrower Bob --heights 2 1"
+    assert parsed(asked.split()) == Throw(4.0, 2, 1, "right", False, "Bob", (2.0, 1.0))
 
 
-def test_a_program_may_give_what_no_user_writes():
+def test_a_program_may_give_what_the_user_does_not():
     options = argparse.Namespace(speed=4.0, unrelated=1)
-    assert settings_from_options(Throw, options, path=(1.0,)) == Throw(speed=4.0, path=(1.0,))
+    got = settings_from_options(Throw, options, speed=3.0, balls=5, path=(1.0,))
+    assert got == Throw(speed=4.0, balls=5, path=(1.0,))
 
 
 def test_an_option_outside_its_range_is_refused():
-    with pytest.raises(InvalidInputError, match="speed is 31"):
+    with pytest.raises(InvalidInputError, match="--speed is 31"):
         parsed(["--speed", "31"])
 
 
@@ -117,6 +130,7 @@ def test_only_what_is_named_becomes_an_option(capsys):
     assert "--balls" in capsys.readouterr().err
     with pytest.raises(UnknownNameError, match="expected one of speed, balls"):
         parsed([], names=["path"])
+    assert parsed(["--speed", "3"], names=["speed"]) == Throw(speed=3.0)
 
 
 def test_help_tells_every_option(capsys):
@@ -128,6 +142,7 @@ def test_help_tells_every_option(capsys):
             assert f"--{one.name}" in told
             assert one.description in told
     assert "a number from 0 to 30 m/s (default: 2.0)" in told
+    assert "one or more numbers from 0 to 3 m (default: 0.5 1.0)" in told
 
 
 def test_a_class_of_other_fields_has_no_settings():

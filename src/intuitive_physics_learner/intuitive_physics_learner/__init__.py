@@ -1,4 +1,4 @@
-"""Learning θ_s from observations: cost J, update rules, search, what the data can tell, storage."""
+"""Learning θ_s from observations: cost J, update rules, search, identifiability, storage."""
 
 from intuitive_physics_learner.cost.cost_function import Cost, TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import active_parameters

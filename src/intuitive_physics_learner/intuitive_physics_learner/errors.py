@@ -26,7 +26,7 @@ class UnknownMethodError(UnknownNameError):
 
 
 class MissingDependencyError(IntuitivePhysicsError):
-    """An optional Python package that was asked for is not installed."""
+    """An optional Python package that is needed is not installed."""
 
 
 class StorageError(IntuitivePhysicsError):
@@ -34,7 +34,7 @@ class StorageError(IntuitivePhysicsError):
 
 
 class LearningCancelledError(IntuitivePhysicsError):
-    """Learning was told to stop before its end; nothing was stored."""
+    """Learning was cancelled before its end; nothing was stored."""
 
     def __init__(self, message: str = "learning was cancelled; nothing was stored") -> None:
         super().__init__(message)

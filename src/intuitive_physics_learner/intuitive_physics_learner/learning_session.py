@@ -1,4 +1,4 @@
-"""From observations to the next version of θ_s: search, then judge what was found."""
+"""From observations to the next version of θ_s: search, then identifiability."""
 
 from __future__ import annotations
 
@@ -89,10 +89,15 @@ def learn(
 
     Parameters
     ----------
+    observations : to learn from
+    simulator : the engine that simulates candidates
+    options : how to learn
     previous : θ_s to start from; None starts from the defaults. Its materials that were not
-        observed keep their values, and so do parameters that J does not depend on.
+        observed do not change, nor do parameters that J does not depend on.
+    on_progress : called after each step of the search
+    cancelled : looked at between batches of candidates
     resume : what `on_checkpoint` was given by a search with the same observations, options and
-        previous θ_s, which goes on exactly as if it had not stopped
+        previous θ_s, which continues exactly as if it had not stopped
     on_checkpoint : called about once a second with the state of the search, as plain JSON data
     make_cost : what evaluates J; by default this process
 
@@ -101,7 +106,7 @@ def learn(
     NoObservationsError
         When there are no observations.
     UnknownMethodError
-        When no update rule has the name given.
+        When no method has the name given.
     UnsupportedSceneError
         When the simulator cannot express an observation.
     LearningCancelledError
@@ -109,7 +114,7 @@ def learn(
     InvalidInputError
         When no object was seen with anything it could touch, or `resume` is of another search.
     """
-    previous, task = _begun(observations, simulator, options, previous, cancelled, make_cost)
+    previous, task = _begin(observations, simulator, options, previous, cancelled, make_cost)
     search = make_search(options.method, task, np.random.default_rng(options.seed))
     same = _identity(options, task)
     if resume is not None:
@@ -142,19 +147,19 @@ def learn(
 def search_parameters(
     observations: Sequence[Observation], simulator: Simulator, options: LearningOptions
 ) -> SearchResult:
-    """Search θ_s without asking what the observations tell of it, which takes as long again.
+    """Search θ_s without its identifiability, which takes as long again.
 
     Raises
     ------
     NoObservationsError, UnknownMethodError, UnsupportedSceneError, InvalidInputError
         As `learn`.
     """
-    _, task = _begun(observations, simulator, options, None, None, TrajectoryCost)
+    _, task = _begin(observations, simulator, options, None, None, TrajectoryCost)
     search = make_search(options.method, task, np.random.default_rng(options.seed))
     return search.run(options.criteria)
 
 
-def _begun(
+def _begin(
     observations: Sequence[Observation],
     simulator: Simulator,
     options: LearningOptions,
@@ -162,7 +167,7 @@ def _begun(
     cancelled: Callable[[], bool] | None,
     make_cost: MakeCost,
 ) -> tuple[LearnedParameters, LearningTask]:
-    """Return θ_s to begin from, with all materials, and what is to be learned."""
+    """Return θ_s to begin from, over all materials, and the task of the search."""
     check_method(options.method)
     if not observations:
         raise NoObservationsError("there are no observations; expected at least one")
@@ -187,7 +192,7 @@ def _begun(
 
 
 def _identity(options: LearningOptions, task: LearningTask) -> dict[str, Any]:
-    """What must be the same for a search to go on, as plain JSON data."""
+    """What must be the same for a search to continue, as plain JSON data."""
     bounds = task.space.bounds
     return {
         "method": options.method,
@@ -203,7 +208,7 @@ def _check_same_task(resume: Mapping[str, Any], task: Mapping[str, Any]) -> None
         if resume.get(key) != expected:
             raise InvalidInputError(
                 f"saved state is of a search with other {key}; expected one with the same "
-                f"{', '.join(task)}; learn without it to begin anew"
+                f"{', '.join(task)}; learn without it to begin again"
             )
 
 

@@ -53,7 +53,7 @@ def test_learns_as_observations_arrive(store, background, throws, true_parameter
     assert background.running
     for seen in throws(6, 0, noise=0.003):
         store.add(seen)
-        background.look()
+        background.notify()
     assert background.improved.wait(PATIENCE), background.report
     wait_until(lambda: background.report.state == WAITING and background.report.version > 0)
     newest = store.newest_parameters()
@@ -124,7 +124,7 @@ def test_says_that_it_died_and_starts_again_with_the_next_observation(store, bac
     wait_until(lambda: background.report.state == FAILED)
     assert "ended with code -9" in background.report.message
     store.add_all(throws(1, 1))
-    background.look()
+    background.notify()
     wait_until(lambda: background.report.state == SEARCHING)
 
 

@@ -143,7 +143,7 @@ def test_clear_errors(glide, glides):
         learn([glides(np.random.default_rng(0), 0.4)], glide, options(method="magic"))
 
 
-def test_stop_reason_is_told(glide, glides):
+def test_stop_reason_is_reported(glide, glides):
     observed = [glides(np.random.default_rng(0), 0.4)]
     result = learn(
         observed,

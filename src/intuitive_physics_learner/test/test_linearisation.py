@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.linearisation import (
     ParameterSteps,
@@ -102,3 +103,13 @@ def test_points_that_are_not_simulated_have_no_slope(gliding_task):
     assert not linear.valid.any()
     assert (linear.slopes == 0.0).all()
     assert np.isfinite(linear.residuals).all()
+
+
+def test_steps_are_parts_of_deviations_within_limits():
+    got = SETTINGS.difference_steps(np.array([0.0, 1e-3, 0.04, 10.0]))
+    np.testing.assert_allclose(got, [1e-6, 5e-4, 0.02, 0.05])
+
+
+def test_settings_outside_their_range_are_refused():
+    with pytest.raises(InvalidInputError, match=r"largest_move is 2; expected .* from 0.001 to 1"):
+        JointEstimationSettings(largest_move=2.0)

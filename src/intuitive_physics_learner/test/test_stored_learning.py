@@ -97,7 +97,7 @@ def test_a_search_that_is_killed_again_and_again_ends_as_if_it_had_not(
     assert learned.to_dict() == whole.learned.to_dict()
 
 
-def test_the_same_search_goes_on_and_another_begins_anew(store, glide, glides, monkeypatch):
+def test_the_same_search_goes_on_and_another_begins_again(store, glide, glides, monkeypatch):
     monkeypatch.setattr(parameter_search, "CHECKPOINT_PERIOD", 0.0)
     store.add(glides(np.random.default_rng(0), 0.4))
     asked = options(2000, method="random")
@@ -174,7 +174,7 @@ def test_clear_errors(store, glide, glides):
         learn_from_store(store, glide, options(observation_ids=("nobody",)))
 
 
-def test_an_environment_is_told_from_objects_that_cannot_be_simulated(store, glides):
+def test_an_environment_is_distinguished_from_objects_that_cannot_be_simulated(store, glides):
     square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     table = Environment([Plane("table", "floor", [0, 0, 1], 0.0, boundary=square)])
     seen = glides(np.random.default_rng(0), 0.4, id="on a table")
@@ -189,7 +189,7 @@ def test_an_environment_is_told_from_objects_that_cannot_be_simulated(store, gli
     assert not isinstance(refused.value, IncompatibleEnvironmentError)
 
 
-def test_what_is_kept_of_a_search_is_plain_json(store, glide, glides, monkeypatch):
+def test_a_stored_search_is_plain_json(store, glide, glides, monkeypatch):
     monkeypatch.setattr(parameter_search, "CHECKPOINT_PERIOD", 0.0)
     store.add(glides(np.random.default_rng(0), 0.4))
     told = []

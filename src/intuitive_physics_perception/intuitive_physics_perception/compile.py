@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.kernels.warm_up import WarmUp
 from intuitive_physics_perception.detection.box_fit import find_faces
+from intuitive_physics_perception.detection.settings import SolidDetectionSettings
 from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.input.point_cloud import Field, points_from_cloud_data
@@ -36,7 +37,7 @@ def warm_up() -> None:
     clouds = [_as_cloud(frames[1], "<f4"), _as_cloud(frames[1], "<f8")]
     for k, points in enumerate([*frames[:2], *frames[1:], *clouds]):
         pipeline.process(points, 0.1 * k)
-    find_faces(_corner(), np.full(300, 1e-3), np.random.default_rng(0))
+    find_faces(_corner(), np.full(300, 1e-3), SolidDetectionSettings(), np.random.default_rng(0))
 
 
 def _corner() -> NDArray[np.float64]:

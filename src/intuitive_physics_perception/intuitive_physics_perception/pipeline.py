@@ -13,7 +13,6 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Environment
 from intuitive_physics.validation import unit_vector
-from intuitive_physics_perception.detection.cluster_memory import SEARCHES
 from intuitive_physics_perception.detection.detections import (
     DetectedSolid,
     DetectedSphere,
@@ -33,9 +32,6 @@ from intuitive_physics_perception.frame_result import FrameDiagnostics, Perceive
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import Episode, EpisodeRecorder
 from intuitive_physics_perception.tracking.tracker import Tracker
-
-SEARCHES_IN_FRAME = 1
-"""Clusters that are searched for spheres at random in one frame, which bounds its time."""
 
 
 class PerceptionPipeline:
@@ -132,7 +128,7 @@ class PerceptionPipeline:
         if self.settings.static_boxes:
             model = with_static_boxes(model, frames, self.settings, self._rng)
         self._scene = ModelledScene(model, self.settings, self._rng, self._next_track)
-        self._scene.get_used_to(points)
+        self._scene.prepare(points)
         seconds = {"environment": self._clock() - started}
         return Perceived(
             time, model, is_new_model=True, diagnostics=FrameDiagnostics(seconds=seconds)
@@ -153,7 +149,7 @@ class PerceptionPipeline:
             return replace(self._unused(time, moved), episodes=episodes, moved=moved)
         clusters = scene.clusters(points)
         instants.append(self._clock())
-        spheres = scene.spheres.find(points, clusters, SEARCHES_IN_FRAME)
+        spheres = scene.spheres.find(points, clusters, self.settings.clusters.searches_in_frame)
         instants.append(self._clock())
         found = all_objects(points, spheres, scene.solids, colors)
         pose = scene.model.rotation, scene.model.translation
@@ -202,7 +198,7 @@ class PerceptionPipeline:
             return ()
         episodes = self._scene.episodes.finish(self._scene.tracker.tracks)
         self._next_track = self._scene.tracker.next_number
-        self._scene.follow_anew(self.settings, self._next_track)
+        self._scene.restart_tracking(self._next_track)
         return episodes
 
     def _unused(self, time: float, problem: str) -> Perceived:
@@ -229,28 +225,34 @@ class ModelledScene:
         first_track: int,
     ) -> None:
         self.model = model
+        self._settings = settings
         self.check = EnvironmentCheck(model, settings)
         self.foreground = ForegroundFinder(model, settings)
         self.static_boxes = StaticBoxFilter(model, settings)
         self.spheres = SphereFinder(model.noise, settings, rng)
         self.solids = SolidFinder(model, settings, rng) if settings.find_solids else None
-        self.follow_anew(settings, first_track)
+        self.restart_tracking(first_track)
 
     def clusters(self, points: NDArray[np.float32]) -> Clusters:
         """What is neither a plane nor a static box, in clusters."""
         return self.static_boxes.without(points, self.foreground.find(points))
 
-    def get_used_to(self, points: NDArray[np.float32]) -> None:
-        """Find out what each pixel sees of the planes and what stands about, so that no later
-        frame waits for it."""
-        for _ in range(SEARCHES):
+    def prepare(self, points: NDArray[np.float32]) -> None:
+        """Find where each pixel's ray meets a plane, and search the first clusters, so that no
+        later frame waits for it.
+
+        Parameters
+        ----------
+        points : (height, width, 3) m, of a frame
+        """
+        for _ in range(self._settings.clusters.first_searches):
             spheres = self.spheres.find(points, self.clusters(points))
             all_objects(points, spheres, self.solids)
 
-    def follow_anew(self, settings: PerceptionSettings, first_track: int) -> None:
-        """Forget what was followed; the environment stays."""
-        self.tracker = Tracker(self.model.environment, settings, first_track)
-        self.episodes = EpisodeRecorder(self.model.environment, settings)
+    def restart_tracking(self, first_track: int) -> None:
+        """Forget all tracks; the environment stays."""
+        self.tracker = Tracker(self.model.environment, self._settings, first_track)
+        self.episodes = EpisodeRecorder(self.model.environment, self._settings)
 
 
 def perceive_cloud(

@@ -9,6 +9,22 @@ from typing import Any
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.settings import check_settings, choice, number, other
 from intuitive_physics.validation import name_string, positive_float, unit_vector
+from intuitive_physics_perception.detection.settings import (
+    ClusterSettings,
+    SolidDetectionSettings,
+    SphereDetectionSettings,
+)
+from intuitive_physics_perception.environment.settings import (
+    PlaneDetectionSettings,
+    PlaneEdgeSettings,
+    RestSettings,
+    StaticBoxSettings,
+)
+from intuitive_physics_perception.tracking.settings import (
+    InitialStateSettings,
+    MotionSettings,
+    TrackingSettings,
+)
 
 GRAVITY_SOURCES = ("plane", "up_hint", "imu")
 
@@ -175,6 +191,28 @@ class PerceptionSettings:
     max_duration: float = number(10.0, 0.1, 3600.0, "an observation is closed after so long, s")
     angular_velocity_deviation: float = number(
         10.0, 0.0, 10000.0, "standard deviation of the unknown spin, rad/s"
+    )
+
+    plane_detection: PlaneDetectionSettings = other(
+        PlaneDetectionSettings(), "how planes are searched for"
+    )
+    plane_edges: PlaneEdgeSettings = other(
+        PlaneEdgeSettings(), "when the end of a plane counts as seen"
+    )
+    static_box_fit: StaticBoxSettings = other(StaticBoxSettings(), "what becomes a static box")
+    rest: RestSettings = other(RestSettings(), "when an accelerometer counts as at rest")
+
+    clusters: ClusterSettings = other(ClusterSettings(), "how foreground is split into clusters")
+    spheres: SphereDetectionSettings = other(
+        SphereDetectionSettings(), "how spheres are searched for, fitted and tested"
+    )
+    solids: SolidDetectionSettings = other(
+        SolidDetectionSettings(), "how boxes and capsules are fitted and tested"
+    )
+    motion: MotionSettings = other(MotionSettings(), "how objects are expected to move")
+    tracking: TrackingSettings = other(TrackingSettings(), "which detection belongs to which track")
+    initial_state: InitialStateSettings = other(
+        InitialStateSettings(), "how initial states are estimated"
     )
 
     def __post_init__(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
@@ -22,12 +22,12 @@ from intuitive_physics_predictor.live.live_prediction import (
     Inputs,
     NothingToPredictError,
     SeenStates,
-    predict_now,
+    predict_prepared,
     predict_scene,
 )
-from intuitive_physics_predictor.live.options import PredictionOptions
-from intuitive_physics_predictor.live.prediction_settings import PredictionSettings, output_times
+from intuitive_physics_predictor.live.predictor import Predictor
 from intuitive_physics_predictor.live.question import Event, Question, answer
+from intuitive_physics_predictor.live.settings import PredictionSettings, output_times
 from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
 from intuitive_physics_predictor.noisy_newton import PreparedScene
@@ -38,7 +38,7 @@ STATE = ObjectState((0, 0, 1.0), (0, 0, 0, 1), (2.0, 0, 0), (0, 0, 0), COVARIANC
 SEEN = SeenStates(
     (SceneObject("ball", "rubber", Sphere(0.05)),), (STATE,), 1000.0, 50.0, 0.0, "room"
 )
-SETTINGS = PredictionSettings(PredictionOptions(horizon=1.0))
+SETTINGS = PredictionSettings(horizon=1.0)
 
 
 def learned(materials=("rubber", "wood"), deviation=0.01):
@@ -58,8 +58,14 @@ INPUTS = Inputs(ROOM, 7, learned(), SEEN)
 
 
 def now(age, inputs=INPUTS, options=SETTINGS, seed=1):
-    """Predict when the states are so old."""
-    return predict_now(inputs, options, seed=seed, now=1000.0 + age, monotonic=50.0 + age)
+    """Predict when the states are `age` s old."""
+    return predictor(inputs, options, seed).predict(1000.0 + age, 50.0 + age)
+
+
+def predictor(inputs=INPUTS, options=SETTINGS, seed=1):
+    made = Predictor(options, seed)
+    made.take(**{field.name: getattr(inputs, field.name) for field in fields(inputs)})
+    return made
 
 
 @given(st.floats(0.0, 0.5))
@@ -69,9 +75,18 @@ def test_carrying_forward_is_looking_later_at_the_same_samples(age):
     # depend on when it was predicted: the engine's closed form is evaluated elsewhere, to rounding.
     made = now(age)
     assert made.start == pytest.approx(1000.0 + age, abs=1e-9)
-    at_stamp = SETTINGS.predict(
-        now(0.0).scene, INPUTS.learned, age + SETTINGS.times, seed=1, sample_count=20
-    )
+    prepared = made.prepared
+    at_stamp = predict_prepared(
+        prepared,
+        SETTINGS.draw(prepared, 20, np.random.default_rng(1)),
+        SETTINGS,
+        learned=INPUTS.learned,
+        times=age + SETTINGS.times,
+        start=1000.0,
+        states_stamp=1000.0,
+        seed=1,
+        environment_version=7,
+    ).distribution
     # Stamps of 1000 s hold 1e-13 s, and nothing is faster than 10 m/s.
     np.testing.assert_allclose(made.distribution.positions, at_stamp.positions, atol=1e-9)
     np.testing.assert_array_equal(made.distribution.times, SETTINGS.times)
@@ -87,7 +102,7 @@ def test_states_from_just_ahead_of_the_clock_are_begun_from():
 
 def test_it_can_begin_at_a_stamp_of_another_clock():
     strange = replace(INPUTS, seen=replace(SEEN, stamp=5.0, delay=995.0))
-    options = PredictionSettings(PredictionOptions(horizon=1.0, carry_forward=False))
+    options = PredictionSettings(horizon=1.0, carry_forward=False)
     assert now(0.3, strange, options).start == 5.0
     with pytest.raises(NothingToPredictError, match="carry_forward"):
         now(0.3, strange)
@@ -112,9 +127,9 @@ def test_nothing_is_predicted_from_what_is_missing_or_old(inputs, age, reason):
 def test_a_clock_that_stands_still_makes_nothing_stale_before_its_time():
     # A paused bag: no new states, and its clock does not go on.
     for silent in (0.0, 0.2, 0.45):
-        predict_now(INPUTS, SETTINGS, seed=0, now=1000.0, monotonic=50.0 + silent)
+        predictor().predict(1000.0, 50.0 + silent)
     with pytest.raises(NothingToPredictError, match=r"are 0\.6 s old"):
-        predict_now(INPUTS, SETTINGS, seed=0, now=1000.0, monotonic=50.6)
+        predictor().predict(1000.0, 50.6)
 
 
 def test_another_frame_is_refused():
@@ -145,47 +160,93 @@ def test_asked_again_the_samples_are_the_very_same(shape):
     )
 
 
-@given(st.integers(0, 3), st.integers(0, 3), st.integers(1, 3), st.booleans(), st.booleans())
-@settings(max_examples=30)
-def test_what_was_drawn_ahead_changes_no_prediction(seed, ahead, count, other_scene, noisy):
-    # Drawn ahead or not, and of whatever: the same question has the same answer, to the bit.
-    options = PredictionOptions(
+@given(
+    st.lists(st.sampled_from(["prefetch", "elsewhere", "settings", "seed", "query", "scene"])),
+    st.integers(0, 3),
+    st.booleans(),
+)
+@settings(max_examples=40)
+def test_what_was_drawn_ahead_changes_no_prediction(steps, seed, noisy):
+    # Drawn ahead or not, of whatever, with whatever asked in between: from the same inputs,
+    # settings and seed comes the same prediction, to the bit.
+    options = PredictionSettings(
         horizon=0.5, sample_count=2, size_scale=0.1 * noisy, impact_tilt_noise=0.1 * noisy
     )
+    other = PredictionSettings(horizon=0.2, sample_count=3)
     higher = ObjectState((0, 0, 1.5), covariance=COVARIANCE)
-    scene = INPUTS.scene
-    elsewhere = replace(INPUTS, seen=replace(SEEN, states=(higher,))).scene
-
-    def predicted(settings):
-        return settings.predict(
-            scene, INPUTS.learned, settings.times, seed=seed, sample_count=count
-        ).positions
-
-    alone, after = PredictionSettings(options), PredictionSettings(options)
-    after.draw_ahead(elsewhere if other_scene else scene, INPUTS.learned, ahead)
-    np.testing.assert_array_equal(predicted(after), predicted(alone))
+    elsewhere = replace(SEEN, states=(higher,))
+    after = predictor(options=options, seed=seed)
+    for step in steps:
+        match step:
+            case "prefetch":
+                after.prefetch()
+            case "elsewhere":
+                after.take(seen=elsewhere)
+                after.prefetch()
+                after.take(seen=SEEN)
+            case "settings":
+                after.settings = other
+                after.prefetch()
+                after.settings = options
+            case "seed":
+                after.seed = seed + 1
+                after.prefetch()
+                after.seed = seed
+            case "query":
+                made = now(0.1, options=options)
+                answer(Question(Event.FALLS_BELOW, "ball", height=0.5, sample_count=5), made)
+            case "scene":
+                predict_scene(
+                    INPUTS.scene, None, options, [0.1], seed=seed, sample_count=2, start=0.0
+                )
+    alone = predictor(options=options, seed=seed)
+    np.testing.assert_array_equal(
+        after.predict(1000.0, 50.0).distribution.positions,
+        alone.predict(1000.0, 50.0).distribution.positions,
+    )
 
 
 def test_what_was_drawn_ahead_is_not_drawn_again(monkeypatch):
-    options = PredictionSettings(PredictionOptions(horizon=1.0))
-    options.draw_ahead(INPUTS.scene, INPUTS.learned, 1)
+    ready = predictor()
+    ready.prefetch()
     drawn = []
     draw = PreparedScene.sampled
     monkeypatch.setattr(
         PreparedScene, "sampled", lambda *arguments: drawn.append(1) or draw(*arguments)
     )
-    now(0.0, options=options, seed=1)
+    asked = ready.predict(1000.0, 50.0)
     assert not drawn
-    now(0.0, options=options, seed=2)
+    ready.prefetch()
     assert len(drawn) == 1
+    # A question draws samples of its own and leaves those of the next tick alone.
+    answer(Question(Event.FALLS_BELOW, "ball", height=0.5), asked)
+    assert len(drawn) == 2
+    ready.predict(1000.01, 50.01)
+    assert len(drawn) == 2
+    # Of another seed nothing is ready.
+    ready.seed = 77
+    ready.predict(1000.02, 50.02)
+    assert len(drawn) == 3
+
+
+def test_each_prediction_has_a_seed_of_its_own_and_one_that_failed_takes_none():
+    live = predictor(seed=5)
+    assert [live.predict(1000.0, 50.0).seed for _ in range(3)] == [5, 6, 7]
+    live.take(seen=None)
+    with pytest.raises(NothingToPredictError):
+        live.predict(1000.0, 50.0)
+    assert live.newest is None
+    live.take(seen=SEEN)
+    assert live.predict(1000.0, 50.0).seed == 8
+    assert live.newest.seed == 8
 
 
 def test_no_prediction_is_of_a_kind_that_was_not_compiled():
-    # Another type of array would have the kernels compiled anew, for seconds, at a tick.
+    # Another type of array would have the kernels compiled again, for seconds, at a tick.
     warm_up()
     compiled = len(roll_worlds.signatures)
-    options = PredictionOptions(horizon=1.0, size_scale=0.01, contact_scale=0.05)
-    now(0.1, options=PredictionSettings(options))
+    options = PredictionSettings(horizon=1.0, size_scale=0.01, contact_scale=0.05)
+    now(0.1, options=options)
     now(0.1, replace(INPUTS, learned=None))
     now(0.1).again(SETTINGS.times, 5)
     assert len(roll_worlds.signatures) == compiled
@@ -200,12 +261,12 @@ def test_no_prediction_is_of_a_kind_that_was_not_compiled():
 )
 def test_options_that_do_not_go_together(options, word):
     with pytest.raises(InvalidInputError, match=word):
-        PredictionSettings(PredictionOptions(**options))
+        PredictionSettings(**options)
 
 
 def test_every_noise_scale_is_an_option_and_reaches_the_noise():
     values = {name: 0.25 + 0.1 * k for k, name in enumerate(NOISE_SCALES)}
-    options = PredictionOptions(**{f"{name}_scale": value for name, value in values.items()})
+    options = PredictionSettings(**{f"{name}_scale": value for name, value in values.items()})
     assert asdict(options.noise_scales) == values
     assert (options.state_noise.scale, options.state_noise.spin_scale) == (
         values["state"],
@@ -214,8 +275,8 @@ def test_every_noise_scale_is_an_option_and_reaches_the_noise():
 
 
 def test_the_defaults_believe_perception_and_learner():
-    assert PredictionOptions().noise_scales == NoiseScales()
-    assert PredictionOptions().state_noise == StateNoise()
+    assert PredictionSettings().noise_scales == NoiseScales()
+    assert PredictionSettings().state_noise == StateNoise()
 
 
 @given(st.floats(0.01, 60.0), st.floats(0.001, 1.0))
@@ -288,7 +349,7 @@ def test_the_options_of_noise_at_impacts_reach_the_samples():
     # The perceived spread is cut to none, so that what is left is of the bounce at 0.44 s.
     exact = {"state_scale": 0.0, "spin_scale": 0.0, "static_parameters_scale": 0.0}
     for option in ("impact_restitution_noise", "impact_tilt_noise"):
-        settings = PredictionSettings(PredictionOptions(horizon=1.0, **exact, **{option: 0.05}))
+        settings = PredictionSettings(horizon=1.0, **exact, **{option: 0.05})
         made = now(0.0, options=settings)
         spread = made.distribution.positions[:, 0].std(axis=0).max(axis=1)
         fallen = settings.times < 0.4

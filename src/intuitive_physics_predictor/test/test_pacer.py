@@ -38,8 +38,8 @@ class Ticks:
 def paced():
     pacers = []
 
-    def start(ticks, rate):
-        pacers.append(Pacer(ticks, rate))
+    def start(ticks, rate, job_time=0.0):
+        pacers.append(Pacer(ticks, rate, job_time))
         pacers[-1].start()
         return pacers[-1]
 
@@ -99,22 +99,35 @@ def test_it_stops_at_once_though_the_next_tick_is_far(paced):
     assert len(ticks.due) == 1
 
 
-def test_who_waits_for_the_gap_begins_early_in_it(paced):
-    # Ticks of 30 ms that begin every 60 ms, and a wish for 20 ms before the next one.
+def test_jobs_are_done_early_in_the_gap(paced):
+    # Ticks of 30 ms that begin every 60 ms, and jobs that need 20 ms before the next one.
     ticks = Ticks(15, lambda number: time.sleep(0.03))
-    pacer = paced(ticks, 1.0 / 0.06)
+    pacer = paced(ticks, 1.0 / 0.06, job_time=0.02)
     begun = []
-    while not ticks.is_done():
-        pacer.wait_for_gap(0.02, 1.0)
+
+    def job():
         begun.append((time.monotonic() - ticks.due[0]) % 0.06)
-        time.sleep(0.007)
+
+    while not ticks.is_done():
+        pacer.submit("job", job)
+        assert pacer.wait_for_jobs(1.0)
+        time.sleep(0.003)
     # From the end of a tick up to 20 ms before the next one; a busy machine may wake it late.
     assert len(begun) > 15
     in_time = (np.array(begun) > 0.025) & (np.array(begun) < 0.045)
     assert in_time.mean() > 0.8
 
 
-def test_who_waits_for_the_gap_waits_no_longer_than_told(paced):
+def test_jobs_are_done_where_ticks_leave_no_room(paced):
+    # A tick every 5 ms; a job wants 20 ms before the next one, so it is done right after a tick.
+    pacer = paced(Ticks(1000), 200.0, job_time=0.02)
+    done = []
+    pacer.submit("job", lambda: done.append(True))
+    assert pacer.wait_for_jobs(10.0)
+    assert done == [True]
+
+
+def test_waiting_for_jobs_is_limited(paced):
     begun, end = threading.Event(), threading.Event()
 
     def work(number):
@@ -123,34 +136,85 @@ def test_who_waits_for_the_gap_waits_no_longer_than_told(paced):
 
     pacer = paced(Ticks(1, work), 20.0)
     assert begun.wait(20.0)
+    pacer.submit("job", lambda: None)
     start = time.monotonic()
-    pacer.wait_for_gap(0.001, 0.05)
+    assert not pacer.wait_for_jobs(0.05)
     assert 0.04 < time.monotonic() - start < 10.0
     end.set()
+    assert pacer.wait_for_jobs(10.0)
 
 
-def test_a_tick_can_tell_whether_somebody_waits_for_its_end():
-    begun, told = threading.Event(), []
+def test_only_the_newest_job_of_a_key_is_done_and_a_tick_knows_that_it_waits():
+    begun, waiting, done = threading.Event(), [], []
 
     def work(number):
-        told.append(pacer.is_awaited)
+        waiting.append(pacer.has_jobs)
         begun.set()
         deadline = time.monotonic() + 20.0
-        while not pacer.is_awaited and time.monotonic() < deadline:
+        while not submitted.is_set() and time.monotonic() < deadline:
             time.sleep(0.001)
-        told.append(pacer.is_awaited)
+        waiting.append(pacer.has_jobs)
 
+    submitted = threading.Event()
     pacer = Pacer(Ticks(1, work), 1.0)
     pacer.start()
     assert begun.wait(20.0)
-    pacer.wait_for_gap(0.001, 20.0)
+    for number in range(3):
+        pacer.submit("a", lambda number=number: done.append(("a", number)))
+    pacer.submit("b", lambda: done.append(("b", 0)))
+    submitted.set()
+    assert pacer.wait_for_jobs(20.0)
     pacer.stop()
-    assert told == [False, True]
-    assert not pacer.is_awaited
+    assert waiting == [False, True]
+    assert done == [("a", 2), ("b", 0)]
+    assert not pacer.has_jobs
 
 
-def test_without_ticks_all_is_gap():
-    Pacer(Ticks(1), 20.0).wait_for_gap(0.01, 1e6)
+def test_ticks_that_a_long_job_covers_are_left_out(paced):
+    # At 20 a second, a job of 0.14 s right after the second tick covers the two after it.
+    def work(number):
+        if number == 2:
+            pacer.submit("long", lambda: time.sleep(0.14))
+
+    ticks = Ticks(4, work)
+    pacer = paced(ticks, 20.0)
+    ticks.wait()
+    assert ticks.left_out[:2] == [0, 0]
+    assert ticks.left_out[2] >= 2
+    assert ticks.due[2] - ticks.due[1] == pytest.approx((1 + ticks.left_out[2]) / 20.0, abs=0.005)
+
+
+def test_jobs_given_before_the_start_are_done_before_the_first_tick():
+    order = []
+    ticks = Ticks(1, lambda number: order.append("tick"))
+    pacer = Pacer(ticks, 1.0)
+    pacer.submit("job", lambda: order.append("job"))
+    assert not pacer.wait_for_jobs(0.01)
+    pacer.start()
+    ticks.wait()
+    pacer.stop()
+    assert order == ["job", "tick"]
+
+
+def test_many_threads_lose_no_newest_job(paced):
+    # Each of eight threads submits 200 numbered jobs under its own key: the last of each is done,
+    # and those done of a key are in order.
+    done = {key: [] for key in range(8)}
+    pacer = paced(Ticks(10**6), 1000.0)
+
+    def submit(key):
+        for number in range(200):
+            pacer.submit(key, lambda number=number: done[key].append(number))
+
+    threads = [threading.Thread(target=submit, args=(key,)) for key in done]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert pacer.wait_for_jobs(20.0)
+    for numbers in done.values():
+        assert numbers[-1] == 199
+        assert numbers == sorted(numbers)
 
 
 def test_what_never_started_can_be_stopped():

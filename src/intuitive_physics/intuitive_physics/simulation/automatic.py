@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.simulation.event_driven import EventDrivenSimulator
-from intuitive_physics.simulation.simulator import Rollout, Simulator
+from intuitive_physics.simulation.rollout import Rollout
+from intuitive_physics.simulation.simulator import Simulator
 from intuitive_physics.simulation.stepped import SteppedSimulator
 from intuitive_physics.simulation.world_batch import SPHERE, WorldBatch
 

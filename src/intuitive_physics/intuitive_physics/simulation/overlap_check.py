@@ -32,24 +32,7 @@ def check_overlaps(scenes: Sequence[Scene], worlds: WorldBatch) -> None:
     """
     scratch = Scratch(*scratch_sizes(worlds), contacts_a_body=0)
     overlaps = np.empty(worlds.size, OVERLAP)
-    find_overlaps(
-        LARGEST_OVERLAP,
-        worlds.object_counts,
-        worlds.shape_kinds,
-        worlds.dimensions,
-        worlds.states,
-        worlds.environment_index,
-        worlds.plane_counts,
-        worlds.planes,
-        worlds.plane_materials,
-        worlds.corner_counts,
-        worlds.corners,
-        worlds.box_counts,
-        worlds.boxes,
-        worlds.box_materials,
-        scratch.world,
-        overlaps,
-    )
+    find_overlaps(LARGEST_OVERLAP, worlds.arrays, scratch.world, overlaps)
     if overlaps["found"].any():
         world = int(overlaps["found"].argmax())
         where = f"scene {world}: " if len(scenes) > 1 else ""

@@ -1,4 +1,4 @@
-"""Sharing the worlds of a batch among threads."""
+"""Sharing the worlds of a batch among threads, each with scratch memory of its own."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Generic, TypeVar
+
+Room = TypeVar("Room")
 
 PIECES = 2
 """Shares of what is left for each thread: worlds differ in cost."""
@@ -44,6 +47,26 @@ def run_in_shares(
     for one in begun:
         # Raises what a thread has raised.
         one.result()
+
+
+class ThreadScratch(Generic[Room]):
+    """Keeps one room for each thread, and makes another only for batches of another size.
+
+    Parameters
+    ----------
+    make : makes a room of given sizes
+    """
+
+    def __init__(self, make: Callable[..., Room]) -> None:
+        self._make = make
+        self._kept = threading.local()
+
+    def of_size(self, *sizes: int) -> Room:
+        """Return this thread's room of these sizes, with whatever was written into it last."""
+        if getattr(self._kept, "sizes", None) != sizes:
+            self._kept.room, self._kept.sizes = self._make(*sizes), sizes
+        room: Room = self._kept.room
+        return room
 
 
 class _Shares:

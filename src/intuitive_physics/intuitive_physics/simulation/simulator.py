@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import IntEnum
 from typing import ClassVar
 
 import numpy as np
@@ -14,34 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics.errors import InvalidInputError, UnsupportedSceneError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Scene
+from intuitive_physics.simulation.rollout import Rollout
 from intuitive_physics.simulation.world_batch import WorldBatch, pack_worlds
 from intuitive_physics.validation import increasing_times
-
-
-class WorldStatus(IntEnum):
-    """How one world of a rollout ended."""
-
-    OK = 0
-    NOT_FINITE = 1
-    TOO_MANY_EVENTS = 2
-
-
-@dataclass(frozen=True, eq=False)
-class Rollout:
-    """What a batch of worlds did.
-
-    Parameters
-    ----------
-    positions : (n_worlds, n_objects, n_times, 3) m; NaN where a world has fewer objects or times,
-        and from where on a world stopped with a status other than OK
-    orientations : (n_worlds, n_objects, n_times, 4) unit quaternions (x, y, z, w), NaN likewise;
-        None when they were not asked for
-    status : (n_worlds,) of `WorldStatus`
-    """
-
-    positions: NDArray[np.float64]
-    orientations: NDArray[np.float64] | None
-    status: NDArray[np.int64]
 
 
 class Simulator(ABC):

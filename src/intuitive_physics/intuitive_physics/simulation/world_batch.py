@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,9 @@ from intuitive_physics.validation import finite_array
 SPHERE, BOX, CAPSULE = range(3)
 """Codes in `WorldBatch.shape_kinds`."""
 
+PER_WORLD = {"per_world": True}
+"""Metadata of the fields of `WorldBatch` that have a row for each world."""
+
 
 @dataclass(frozen=True, eq=False)
 class WorldBatch:
@@ -33,6 +37,8 @@ class WorldBatch:
     dimensions : (W, O, 3) m: (radius, 0, 0), edge lengths, or (radius, length, 0)
     volumes : (W, O) m³
     unit_inertias : (W, O, 3) kg m² at 1 kg/m³, inertia factor included
+    inertia_ratios : (W, O) κ = I / (m r²) about the axis that an object rolls about: 2/5 for a
+        solid sphere, 2/3 for a thin shell; infinite for a box, which does not roll
     object_materials : (W, O) codes
     states : (W, O, 13) as `ObjectState.to_vector`
     air_factors : (W, O, 2) ½ ρ C_d A (kg/m) and ½ ρ C_M A r (kg) of drag and Magnus force
@@ -56,17 +62,18 @@ class WorldBatch:
     """
 
     materials: tuple[str, ...]
-    object_counts: NDArray[np.int64]
-    shape_kinds: NDArray[np.int64]
-    dimensions: NDArray[np.float64]
-    volumes: NDArray[np.float64]
-    unit_inertias: NDArray[np.float64]
-    object_materials: NDArray[np.int64]
-    states: NDArray[np.float64]
-    air_factors: NDArray[np.float64]
-    mass_centres: NDArray[np.float64]
-    noise_keys: NDArray[np.uint64]
-    environment_index: NDArray[np.int64]
+    object_counts: NDArray[np.int64] = field(metadata=PER_WORLD)
+    shape_kinds: NDArray[np.int64] = field(metadata=PER_WORLD)
+    dimensions: NDArray[np.float64] = field(metadata=PER_WORLD)
+    volumes: NDArray[np.float64] = field(metadata=PER_WORLD)
+    unit_inertias: NDArray[np.float64] = field(metadata=PER_WORLD)
+    inertia_ratios: NDArray[np.float64] = field(metadata=PER_WORLD)
+    object_materials: NDArray[np.int64] = field(metadata=PER_WORLD)
+    states: NDArray[np.float64] = field(metadata=PER_WORLD)
+    air_factors: NDArray[np.float64] = field(metadata=PER_WORLD)
+    mass_centres: NDArray[np.float64] = field(metadata=PER_WORLD)
+    noise_keys: NDArray[np.uint64] = field(metadata=PER_WORLD)
+    environment_index: NDArray[np.int64] = field(metadata=PER_WORLD)
     gravity: NDArray[np.float64]
     plane_counts: NDArray[np.int64]
     planes: NDArray[np.float64]
@@ -76,7 +83,7 @@ class WorldBatch:
     box_counts: NDArray[np.int64]
     boxes: NDArray[np.float64]
     box_materials: NDArray[np.int64]
-    parameter_index: NDArray[np.int64]
+    parameter_index: NDArray[np.int64] = field(metadata=PER_WORLD)
     density: NDArray[np.float64]
     coefficients: NDArray[np.float64]
     contact_noise: NDArray[np.float64]
@@ -86,6 +93,14 @@ class WorldBatch:
     def size(self) -> int:
         """Number of worlds W."""
         return int(self.object_counts.size)
+
+    @property
+    def arrays(self) -> tuple[NDArray, ...]:
+        """All arrays in order: what a kernel takes, and makes `WorldArrays` of.
+
+        Numba recognises the type of a plain tuple at once, and that of a named one only slowly.
+        """
+        return tuple(getattr(self, name) for name in WorldArrays._fields)
 
     def crossed(self, parameter_sets: Sequence[StaticParameters]) -> WorldBatch:
         """Return every world under every θ_s: world `c * W + w` is world w under set c."""
@@ -140,20 +155,7 @@ class WorldBatch:
         ----------
         changes : arrays of the worlds returned that take the place of these worlds' own
         """
-        per_world = (
-            "object_counts",
-            "shape_kinds",
-            "dimensions",
-            "volumes",
-            "unit_inertias",
-            "object_materials",
-            "states",
-            "air_factors",
-            "mass_centres",
-            "noise_keys",
-            "environment_index",
-            "parameter_index",
-        )
+        per_world = [one.name for one in fields(self) if one.metadata == PER_WORLD]
         own: dict[str, Any] = {
             name: getattr(self, name)[worlds] for name in per_world if name not in changes
         }
@@ -162,6 +164,12 @@ class WorldBatch:
             name: np.ascontiguousarray(changed) for name, changed in changes.items()
         }
         return replace(self, **own, **whole)
+
+
+WorldArrays = namedtuple(  # type: ignore[misc]
+    "WorldArrays", [one.name for one in fields(WorldBatch) if str(one.type).startswith("NDArray")]
+)
+"""The arrays of a `WorldBatch` as one record for kernels: `WorldArrays(*batch.arrays)`."""
 
 
 def pack_worlds(
@@ -213,6 +221,7 @@ def _object_arrays(scenes: Sequence[Scene], parameters: StaticParameters) -> dic
     dimensions = np.ones((*padded, 3))
     volumes = np.ones(padded)
     inertias = np.ones((*padded, 3))
+    inertia_ratios = np.ones(padded)
     materials = np.zeros(padded, dtype=np.int64)
     states = np.zeros((*padded, 13))
     states[..., 6] = 1.0
@@ -223,6 +232,7 @@ def _object_arrays(scenes: Sequence[Scene], parameters: StaticParameters) -> dic
             kinds[w, i], dimensions[w, i] = _shape_numbers(thing.shape)
             volumes[w, i] = thing.shape.volume
             inertias[w, i] = thing.inertia_factor * thing.shape.unit_density_inertia()
+            inertia_ratios[w, i] = _inertia_ratio(thing)
             materials[w, i] = parameters.index(thing.material)
             states[w, i] = state.to_vector()
             air[w, i] = _air_factors(thing, scene.environment.air_density)
@@ -233,6 +243,7 @@ def _object_arrays(scenes: Sequence[Scene], parameters: StaticParameters) -> dic
         "dimensions": dimensions,
         "volumes": volumes,
         "unit_inertias": inertias,
+        "inertia_ratios": inertia_ratios,
         "object_materials": materials,
         "states": states,
         "air_factors": air,
@@ -249,6 +260,14 @@ def _shape_numbers(shape: Shape) -> tuple[int, tuple[float, float, float]]:
         case Capsule():
             return CAPSULE, (shape.radius, shape.length, 0.0)
     raise InvalidInputError(f"shape is {shape!r}; expected a Sphere, Box or Capsule")
+
+
+def _inertia_ratio(thing: SceneObject) -> float:
+    shape = thing.shape
+    if not isinstance(shape, Sphere | Capsule):
+        return math.inf
+    about_axis = thing.inertia_factor * shape.unit_density_inertia()[2]
+    return float(about_axis / (shape.volume * shape.radius**2))
 
 
 def _air_factors(thing: SceneObject, air_density: float) -> tuple[float, float]:

@@ -7,7 +7,7 @@ left is noise that no learner can remove) and the default θ_s (no learning).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from intuitive_physics_experiments.paper.outcome import (
     write_page,
 )
 from intuitive_physics_experiments.paper.paper_dataset import PaperDataset, make_paper_dataset
+from intuitive_physics_experiments.paper.settings import LearningCurveSettings
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions, search_parameters
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria
@@ -87,36 +88,6 @@ def _draw_panel(axes: Any, lines: Sequence[dict[str, Any]]) -> None:
 
 ERRORS = ("learned", "oracle", "default")
 """Whose errors are compared: learned, true and default parameters."""
-
-
-@dataclass(frozen=True)
-class LearningCurveSettings:
-    """What is learned from.
-
-    Parameters
-    ----------
-    objects : sizes of the pool
-    samples : trajectories of each object
-    repetitions : sets drawn for each combination
-    iterations : evaluations of J for each learning
-    method : of the learner
-    engine : that moves the objects of the set; `auto` learns
-    initial_states : each is learned with; see `paper_dataset.INITIAL_STATES`
-    seed : of all randomness
-    """
-
-    objects: tuple[int, ...] = (1, 5, 10)
-    samples: tuple[int, ...] = (10, 50, 100)
-    repetitions: int = 10
-    iterations: int = 1000
-    method: str = "cma_es"
-    engine: str = "auto"
-    initial_states: tuple[str, ...] = ("three_points", "flight")
-    seed: int = 0
-
-
-QUICK = {"objects": (1, 5), "samples": (10,), "repetitions": 2, "iterations": 300}
-"""Reduced settings, for a look in about two minutes."""
 
 
 def run_learning_curve(

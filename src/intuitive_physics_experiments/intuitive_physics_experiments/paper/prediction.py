@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ from intuitive_physics_experiments.paper.paper_dataset import (
     TRAINING_SHARE,
     make_paper_dataset,
 )
+from intuitive_physics_experiments.paper.settings import PredictionExperimentSettings
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions, learn
 from intuitive_physics_learner.methods import JOINT_METHOD
@@ -97,33 +98,6 @@ def draw_error_over_time(
 
 FIRST, EXAMPLES = "three_points", 6
 """Where initial states come from, and how many predictions are drawn."""
-
-
-@dataclass(frozen=True)
-class PredictionExperimentSettings:
-    """What is predicted.
-
-    Parameters
-    ----------
-    objects : in the pool
-    samples : trajectories of each object, 80 % of them to learn from, as in the paper
-    further : trajectories of each object that are only predicted: those of one run share the error
-        of θ_s and of their contacts, so a few runs cannot show how much regions hold
-    iterations : evaluations of J for the learning
-    sample_count : noisy-Newton samples of each prediction
-    seed : of all randomness
-    """
-
-    objects: int = 5
-    samples: int = 50
-    further: int = 30
-    iterations: int = 2000
-    sample_count: int = 20
-    seed: int = 0
-
-
-QUICK = {"objects": 3, "samples": 10, "iterations": 1000}
-"""Reduced settings, for a look in about two minutes."""
 
 
 def run_prediction(

@@ -8,7 +8,7 @@ throws as in the paper, and once more from 80 % of them to predict the rest.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,7 @@ from intuitive_physics_experiments.paper.outcome import (
     write_page,
 )
 from intuitive_physics_experiments.paper.prediction import draw_predictions
+from intuitive_physics_experiments.paper.settings import RgbdSettings
 from intuitive_physics_experiments.rendering.corner_room import (
     BALL_RADII,
     ROOM_MATERIAL,
@@ -87,28 +88,6 @@ TRAIN_FRACTION = 0.8
 
 BAG_NAME = "throws"
 """Folder of the rendered bag."""
-
-
-@dataclass(frozen=True)
-class RgbdSettings:
-    """What is thrown.
-
-    Parameters
-    ----------
-    throws : of each ball
-    duration : s of each
-    iterations : evaluations of J for each learning
-    seed : of throws, noise and searches
-    """
-
-    throws: int = 30
-    duration: float = 2.4
-    iterations: int = 1000
-    seed: int = 0
-
-
-QUICK = {"throws": 3, "iterations": 150}
-"""Reduced settings, for a look in about two minutes."""
 
 
 def run_rgbd(

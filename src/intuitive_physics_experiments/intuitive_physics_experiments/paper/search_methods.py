@@ -27,10 +27,11 @@ from intuitive_physics_experiments.paper.outcome import (
     write_page,
 )
 from intuitive_physics_experiments.paper.paper_dataset import make_paper_dataset
+from intuitive_physics_experiments.paper.settings import SearchMethodsSettings
 from intuitive_physics_learner.cost.cached_cost import CachedCost
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria, ParameterSearch
-from intuitive_physics_learner.search.update_rules import UPDATE_RULES, make_update_rule
+from intuitive_physics_learner.search.update_rules import make_update_rule
 
 METHOD_COLORS = (
     "#9ca3af",
@@ -85,32 +86,6 @@ def draw_search_methods(
 
 CURVE_POINTS = 60
 """Iterations, spaced evenly on a logarithmic scale, at which curves are written."""
-
-
-@dataclass(frozen=True)
-class SearchMethodsSettings:
-    """What is searched.
-
-    Parameters
-    ----------
-    objects : sizes of the pool
-    samples : trajectories of each object
-    runs : searches by each rule on each set, averaged
-    iterations : evaluations of J in each search
-    methods : update rules, with the settings of Table I
-    seed : of all randomness
-    """
-
-    objects: tuple[int, ...] = (1, 10, 20)
-    samples: tuple[int, ...] = (1, 10, 50)
-    runs: int = 10
-    iterations: int = 500
-    methods: tuple[str, ...] = tuple(UPDATE_RULES)
-    seed: int = 0
-
-
-QUICK = {"objects": (1, 10), "samples": (1,), "runs": 2, "iterations": 200}
-"""Reduced settings, for a look in about two minutes."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Work in portions, between which it may be called off."""
+"""Work in batches, between which it can be cancelled."""
 
 from __future__ import annotations
 
@@ -14,7 +14,12 @@ LARGEST_BATCH = 50
 def batches(
     candidates: list[StaticParameters], cancelled: Callable[[], bool] | None
 ) -> Iterator[list[StaticParameters]]:
-    """Hand out so many θ_s as are worth evaluating at once.
+    """Yield candidates in batches of up to `LARGEST_BATCH`.
+
+    Parameters
+    ----------
+    candidates : θ_s
+    cancelled : looked at before each batch
 
     Raises
     ------

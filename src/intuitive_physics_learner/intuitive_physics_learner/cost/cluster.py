@@ -1,11 +1,11 @@
 """Evaluating J in many processes or on many machines, through dask.distributed.
 
 Dask and not joblib, because J is evaluated thousands of times over the same observations: Dask
-keeps them, packed once, in the memory of its workers and sends candidates only, while joblib's
+holds them, packed once, in the memory of its workers and sends candidates only, while joblib's
 pools forget everything between two calls. And one engine serves both: processes of this machine
 and the workers of a scheduler elsewhere.
 
-A trial's outcome depends on nothing but the trial, so it does not matter who simulates it: the
+A trial's outcome depends on the trial only, so any worker can simulate it: the
 result is the same to the bit as without a cluster, as long as the machines are alike.
 """
 
@@ -37,10 +37,11 @@ WHERE_GUIDE = (
     "empty: in this process; local:N: in N processes of this machine; ADDRESS:PORT: by the "
     "workers of that Dask scheduler"
 )
+"""What a user can give as the place where J is evaluated."""
 
 
 class CostMaker:
-    """Makes the J of observations, evaluated where a user wants it; closes what it has started.
+    """Makes the J of observations, evaluated here or on a cluster; ends the processes it started.
 
     Parameters
     ----------
@@ -94,7 +95,7 @@ class CostMaker:
         return ClusterCost(self._client, observations, simulator, materials)
 
     def close(self) -> None:
-        """End the processes that were started, leave a cluster that was not."""
+        """End the processes that were started here, disconnect from a cluster that was not."""
         client, self._client = self._client, None
         if client is not None:
             client.close()
@@ -205,12 +206,12 @@ class ClusterCost(Cost):
         ) as error:
             raise ClusterError(
                 f"the cluster failed ({type(error).__name__}: {error}); start its scheduler and "
-                "workers again and learn again: the search goes on from its last checkpoint"
+                "workers again and learn again: the search continues from its last checkpoint"
             ) from None
 
 
 def _leave_interrupts_to_parent() -> None:
-    """Ignore Ctrl-C, which reaches all processes of a terminal: who started this one ends it."""
+    """Ignore Ctrl-C, which reaches all processes of a terminal: the parent ends this one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

@@ -28,11 +28,11 @@ LARGEST_CHUNK = 4_000_000
 """Coordinates simulated in one call at most, to bound the memory: 32 MB of positions."""
 
 LARGEST_SHARE = 500
-"""Trials between two looks at whether to stop: a part of a second."""
+"""Trials between two checks for cancellation: a part of a second."""
 
 
 class Cost(ABC):
-    """J of any θ_s over a fixed set of observations; what simulates them is left open.
+    """J of any θ_s over a fixed set of observations; subclasses say what simulates them.
 
     Parameters
     ----------
@@ -67,16 +67,16 @@ class Cost(ABC):
         self.trajectory_object = np.array([j for _, j in owners])
         self.trajectory_points = np.array(
             [
-                int((times_after_start(seen, thing) >= 0.0).sum())
+                int((times_after_start(seen, one) >= 0.0).sum())
                 for seen in observations
-                for thing in seen.objects
+                for one in seen.objects
             ]
         )
         self.point_trajectory = np.repeat(np.arange(len(owners)), self.trajectory_points)
 
     @property
     def largest_share(self) -> int:
-        """Trials to ask for at once at most where one wants to be able to stop."""
+        """Trials to evaluate at once at most where it shall be possible to cancel."""
         return LARGEST_SHARE
 
     def costs(self, candidates: Sequence[StaticParameters]) -> NDArray[np.float64]:
@@ -134,8 +134,8 @@ MakeCost = Callable[[Sequence[Observation], Simulator, Sequence[str]], Cost]
 class TrajectoryCost(Cost):
     """J by simulating in this process, with the observations packed once for many evaluations.
 
-    The simulator is asked at the very times at which the objects were seen, so the interpolation
-    of Eq. 5 has nothing left to do. Points before an observation's start time are left out, as
+    The simulator returns positions at the times at which the objects were seen, so the
+    interpolation of Eq. 5 is not needed. Points before an observation's start time are left out, as
     `trajectory.synchronise` leaves out points that the simulated trajectory does not span.
 
     Parameters
@@ -211,11 +211,11 @@ class _Simulated:
 
 
 class InterruptibleCost(Cost):
-    """Another cost, asked in small shares between which it can be stopped.
+    """Another cost, evaluated in small shares between which it can be cancelled.
 
     Parameters
     ----------
-    cost : what to ask
+    cost : what evaluates J
     cancelled : looked at before each share
 
     Raises

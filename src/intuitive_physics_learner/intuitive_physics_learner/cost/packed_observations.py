@@ -42,7 +42,13 @@ class PackedObservations:
     def simulate(
         self, simulator: Simulator, trials: Trials, rows: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Simulate trials, the k-th being of the observation `rows[k]` of these.
+        """Simulate trials of these observations.
+
+        Parameters
+        ----------
+        simulator : the engine
+        trials : N of them
+        rows : (N,) index among these observations of that of each trial
 
         Returns
         -------
@@ -77,7 +83,7 @@ def packed_in_groups(
     """Pack observations in groups so alike that at most half of each is padding."""
     groups: dict[tuple[int, int], list[int]] = {}
     for i, seen in enumerate(observations):
-        longest = max(len(thing.trajectory) for thing in seen.objects)
+        longest = max(len(one.trajectory) for one in seen.objects)
         groups.setdefault((len(seen.objects), longest.bit_length()), []).append(i)
     neutral = StaticParameters.uniform(materials)
     return [_packed(observations, groups[key], neutral) for key in sorted(groups)]
@@ -87,7 +93,7 @@ def _packed(
     observations: Sequence[Observation], members: list[int], neutral: StaticParameters
 ) -> PackedObservations:
     some = [observations[i] for i in members]
-    relative = [[times_after_start(seen, thing) for thing in seen.objects] for seen in some]
+    relative = [[times_after_start(seen, one) for one in seen.objects] for seen in some]
     unions = [np.unique(np.concatenate(times)) for times in relative]
     unions = [union[union >= 0.0] for union in unions]
     shape = (len(some), len(some[0].objects), max(map(len, unions)))
@@ -96,10 +102,10 @@ def _packed(
     seen_at = np.zeros(shape, dtype=bool)
     for w, (seen, union) in enumerate(zip(some, unions, strict=True)):
         times[w, : union.size] = union
-        for j, thing in enumerate(seen.objects):
+        for j, one in enumerate(seen.objects):
             after = relative[w][j] >= 0.0
             columns = np.searchsorted(union, relative[w][j][after])
-            observed[w, j, columns] = thing.trajectory.positions[after]
+            observed[w, j, columns] = one.trajectory.positions[after]
             seen_at[w, j, columns] = True
     worlds = pack_worlds([seen.scene() for seen in some], neutral)
     places = [np.flatnonzero(seen) for seen in seen_at]
@@ -110,7 +116,13 @@ def _packed(
 
 
 def times_after_start(observation: Observation, seen: ObservedObject) -> NDArray[np.float64]:
-    """Times in s after the start at which an object was seen; below zero, it does not count."""
+    """Return the times (n_points,) in s after the start; points before it do not count.
+
+    Parameters
+    ----------
+    observation : with a start time
+    seen : one of its objects
+    """
     relative = seen.trajectory.times - observation.start_time
     relative[(relative < 0.0) & (relative >= -START_TOLERANCE)] = 0.0
     return relative

@@ -32,13 +32,13 @@ def parameter_influence(
     pairs = np.zeros((len(observations), len(place)), dtype=bool)
     densities = np.zeros((len(observations), len(materials)), dtype=bool)
     for row, seen in enumerate(observations):
-        things = [observed.object for observed in seen.objects]
-        for i, thing in enumerate(things):
-            near = [other.material for other in things[:i] + things[i + 1 :]]
+        objects = [observed.object for observed in seen.objects]
+        for i, one in enumerate(objects):
+            near = [other.material for other in objects[:i] + objects[i + 1 :]]
             for material in (*near, *seen.environment.materials):
-                pairs[row, place[frozenset((thing.material, material))]] = True
-            in_air = thing.drag_coefficient > 0.0 or thing.magnus_coefficient > 0.0
-            densities[row, index[thing.material]] |= bool(near) or in_air
+                pairs[row, place[frozenset((one.material, material))]] = True
+            in_air = one.drag_coefficient > 0.0 or one.magnus_coefficient > 0.0
+            densities[row, index[one.material]] |= bool(near) or in_air
     return np.hstack([densities, np.repeat(pairs, len(PAIR_COEFFICIENTS), axis=1)])
 
 

@@ -1,4 +1,4 @@
-"""What a cost is asked to simulate: observations, each under a θ_s and from initial states."""
+"""What a cost simulates: observations, each under a θ_s and from initial states."""
 
 from __future__ import annotations
 
@@ -48,7 +48,12 @@ class Trials:
         )
 
     def taken(self, trials: NDArray[np.int64]) -> Trials:
-        """Return the trials of these indices, in this order, with only the θ_s they need."""
+        """Return some trials, with only the θ_s they need.
+
+        Parameters
+        ----------
+        trials : (k,) indices, in the order wanted
+        """
         used, index = np.unique(self.parameter_index[trials], return_inverse=True)
         return Trials(
             [self.parameters[i] for i in used],

@@ -27,7 +27,7 @@ from intuitive_physics_learner.joint_estimation.settings import JointEstimationS
 
 
 def robust_loss(lengths: NDArray[np.float64], outlier_length: float) -> NDArray[np.float64]:
-    """Huber's loss of residuals, of the shape of `lengths` and without a unit.
+    """Return Huber's loss (...,), without a unit, of residuals.
 
     Parameters
     ----------

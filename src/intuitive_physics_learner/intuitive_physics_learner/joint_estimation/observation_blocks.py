@@ -177,7 +177,7 @@ def observation_blocks(
         InitialStateDeviations.of(seen, settings, free_states) for seen in observations
     ]
     times = [
-        np.concatenate([times_after_start(seen, thing) for thing in seen.objects])
+        np.concatenate([times_after_start(seen, one) for one in seen.objects])
         for seen in observations
     ]
     times = [each[each >= 0.0] for each in times]

@@ -249,7 +249,7 @@ class JointEstimationSettings:
         check_settings(self)
 
     def difference_steps(self, deviations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return steps of finite differences of the shape of `deviations`, in the same units.
+        """Return the steps (...,) of finite differences, in the unit of each deviation.
 
         Parameters
         ----------

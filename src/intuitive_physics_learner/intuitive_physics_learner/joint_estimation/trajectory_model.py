@@ -240,5 +240,5 @@ class TrajectoryModel:
 
     @property
     def _curvature_levels(self) -> tuple[float, ...]:
-        """Every other level of a scan: it is only asked how far a parameter can be moved."""
+        """Every other level of a scan: only how far a parameter can be moved is wanted."""
         return self.settings.scan_levels[::2]

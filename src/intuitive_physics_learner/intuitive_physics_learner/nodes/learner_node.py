@@ -14,13 +14,13 @@ from rclpy.parameter import Parameter as RosParameter
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.observation import Observation, observation_materials
+from intuitive_physics.observation import Observation
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner.cost.cluster import CostMaker
 from intuitive_physics_learner.errors import StorageError
 from intuitive_physics_learner.learning_job import Work
 from intuitive_physics_learner.learning_session import LearningOptions
-from intuitive_physics_learner.nodes.learning_services import CODES, AskedSearches
+from intuitive_physics_learner.nodes.learning_services import CODES, RequestedSearches
 from intuitive_physics_learner.nodes.parameters import (
     ONLINE_PREFIX,
     node_parameters,
@@ -28,7 +28,7 @@ from intuitive_physics_learner.nodes.parameters import (
 )
 from intuitive_physics_learner.online.background_learning import BackgroundLearning
 from intuitive_physics_learner.online.worker import FAILED, SEARCHING
-from intuitive_physics_learner.store import ObservationStore
+from intuitive_physics_learner.store import CurrentParameters, ObservationStore
 from intuitive_physics_learner.stored_learning import learn_from_store
 from intuitive_physics_ros.conversions import (
     observation_from_message,
@@ -43,11 +43,11 @@ from intuitive_physics_ros.result_codes import error_result, ok_result
 from intuitive_physics_ros.run_node import run_node
 
 STOP_PATIENCE = 2.0
-"""s to wait at the end for a search to stop; it is asked after every batch of candidates."""
+"""s to wait at the end for a search to stop; it can stop after every batch of candidates."""
 
 
 class LearnerNode(Node):
-    """Stores observations, learns from them when asked and in the background, publishes θ_s."""
+    """Stores observations, learns from them on request and in the background, publishes θ_s."""
 
     def __init__(self) -> None:
         super().__init__("learner_node")
@@ -57,30 +57,29 @@ class LearnerNode(Node):
         self._simulator = make_simulator(values["simulator"], threads=cores)
         self._make_cost = CostMaker(values["cluster"])
         self._store = ObservationStore(values["database"])
-        self._materials = observation_materials(self._store.observations())
-        self._newest = self._store.newest_parameters()
+        self._current = CurrentParameters(self._store)
         self._input = InputMonitor(self, "~/observation", timeout=None)
         self._publisher = self.create_publisher(
             StaticParametersMessage, "~/static_parameters", LATCHED
         )
-        # Triggered from the thread that watches the background, it calls back in this node's.
+        # Triggered in the thread that watches the background, called back in this node's executor.
         improved = self.create_guard_condition(self._read_newest)
         self._background = BackgroundLearning(
             self._store.path, values["simulator"], improved.trigger
         )
-        self._searches = AskedSearches(
+        self._searches = RequestedSearches(
             self, self._work, self._message, self._background.stop, self._on_search_ended
         )
         self._offer()
         self._publish()
         self.get_logger().info(
             f"{self._store.path} holds {self._store.count()} observations and "
-            f"version {self._newest.version if self._newest else 0} of the static parameters"
+            f"version {self._current.version} of the static parameters"
         )
         self._run_background()
 
     def destroy_node(self) -> None:
-        """Stop what learns and close the database."""
+        """Stop all searches and close the database."""
         self._background.stop()
         if not self._searches.stop(STOP_PATIENCE):
             self.get_logger().warning("the search did not stop in time and is left behind")
@@ -127,7 +126,7 @@ class LearnerNode(Node):
     def _on_get_static_parameters(
         self, request: GetStaticParameters.Request, response: GetStaticParameters.Response
     ) -> GetStaticParameters.Response:
-        current = self._current()
+        current = self._current.extended()
         if current is None:
             response.result = ResultCode(
                 value=ResultCode.NOT_READY,
@@ -145,7 +144,7 @@ class LearnerNode(Node):
             given = static_parameters_from_message(request.static_parameters)
             stored = self._store.add_parameters(given)
             self._take_over(stored)
-            self._background.look()
+            self._background.notify()
             response.version = stored.version
             response.result = ok_result()
         except IntuitivePhysicsError as error:
@@ -172,7 +171,7 @@ class LearnerNode(Node):
         self._run_background()
 
     def _run_background(self) -> None:
-        """Learn in the background, or not, as the parameters say and nothing else runs."""
+        """Learn in the background if the parameters say so and no requested search runs."""
         self._background.stop()
         self._read_newest()
         if self.get_parameter(ONLINE_PREFIX).value and self._searches.running is None:
@@ -182,33 +181,23 @@ class LearnerNode(Node):
 
     def _add(self, observation: Observation) -> bool:
         added = self._store.add(observation)
-        known = len(self._materials)
-        self._materials = tuple(dict.fromkeys((*self._materials, *observation.materials)))
-        if len(self._materials) > known:
+        if self._current.add_materials(observation.materials):
             self._publish()
         if added:
-            self._background.look()
+            self._background.notify()
         return added
 
     def _read_newest(self) -> None:
-        """Take over what the background has stored."""
-        newest = self._store.newest_parameters()
-        if newest is not None and (self._newest is None or newest.version > self._newest.version):
-            self._take_over(newest)
+        """Take over what learning in the background has stored."""
+        if self._current.read():
+            self._publish()
 
     def _take_over(self, learned: LearnedParameters) -> None:
-        self._newest = learned
+        self._current.newest = learned
         self._publish()
 
-    def _current(self) -> LearnedParameters | None:
-        """Newest θ_s over all materials that were observed; None while no material is known."""
-        if self._newest is None and not self._materials:
-            return None
-        newest = self._newest or LearnedParameters.defaults(self._materials)
-        return newest.extended(tuple(dict.fromkeys((*newest.materials, *self._materials))))
-
     def _publish(self) -> None:
-        current = self._current()
+        current = self._current.extended()
         if current is not None:
             self._publisher.publish(self._message(current))
 
@@ -220,10 +209,10 @@ class LearnerNode(Node):
             count = self._store.count()
         except StorageError as error:
             return Status(Level.ERROR, str(error))
-        newest = self._newest
+        newest = self._current.newest
         values = {
             "observations": count,
-            "version": newest.version if newest else 0,
+            "version": self._current.version,
             "cost": newest.cost if newest else "",
         }
         job = self._searches.running
@@ -249,5 +238,5 @@ class LearnerNode(Node):
 
 
 def main() -> int:
-    """Run the node until it is told to stop."""
+    """Run the node until it is stopped."""
     return run_node(LearnerNode)

@@ -1,4 +1,4 @@
-"""The learner node's service and action that search θ_s because somebody asked."""
+"""The learner node's service and action that search θ_s on request."""
 
 from __future__ import annotations
 
@@ -40,12 +40,13 @@ CODES: dict[type[BaseException], int] = {
     IncompatibleEnvironmentError: ResultCode.INCOMPATIBLE_ENVIRONMENT,
     ClusterError: ResultCode.CLUSTER_FAILED,
 }
+"""Result code of each error of this package; others are those of `intuitive_physics_ros`."""
 
 MakeWork = Callable[[LearningOptions], Work]
-"""Makes what a job runs from what a caller asked for."""
+"""Makes what a job runs from the options of a request."""
 
 
-class AskedSearches:
+class RequestedSearches:
     """Offers `~/learn` and `~/learn_parameters`, one search at a time.
 
     Parameters
@@ -73,7 +74,7 @@ class AskedSearches:
         self._on_end = on_end
         self._job: LearningJob | None = None
         self._changed = WorkerSignal(node)
-        # While a search waits in a callback, others of its group must go on.
+        # While a search waits in a callback, others of its group must run.
         together = ReentrantCallbackGroup()
         node.create_service(Learn, "~/learn", self._on_learn, callback_group=together)
         self._action = ActionServer(
@@ -91,7 +92,7 @@ class AskedSearches:
         return None if self._job is None or self._job.done else self._job
 
     def stop(self, patience: float) -> bool:
-        """Cancel a search that runs and return whether it has ended within so many seconds."""
+        """Cancel a search that runs; return whether it has ended within `patience` seconds."""
         return self._job is None or self._job.stop(patience)
 
     async def _on_learn(self, request: Learn.Request, response: Learn.Response) -> Learn.Response:
@@ -118,7 +119,7 @@ class AskedSearches:
         return answer
 
     def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
-        # Whoever watches the job sees the request and passes it on.
+        # `_watched` sees the request and cancels the job.
         self._changed.set()
         return CancelResponse.ACCEPT
 
@@ -139,7 +140,7 @@ class AskedSearches:
         goal: ServerGoalHandle | None = None,
         options: LearningOptions | None = None,
     ) -> array[float]:
-        """Wait for the end of a job, tell a goal of its progress, return its cost history."""
+        """Wait for the end of a job, publish feedback to a goal, return its cost history (m)."""
         history = array("d")
         while True:
             change = self._changed.next()

@@ -1,9 +1,10 @@
-"""Parameters of the learner node, and what they say about a search."""
+"""Parameters of the learner node, and the options of searches that follow from them."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from intuitive_physics_msgs.msg import LearningOptions as LearningOptionsMessage
@@ -12,6 +13,7 @@ from rclpy.node import Node
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.parameter_space import Bounds, ParameterSpace
+from intuitive_physics.settings import list_settings
 from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS
 from intuitive_physics_learner.cost.cluster import WHERE_GUIDE
 from intuitive_physics_learner.learning_session import LearningOptions
@@ -21,11 +23,11 @@ from intuitive_physics_learner.online.improvement import OnlineOptions
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 from intuitive_physics_learner.store.database import default_database_path
 from intuitive_physics_ros.conversions import bounds_from_messages
-from intuitive_physics_ros.parameters import Parameter
+from intuitive_physics_ros.parameters import Parameter, setting_parameters
 from intuitive_physics_ros.result_codes import RefusedError
 
 ONLINE_PREFIX = "online"
-"""Of the parameters that tell how to learn in the background."""
+"""Beginning of the names of the parameters of learning in the background."""
 
 
 def node_parameters() -> tuple[Parameter, ...]:
@@ -45,13 +47,13 @@ def node_parameters() -> tuple[Parameter, ...]:
         Parameter(
             "cores",
             0,
-            "of this machine that a search somebody asked for may use; 0: all",
+            "cores of this machine that a requested search may use; 0: all",
             range=(0, 1024),
         ),
         Parameter(
             "cluster",
             "",
-            f"where a search somebody asked for evaluates J. {WHERE_GUIDE}",
+            f"where a requested search evaluates J. {WHERE_GUIDE}",
         ),
         *_search_parameters(),
         *_online_parameters(),
@@ -71,7 +73,7 @@ def _search_parameters() -> tuple[Parameter, ...]:
         Parameter(
             "max_iterations_without_gain",
             0,
-            "stop after so many evaluations of J without gain; 0: never for that reason",
+            "evaluations of J without gain after which a search stops; 0: no limit",
             range=(0, 10_000_000),
             read_only=False,
         ),
@@ -102,13 +104,6 @@ def _online_parameters() -> tuple[Parameter, ...]:
             read_only=False,
         ),
         Parameter(
-            f"{ONLINE_PREFIX}_method",
-            DEFAULT_METHOD,
-            "of the search in the background",
-            choices=METHODS,
-            read_only=False,
-        ),
-        Parameter(
             f"{ONLINE_PREFIX}_cores",
             1,
             "cores that learning in the background uses at most",
@@ -118,42 +113,29 @@ def _online_parameters() -> tuple[Parameter, ...]:
         Parameter(
             f"{ONLINE_PREFIX}_priority",
             "idle",
-            "of learning in the background; idle: it gets only what nobody else wants; low: the "
-            "least share of a busy core, but never none",
+            "of learning in the background; idle: only time that no other process wants; low: the "
+            "smallest share of a busy core, but never none",
             choices=PRIORITIES,
             read_only=False,
         ),
-        Parameter(
-            f"{ONLINE_PREFIX}_seconds",
-            30.0,
-            "s of CPU time for searching in the background at most after each new observation",
-            range=(0.1, 1e6),
-            read_only=False,
-        ),
-        Parameter(
-            f"{ONLINE_PREFIX}_iterations_without_gain",
-            OnlineOptions.iterations_without_gain,
-            "evaluations of J without gain after which the background rests until there is news",
-            range=(1, 10_000_000),
-            read_only=False,
+        *(
+            replace(parameter, name=f"{ONLINE_PREFIX}_{parameter.name}")
+            for parameter in setting_parameters(OnlineOptions, read_only=False)
         ),
     )
 
 
 def online_options(node: Node) -> OnlineOptions:
-    """What the node's parameters say about learning in the background."""
-    return OnlineOptions(
-        method=node.get_parameter(f"{ONLINE_PREFIX}_method").value,
-        seed=node.get_parameter("seed").value,
-        seconds=node.get_parameter(f"{ONLINE_PREFIX}_seconds").value,
-        iterations_without_gain=node.get_parameter(
-            f"{ONLINE_PREFIX}_iterations_without_gain"
-        ).value,
-    )
+    """Return the options of learning in the background."""
+    given = {
+        setting.name: node.get_parameter(f"{ONLINE_PREFIX}_{setting.name}").value
+        for setting in list_settings(OnlineOptions)
+    }
+    return OnlineOptions(seed=node.get_parameter("seed").value, **given)
 
 
 def learning_options(node: Node, message: LearningOptionsMessage) -> LearningOptions:
-    """What a caller asked for; what it left at zero is that of the node.
+    """Return the options of a request; what it leaves at zero is taken from the node's parameters.
 
     Raises
     ------
@@ -183,7 +165,7 @@ def learning_options(node: Node, message: LearningOptionsMessage) -> LearningOpt
 def _bounds(messages: Sequence[ParameterBounds]) -> dict[str, Bounds]:
     try:
         bounds = bounds_from_messages(messages)
-        # What kinds must be to one another does not depend on the materials.
+        # How the bounds of kinds must compare does not depend on the materials.
         ParameterSpace(("any",), bounds)
     except InvalidInputError as error:
         raise RefusedError(ResultCode.INVALID_BOUNDS, str(error)) from None

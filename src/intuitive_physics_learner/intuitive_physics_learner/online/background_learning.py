@@ -1,8 +1,7 @@
 """Starting, watching and stopping the process that learns in the background.
 
-A process of its own and not a thread: a thread of idle priority that holds Python's interpreter
-lock while others take its core would hold up the whole node. And a process can be stopped at any
-instant.
+It is a process and not a thread: a thread of idle priority that holds Python's interpreter lock
+while others take its core would block the whole node. And a process can be stopped at any instant.
 """
 
 from __future__ import annotations
@@ -21,19 +20,23 @@ from intuitive_physics_learner.online.improvement import OnlineOptions
 from intuitive_physics_learner.online.worker import FAILED, WAITING, WorkerReport
 
 LOWEST_NICENESS = 19
+"""The niceness of POSIX that leaves the most to other processes."""
 
 PRIORITIES = ("idle", "low", "normal")
-"""Idle: only what nobody else wants. Low: the least share, but never none. Normal: as others."""
+"""Idle: only time that no other process wants. Low: the smallest share, but never none. Normal: as
+others."""
 
 
-def step_back(pid: int, priority: str, cores: int) -> None:
-    """Give a process a priority, and no more than so many cores.
+def limit_process(pid: int, priority: str, cores: int) -> None:
+    """Give a process a priority and a largest number of cores.
 
-    To be called before it has started threads; those that it starts later are as it is.
+    To be called before it has started threads, which inherit both.
 
     Parameters
     ----------
+    pid : of the process
     priority : one of `PRIORITIES`
+    cores : that it may use at most
     """
     # It may have ended already, and some containers forbid one or the other.
     with suppress(ProcessLookupError, PermissionError):
@@ -47,9 +50,10 @@ def step_back(pid: int, priority: str, cores: int) -> None:
 
 
 WORKER = "intuitive_physics_learner.online.worker"
+"""Module that the process runs."""
 
 LAST_LINES = 3
-"""Of what a worker that died has written to standard error, to tell why."""
+"""Lines of the standard error of a worker that died that its report quotes."""
 
 
 class BackgroundLearning:
@@ -67,7 +71,7 @@ class BackgroundLearning:
         self._simulator = simulator
         self._on_improved = on_improved
         self._process: subprocess.Popen[str] | None = None
-        self._told: tuple[OnlineOptions, int, str] | None = None
+        self._started_with: tuple[OnlineOptions, int, str] | None = None
         self._lock = threading.Lock()
         self._report = WorkerReport(WAITING)
 
@@ -78,22 +82,22 @@ class BackgroundLearning:
 
     @property
     def report(self) -> WorkerReport:
-        """How it does."""
+        """The newest report of the process."""
         with self._lock:
             return self._report
 
     def start(self, options: OnlineOptions, cores: int, priority: str = "idle") -> None:
-        """Start to learn, anew if it did already.
+        """Start to learn; a process that runs already is replaced.
 
         Parameters
         ----------
         options : how to learn
-        cores : of this machine that it may use
+        cores : of this machine that it may use at most
         priority : one of `PRIORITIES`
         """
         self.stop()
-        self._told = (options, cores, priority)
-        told = {
+        self._started_with = (options, cores, priority)
+        task = {
             "database": str(self._database),
             "simulator": self._simulator,
             "cores": cores,
@@ -101,28 +105,28 @@ class BackgroundLearning:
         }
         threads = {name: str(cores) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
         process = subprocess.Popen(
-            [sys.executable, "-m", WORKER, json.dumps(told)],
+            [sys.executable, "-m", WORKER, json.dumps(task)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
             env={**os.environ, **threads},
         )
-        step_back(process.pid, priority, cores)
+        limit_process(process.pid, priority, cores)
         self._process = process
         with self._lock:
             self._report = WorkerReport(WAITING)
         threading.Thread(target=self._watch, args=(process,), daemon=True).start()
 
-    def look(self) -> None:
-        """Say that there may be something new in the store; starts a process that has died."""
-        if self._process is None or self._process.stdin is None or self._told is None:
+    def notify(self) -> None:
+        """Make the process read the store again; starts one that has died."""
+        if self._process is None or self._process.stdin is None or self._started_with is None:
             return
         try:
-            self._process.stdin.write("look\n")
+            self._process.stdin.write("notify\n")
             self._process.stdin.flush()
         except BrokenPipeError:
-            self.start(*self._told)
+            self.start(*self._started_with)
 
     def stop(self) -> None:
         """End the process at once. What it has found so far is in the store."""
@@ -146,7 +150,7 @@ class BackgroundLearning:
         self._take(process, replace(report, state=FAILED, message=message))
 
     def _take(self, process: subprocess.Popen[str], report: WorkerReport) -> bool:
-        """Keep a report, unless the process was stopped and has nothing more to say."""
+        """Take over a report unless it is of a process that was stopped; return whether it was."""
         with self._lock:
             current = process is self._process
             if current:

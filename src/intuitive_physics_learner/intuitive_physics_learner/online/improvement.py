@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.observation import observation_materials
-from intuitive_physics.settings import check_settings, number
+from intuitive_physics.settings import check_settings, choice, number
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions
-from intuitive_physics_learner.methods import DEFAULT_METHOD
+from intuitive_physics_learner.methods import DEFAULT_METHOD, METHODS
 from intuitive_physics_learner.search.convergence import (
     ConvergenceCriteria,
     SearchProgress,
@@ -46,20 +46,29 @@ class SliceSettings:
 
 @dataclass(frozen=True)
 class OnlineOptions:
-    """How to learn in the background.
+    """How to learn in the background. Ranges are those that a user of the node may give.
 
     Parameters
     ----------
-    method : one of `METHODS`
     seed : of all randomness
-    seconds : of CPU time at most for one set of observations; the next observation makes a new set
-    iterations_without_gain : evaluations of J without gain after which a set is left alone
     """
 
-    method: str = DEFAULT_METHOD
+    method: str = choice(DEFAULT_METHOD, METHODS, "of the search in the background")
     seed: int = 0
-    seconds: float = 30.0
-    iterations_without_gain: int = 2000
+    seconds: float = number(
+        30.0,
+        0.1,
+        1e6,
+        "CPU time for searching in the background at most after each new observation",
+        unit="s",
+    )
+    iterations_without_gain: int = number(
+        2000,
+        1,
+        10_000_000,
+        "evaluations of J without gain after which learning in the background waits for the next "
+        "observation",
+    )
 
     def learning_options(self) -> LearningOptions:
         """Return the options of the search that these stand for."""

@@ -1,9 +1,8 @@
 """The process that learns in the background.
 
-It may be killed at any instant; the store keeps all that matters.
-
-It is told by lines on its standard input that there may be something new, ends when that is
-closed, and tells by lines of JSON on its standard output how it does (`WorkerReport`).
+It may be killed at any instant: all that matters is in the store. A line on its standard input
+makes it read the store again, and it ends when that is closed. It writes reports as lines of JSON
+to its standard output (`WorkerReport`).
 """
 
 from __future__ import annotations
@@ -22,13 +21,13 @@ from intuitive_physics_learner.online.improvement import OnlineOptions, OnlineSe
 from intuitive_physics_learner.search.convergence import SearchProgress
 from intuitive_physics_learner.store import ObservationStore
 
-TELL_PERIOD = 0.2
+REPORT_PERIOD = 0.2
 """s between two reports of progress at least."""
 
 
 @dataclass(frozen=True)
 class WorkerReport:
-    """How the worker does.
+    """The state of the worker.
 
     Parameters
     ----------
@@ -47,6 +46,7 @@ class WorkerReport:
 
 
 SEARCHING, WAITING, FAILED = "searching", "waiting", "failed"
+"""States of a worker."""
 
 
 class Worker:
@@ -66,48 +66,48 @@ class Worker:
         self._store = store
         self._simulator = make_simulator(simulator_name, threads=cores)
         self._options = options
-        self._news = threading.Event()
+        self._notified = threading.Event()
         self._report = WorkerReport(WAITING)
-        self._told_at = 0.0
+        self._published_at = 0.0
         threading.Thread(target=self._listen, name="commands", daemon=True).start()
 
     def run(self) -> None:
-        """Go on for ever."""
+        """Search, and wait for new observations, until the process ends."""
         while True:
-            self._news.clear()
+            self._notified.clear()
             try:
                 self._learn()
             except IntuitivePhysicsError as error:
-                self._tell(state=FAILED, message=str(error))
+                self._publish(state=FAILED, message=str(error))
             else:
-                self._tell(state=WAITING, message="")
-            self._news.wait()
+                self._publish(state=WAITING, message="")
+            self._notified.wait()
 
     def _learn(self) -> None:
-        """Search until the observations that are stored have no more to give."""
+        """Search until the searches over the stored observations have ended."""
         while self._store.count() > 0:
             search = OnlineSearch(self._store, self._simulator, self._options)
             while not search.finished and not search.outdated:
-                self._tell(state=SEARCHING, message="")
+                self._publish(state=SEARCHING, message="")
                 improved = search.run_slice(on_progress=self._on_progress)
                 if improved is not None:
-                    self._tell(version=improved.version)
+                    self._publish(version=improved.version)
             if not search.outdated:
                 return
 
     def _on_progress(self, progress: SearchProgress) -> None:
-        if time.monotonic() >= self._told_at + TELL_PERIOD:
-            self._tell(iteration=progress.iteration, best_cost=progress.best_cost)
+        if time.monotonic() >= self._published_at + REPORT_PERIOD:
+            self._publish(iteration=progress.iteration, best_cost=progress.best_cost)
 
-    def _tell(self, **changes: object) -> None:
+    def _publish(self, **changes: object) -> None:
         self._report = WorkerReport(**{**asdict(self._report), **changes})
-        self._told_at = time.monotonic()
+        self._published_at = time.monotonic()
         print(json.dumps(asdict(self._report)), flush=True)
 
     def _listen(self) -> None:
         for _ in sys.stdin:
-            self._news.set()
-        # Whoever started this has gone.
+            self._notified.set()
+        # The process that started this one has ended.
         os._exit(0)
 
 
@@ -115,10 +115,10 @@ def main() -> None:
     """Learn in the background until standard input is closed."""
     # Ctrl-C at a terminal reaches this too; the node decides when it ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    told = json.loads(sys.argv[1])
+    task = json.loads(sys.argv[1])
     try:
-        with ObservationStore(told["database"]) as store:
-            Worker(store, told["simulator"], told["cores"], OnlineOptions(**told["options"])).run()
+        with ObservationStore(task["database"]) as store:
+            Worker(store, task["simulator"], task["cores"], OnlineOptions(**task["options"])).run()
     except (IntuitivePhysicsError, BrokenPipeError) as error:
         sys.exit(str(error))
 

@@ -1,4 +1,4 @@
-"""When a search ends (ξ of Algorithm 1), what it tells on its way, and what it found."""
+"""When a search ends (ξ of Algorithm 1), its progress, and its result."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class ConvergenceCriteria:
     max_iterations : evaluations of J
     max_iterations_without_gain : evaluations of J since it last fell by `relative_gain`
     cost_threshold : m; J below this is good enough
-    time_limit : s of wall time, what is to be done with the result included where `learn` runs it
+    time_limit : s of wall time; `learn` leaves part of it for the identifiability of the result
     relative_gain : part of J by which it must fall to count as a gain
 
     Raises
@@ -70,7 +70,7 @@ class ConvergenceCriteria:
 
 @dataclass(frozen=True)
 class SearchProgress:
-    """What a search tells while it runs.
+    """The progress of a search.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What one search is asked to do: learn θ_s from observations, beginning at a known θ_s."""
+"""The task of one search: learn θ_s from observations, beginning at a known θ_s."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Moving one parameter of θ_s at a time, all others kept as they are."""
+"""Moving one parameter of θ_s at a time, all others fixed."""
 
 from __future__ import annotations
 
@@ -103,7 +103,13 @@ def _slope(bounds: Bounds, value: float) -> float:
 def parameters_of_vector(
     materials: tuple[str, ...], vector: NDArray[np.float64]
 ) -> StaticParameters:
-    """θ_s from one array, shape (|θ_s|,), as `parameter_vector` makes it."""
+    """Return θ_s from one array.
+
+    Parameters
+    ----------
+    materials : m names
+    vector : (|θ_s|,) in each parameter's SI unit, as `parameter_vector` returns it
+    """
     m = len(materials)
     rows, columns = np.triu_indices(m)
     by_pair = vector[m:].reshape(rows.size, len(PAIR_COEFFICIENTS)).T

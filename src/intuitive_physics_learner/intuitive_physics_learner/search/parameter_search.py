@@ -1,4 +1,4 @@
-"""Parameter search (Algorithm 1): propose θ'_s, simulate, keep what lowers J, until ξ is met."""
+"""Parameter search (Algorithm 1): propose θ'_s, simulate, accept what lowers J, until ξ is met."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ CHECKPOINT_PERIOD = 1.0
 
 
 class Search(ABC):
-    """A search that can run, be asked for its state, and continue from it exactly."""
+    """A search that can run, return its state, and continue from that exactly."""
 
     def __init__(self) -> None:
         self._history: list[float] = []
@@ -88,8 +88,8 @@ class Search(ABC):
         ----------
         on_checkpoint : called with the `state_dict` at most every `CHECKPOINT_PERIOD`, and at the
             end
-        reserve : how many seconds of the time limit to leave for what comes after the search, when
-            it has taken so many
+        reserve : given the s that the search has taken, returns the s of the time limit to leave
+            for what comes after it
         """
         began = saved = time.monotonic()
         reason = None

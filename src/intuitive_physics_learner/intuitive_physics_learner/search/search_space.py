@@ -19,11 +19,16 @@ class SearchSpace(Protocol):
         """Number of parameters that are searched."""
 
     def to_parameters(self, unit: ArrayLike) -> StaticParameters:
-        """Map a point of the unit cube, shape (size,), to θ_s."""
+        """Map a point of the unit cube to θ_s.
+
+        Parameters
+        ----------
+        unit : (size,) point, each coordinate from 0 to 1
+        """
 
 
 class ActiveSpace:
-    """The unit cube of the active parameters; the others stay what they are.
+    """The unit cube of the active parameters; the others are fixed.
 
     Parameters
     ----------
@@ -50,11 +55,16 @@ class ActiveSpace:
         return [n for n, active in zip(self._space.names, self._active, strict=True) if active]
 
     def to_parameters(self, unit: ArrayLike) -> StaticParameters:
-        """Map a point of the cube, shape (size,), to θ_s."""
+        """Map a point of the cube to θ_s.
+
+        Parameters
+        ----------
+        unit : (size,) point, each coordinate from 0 to 1
+        """
         whole = self._unit.copy()
         whole[self._active] = unit
         return self._space.to_parameters(whole)
 
     def to_unit(self, parameters: StaticParameters) -> NDArray[np.float64]:
-        """Map θ_s to the cube, shape (size,)."""
+        """Map θ_s to the cube, (size,) coordinates from 0 to 1."""
         return self._space.to_unit(parameters)[self._active]

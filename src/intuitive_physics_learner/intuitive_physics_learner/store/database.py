@@ -21,7 +21,7 @@ from pathlib import Path
 from intuitive_physics_learner.errors import StorageError
 
 APPLICATION_ID = 0x49505331
-"""Tells our files from other SQLite files: "IPS1"."""
+"""Distinguishes our files from other SQLite files: "IPS1"."""
 
 MIGRATIONS: tuple[tuple[str, ...], ...] = (
     (
@@ -187,7 +187,7 @@ def schema_version(connection: sqlite3.Connection, path: Path) -> int:
 
 def migrate(connection: sqlite3.Connection, path: Path) -> None:
     """Bring a file up to date, within the caller's transaction: wholly or not at all."""
-    # Looked up here: another process may have been quicker.
+    # Read within the transaction: another process may have migrated the file meanwhile.
     for step in MIGRATIONS[schema_version(connection, path) :]:
         for statement in step:
             connection.execute(statement)

@@ -1,6 +1,6 @@
 """Observations, versions of θ_s and unfinished searches on disk, in a file any SQLite tool opens.
 
-`schema` tells of the tables, `database` of what the file survives.
+`database` documents the tables and what the file survives.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from intuitive_physics_learner.errors import StorageError
 from intuitive_physics_learner.store.database import Database
 from intuitive_physics_learner.store.search_checkpoint import SearchCheckpoint
 
-KEPT_SEARCHES = 8
-"""Unfinished searches that are kept; those saved longest ago make room."""
+LARGEST_SEARCH_COUNT = 8
+"""Unfinished searches that are stored at most; those saved longest ago are deleted first."""
 
 
 class ObservationStore:
@@ -151,7 +151,7 @@ class ObservationStore:
         return [self._parameters(*row) for row in rows]
 
     def save_checkpoint(self, checkpoint: SearchCheckpoint) -> None:
-        """Store where a search stands in place of what was stored of it before."""
+        """Store the state of a search in place of its last one."""
         row = (checkpoint.key, time.time(), checkpoint.version, checkpoint.to_json())
         with self._database.writing() as connection:
             connection.execute(
@@ -162,11 +162,11 @@ class ObservationStore:
             connection.execute(
                 "DELETE FROM searches WHERE key NOT IN "
                 "(SELECT key FROM searches ORDER BY saved_at DESC LIMIT ?)",
-                (KEPT_SEARCHES,),
+                (LARGEST_SEARCH_COUNT,),
             )
 
     def checkpoint(self, key: str) -> SearchCheckpoint | None:
-        """Return where a search stands; None when nothing is stored of it, or nothing readable."""
+        """Return the state of a search; None when none is stored, or none that can be read."""
         with self._database.reading() as connection:
             row = connection.execute(
                 "SELECT version, json FROM searches WHERE key = ?", (key,)
@@ -174,11 +174,11 @@ class ObservationStore:
         try:
             return None if row is None else SearchCheckpoint.from_json(key, *row)
         except InvalidInputError:
-            # A search that starts again loses time only.
+            # A search that starts from its beginning only loses time.
             return None
 
     def delete_checkpoint(self, key: str) -> None:
-        """Forget a search; one that is not stored is no error."""
+        """Delete the state of a search; one that is not stored is no error."""
         with self._database.writing() as connection:
             connection.execute("DELETE FROM searches WHERE key = ?", (key,))
 

@@ -1,4 +1,4 @@
-"""Where an unfinished search stands, so that one that was killed can go on."""
+"""The state of an unfinished search, from which one that was killed continues."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from intuitive_physics.learned_parameters import LearnedParameters
 
 @dataclass(frozen=True, eq=False)
 class SearchCheckpoint:
-    """A search on its way.
+    """An unfinished search.
 
     Parameters
     ----------
-    key : tells searches apart: whatever decides how a search goes has a part in it
-    version : of the newest θ_s when this was saved; what is newer was not known to the search
+    key : digest of all that determines the search
+    version : of the newest θ_s when this was saved; the search does not know newer ones
     start : θ_s the search began with; None: the defaults
     state : plain data from which `learn` continues, empty before its first checkpoint; None: the
-        search has come to its end
+        search has ended
     seconds : of search so far
     iterations : evaluations of J so far
     """

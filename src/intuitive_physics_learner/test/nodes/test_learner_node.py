@@ -415,7 +415,7 @@ def test_two_processes_learn_the_same_as_one(start, caller, throws, tmp_path):
     assert learned.to_dict() == alone.to_dict()
 
 
-def test_observations_of_the_topic_that_are_wrong_are_told_of(start, caller, glides):
+def test_observations_of_the_topic_that_are_wrong_are_reported(start, caller, glides):
     start()
     broken = observation_to_message(glides(np.random.default_rng(0), 0.5))
     broken.objects[0].times = []
@@ -549,7 +549,7 @@ def test_a_search_that_was_killed_goes_on(start, caller, throws, tmp_path):
     again.close()
 
 
-def background_told(caller):
+def background_status(caller):
     """What the newest diagnostics say about learning in the background."""
     for message in reversed(caller.diagnostics):
         for status in message.status:
@@ -564,7 +564,7 @@ def test_learns_in_the_background_as_observations_arrive(start, caller, throws, 
     for one in throws(6, 0, noise=0.003):
         caller.observations.publish(observation_to_message(one))
     caller.spin_until(lambda: caller.published and caller.published[-1].version >= 1, 60.0)
-    caller.spin_until(lambda: background_told(caller) == "waiting for observations", 60.0)
+    caller.spin_until(lambda: background_status(caller) == "waiting for observations", 60.0)
     newest = caller.call(GetStaticParameters).static_parameters
     assert caller.published[-1].version == newest.version
     on_the_same = [one.cost for one in caller.published if one.observation_count == 6]
@@ -584,18 +584,18 @@ def test_the_background_gives_way_and_can_be_turned_off_and_on(start, caller, th
     start("online:=true", *endless)
     for one in throws(6, 0):
         caller.add(one)
-    caller.spin_until(lambda: background_told(caller) == "searching", 60.0)
+    caller.spin_until(lambda: background_status(caller) == "searching", 60.0)
     _, result = caller.start_goal(LearningOptions(method="random", max_iterations=20_000))
-    caller.spin_until(lambda: background_told(caller).startswith("waits for the end"))
+    caller.spin_until(lambda: background_status(caller).startswith("waits for the end"))
     assert caller.result_of(result).result.result.value == ResultCode.OK
-    caller.spin_until(lambda: background_told(caller) == "searching", 60.0)
+    caller.spin_until(lambda: background_status(caller) == "searching", 60.0)
     workers = children_of(start.nodes[0])
     assert len(workers) == 1
     caller.set_parameter("online", False)
     caller.spin_until(lambda: not children_of(start.nodes[0]), 1.0)
-    caller.spin_until(lambda: background_told(caller).startswith("off"))
+    caller.spin_until(lambda: background_status(caller).startswith("off"))
     caller.set_parameter("online", True)
-    caller.spin_until(lambda: background_told(caller) == "searching", 60.0)
+    caller.spin_until(lambda: background_status(caller) == "searching", 60.0)
     assert start.nodes[0].stop() == 0
     caller.spin_until(lambda: not any(map(alive, workers)))
 

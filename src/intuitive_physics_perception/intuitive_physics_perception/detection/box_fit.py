@@ -12,49 +12,39 @@ from numpy.typing import NDArray
 
 from intuitive_physics.shapes import Box
 from intuitive_physics_perception.detection.detections import DetectedSolid
+from intuitive_physics_perception.detection.settings import SolidDetectionSettings
 from intuitive_physics_perception.environment.planes import DetectedPlane
-
-LEAST_ON_FACES = 0.88
-LEAST_FILLED = 0.75
-FACE_CELLS = 6
-STANDING_GAP, STANDING_COSINE = 0.04, float(np.cos(np.radians(6.0)))
-
-HYPOTHESES = 150
-SCORED_POINTS = 200
-FACE_SIGMAS = 2.5
-SURFACE_DEVIATION = 0.001
-UPRIGHT_COSINE = float(np.cos(np.radians(82.0)))
-LEAST_FACE_POINTS, LEAST_FACE_PART = 25, 0.08
-REFINEMENTS = 3
 
 
 def fit_box(
     points: NDArray[np.float64],
     deviations: NDArray[np.float64],
     planes: Sequence[DetectedPlane],
+    settings: SolidDetectionSettings,
     rng: np.random.Generator,
 ) -> DetectedSolid | None:
     """Return the box whose faces hold the points, None where there are not two at a right angle.
 
-    One face alone does not tell how deep a box is. Readings at the foot of a box are taken for the
-    plane it stands on, so a box that almost reaches one of `planes` reaches it.
+    One face alone does not determine the depth of a box. Readings at the foot of a box are taken
+    for the plane it stands on, so a box that almost reaches one of `planes` reaches it.
 
     Parameters
     ----------
     points : (n, 3) m, the sensor at the origin
     deviations : (n,) m, of the readings along their rays
     planes : of the environment, in the sensor's frame
+    settings : tuned numbers
     rng : decides which hypotheses are tried
     """
-    faces = find_faces(points, deviations, rng)
-    if faces is None or np.mean(faces.face >= 0) < LEAST_ON_FACES:
+    faces = find_faces(points, deviations, settings, rng)
+    if faces is None or np.mean(faces.face >= 0) < settings.box_inliers:
         return None
     low, high = _bounds(points, faces)
     edges = high - low
-    if (edges <= 0.0).any() or not _is_filled(points, faces, low, high):
+    if (edges <= 0.0).any() or not _is_filled(points, faces, low, high, settings):
         return None
     pitch = _pitch(points, faces, edges)
-    low, high = _down_to_planes(faces, low, high, planes)
+    low, high = _down_to_planes(faces, low, high, planes, settings)
     edges = high - low
     center = faces.rotation @ (0.5 * (low + high))
     variance = (0.5 * pitch) ** 2
@@ -66,9 +56,9 @@ def fit_box(
         Box((float(edges[0]), float(edges[1]), float(edges[2]))),
         center,
         faces.rotation,
-        across + SURFACE_DEVIATION**2 * np.eye(3),
+        across + settings.surface_deviation**2 * np.eye(3),
         turn * np.eye(3),
-        variance + SURFACE_DEVIATION**2,
+        variance + settings.surface_deviation**2,
         len(points),
         float(np.mean(np.square(faces.errors[faces.face >= 0]))),
     )
@@ -97,7 +87,7 @@ def _ends(values: NDArray[np.float64]) -> tuple[float, float]:
     half = 0.5 * float(np.median(counts[counts > 0.3 * counts.max()]))
     full = np.flatnonzero(counts >= half)
     first, last, step = int(full[0]), int(full[-1]), float(edges[1] - edges[0])
-    # What spills over into the next bin tells how far into it the row reaches.
+    # The count in the next bin shows how far into it the row reaches.
     before = counts[first - 1] if first > 0 else 0
     after = counts[last + 1] if last + 1 < bins else 0
     low = edges[first] - step * min(float(before) / (2.0 * half), 1.0)
@@ -114,18 +104,19 @@ def _is_filled(
     faces: BoxFaces,
     low: NDArray[np.float64],
     high: NDArray[np.float64],
+    settings: SolidDetectionSettings,
 ) -> bool:
     """Whether readings lie all over each face, and none before one: a corner of a room has them."""
     local = points @ faces.rotation
-    edges = high - low
+    edges, cells_along = high - low, settings.face_cells
     for k in range(len(faces.offsets)):
         first, second = [axis for axis in range(3) if axis != k]
         on = local[faces.face == k]
         inside = (on - low) / edges
-        cells = np.floor(FACE_CELLS * inside[:, [first, second]]).astype(np.intp)
-        within = ((cells >= 0) & (cells < FACE_CELLS)).all(axis=1)
-        filled = len(np.unique(cells[within], axis=0)) / FACE_CELLS**2
-        if filled < LEAST_FILLED or within.mean() < LEAST_FILLED:
+        cells = np.floor(cells_along * inside[:, [first, second]]).astype(np.intp)
+        within = ((cells >= 0) & (cells < cells_along)).all(axis=1)
+        filled = len(np.unique(cells[within], axis=0)) / cells_along**2
+        if min(filled, float(within.mean())) < settings.face_filled:
             return False
     return True
 
@@ -145,20 +136,22 @@ def _down_to_planes(
     low: NDArray[np.float64],
     high: NDArray[np.float64],
     planes: Sequence[DetectedPlane],
+    settings: SolidDetectionSettings,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Let sides that are not seen and almost reach a plane reach it."""
     ends, middle = np.stack([low, high]), 0.5 * (low + high)
+    smallest_cosine = float(np.cos(np.radians(settings.standing_angle)))
     for axis in range(3):
         direction = faces.rotation[:, axis]
         for plane in planes:
             cosine = float(direction @ plane.normal)
             side = 0 if cosine > 0.0 else 1
-            if abs(cosine) < STANDING_COSINE or (side == 1 and axis < len(faces.offsets)):
+            if abs(cosine) < smallest_cosine or (side == 1 and axis < len(faces.offsets)):
                 continue
             foot = middle.copy()
             foot[axis] = ends[side, axis]
             gap = float(plane.normal @ (faces.rotation @ foot)) - plane.offset
-            if abs(gap) < STANDING_GAP:
+            if abs(gap) < settings.standing_gap:
                 ends[side, axis] -= gap / cosine
     return ends[0], ends[1]
 
@@ -182,31 +175,39 @@ class BoxFaces:
 
 
 def find_faces(
-    points: NDArray[np.float64], deviations: NDArray[np.float64], rng: np.random.Generator
+    points: NDArray[np.float64],
+    deviations: NDArray[np.float64],
+    settings: SolidDetectionSettings,
+    rng: np.random.Generator,
 ) -> BoxFaces | None:
-    """Return the faces that points (n, 3) lie on, None where there are not two at a right angle.
+    """Return the faces that the points lie on, None where there are not two at a right angle.
 
     Parameters
     ----------
+    points : (n, 3) m, the sensor at the origin
     deviations : (n,) m, of the readings along their rays
+    settings : tuned numbers
     rng : decides which hypotheses are tried
     """
-    normals = _face_normals(points, deviations, rng)
-    return _refined(points, deviations, normals) if len(normals) > 1 else None
+    normals = _face_normals(points, deviations, settings, rng)
+    return _refined(points, deviations, normals, settings) if len(normals) > 1 else None
 
 
 def _face_normals(
-    points: NDArray[np.float64], deviations: NDArray[np.float64], rng: np.random.Generator
+    points: NDArray[np.float64],
+    deviations: NDArray[np.float64],
+    settings: SolidDetectionSettings,
+    rng: np.random.Generator,
 ) -> list[NDArray[np.float64]]:
     """Normals of up to three faces at about right angles, the one with most points first."""
     normals: list[NDArray[np.float64]] = []
     free = np.ones(len(points), dtype=bool)
-    needed = max(LEAST_FACE_POINTS, int(LEAST_FACE_PART * len(points)))
+    needed = max(settings.face_readings, int(settings.face_part * len(points)))
     while len(normals) < 3 and free.sum() >= needed:
-        plane = _best_plane(points[free], deviations[free], normals, rng)
+        plane = _best_plane(points[free], deviations[free], normals, settings, rng)
         if plane is None:
             break
-        near = np.abs(_scaled(points, deviations, plane)) < FACE_SIGMAS
+        near = np.abs(_scaled(points, deviations, plane, settings)) < settings.face_sigmas
         if (near & free).sum() < needed:
             break
         normals.append(plane[:3])
@@ -218,28 +219,34 @@ def _best_plane(
     points: NDArray[np.float64],
     deviations: NDArray[np.float64],
     upright_to: Sequence[NDArray[np.float64]],
+    settings: SolidDetectionSettings,
     rng: np.random.Generator,
 ) -> NDArray[np.float64] | None:
     """The plane (4,) with most points near, at about right angles to some normals."""
-    triples = points[rng.integers(len(points), size=(HYPOTHESES, 3))]
+    triples = points[rng.integers(len(points), size=(settings.face_hypotheses, 3))]
     crossed = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
     lengths = np.linalg.norm(crossed, axis=1)
     good = lengths > 1e-9
     normals = crossed[good] / lengths[good, None]
+    largest_cosine = float(np.cos(np.radians(settings.face_angle)))
     for other in upright_to:
-        upright = np.abs(normals @ other) < UPRIGHT_COSINE
+        upright = np.abs(normals @ other) < largest_cosine
         normals, good = normals[upright], _narrowed(good, upright)
     if not len(normals):
         return None
     offsets = (normals * triples[good, 0]).sum(axis=1)
     normals[offsets > 0.0] *= -1.0
     planes = np.column_stack([normals, -np.abs(offsets)])
-    every = max(len(points) // SCORED_POINTS, 1)
+    every = max(len(points) // settings.face_scored_points, 1)
     # Other types of array would be compiled for while a frame waits.
     arrays = points[::every], deviations[::every], planes
-    scores = _near_counts(*(np.ascontiguousarray(array, np.float64) for array in arrays))
+    scores = _near_counts(
+        *(np.ascontiguousarray(array, np.float64) for array in arrays),
+        settings.face_sigmas**2,
+        settings.surface_deviation**2,
+    )
     best = planes[int(scores.argmax())]
-    inliers = points[np.abs(_scaled(points, deviations, best)) < FACE_SIGMAS]
+    inliers = points[np.abs(_scaled(points, deviations, best, settings)) < settings.face_sigmas]
     return _least_squares_plane(inliers) if len(inliers) >= 3 else None
 
 
@@ -260,17 +267,22 @@ def _least_squares_plane(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _scaled(
-    points: NDArray[np.float64], deviations: NDArray[np.float64], planes: NDArray[np.float64]
+    points: NDArray[np.float64],
+    deviations: NDArray[np.float64],
+    planes: NDArray[np.float64],
+    settings: SolidDetectionSettings,
 ) -> NDArray[np.float64]:
     """Distances from planes (..., 4), (..., n), in standard deviations; noise acts along rays."""
     along = planes[..., :3] @ points.T
     cosine = along / np.linalg.norm(points, axis=1)
-    spread = np.sqrt(np.square(deviations * cosine) + SURFACE_DEVIATION**2)
+    spread = np.sqrt(np.square(deviations * cosine) + settings.surface_deviation**2)
     return (along - planes[..., 3:]) / spread
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _near_counts(points: Any, deviations: Any, planes: Any) -> Any:
+def _near_counts(
+    points: Any, deviations: Any, planes: Any, sigmas2: float, surface_variance: float
+) -> Any:
     """How many points are near each plane (n, 4), as `_scaled` has it."""
     counts = np.zeros(planes.shape[0], dtype=np.int64)
     for i in range(points.shape[0]):
@@ -279,8 +291,8 @@ def _near_counts(points: Any, deviations: Any, planes: Any) -> Any:
         for k in range(planes.shape[0]):
             along = planes[k, 0] * x + planes[k, 1] * y + planes[k, 2] * z
             error = along - planes[k, 3]
-            spread2 = sway * along * along + SURFACE_DEVIATION**2
-            counts[k] += error * error < FACE_SIGMAS * FACE_SIGMAS * spread2
+            spread2 = sway * along * along + surface_variance
+            counts[k] += error * error < sigmas2 * spread2
     return counts
 
 
@@ -288,6 +300,7 @@ def _refined(
     points: NDArray[np.float64],
     deviations: NDArray[np.float64],
     normals: Sequence[NDArray[np.float64]],
+    settings: SolidDetectionSettings,
 ) -> BoxFaces | None:
     """Faces at exactly right angles that fit best: each point goes to its nearest face."""
     count = len(normals)
@@ -296,14 +309,14 @@ def _refined(
         stacked = stacked[:, [1, 0, 2]]
     rotation = _right_angled(stacked, np.ones(count))
     offsets = np.array([np.quantile(points @ axis, 0.9) for axis in rotation.T[:count]])
-    for _ in range(REFINEMENTS):
+    for _ in range(settings.face_refinements):
         planes = np.column_stack([rotation.T[:count], offsets])
-        scaled = _scaled(points, deviations, planes)
+        scaled = _scaled(points, deviations, planes, settings)
         face = np.abs(scaled).argmin(axis=0)
         errors = scaled[face, np.arange(len(points))]
-        face[np.abs(errors) > FACE_SIGMAS] = -1
+        face[np.abs(errors) > settings.face_sigmas] = -1
         own = [points[face == k] for k in range(count)]
-        if min(len(part) for part in own) < LEAST_FACE_POINTS:
+        if min(len(part) for part in own) < settings.face_readings:
             return None
         fitted = [_least_squares_plane(part) for part in own]
         weights = np.array([float(len(part)) for part in own])

@@ -11,25 +11,33 @@ from numpy.typing import NDArray
 
 from intuitive_physics.shapes import Capsule
 from intuitive_physics_perception.detection.detections import DetectedSolid
+from intuitive_physics_perception.detection.settings import SolidDetectionSettings
 from intuitive_physics_perception.environment.planes import plane_axes
 
-OUTLIER_SIGMAS = 3.0
-MIN_INLIERS = 0.93
-SHORTEST_IN_RADII = 0.4
-LEAST_ON_CAP = 5
-END_UNCERTAINTY = 0.1
-LEAST_ARC = np.radians(100.0)
-
 MAX_STEPS = 40
+"""Levenberg-Marquardt steps at most: numerical."""
+
 STILL = 1e-7
+"""Change of a parameter in m below which the fit has converged: numerical."""
+
 SURFACE_VARIANCE = 1e-8
+"""Variance of the surface in m²: keeps residuals finite where the noise vanishes, numerical."""
+
 OUTLIER = 2.0
+"""Residual in standard deviations above which Charbonnier's loss grows linearly. Set by hand."""
+
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-9, 1e6
+"""Levenberg-Marquardt damping at first, at least and at most, a factor: numerical."""
+
 SMALLEST_RADIUS = 1e-3
+"""Radius in m that no step goes below: numerical."""
 
 
 def fit_capsule(
-    points: NDArray[np.float64], deviations: NDArray[np.float64], lateral: float
+    points: NDArray[np.float64],
+    deviations: NDArray[np.float64],
+    lateral: float,
+    settings: SolidDetectionSettings,
 ) -> DetectedSolid | None:
     """Return the capsule on whose surface the points lie, None where they lie on none.
 
@@ -38,13 +46,16 @@ def fit_capsule(
     points : (n, 3) m, the sensor at the origin
     deviations : (n,) m, of the readings along their rays
     lateral : rad, standard deviation of the readings' directions
+    settings : tuned numbers
     """
     parameters, normal, errors = refine_capsule(points, deviations, lateral, _first_guess(points))
-    if not _is_capsule(points, parameters, errors):
+    if not _is_capsule(points, parameters, errors, settings):
         return None
     misfit = float(np.mean(np.square(errors)))
     covariance = _covariance(normal, misfit)
-    if covariance is None or not _ends_are_told(parameters, covariance):
+    if covariance is None or not _ends_are_known(
+        parameters, covariance, settings.capsule_end_uncertainty
+    ):
         return None
     half = float(np.linalg.norm(parameters[3:6]))
     axis = parameters[3:6] / half
@@ -64,18 +75,20 @@ def fit_capsule(
 
 
 def _covariance(normal: NDArray[np.float64], misfit: float) -> NDArray[np.float64] | None:
-    """(7, 7) of the parameters, None where they are not told."""
+    """(7, 7) of the parameters, None where the readings do not determine them."""
     try:
         return np.asarray(np.linalg.inv(normal) * max(misfit, 1.0))
     except np.linalg.LinAlgError:
         return None
 
 
-def _ends_are_told(parameters: NDArray[np.float64], covariance: NDArray[np.float64]) -> bool:
+def _ends_are_known(
+    parameters: NDArray[np.float64], covariance: NDArray[np.float64], uncertainty: float
+) -> bool:
     """Whether it is known where both ends are: one that is hidden could be anywhere."""
     half = float(np.linalg.norm(parameters[3:6]))
     axis = parameters[3:6] / half
-    limit = END_UNCERTAINTY * (half + parameters[6])
+    limit = uncertainty * (half + parameters[6])
     for side in (-1.0, 1.0):
         end = np.concatenate([axis, side * axis, [0.0]])
         if not end @ covariance @ end < limit**2:
@@ -114,17 +127,21 @@ def _first_guess(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _is_capsule(
-    points: NDArray[np.float64], parameters: NDArray[np.float64], errors: NDArray[np.float64]
+    points: NDArray[np.float64],
+    parameters: NDArray[np.float64],
+    errors: NDArray[np.float64],
+    settings: SolidDetectionSettings,
 ) -> bool:
-    """Whether points lie on it, on both caps, and round enough of it to tell its radius."""
+    """Whether points lie on it, on both caps, and round enough of it to determine its radius."""
     center, half, radius = parameters[:3], parameters[3:6], float(parameters[6])
     length = 2.0 * float(np.linalg.norm(half))
-    if radius <= 0.0 or length < SHORTEST_IN_RADII * radius:
+    if radius <= 0.0 or length < settings.capsule_length * radius:
         return False
-    if np.mean(np.abs(errors) < OUTLIER_SIGMAS) < MIN_INLIERS or center @ center < radius**2:
+    on = np.mean(np.abs(errors) < settings.capsule_sigmas)
+    if on < settings.capsule_inliers or center @ center < radius**2:
         return False
     _, along = _on_axis(points, parameters)
-    if min((along > 1.0).sum(), (along < -1.0).sum()) < LEAST_ON_CAP:
+    if min((along > 1.0).sum(), (along < -1.0).sum()) < settings.cap_readings:
         return False
     body = points[np.abs(along) <= 1.0] - center
     axis = half / np.linalg.norm(half)
@@ -134,7 +151,7 @@ def _is_capsule(
         return False
     up /= np.linalg.norm(up)
     angles = np.arctan2(body @ np.cross(axis, up), body @ up)
-    return bool(np.ptp(np.quantile(angles, [0.03, 0.97])) > LEAST_ARC)
+    return bool(np.ptp(np.quantile(angles, [0.03, 0.97])) > np.radians(settings.capsule_arc))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

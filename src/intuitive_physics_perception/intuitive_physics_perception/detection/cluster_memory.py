@@ -1,4 +1,4 @@
-"""What stays as it is from frame to frame need not be searched each time."""
+"""Memory of clusters: what stays as it is from frame to frame need not be searched each time."""
 
 from __future__ import annotations
 
@@ -8,12 +8,9 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-Found = TypeVar("Found")
+from intuitive_physics_perception.detection.settings import ClusterSettings
 
-SAME_COUNT = 0.2
-SEARCHES, PERIOD = 3, 30
-KEPT_UNSEEN = 15
-"""Frames for which a cluster that is not there is remembered: noise takes some in and out."""
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,9 +22,10 @@ class RememberedCluster(Generic[Found]):
     centre : (3,) m, mean of its points
     count : of its points
     frames : in which it was there as it is now, less those in which its search had to wait
-    phase : in which of `PERIOD` frames it has its turn, so that not all have it in the same
+    phase : in which frame of a period it is searched, so that not all are in the same one
     found : what the last search found
     unseen : frames since it was there
+    settings : tuned numbers
     """
 
     centre: NDArray[np.float64]
@@ -35,24 +33,30 @@ class RememberedCluster(Generic[Found]):
     frames: int
     phase: int
     found: Found | None
+    settings: ClusterSettings
     unseen: int = 0
 
     @property
     def deserves_a_search(self) -> bool:
-        """What stays the same is searched now and then only: it costs most of the time."""
-        return self.frames < SEARCHES or (self.frames + self.phase) % PERIOD == 0
+        """Whether to search it: what stays the same only rarely, as that costs most of the time."""
+        period = self.settings.search_period
+        return (
+            self.frames < self.settings.first_searches or (self.frames + self.phase) % period == 0
+        )
 
 
 class ClusterMemory(Generic[Found]):
-    """Knows clusters of the last frames again.
+    """Recognises the clusters of the last frames.
 
     Parameters
     ----------
     stillness : m that the centre of a cluster moves at most while it stays as it is
+    settings : tuned numbers
     """
 
-    def __init__(self, stillness: float) -> None:
+    def __init__(self, stillness: float, settings: ClusterSettings) -> None:
         self._stillness = stillness
+        self._settings = settings
         self._turn = 0
         self._last: list[RememberedCluster[Found]] = []
         self._next: list[RememberedCluster[Found]] = []
@@ -62,13 +66,15 @@ class ClusterMemory(Generic[Found]):
         centre, count = own.mean(axis=0), len(own)
         for k, old in enumerate(self._last):
             if (
-                abs(count - old.count) < SAME_COUNT * old.count
+                abs(count - old.count) < self._settings.count_tolerance * old.count
                 and np.linalg.norm(centre - old.centre) < self._stillness
             ):
                 del self._last[k]
-                return RememberedCluster(centre, count, old.frames + 1, old.phase, old.found)
+                return RememberedCluster(
+                    centre, count, old.frames + 1, old.phase, old.found, self._settings
+                )
         self._turn += 1
-        return RememberedCluster(centre, count, 0, self._turn, None)
+        return RememberedCluster(centre, count, 0, self._turn, None, self._settings)
 
     def keep(self, cluster: RememberedCluster[Found], found: Found | None) -> None:
         """Remember a cluster for the next frame with what was found in it."""
@@ -81,6 +87,8 @@ class ClusterMemory(Generic[Found]):
     def end_frame(self) -> None:
         """Forget clusters that were neither kept nor there for a while."""
         missing = [
-            replace(old, unseen=old.unseen + 1) for old in self._last if old.unseen < KEPT_UNSEEN
+            replace(old, unseen=old.unseen + 1)
+            for old in self._last
+            if old.unseen < self._settings.frames_remembered
         ]
         self._last, self._next = self._next + missing, []

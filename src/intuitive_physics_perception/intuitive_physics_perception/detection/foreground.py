@@ -17,10 +17,7 @@ from intuitive_physics_perception.environment.planes import DetectedPlane
 from intuitive_physics_perception.settings import PerceptionSettings
 
 ITERATIONS = 8
-
-JUMP_CONSTANT = 0.02
-JUMP_SIGMAS = 6.0
-CELLS_PER_GAP = 4.0
+"""Of the contraction in `free_ranges`: numerical, the rest is far below a millimetre."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +86,14 @@ class ForegroundFinder:
     def _organised_clusters(
         self, points: NDArray[np.float32], mask: NDArray[np.uint8]
     ) -> list[NDArray[np.int64]]:
-        order, starts = grid_clusters(points, mask, self._limits, self._settings.min_points)
+        order, starts = grid_clusters(
+            points,
+            mask,
+            self._limits,
+            self._settings.clusters.jump,
+            self._settings.clusters.jump_sigmas,
+            self._settings.min_points,
+        )
         parts = [order[a:b] for a, b in pairwise(starts)]
         return sorted(parts, key=len, reverse=True)
 
@@ -97,7 +101,11 @@ class ForegroundFinder:
         self, points: NDArray[np.float32], mask: NDArray[np.uint8]
     ) -> list[NDArray[np.int64]]:
         indices = np.flatnonzero(mask)
-        labels = neighbour_labels(points[indices].astype(np.float64), self._settings.cluster_angle)
+        labels = neighbour_labels(
+            points[indices].astype(np.float64),
+            self._settings.cluster_angle,
+            self._settings.clusters.cells_per_gap,
+        )
         sizes = np.bincount(labels, minlength=1)
         largest_first = np.argsort(-sizes, kind="stable")
         return [
@@ -160,11 +168,19 @@ def _foreground(points: Any, free: Any, limits: Any) -> tuple[Any, int]:
     return mask, readings
 
 
-def neighbour_labels(points: NDArray[np.float64], gap: float) -> NDArray[np.int64]:
+def neighbour_labels(
+    points: NDArray[np.float64], gap: float, cells_per_gap: float
+) -> NDArray[np.int64]:
     """Label (n,) points that hang together by neighbours nearer than `gap` times their range.
 
     The map to direction and logarithm of range keeps shapes and divides lengths by the range, so
     one distance in it stands for a gap that grows with range as the spacing of readings does.
+
+    Parameters
+    ----------
+    points : (n, 3) m, the sensor at the origin
+    gap : rad
+    cells_per_gap : cells along a gap, of which each is represented by one of its points
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -175,7 +191,7 @@ def neighbour_labels(points: NDArray[np.float64], gap: float) -> NDArray[np.int6
     ranges = np.linalg.norm(points, axis=1)
     mapped = np.column_stack([points / ranges[:, None], np.log(ranges)])
     # Where readings are denser than needed one of them stands for its cell.
-    cells = np.floor(mapped * (CELLS_PER_GAP / gap)).astype(np.int64)
+    cells = np.floor(mapped * (cells_per_gap / gap)).astype(np.int64)
     _, first, cell_of = np.unique(cells, axis=0, return_index=True, return_inverse=True)
     pairs = cKDTree(mapped[first]).query_pairs(gap, output_type="ndarray")
     graph = coo_array(
@@ -186,8 +202,19 @@ def neighbour_labels(points: NDArray[np.float64], gap: float) -> NDArray[np.int6
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def grid_clusters(points: Any, mask: Any, limits: Any, min_points: int) -> tuple[Any, Any]:
+def grid_clusters(
+    points: Any, mask: Any, limits: Any, constant: float, sigmas: float, min_points: int
+) -> tuple[Any, Any]:
     """Connect neighbouring foreground pixels whose range does not jump; 8-connected.
+
+    Parameters
+    ----------
+    points : (height, width, 3) float32 m
+    mask : (height, width) uint8, nonzero in the foreground
+    limits : (5,) float32, squares of range and noise parameters as in `ForegroundFinder`
+    constant : m, difference of range that is a jump
+    sigmas : standard deviations of the range that are added to it
+    min_points : points of a cluster at least
 
     Returns
     -------
@@ -210,7 +237,7 @@ def grid_clusters(points: Any, mask: Any, limits: Any, min_points: int) -> tuple
             own = np.sqrt(range2)
             ranges[now, u] = own
             deviation = np.sqrt(min(constant2 + quadratic2 * range2 * range2, limit2))
-            jump = JUMP_CONSTANT + JUMP_SIGMAS * deviation
+            jump = constant + sigmas * deviation
             best = -1
             for dv, du in ((0, -1), (-1, -1), (-1, 0), (-1, 1)):
                 i, j = v + dv, u + du

@@ -22,12 +22,6 @@ from intuitive_physics_perception.environment.environment_model import Environme
 from intuitive_physics_perception.input.colors import with_color
 from intuitive_physics_perception.settings import PerceptionSettings
 
-FITTED_POINTS = 500
-STILLNESS = 0.2
-
-EXPLAINED = 0.1
-"""Part of a cluster that spheres may leave: noise, a shadow's edge, a finger."""
-
 
 class SolidFinder:
     """Finds boxes and capsules.
@@ -48,7 +42,14 @@ class SolidFinder:
         self._model = model
         self._settings = settings
         self._rng = rng
-        self._memory: ClusterMemory[DetectedSolid] = ClusterMemory(STILLNESS * settings.min_radius)
+        self._memory: ClusterMemory[DetectedSolid] = ClusterMemory(
+            settings.clusters.movement * settings.min_radius, settings.clusters
+        )
+
+    @property
+    def spheres_leave(self) -> float:
+        """Part of a cluster that spheres may leave unexplained before a solid is looked for."""
+        return self._settings.solids.spheres_leave
 
     def find(
         self, points: NDArray[np.float32], clusters: Sequence[NDArray[np.int64]]
@@ -85,12 +86,13 @@ class SolidFinder:
 
     def _solid(self, own: NDArray[np.float64]) -> DetectedSolid | None:
         """The box or the capsule that explains a cluster, whichever does so better."""
+        limits = self._settings.solids
         total = len(own)
-        if total > FITTED_POINTS:
-            own = own[self._rng.choice(total, FITTED_POINTS, replace=False)]
+        if total > limits.fitted_points:
+            own = own[self._rng.choice(total, limits.fitted_points, replace=False)]
         deviations = self._model.noise.deviation(np.linalg.norm(own, axis=1))
-        capsule = fit_capsule(own, deviations, self._model.noise.lateral)
-        box = fit_box(own, deviations, self._model.detected, self._rng)
+        capsule = fit_capsule(own, deviations, self._model.noise.lateral, limits)
+        box = fit_box(own, deviations, self._model.detected, limits, self._rng)
         fits = [
             fit
             for fit in (capsule, box)
@@ -136,7 +138,7 @@ def all_objects(
     solids : finds boxes and capsules; None to leave them out
     colors : (height, width, 3) of the points, where they are known
     """
-    unexplained = [part for part in found if part.rest > EXPLAINED] if solids else []
+    unexplained = [part for part in found if part.rest > solids.spheres_leave] if solids else []
     by_cluster = solids.find(points, [part.cluster for part in unexplained]) if solids else []
     replaced = [
         part for part, solid in zip(unexplained, by_cluster, strict=True) if solid is not None

@@ -17,16 +17,36 @@ import numpy as np
 from numba import njit
 
 BEHIND_SIGMAS = 3.0
+"""Standard deviations behind a sphere's centre from which on a reading is not on its near side."""
+
 GATES = (6.0, 4.0, 3.0, 2.0, 1.5, 1.2, 1.0)
+"""Multiples of the gate in the first steps of a fit: a rough start must keep its inliers."""
+
 MAX_STEPS = 20
+"""Gauss-Newton steps at most: numerical."""
+
 STILL = 1e-7
+"""Change of centre or radius in m below which the fit has converged: numerical."""
+
 SURFACE_VARIANCE = 1e-8
+"""Variance of the surface in m²: keeps residuals finite where the noise vanishes, numerical."""
 
 LATTICE = 0.15
+"""Spacing, in radii, of the lattice over the outline on which seen places are marked. Set by
+hand."""
+
 LATTICE_REACH = 6
+"""Lattice points from the centre of the outline to its edge: the outline is covered."""
+
 LATTICE_SIDE = 2 * LATTICE_REACH + 1
+"""Lattice points along one side."""
+
 EDGE_PART = 0.9
+"""Part of the outline's radius beyond which readings are not judged: they graze. Set by hand."""
+
 OCCLUDER_DEPTH = 0.5
+"""Distance before the surface, in radii, from which on a reading hides the sphere instead of
+contradicting it. Set by hand."""
 
 
 @njit(nogil=True, cache=True, error_model="numpy", inline="always")

@@ -16,7 +16,11 @@ from numpy.typing import NDArray
 from intuitive_physics_perception.detection.sphere_fit import BEHIND_SIGMAS, surface_error
 
 NEIGHBOUR_DRAWS = 12
+"""Draws for each of the three points beside the first: enough to find near ones mostly."""
+
 BATCH = 32
+"""Hypotheses between two looks at whether enough were tried."""
+
 MISSED = 1e-3
 """Chance of having tried no four points of the best sphere, at which one stops."""
 

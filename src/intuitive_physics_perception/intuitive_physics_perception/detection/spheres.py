@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from intuitive_physics_perception.detection.cluster_memory import ClusterMemory
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.foreground import Clusters
+from intuitive_physics_perception.detection.settings import SphereDetectionSettings
 from intuitive_physics_perception.detection.sphere_fit import (
     inspect_sphere,
     readings_beyond,
@@ -25,27 +26,8 @@ from intuitive_physics_perception.detection.sphere_ransac import (
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.settings import PerceptionSettings
 
-SCORED_POINTS = 512
-FITTED_POINTS = 1000
-REFINED_HYPOTHESES = 3
-SPHERES_IN_CLUSTER = 3
-INLIER_SIGMAS = 3.0
-STRAY_SIGMAS = 5.0
-ROUGHLY_ON, ROUGHLY_SEEN = 0.6, 0.5
-MIN_DENSITY = 0.9
-STILLNESS = 0.2
-SYSTEMATIC_ERROR = 0.0005
-
-AROUND = 1.8
-"""Radii of the sphere, from its centre, that a window holds."""
-
-MOST_READINGS = 32_768
-"""Of a window. More would tell no better whether a sphere is one, and take the time of a frame."""
-
-SIGMAS = 3.0
-CLEARER = 9.0
 RADIUS_DEVIATION = 1e-4
-"""m, of a known radius: covariances stay well away from singular."""
+"""Standard deviation of a known radius in m: numerical, covariances stay far from singular."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +60,11 @@ class SphereFinder:
         self, noise: RangeNoise, settings: PerceptionSettings, rng: np.random.Generator
     ) -> None:
         self._settings = settings
+        self._search = settings.spheres
         self._rng = rng
-        self._memory: ClusterMemory[None] = ClusterMemory(STILLNESS * settings.min_radius)
+        self._memory: ClusterMemory[None] = ClusterMemory(
+            settings.clusters.movement * settings.min_radius, settings.clusters
+        )
         self._known_radii = [thing.radius for thing in settings.known_objects]
         self._deviation = noise.deviation
         self._noise = np.square([noise.constant, noise.quadratic, noise.limit, noise.lateral])
@@ -126,13 +111,17 @@ class SphereFinder:
     ) -> ClusterSpheres:
         found: list[DetectedSphere] = []
         left = cluster
-        while len(found) < SPHERES_IN_CLUSTER and len(own) >= self._settings.min_points:
-            sphere = self._best_sphere(ClusterView(points, left), own, thorough=thorough)
+        while (
+            len(found) < self._search.spheres_in_cluster and len(own) >= self._settings.min_points
+        ):
+            sphere = self._best_sphere(
+                ClusterView(points, left, self._search), own, thorough=thorough
+            )
             if sphere is None:
                 break
             found.append(sphere)
             # Noise must not make a second sphere of the readings that stray farthest.
-            reach = 1.2 * sphere.radius + STRAY_SIGMAS * self._deviation(sphere.range)
+            reach = 1.2 * sphere.radius + self._search.stray_sigmas * self._deviation(sphere.range)
             off = np.linalg.norm(own - sphere.center, axis=1) > reach
             left, own = left[off], own[off]
         return ClusterSpheres(cluster, found, len(own) / len(cluster))
@@ -140,7 +129,7 @@ class SphereFinder:
     def _best_sphere(
         self, view: ClusterView, own: NDArray[np.float64], *, thorough: bool
     ) -> DetectedSphere | None:
-        fitted = self._some(own, FITTED_POINTS)
+        fitted = self._some(own, self._search.fitted_points)
         for hypothesis in self._hypotheses(fitted, len(own), thorough):
             if len(own) < self._fewest(view, hypothesis):
                 continue
@@ -148,7 +137,11 @@ class SphereFinder:
             # The fit took part of the points: the rest tells as much again.
             covariance = covariance * self._settings.correlated_readings * len(fitted) / len(own)
             sphere, covariance = with_known_radius(
-                sphere, covariance, self._known_radii, self._settings.known_object_tolerance
+                sphere,
+                covariance,
+                self._known_radii,
+                self._settings.known_object_tolerance,
+                self._search,
             )
             if misfit < self._settings.max_misfit and self._is_plausible(sphere, covariance):
                 detected = self._inspected(view, sphere, covariance)
@@ -160,7 +153,7 @@ class SphereFinder:
         """Points below which a cluster is far too little of a sphere to be seen as one: cheaper to
         tell than by a fit."""
         least = min(self._settings.min_visible_fraction, self._settings.min_partly_visible)
-        return ROUGHLY_SEEN * least * view.readings_in_outline(sphere)
+        return self._search.roughly_seen * least * view.readings_in_outline(sphere)
 
     def _refined(
         self,
@@ -174,7 +167,7 @@ class SphereFinder:
             around, _ = view.around(sphere)
             beyond = readings_beyond(around, sphere, self._noise)
             sphere, covariance, misfit, inliers = refine_sphere(
-                fitted, beyond, sphere, *limits, INLIER_SIGMAS, self._noise
+                fitted, beyond, sphere, *limits, self._search.inlier_sigmas, self._noise
             )
             if not inliers or misfit > self._settings.max_misfit:
                 return sphere, covariance, np.inf
@@ -190,22 +183,26 @@ class SphereFinder:
         if not thorough:
             return
         limits = self._settings.min_radius, self._settings.max_radius
-        scored = self._some(points, SCORED_POINTS)
+        scored = self._some(points, self._search.scored_points)
         spheres, scores = ransac_spheres(
-            scored, limits, INLIER_SIGMAS, self._noise, self._settings.hypotheses, self._rng
+            scored,
+            limits,
+            self._search.inlier_sigmas,
+            self._noise,
+            self._settings.hypotheses,
+            self._rng,
         )
         # A sphere with enough points has a share of those scored; half allows for a rough start.
         needed = 0.5 * self._settings.min_points * len(scored) / total
-        for sphere, score in zip(
-            spheres[:REFINED_HYPOTHESES], scores[:REFINED_HYPOTHESES], strict=True
-        ):
+        best = slice(self._search.refined_hypotheses)
+        for sphere, score in zip(spheres[best], scores[best], strict=True):
             if score > needed and self._explains(scored, sphere):
                 yield sphere
 
     def _explains(self, points: NDArray[np.float64], sphere: NDArray[np.float64]) -> bool:
-        """Whether most points in a rough sphere's outline are on it: a fit is dear."""
-        on, against, _, _ = inspect_sphere(points, sphere, INLIER_SIGMAS, self._noise)
-        return on > ROUGHLY_ON * (on + against)
+        """Cheap inlier test before refinement: are most points in the outline on the sphere?"""
+        on, against, _, _ = inspect_sphere(points, sphere, self._search.inlier_sigmas, self._noise)
+        return on > self._search.roughly_on * (on + against)
 
     def _some(self, points: NDArray[np.float64], count: int) -> NDArray[np.float64]:
         if len(points) <= count:
@@ -230,9 +227,11 @@ class SphereFinder:
     ) -> DetectedSphere | None:
         settings = self._settings
         around, each = view.around(sphere)
-        on, against, visible, density = inspect_sphere(around, sphere, INLIER_SIGMAS, self._noise)
+        on, against, visible, density = inspect_sphere(
+            around, sphere, self._search.inlier_sigmas, self._noise
+        )
         enough = visible >= settings.min_visible_fraction or (
-            visible >= settings.min_partly_visible and density >= MIN_DENSITY
+            visible >= settings.min_partly_visible and density >= self._search.min_density
         )
         if (
             each * on < settings.min_points
@@ -240,7 +239,7 @@ class SphereFinder:
             or not enough
         ):
             return None
-        covariance = covariance + SYSTEMATIC_ERROR**2 * np.eye(4)
+        covariance = covariance + self._search.systematic_error**2 * np.eye(4)
         distance = float(np.linalg.norm(sphere[:3]))
         return DetectedSphere(sphere[:3], float(sphere[3]), covariance, each * on, distance)
 
@@ -252,9 +251,16 @@ class ClusterView:
     ----------
     points : (height, width, 3) of the frame
     cluster : (n,) indices of its points
+    settings : tuned numbers
     """
 
-    def __init__(self, points: NDArray[np.float32], cluster: NDArray[np.int64]) -> None:
+    def __init__(
+        self,
+        points: NDArray[np.float32],
+        cluster: NDArray[np.int64],
+        settings: SphereDetectionSettings,
+    ) -> None:
+        self._settings = settings
         self._points = points
         self._cluster = cluster
 
@@ -278,12 +284,14 @@ class ClusterView:
         away = np.linalg.norm(self._directions - sphere[:3] / distance, axis=1)
         nearest = int(away.argmin())
         row, column = divmod(int(self._cluster[nearest]), width)
-        reach = float(away[nearest]) + AROUND * float(sphere[3]) / distance
+        reach = float(away[nearest]) + self._settings.window_radii * float(sphere[3]) / distance
         half = int(min(reach / self._pitch, max(height, width))) + 2
         rows = slice(max(row - half, 0), row + half + 1)
         columns = slice(max(column - half, 0), column + half + 1)
         window = self._points[rows, columns]
-        every = int(np.ceil(np.sqrt(window.shape[0] * window.shape[1] / MOST_READINGS)))
+        every = int(
+            np.ceil(np.sqrt(window.shape[0] * window.shape[1] / self._settings.window_readings))
+        )
         window = window[::every, ::every]
         return np.ascontiguousarray(window).reshape(-1, 3), every * every
 
@@ -306,8 +314,9 @@ def with_known_radius(
     covariance: NDArray[np.float64],
     radii: Sequence[float],
     tolerance: float,
+    settings: SphereDetectionSettings,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return sphere (4,) and covariance (4, 4) given that its radius is one of some known ones.
+    """Return sphere (4,) m and covariance (4, 4) m², given that some radii are known.
 
     A known radius is taken where the fit is compatible with it and clearly not with another; what
     else the fit says of the radius moves the centre, as both go together. Where none fits it stays
@@ -315,17 +324,23 @@ def with_known_radius(
 
     Parameters
     ----------
+    sphere : (4,) centre and radius, m
+    covariance : (4, 4) m²
+    radii : m, of the known objects
     tolerance : m, by which a known object may differ
+    settings : tuned numbers
     """
     variance = float(covariance[3, 3])
     if not radii or not np.isfinite(variance) or variance <= 0.0:
         return sphere, covariance
     off = np.array(radii) - sphere[3]
-    distances2 = np.square(off) / (variance + (tolerance / SIGMAS) ** 2)
+    distances2 = np.square(off) / (variance + (tolerance / settings.known_radius_sigmas) ** 2)
     order = np.argsort(distances2)
     nearest = int(order[0])
-    ambiguous = len(radii) > 1 and distances2[order[1]] < distances2[nearest] + CLEARER
-    if distances2[nearest] > SIGMAS**2 or ambiguous:
+    ambiguous = (
+        len(radii) > 1 and distances2[order[1]] < distances2[nearest] + settings.known_radius_margin
+    )
+    if distances2[nearest] > settings.known_radius_sigmas**2 or ambiguous:
         return sphere, covariance
     # Bayes' rule for a measurement of the radius alone.
     gain = covariance[:, 3] / (variance + RADIUS_DEVIATION**2)

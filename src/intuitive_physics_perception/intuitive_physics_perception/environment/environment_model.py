@@ -18,10 +18,15 @@ from intuitive_physics_perception.environment.range_cloud import RangeCloud
 from intuitive_physics_perception.settings import PerceptionSettings
 
 MIN_POINTS = 50
+"""Points in range that the first frames, or the part of a later frame that is checked, must have:
+too few show no plane. Set by hand."""
+
 VERTICAL_VIEW_COSINE = float(np.cos(np.radians(10.0)))
+"""Cosine of the angle between optical axis and vertical below which the view counts as vertical:
+the horizontal part of the optical axis is then too short to give a direction. Set by hand."""
 
 CHECKED_POINTS = 1200
-LEAST_CHECKED_POINTS = 50
+"""Points of each frame, evenly over it, that are compared with the planes: bounds the time."""
 
 
 class NoEnvironmentError(IntuitivePhysicsError):
@@ -119,7 +124,10 @@ def model_environment(
     planes = _support_first(planes, settings, settings.up_hint if up is None else up)
     noise = _measured_noise(frames[-1], planes, assumed, settings, rng)
     planes = with_edges(
-        planes, RangeCloud(fuse(frames, settings, rng, MAX_EDGE_POINTS), noise, settings), rng
+        planes,
+        RangeCloud(fuse(frames, settings, rng, MAX_EDGE_POINTS), noise, settings),
+        settings,
+        rng,
     )
     rotation, translation = _gravity_aligned(
         planes[0], planes[0].normal if up is None else np.asarray(up, dtype=np.float64)
@@ -257,7 +265,7 @@ class EnvironmentCheck:
         ranges = np.linalg.norm(some, axis=1)
         # NaN compares false.
         some = some[(ranges >= self._settings.min_range) & (ranges <= self._settings.max_range)]
-        if len(some) < LEAST_CHECKED_POINTS:
+        if len(some) < MIN_POINTS:
             return self._model.explained
         cloud = RangeCloud(some.astype(np.float64), self._model.noise, self._settings)
         return float(explained_points(cloud, self._model.detected).mean())

@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 from intuitive_physics_perception.settings import PerceptionSettings
 
 MAX_FUSED_POINTS = 24000
+"""Points of the fused frame in which planes are searched for: bounds time and memory."""
+
 MAX_EDGE_POINTS = 80000
-"""Points of the fused frames that planes, and edges of planes, are looked for in."""
+"""Points of the fused frame in which edges of planes and static boxes, both finer than planes, are
+searched for: bounds time and memory."""
 
 
 def fuse(

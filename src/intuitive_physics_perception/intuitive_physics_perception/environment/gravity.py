@@ -8,28 +8,14 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.scene import STANDARD_GRAVITY
 from intuitive_physics.validation import finite_array, finite_float
-
-REST_TIME = 0.5
-"""s that the sensor must have rested."""
-
-MAX_AVERAGED = 1000
-"""Samples that are averaged."""
-
-MIN_SAMPLES = 10
-MAX_TURN = 0.05
-"""rad/s of a sensor at rest: the bias of a cheap gyroscope is below 0.02."""
-
-MAX_CHANGE = 0.5
-"""m/s² between an acceleration at rest and the mean: noise of a cheap accelerometer is 0.1."""
-
-MAX_STRENGTH_ERROR = 0.1
-"""Part by which the acceleration at rest may differ from gravity: biases are below 3 %."""
+from intuitive_physics_perception.environment.settings import RestSettings
 
 
 class RestingAccelerometer:
     """Averages accelerations while a sensor rests: it then feels only what holds it up."""
 
-    def __init__(self) -> None:
+    def __init__(self, settings: RestSettings) -> None:
+        self._settings = settings
         self._up: NDArray[np.float64] | None = None
         self._forget()
 
@@ -45,7 +31,7 @@ class RestingAccelerometer:
 
         Parameters
         ----------
-        time : s; an earlier time than the last one begins anew
+        time : s; an earlier time than the last one starts again
         acceleration : (3,) m/s², what an accelerometer feels: at rest it points up
         angular_velocity : (3,) rad/s; None where there is no gyroscope
 
@@ -66,13 +52,14 @@ class RestingAccelerometer:
                 f"acceleration of the IMU is at most {strength:.2f} m/s² along any axis; expected "
                 "9.81 with gravity in it (REP 145): is it in g, or was gravity taken out?"
             )
+        settings = self._settings
         held = strength < 2.0 * standard and (
-            abs(float(np.linalg.norm(felt)) - standard) < MAX_STRENGTH_ERROR * standard
+            abs(float(np.linalg.norm(felt)) - standard) < settings.max_strength_error * standard
         )
-        if not held or np.abs(turn).max() > MAX_TURN:
+        if not held or np.abs(turn).max() > settings.max_angular_velocity:
             self._forget()
             return
-        if time < self._newest or np.linalg.norm(felt - self._mean) > MAX_CHANGE:
+        if time < self._newest or np.linalg.norm(felt - self._mean) > settings.max_change:
             self._forget()
         self._take(time, felt)
 
@@ -85,9 +72,10 @@ class RestingAccelerometer:
     def _take(self, time: float, felt: NDArray[np.float64]) -> None:
         if not self._count:
             self._since = time
+        settings = self._settings
         self._newest = time
         self._count += 1
         # The plain mean at first, then one that forgets, so that it follows a slow drift.
-        self._mean += (felt - self._mean) / min(self._count, MAX_AVERAGED)
-        if time - self._since >= REST_TIME and self._count >= MIN_SAMPLES:
+        self._mean += (felt - self._mean) / min(self._count, settings.averaged_samples)
+        if time - self._since >= settings.rest_time and self._count >= settings.min_samples:
             self._up = self._mean / np.linalg.norm(self._mean)

@@ -11,9 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics_perception.settings import PerceptionSettings
 
 RANGE_BINS = 12
+"""Bins of range, of equally many readings, in which the scatter is measured. Set by hand."""
+
 MIN_READINGS_IN_BIN = 50
+"""Readings that a bin needs: the scatter of so many is known to 16 %. Set by hand."""
+
 GAUSSIAN_MAD = 1.4826
-SMALLEST_FACTOR, LARGEST_FACTOR = 0.1, 10.0
+"""Standard deviation of a normal distribution in median absolute deviations, 1 / Φ⁻¹(3/4)."""
+
+SMALLEST_FACTOR = 0.1
+"""Part of the assumed noise parameters that measured ones never fall below. Set by hand."""
+
+LARGEST_FACTOR = 10.0
+"""Multiple of the assumed noise parameters that measured ones never exceed. Set by hand."""
 
 
 @dataclass(frozen=True)

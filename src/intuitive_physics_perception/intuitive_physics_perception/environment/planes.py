@@ -16,23 +16,12 @@ from numpy.typing import NDArray
 
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.range_cloud import RangeCloud, convex_hull, plane_axes
+from intuitive_physics_perception.environment.settings import PlaneDetectionSettings
 from intuitive_physics_perception.settings import PerceptionSettings
 
-SCORED_POINTS = 1500
-BATCHES = 24
-BATCH_SIZE = 64
-REFINEMENTS = 6
-MERGE_ANGLE_COSINE = float(np.cos(np.radians(4.0)))
-MERGE_WIDENING = 2.0
-BULGE_TOLD, BULGE_RADII = 0.2, 5.0
 OUTLINE_MARGIN = 0.03
-LARGE_PART, WIDE_RADII = 0.02, 3.0
-
-DEEP = 2.0
-"""Scaled distance behind a plane that is neither noise nor unevenness."""
-
-MIN_THROUGH = 10
-THROUGH_FRACTION = 0.3
+"""Part of its distance from the sensor by which a place may lie outside a plane's outline and still
+count as on the plane: what is known of the outline ends with the readings. Set by hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,39 +75,45 @@ def detect_planes(
     rng : decides which hypotheses are tried
     """
     cloud = RangeCloud(points, noise, settings)
+    search = settings.plane_detection
     needed = max(int(settings.plane_min_fraction * len(points)), 3)
     found: list[NDArray[np.float64]] = []
     free = np.ones(len(points), dtype=bool)
     # A plane that is found twice is merged, so a few more searches than planes are allowed.
     for _ in range(2 * settings.max_planes):
-        plane = _best_plane(cloud, np.flatnonzero(free), needed, rng)
+        plane = _best_plane(cloud, np.flatnonzero(free), needed, search, rng)
         if plane is None:
             break
         free &= ~cloud.near(plane)
-        if not _bulges(cloud, plane, BULGE_RADII * settings.max_radius):
+        if not _bulges(cloud, plane, settings.max_radius, search):
             found.append(plane)
-    merged = _merge(cloud, found)
-    smallest = WIDE_RADII * settings.max_radius
+    merged = _merge(cloud, found, search)
+    smallest = search.small_width * settings.max_radius
     planes = [
         outlined
         for k, plane in enumerate(merged)
-        for surface in surfaces(cloud, plane, [*merged[:k], *merged[k + 1 :]], needed)
-        if (outlined := _outlined(cloud, plane, surface, smallest)) is not None
+        for surface in surfaces(cloud, plane, [*merged[:k], *merged[k + 1 :]], needed, search)
+        if (outlined := _outlined(cloud, plane, surface, smallest, search.small_part)) is not None
     ]
     planes.sort(key=lambda plane: -plane.support)
     return planes[: settings.max_planes]
 
 
 def _best_plane(
-    cloud: RangeCloud, free: NDArray[np.intp], needed: int, rng: np.random.Generator
+    cloud: RangeCloud,
+    free: NDArray[np.intp],
+    needed: int,
+    search: PlaneDetectionSettings,
+    rng: np.random.Generator,
 ) -> NDArray[np.float64] | None:
     """Best plane (normal, offset) through the free points, None if it holds too few of them."""
     if free.size < needed:
         return None
-    scored = rng.permutation(free)[:SCORED_POINTS]
+    scored = rng.permutation(free)[: search.scored_points]
     best_score, best = 0.0, None
-    for batch in range(BATCHES):
-        hypotheses = _planes_through(_triples(cloud.points[free], batch, rng))
+    for batch in range(search.batches):
+        triples = _triples(cloud.points[free], search.batch_size, rng, nearby=bool(batch % 2))
+        hypotheses = _planes_through(triples)
         distances = cloud.scaled_distances(hypotheses, scored)
         # MSAC: a point counts the more the nearer it is, and nothing beyond the tolerance.
         scores = np.maximum(1.0 - np.square(distances), 0.0).sum(axis=1)
@@ -126,27 +121,27 @@ def _best_plane(
             best_score, best = float(scores.max()), hypotheses[int(scores.argmax())]
     if best is None:
         return None
-    refined = _refined(cloud, best, free)
+    refined = _refined(cloud, best, free, search.refinements)
     if cloud.near(refined)[free].sum() < needed:
         return None
     return refined
 
 
 def _triples(
-    points: NDArray[np.float64], batch: int, rng: np.random.Generator
+    points: NDArray[np.float64], count: int, rng: np.random.Generator, *, nearby: bool
 ) -> NDArray[np.float64]:
-    """Draw (BATCH_SIZE, 3, 3) points: from all of them, or in odd batches from a neighbourhood.
+    """Draw points (count, 3, 3): from all of them, or from a neighbourhood.
 
     Three random points of a whole cloud seldom lie on the same small plane; neighbours often do.
     """
-    if batch % 2:
+    if nearby:
         centre = points[rng.integers(len(points))]
         distances = np.linalg.norm(points - centre, axis=1)
         reach = np.linalg.norm(centre) * np.exp(rng.uniform(np.log(0.05), np.log(0.5)))
         near = np.flatnonzero(distances < reach)
         if near.size >= 3:
             points = points[near]
-    return points[rng.integers(len(points), size=(BATCH_SIZE, 3))]
+    return points[rng.integers(len(points), size=(count, 3))]
 
 
 def _planes_through(triples: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -166,10 +161,10 @@ def _facing_sensor(planes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _refined(
-    cloud: RangeCloud, plane: NDArray[np.float64], which: NDArray[np.intp]
+    cloud: RangeCloud, plane: NDArray[np.float64], which: NDArray[np.intp], rounds: int
 ) -> NDArray[np.float64]:
     """Least squares over the inliers, weighted by noise, until it stays."""
-    for _ in range(REFINEMENTS):
+    for _ in range(rounds):
         inliers = which[cloud.near(plane, which)]
         if inliers.size < 3:
             return plane
@@ -188,8 +183,13 @@ def _least_squares(cloud: RangeCloud, inliers: NDArray[np.intp]) -> NDArray[np.f
     return _facing_sensor(np.append(normal, normal @ centre))
 
 
-def _bulges(cloud: RangeCloud, plane: NDArray[np.float64], radius: float) -> bool:
-    """Whether the plane only cuts off a cap of something round of less than `radius` m.
+def _bulges(
+    cloud: RangeCloud,
+    plane: NDArray[np.float64],
+    max_radius: float,
+    search: PlaneDetectionSettings,
+) -> bool:
+    """Whether the plane only cuts off a cap of something round.
 
     Where noise is large the tolerance takes in much of the near side of a ball.
     """
@@ -202,20 +202,24 @@ def _bulges(cloud: RangeCloud, plane: NDArray[np.float64], radius: float) -> boo
     heights = inliers @ plane[:3] - plane[3]
     solution = np.linalg.lstsq(design, heights, rcond=None)[0]
     left = heights - design @ solution
-    told = 1.0 - left.var() / max(float(heights.var()), 1e-12)
-    return bool(told > BULGE_TOLD and solution[3] < -1.0 / (2.0 * radius))
+    explained = 1.0 - left.var() / max(float(heights.var()), 1e-12)
+    radius = search.bulge_radii * max_radius
+    return bool(explained > search.bulge_explained and solution[3] < -1.0 / (2.0 * radius))
 
 
-def _merge(cloud: RangeCloud, planes: list[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+def _merge(
+    cloud: RangeCloud, planes: list[NDArray[np.float64]], search: PlaneDetectionSettings
+) -> list[NDArray[np.float64]]:
     """Join planes that are one: nearly parallel, and the points of one are near the other."""
     merged: list[NDArray[np.float64]] = []
+    smallest_cosine = float(np.cos(np.radians(search.merge_angle)))
     for plane in planes:
         for k, kept in enumerate(merged):
-            if plane[:3] @ kept[:3] < MERGE_ANGLE_COSINE:
+            if plane[:3] @ kept[:3] < smallest_cosine:
                 continue
             own = np.flatnonzero(cloud.near(plane))
-            if np.median(np.abs(cloud.scaled_distances(kept, own))) < MERGE_WIDENING:
-                merged[k] = _refined(cloud, kept, np.arange(len(cloud.points)))
+            if np.median(np.abs(cloud.scaled_distances(kept, own))) < search.merge_distance:
+                merged[k] = _refined(cloud, kept, np.arange(len(cloud.points)), search.refinements)
                 break
         else:
             merged.append(plane)
@@ -223,7 +227,11 @@ def _merge(cloud: RangeCloud, planes: list[NDArray[np.float64]]) -> list[NDArray
 
 
 def _outlined(
-    cloud: RangeCloud, plane: NDArray[np.float64], surface: NDArray[np.intp], smallest: float
+    cloud: RangeCloud,
+    plane: NDArray[np.float64],
+    surface: NDArray[np.intp],
+    smallest: float,
+    small_part: float,
 ) -> DetectedPlane | None:
     """Give a surface its outline, None if it is no plane of a room.
 
@@ -235,7 +243,7 @@ def _outlined(
     if corners is None:
         return None
     width = np.linalg.norm(corners[:, None] - corners, axis=2).max()
-    if surface.size < LARGE_PART * len(cloud.points) and width < smallest:
+    if surface.size < small_part * len(cloud.points) and width < smallest:
         return None
     return DetectedPlane(normal, offset, corners, int(surface.size))
 
@@ -254,6 +262,7 @@ def surfaces(
     plane: NDArray[np.float64],
     others: Sequence[NDArray[np.float64]],
     needed: int,
+    search: PlaneDetectionSettings,
 ) -> list[NDArray[np.intp]]:
     """Return the indices of the points of each surface that lies in a plane, largest first.
 
@@ -269,7 +278,7 @@ def surfaces(
         if part.size < needed:
             continue
         for k, surface in enumerate(found):
-            if not _seen_between(cloud, plane, axes, surface, part):
+            if not _seen_between(cloud, plane, axes, (surface, part), search):
                 found[k] = np.concatenate([surface, part])
                 break
         else:
@@ -281,20 +290,17 @@ def _seen_between(
     cloud: RangeCloud,
     plane: NDArray[np.float64],
     axes: NDArray[np.float64],
-    first: NDArray[np.intp],
-    second: NDArray[np.intp],
+    parts: tuple[NDArray[np.intp], NDArray[np.intp]],
+    search: PlaneDetectionSettings,
 ) -> bool:
     """Whether rays go through the plane between two parts of it."""
-    hulls = [
-        convex_hull(cloud.points[part] @ axes)
-        for part in (first, second, np.concatenate([first, second]))
-    ]
+    hulls = [convex_hull(cloud.points[part] @ axes) for part in (*parts, np.concatenate(parts))]
     meeting = cloud.meeting(plane)
     feet = cloud.feet(plane, axes, meeting)
     in_first, in_second, in_both = (_inside(hull, feet) for hull in hulls)
     between = meeting[in_both & ~in_first & ~in_second]
-    through = np.count_nonzero(cloud.scaled_distances(plane, between) < -DEEP)
-    return int(through) >= max(MIN_THROUGH, THROUGH_FRACTION * between.size)
+    through = np.count_nonzero(cloud.scaled_distances(plane, between) < -search.behind)
+    return int(through) >= max(search.readings_through, search.fraction_through * between.size)
 
 
 def _inside(hull: NDArray[np.float64] | None, places: NDArray[np.float64]) -> NDArray[np.bool_]:

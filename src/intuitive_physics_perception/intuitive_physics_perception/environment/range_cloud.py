@@ -14,6 +14,9 @@ DIRECTION_CELL = 0.05
 """Edge length of the cells of directions, unit vectors, that hang together when both are filled."""
 
 ANGLES_ASKED = 500
+"""Readings, drawn at random, whose angle to the nearest other one is measured: bounds the
+time."""
+
 GRAZING = 0.02
 """Cosine of the angle between ray and normal below which it is unsure where they meet."""
 

@@ -16,26 +16,8 @@ from intuitive_physics_perception.detection.spheres import SphereFinder
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.environment.fusion import MAX_EDGE_POINTS, fused_frame
 from intuitive_physics_perception.environment.range_cloud import convex_hull
+from intuitive_physics_perception.environment.settings import StaticBoxSettings
 from intuitive_physics_perception.settings import PerceptionSettings
-
-MIN_SIZE = 0.04
-"""m. Less along the longest edge is no thing but what noise left of an edge."""
-
-STRAY = 0.01
-"""Part of the points that may lie outside at each face, as flying pixels do."""
-
-STANDING_GAP = 0.1
-"""m between a floor and the lowest reading of what is taken to stand on it."""
-
-UPWARD_COSINE = float(np.cos(np.radians(10.0)))
-
-LEAST_EXTENT = 0.4
-"""Of a box's diagonal: what is smaller may be an object in front of or within a rough box."""
-
-STRAY_OF_BOX = 0.005
-"""Part of the readings on a box that noise puts out of it."""
-
-ASKED_POINTS = 1500
 
 
 def with_static_boxes(
@@ -103,14 +85,16 @@ def _box_around(
     do.
     """
     places = model.to_environment(points)
-    rectangle = _smallest_rectangle(places[:, :2])
+    limits = settings.static_box_fit
+    rectangle = _smallest_rectangle(places[:, :2], limits.outside_fraction)
     if rectangle is None:
         return None
     middle, turn, size = rectangle
-    low, high = np.quantile(places[:, 2], [STRAY, 1.0 - STRAY])
-    low = _floor_below(model, np.append(middle, low))
+    outside = limits.outside_fraction
+    low, high = np.quantile(places[:, 2], [outside, 1.0 - outside])
+    low = _floor_below(model, np.append(middle, low), limits)
     edges = np.append(size, high - low)
-    if not MIN_SIZE <= edges.max() <= settings.static_box_max_size or edges.min() <= 0.0:
+    if not limits.min_size <= edges.max() <= settings.static_box_max_size or edges.min() <= 0.0:
         return None
     center = np.append(middle, 0.5 * (low + high))
     # A turn about z.
@@ -119,7 +103,7 @@ def _box_around(
 
 
 def _smallest_rectangle(
-    places: NDArray[np.float64],
+    places: NDArray[np.float64], outside: float
 ) -> tuple[NDArray[np.float64], float, NDArray[np.float64]] | None:
     """Centre (2,), angle and edge lengths (2,) of the smallest rectangle around most places (n, 2).
 
@@ -132,21 +116,24 @@ def _smallest_rectangle(
     for along in np.roll(hull, -1, axis=0) - hull:
         turn = float(np.arctan2(along[1], along[0]))
         axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-        low, high = np.quantile(places @ axes.T, [STRAY, 1.0 - STRAY], axis=0)
+        low, high = np.quantile(places @ axes.T, [outside, 1.0 - outside], axis=0)
         area = float((high - low).prod())
         if area < least:
             best, least = (0.5 * (low + high) @ axes, turn, high - low), area
     return best
 
 
-def _floor_below(model: EnvironmentModel, lowest: NDArray[np.float64]) -> float:
+def _floor_below(
+    model: EnvironmentModel, lowest: NDArray[np.float64], limits: StaticBoxSettings
+) -> float:
     """Height of the level plane little below a place (3,), or of the place itself."""
+    smallest_cosine = float(np.cos(np.radians(limits.level_angle)))
     heights = [
         float(lowest[2] - plane.signed_distances(lowest) / plane.normal[2])
         for plane in model.environment.planes
-        if plane.normal[2] > UPWARD_COSINE and plane.covers(lowest)
+        if plane.normal[2] > smallest_cosine and plane.covers(lowest)
     ]
-    below = [height for height in heights if abs(lowest[2] - height) < STANDING_GAP]
+    below = [height for height in heights if abs(lowest[2] - height) < limits.standing_gap]
     return max(below, default=float(lowest[2]))
 
 
@@ -172,7 +159,8 @@ class StaticBoxFilter:
     def _is_box(self, points: NDArray[np.float32], cluster: NDArray[np.int64]) -> bool:
         """Whether too few of a cluster's points for an object lie out of boxes of which it fills
         one: those of things that touch make one cluster."""
-        every = len(cluster) // ASKED_POINTS + 1
+        limits = self._settings.static_box_fit
+        every = len(cluster) // limits.checked_points + 1
         own = points[cluster[::every]].astype(np.float64)
         deviations = self._model.noise.deviation(np.linalg.norm(own, axis=1))
         margin = self._settings.plane_tolerance + self._settings.plane_sigmas * deviations
@@ -184,6 +172,6 @@ class StaticBoxFilter:
             out &= ~inside
             if inside.any():
                 extent = float(np.linalg.norm(np.ptp(local[inside], axis=0)))
-                fills |= extent > LEAST_EXTENT * 2.0 * float(np.linalg.norm(half))
-        allowed = self._settings.min_points + STRAY_OF_BOX * len(cluster)
+                fills |= extent > limits.filled_diagonal * 2.0 * float(np.linalg.norm(half))
+        allowed = self._settings.min_points + limits.stray_fraction * len(cluster)
         return fills and every * int(out.sum()) < allowed

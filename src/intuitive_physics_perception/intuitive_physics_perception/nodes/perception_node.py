@@ -114,7 +114,7 @@ class PerceptionNode(Node):
         super().destroy_node()
 
     def _make_imu(self, diagnostics: Diagnostics, orientation: list[float]) -> None:
-        self._accelerometer = RestingAccelerometer()
+        self._accelerometer = RestingAccelerometer(self._pipeline.settings.rest)
         if len(orientation) != 4:
             raise InvalidInputError(
                 f"imu_orientation has {len(orientation)} numbers; expected x, y, z and w"

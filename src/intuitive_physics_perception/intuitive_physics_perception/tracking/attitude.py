@@ -1,4 +1,4 @@
-"""How a box or capsule lies, turns, and how large it is: a filter on rotations."""
+"""Attitude of a box or capsule: a filter on rotation, angular velocity and dimensions."""
 
 from __future__ import annotations
 
@@ -12,97 +12,111 @@ from scipy.spatial.transform import Rotation
 from intuitive_physics.shapes import Box, Capsule
 from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION, ObjectState
 from intuitive_physics_perception.detection.detections import DetectedSolid
+from intuitive_physics_perception.tracking.settings import TrackingSettings
 
-TURN, SPIN = slice(0, 3), slice(3, 6)
-SPIN_NOISE = 20.0
-"""rad/s², standard deviation of what changes a spin: torques of contacts, and precession."""
-
-GATE = 25.0
-ANGLE_SCALE, LENGTH_SCALE = 0.2, 0.02
-"""rad and m, by which two ways to name a box's edges are compared."""
+ROTATION_PART, VELOCITY_PART = slice(0, 3), slice(3, 6)
+"""Where rotation vector (rad) and angular velocity (rad/s) stand in an attitude's covariance."""
 
 
 @dataclass(frozen=True, eq=False)
 class Attitude:
-    """What is believed of a solid's rotation at one time.
+    """Estimate of a solid's rotation at one time.
 
     Parameters
     ----------
     rotation : (3, 3), body to environment
-    spin : (3,) rad/s, in the environment's frame
-    covariance : (6, 6) of a rotation vector in the environment's frame, and of the spin
+    angular_velocity : (3,) rad/s, in the environment's frame
+    covariance : (6, 6) of a rotation vector in the environment's frame, and of the
+        angular velocity
     shape : with the dimensions averaged so far
     count : frames that the average was taken of
     """
 
     rotation: NDArray[np.float64]
-    spin: NDArray[np.float64]
+    angular_velocity: NDArray[np.float64]
     covariance: NDArray[np.float64]
     shape: Box | Capsule
     count: int = 1
 
     @staticmethod
-    def of(solid: DetectedSolid, spin_deviation: float) -> Attitude:
-        """Return what one frame tells, in the environment's frame; of the spin that is nothing."""
+    def of(solid: DetectedSolid, velocity_deviation: float) -> Attitude:
+        """Return the attitude that one frame shows, the angular velocity unknown.
+
+        Parameters
+        ----------
+        solid : in the environment's frame
+        velocity_deviation : rad/s, standard deviation of an unknown angular velocity
+        """
         covariance = np.zeros((6, 6))
-        covariance[TURN, TURN] = solid.rotation_covariance
-        covariance[SPIN, SPIN] = spin_deviation**2 * np.eye(3)
+        covariance[ROTATION_PART, ROTATION_PART] = solid.rotation_covariance
+        covariance[VELOCITY_PART, VELOCITY_PART] = velocity_deviation**2 * np.eye(3)
         return Attitude(solid.rotation, np.zeros(3), covariance, solid.shape)
 
-    def after(self, duration: float) -> Attitude:
-        """Return it `duration` s later, or earlier if that is negative."""
+    def after(self, duration: float, noise: float) -> Attitude:
+        """Return it some time later, or earlier if that is negative.
+
+        Parameters
+        ----------
+        duration : s
+        noise : rad/s², standard deviation of an unmodelled angular acceleration
+        """
         transition = np.eye(6)
-        transition[TURN, SPIN] = duration * np.eye(3)
+        transition[ROTATION_PART, VELOCITY_PART] = duration * np.eye(3)
         gain = np.vstack([0.5 * duration**2 * np.eye(3), duration * np.eye(3)])
         return replace(
             self,
-            rotation=Rotation.from_rotvec(duration * self.spin).as_matrix() @ self.rotation,
-            covariance=transition @ self.covariance @ transition.T + SPIN_NOISE**2 * gain @ gain.T,
+            rotation=Rotation.from_rotvec(duration * self.angular_velocity).as_matrix()
+            @ self.rotation,
+            covariance=transition @ self.covariance @ transition.T + noise**2 * gain @ gain.T,
         )
 
-    def stopped(self, spin_deviation: float) -> Attitude:
+    def stopped(self, velocity_deviation: float) -> Attitude:
         """Return it at rest."""
         covariance = np.zeros((6, 6))
-        covariance[TURN, TURN] = self.covariance[TURN, TURN]
-        covariance[SPIN, SPIN] = spin_deviation**2 * np.eye(3)
-        return replace(self, spin=np.zeros(3), covariance=covariance)
+        covariance[ROTATION_PART, ROTATION_PART] = self.covariance[ROTATION_PART, ROTATION_PART]
+        covariance[VELOCITY_PART, VELOCITY_PART] = velocity_deviation**2 * np.eye(3)
+        return replace(self, angular_velocity=np.zeros(3), covariance=covariance)
 
-    def corrected(self, solid: DetectedSolid, spin_deviation: float) -> Attitude:
-        """Return it once a frame, in the environment's frame, was taken into account.
+    def corrected(
+        self, solid: DetectedSolid, velocity_deviation: float, tracking: TrackingSettings
+    ) -> Attitude:
+        """Return it corrected by a detection in the environment's frame.
 
         A box looks the same when its axes are named otherwise, a capsule however it turned about
         its axis: the rotation nearest to what was expected is meant.
         """
-        turned, lengths = self._nearest(solid)
+        turned, lengths = self._nearest(solid, tracking)
         innovation = Rotation.from_matrix(turned @ self.rotation.T).as_rotvec()
         covariance = self.covariance
-        spread = covariance[TURN, TURN] + solid.rotation_covariance
-        if innovation @ np.linalg.solve(spread, innovation) > GATE:
-            # An impact turned it another way: what was believed of its spin is void.
+        spread = covariance[ROTATION_PART, ROTATION_PART] + solid.rotation_covariance
+        if innovation @ np.linalg.solve(spread, innovation) > tracking.gate:
+            # An impact turned it another way: the estimate of its angular velocity is void.
             covariance = covariance.copy()
-            covariance[TURN, TURN] += np.outer(innovation, innovation)
-            covariance[SPIN, SPIN] += spin_deviation**2 * np.eye(3)
-            spread = covariance[TURN, TURN] + solid.rotation_covariance
-        gain = np.linalg.solve(spread, covariance[TURN]).T
+            covariance[ROTATION_PART, ROTATION_PART] += np.outer(innovation, innovation)
+            covariance[VELOCITY_PART, VELOCITY_PART] += velocity_deviation**2 * np.eye(3)
+            spread = covariance[ROTATION_PART, ROTATION_PART] + solid.rotation_covariance
+        gain = np.linalg.solve(spread, covariance[ROTATION_PART]).T
         change = gain @ innovation
         keep = np.eye(6)
-        keep[:, TURN] -= gain
+        keep[:, ROTATION_PART] -= gain
         return Attitude(
-            Rotation.from_rotvec(change[TURN]).as_matrix() @ self.rotation,
-            self.spin + change[SPIN],
+            Rotation.from_rotvec(change[ROTATION_PART]).as_matrix() @ self.rotation,
+            self.angular_velocity + change[VELOCITY_PART],
             keep @ covariance @ keep.T + gain @ solid.rotation_covariance @ gain.T,
             self._averaged(lengths),
             self.count + 1,
         )
 
     def reach(self, direction: NDArray[np.float64]) -> float:
-        """m from the centre to the farthest point in a direction (3,), a unit vector."""
+        """Return the extent in m from the centre along `direction` (3,), a unit vector."""
         own = self.rotation.T @ direction
         if isinstance(self.shape, Box):
             return 0.5 * float(np.abs(own) @ self.shape.edge_lengths)
         return self.shape.radius + 0.5 * self.shape.length * abs(float(own[2]))
 
-    def _nearest(self, solid: DetectedSolid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _nearest(
+        self, solid: DetectedSolid, tracking: TrackingSettings
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The rotation (3, 3) and the dimensions of a detection, named as they are here."""
         lengths = _lengths(solid.shape)
         if isinstance(solid.shape, Capsule):
@@ -114,8 +128,8 @@ class Attitude:
         for naming in BOX_NAMINGS:
             turned, named = solid.rotation @ naming, np.abs(naming).T @ lengths
             cosine = 0.5 * (float((turned * self.rotation).sum()) - 1.0)
-            angle = np.arccos(np.clip(cosine, -1.0, 1.0)) / ANGLE_SCALE
-            away = angle**2 + float(np.square((named - own) / LENGTH_SCALE).sum())
+            angle = np.arccos(np.clip(cosine, -1.0, 1.0)) / tracking.naming_angle
+            away = angle**2 + float(np.square((named - own) / tracking.naming_length).sum())
             if away < best:
                 best, nearest = away, (turned, named)
         return nearest
@@ -137,15 +151,22 @@ def with_attitude(
 
     Parameters
     ----------
-    covariance : (12, 12) of which the parts of rotation and spin are filled in
+    position : (3,) m
+    velocity : (3,) m/s
+    covariance : (12, 12) of which the parts of rotation and angular velocity are filled in
+    attitude : at the same time
     """
     whole = covariance.copy()
-    own = ((ROTATION, TURN), (ANGULAR_VELOCITY, SPIN))
+    own = ((ROTATION, ROTATION_PART), (ANGULAR_VELOCITY, VELOCITY_PART))
     for rows, own_rows in own:
         for columns, own_columns in own:
             whole[rows, columns] = attitude.covariance[own_rows, own_columns]
     return ObjectState(
-        position, Rotation.from_matrix(attitude.rotation).as_quat(), velocity, attitude.spin, whole
+        position,
+        Rotation.from_matrix(attitude.rotation).as_quat(),
+        velocity,
+        attitude.angular_velocity,
+        whole,
     )
 
 
@@ -167,3 +188,4 @@ def _box_namings() -> list[NDArray[np.float64]]:
 
 
 BOX_NAMINGS = _box_namings()
+"""The 24 rotations (3, 3) that carry a box's axes onto one another."""

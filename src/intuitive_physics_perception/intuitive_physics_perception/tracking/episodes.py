@@ -1,4 +1,4 @@
-"""From tracks to observations: when something moves, and what of it can be learned from.
+"""From tracks to observations: when something moves, and which parts of it are informative.
 
 An *episode* lasts from the first motion until nothing moves any more. All balls of an observation
 must have a state at its start, so an episode is cut where a ball appears: each piece is an
@@ -23,9 +23,6 @@ from intuitive_physics_perception.tracking.initial_state import Record, state_at
 from intuitive_physics_perception.tracking.motion import POSITION, RADIUS
 from intuitive_physics_perception.tracking.smoother import smooth
 from intuitive_physics_perception.tracking.track import Track
-
-MAX_START_TRIALS = 90
-AS_WELL = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +75,7 @@ class EpisodeRecorder:
             return ()
         over = self.finish(alive)
         if moving:
-            # Time is out for what still moves: it begins anew.
+            # Time is out for what still moves: a new episode begins.
             self._start = time
         return over
 
@@ -112,7 +109,7 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
         positions = positions + gains * off[:, None]
         left = np.maximum(covariances[:, 3, 3] - track.covariance[RADIUS, RADIUS], 0.0)
         narrowed = narrowed - left[:, None, None] * gains[:, :, None] * gains[:, None, :]
-    path_times, path_positions = _path(track, times)
+    path_times, path_positions = _path(track, times, settings.initial_state.path_widening)
     return Record(
         track.scene_object(settings),
         times,
@@ -125,7 +122,7 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
 
 
 def _path(
-    track: Track, seen: NDArray[np.float64]
+    track: Track, seen: NDArray[np.float64], widening: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Times and positions of the smoothed track, where it is known as well as where it was seen.
 
@@ -134,7 +131,7 @@ def _path(
     path = smooth(list(track.steps))
     deviations = np.sqrt(np.trace(path.covariances[:, POSITION, POSITION], axis1=1, axis2=2))
     known = np.isin(path.times, seen)
-    known |= deviations <= AS_WELL * deviations[known].max()
+    known |= deviations <= widening * deviations[known].max()
     return path.times[known], path.means[known, POSITION]
 
 
@@ -171,7 +168,7 @@ def _piece(
     """
     there = [record for record in records if record.times[0] <= start <= record.times[-1]]
     times = np.unique(np.concatenate([record.between(start, end).times for record in there]))
-    for time in times[:MAX_START_TRIALS]:
+    for time in times[: settings.initial_state.start_trials]:
         parts = [record.between(time, end) for record in there]
         members = [k for k, part in enumerate(parts) if _is_worth(part, settings)]
         if not members:

@@ -22,21 +22,16 @@ from intuitive_physics_perception.tracking.motion import (
     supported_acceleration,
     supporting_planes,
 )
-from intuitive_physics_perception.tracking.spin import ROLLING_TIME, rolling_spin, unknown_spin
-
-MIN_POINTS = 3
-MAX_POINTS = 12
-MAX_DURATION = 0.5
-POINTS_BEFORE = 6
-SURPRISE = 16.0
-MISFIT_SIGMAS = 5.0
-SURE_POINTS = 5
-TOUCH_SIGMAS, TOUCH_SLACK = 3.0, 0.005
+from intuitive_physics_perception.tracking.rolling import (
+    rolling_angular_velocity,
+    unknown_angular_velocity,
+)
+from intuitive_physics_perception.tracking.settings import InitialStateSettings
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What was seen of one object.
+    """Detections of one object.
 
     Parameters
     ----------
@@ -85,7 +80,7 @@ def state_at(
     """Estimate a ball's state at `time` from the longest stretch about it that gravity explains.
 
     A stretch is flight, or sliding on the planes that the ball touches; it ends where the next
-    point is a surprise, the first sign of a bounce. Position and velocity come from weighted least
+    point contradicts it, the first sign of a bounce. Position and velocity come from weighted least
     squares with the acceleration known; their covariance grows with the misfit.
 
     Returns
@@ -93,10 +88,11 @@ def state_at(
     None where no stretch of at least three points holds `time`.
     """
     first = int(np.searchsorted(record.times, time - 1e-9))
+    fit = settings.initial_state
     best: _Stretch | None = None
-    for start in range(max(first - POINTS_BEFORE, 0), min(first + 1, len(record.times))):
-        for plane, acceleration in _accelerations(record, start, environment):
-            stretch = _longest_stretch(record, start, time, acceleration, plane, environment)
+    for start in range(max(first - fit.points_before, 0), min(first + 1, len(record.times))):
+        for plane, acceleration in _accelerations(record, start, environment, fit):
+            stretch = _longest_stretch(record, start, time, acceleration, plane, environment, fit)
             if (
                 stretch is not None
                 and record.times[stretch.end - 1] >= time
@@ -111,31 +107,35 @@ def state_at(
     covariance[LINEAR_VELOCITY, POSITION] = best.covariance[3:, :3]
     covariance[LINEAR_VELOCITY, LINEAR_VELOCITY] = best.covariance[3:, 3:]
     if record.attitudes is not None:
-        # The end of the stretch knows most of its spin, which nothing changed before.
-        last = record.attitudes[best.end - 1].after(time - float(record.times[best.end - 1]))
+        # The end of the stretch knows the angular velocity best, and nothing changed it before.
+        last = record.attitudes[best.end - 1].after(
+            time - float(record.times[best.end - 1]), settings.motion.angular_acceleration_noise
+        )
         return with_attitude(best.mean[:3], best.mean[3:], covariance, last)
-    spin, covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = _spin(record, best, settings)
+    angular_velocity, angular_covariance = _angular_velocity(record, best, settings)
+    covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = angular_covariance
     return ObjectState(
         best.mean[:3],
         linear_velocity=best.mean[3:],
-        angular_velocity=spin,
+        angular_velocity=angular_velocity,
         covariance=covariance,
     )
 
 
-def _spin(
+def _angular_velocity(
     record: Record, stretch: _Stretch, settings: PerceptionSettings
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of a ball that keeps its speed on a plane that it rolls, else nothing."""
+    """Angular velocity of a ball that keeps its speed on a plane, where it rolls; else unknown."""
     lasted = record.times[stretch.end - 1] - record.times[stretch.start]
-    if stretch.plane is None or lasted < ROLLING_TIME:
-        return unknown_spin(settings.angular_velocity_deviation)
-    return rolling_spin(
+    if stretch.plane is None or lasted < settings.motion.rolling_time:
+        return unknown_angular_velocity(settings.angular_velocity_deviation)
+    return rolling_angular_velocity(
         stretch.mean[3:],
         stretch.covariance[3:, 3:],
         record.object.shape.bounding_radius,
         stretch.plane.normal,
         settings.angular_velocity_deviation,
+        settings.motion.rolling_slip,
     )
 
 
@@ -152,7 +152,7 @@ class _Stretch:
 
 
 def _accelerations(
-    record: Record, start: int, environment: Environment
+    record: Record, start: int, environment: Environment, fit: InitialStateSettings
 ) -> list[tuple[Plane | None, NDArray[np.float64]]]:
     """Flight, and sliding where the ball touches planes; with the first plane that carries it."""
     noise = float(np.sqrt(np.trace(record.covariances[start])))
@@ -160,7 +160,7 @@ def _accelerations(
         environment,
         record.positions[start],
         _height(record, start, environment),
-        TOUCH_SIGMAS * noise + TOUCH_SLACK,
+        fit.touch_sigmas * noise + fit.touch_slack,
     )
     found: list[tuple[Plane | None, NDArray[np.float64]]] = [(None, environment.gravity)]
     if touched:
@@ -190,17 +190,18 @@ def _longest_stretch(
     acceleration: NDArray[np.float64],
     plane: Plane | None,
     environment: Environment,
+    fit: InitialStateSettings,
 ) -> _Stretch | None:
-    """Grow a stretch from `start` until a point is a surprise or it is long enough.
+    """Grow a stretch from `start` until a point shows a contact or it is long enough.
 
     A few points obey gravity by chance, as in a hand; they count only where a plane ends them.
     """
     information, right, squares = np.zeros((6, 6)), np.zeros(6), 0.0
     grown: list[_Stretch] = []
-    stop = min(len(record.times), start + MAX_POINTS)
+    stop = min(len(record.times), start + fit.max_points)
     for k in range(start, stop):
         t = record.times[k] - time
-        if record.times[k] - record.times[start] > MAX_DURATION:
+        if record.times[k] - record.times[start] > fit.max_duration:
             break
         # x(t) = x₀ + v₀ t + a t² / 2, linear in x₀ and v₀ once the last term is taken off.
         row = np.hstack([np.eye(3), t * np.eye(3)])
@@ -209,9 +210,11 @@ def _longest_stretch(
         if grown:
             spread = row @ grown[-1].covariance @ row.T + record.covariances[k]
             surprise = seen - row @ grown[-1].mean
-            if surprise @ np.linalg.solve(spread, surprise) > SURPRISE:
+            if surprise @ np.linalg.solve(spread, surprise) > fit.contact_gate:
                 expected = row @ grown[-1].mean + 0.5 * t * t * acceleration
-                if k - start < SURE_POINTS and not _touches(record, k, expected, environment):
+                if k - start < fit.sure_points and not _touches(
+                    record, k, expected, environment, fit
+                ):
                     return None
                 # The bounce may have begun before the point that shows it.
                 return grown[-2] if len(grown) > 2 else grown[-1]
@@ -219,23 +222,27 @@ def _longest_stretch(
         right += row.T @ weight @ seen
         squares += float(seen @ weight @ seen)
         count = k + 1 - start
-        if count < MIN_POINTS:
+        if count < fit.min_points:
             continue
         covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
         mean = covariance @ right
         freedom = 3 * count - 6
         misfit = max(squares - float(right @ mean), 0.0) / freedom
         # χ² has the mean `freedom` and the variance 2 `freedom`.
-        if misfit > 1.0 + MISFIT_SIGMAS * np.sqrt(2.0 / freedom):
+        if misfit > 1.0 + fit.misfit_sigmas * np.sqrt(2.0 / freedom):
             return grown[-1] if grown else None
         grown.append(_Stretch(start, k + 1, mean, covariance * max(misfit, 1.0), plane))
     return grown[-1] if grown else None
 
 
 def _touches(
-    record: Record, k: int, position: NDArray[np.float64], environment: Environment
+    record: Record,
+    k: int,
+    position: NDArray[np.float64],
+    environment: Environment,
+    fit: InitialStateSettings,
 ) -> bool:
     """Whether a ball expected at `position` at point k would have met a plane by then."""
-    reach = record.object.shape.bounding_radius + TOUCH_SLACK
-    reach += TOUCH_SIGMAS * float(np.sqrt(np.trace(record.covariances[k])))
+    reach = record.object.shape.bounding_radius + fit.touch_slack
+    reach += fit.touch_sigmas * float(np.sqrt(np.trace(record.covariances[k])))
     return any(plane.signed_distances(position) < reach for plane in environment.planes)

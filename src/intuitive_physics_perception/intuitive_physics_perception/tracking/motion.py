@@ -1,6 +1,6 @@
-"""Where a ball goes between two frames: gravity, support by planes, and bounces nobody knows yet.
+"""Motion of an object between two frames: gravity, support by planes, bounces.
 
-The vector of a ball is (position, velocity, radius), shape (7,), in the environment's frame.
+The vector of an object is (position, velocity, radius), shape (7,), in the environment's frame.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.scene import Environment, Plane
+from intuitive_physics_perception.tracking.settings import MotionSettings
 
 POSITION, VELOCITY, RADIUS = slice(0, 3), slice(3, 6), 6
+"""Where position (m), velocity (m/s) and radius (m) stand in an object's vector."""
+
 SIZE = 7
-MAX_BOUNCES = 4
-SUPPORT_DISTANCE = 0.006
-SUPPORT_SPEED = 0.25
-NORMAL_DOUBT, TANGENTIAL_DOUBT = 0.35, 0.3
+"""Components of an object's vector."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,30 +72,45 @@ def predicted(
     *,
     restitution: float,
     acceleration_noise: float,
+    motion: MotionSettings,
 ) -> Prediction:
     """Return a ball `duration` s later.
 
     A bounce turns the velocity with the restitution one expects and widens the covariance by what
     friction and another restitution could make of it.
+
+    Parameters
+    ----------
+    mean : (7,) of the object
+    covariance : (7, 7)
+    duration : s
+    environment : what the object bounces off
+    restitution : expected of a bounce
+    acceleration_noise : m/s², standard deviation of an unmodelled acceleration
+    motion : tuned numbers
     """
     ball, left = Prediction(mean, covariance, np.eye(SIZE)), duration
-    for _ in range(MAX_BOUNCES):
-        ball, support = _supported(ball, environment)
+    for _ in range(motion.max_bounces):
+        ball, support = _supported(ball, environment, motion)
         acceleration = supported_acceleration(environment, support)
         met, until = _next_contact(ball.mean, acceleration, left, environment, support)
         ball = _flown(ball, until, acceleration, acceleration_noise)
         left -= until
         if met is None:
             break
-        ball = _bounced(ball, met.normal, restitution)
+        ball = _bounced(ball, met.normal, restitution, motion)
     return ball
 
 
-def _supported(ball: Prediction, environment: Environment) -> tuple[Prediction, list[Plane]]:
+def _supported(
+    ball: Prediction, environment: Environment, motion: MotionSettings
+) -> tuple[Prediction, list[Plane]]:
     """What is left of a bounce is a hop of millimetres: it stays on the plane."""
     mean = ball.mean.copy()
-    touched = supporting_planes(environment, mean[POSITION], mean[RADIUS], SUPPORT_DISTANCE)
-    support = [plane for plane in touched if abs(plane.normal @ mean[VELOCITY]) < SUPPORT_SPEED]
+    touched = supporting_planes(environment, mean[POSITION], mean[RADIUS], motion.support_distance)
+    support = [
+        plane for plane in touched if abs(plane.normal @ mean[VELOCITY]) < motion.support_speed
+    ]
     for plane in support:
         mean[VELOCITY] -= (plane.normal @ mean[VELOCITY]) * plane.normal
     return Prediction(mean, ball.covariance, ball.transition), support
@@ -157,13 +172,17 @@ def _flown(
     return Prediction(moved, covariance, transition @ ball.transition)
 
 
-def _bounced(ball: Prediction, normal: NDArray[np.float64], restitution: float) -> Prediction:
+def _bounced(
+    ball: Prediction, normal: NDArray[np.float64], restitution: float, motion: MotionSettings
+) -> Prediction:
     speed = abs(float(normal @ ball.mean[VELOCITY]))
     across = np.outer(normal, normal)
-    kept = 0.0 if speed < SUPPORT_SPEED else restitution
+    kept = 0.0 if speed < motion.support_speed else restitution
     turn = np.eye(SIZE)
     turn[VELOCITY, VELOCITY] -= (1.0 + kept) * across
     turned = turn @ ball.covariance @ turn.T
-    turned[VELOCITY, VELOCITY] += (NORMAL_DOUBT * speed) ** 2 * across
-    turned[VELOCITY, VELOCITY] += (TANGENTIAL_DOUBT * speed) ** 2 * (np.eye(3) - across)
+    turned[VELOCITY, VELOCITY] += (motion.normal_uncertainty * speed) ** 2 * across
+    turned[VELOCITY, VELOCITY] += (motion.tangential_uncertainty * speed) ** 2 * (
+        np.eye(3) - across
+    )
     return Prediction(turn @ ball.mean, turned, turn @ ball.transition)

@@ -1,4 +1,4 @@
-"""The whole of a track in the light of all that was seen: fixed-interval smoothing.
+"""Fixed-interval smoothing of a track: its states given all frames.
 
 Rauch, Tung, Striebel, "Maximum likelihood estimates of linear dynamic systems" (1965).
 """
@@ -16,11 +16,12 @@ from intuitive_physics_perception.tracking.attitude import Attitude
 from intuitive_physics_perception.tracking.motion import Prediction
 
 RIDGE = 1e-12
+"""What is added to a correlation matrix's diagonal so that it can be inverted: numerical."""
 
 
 @dataclass(frozen=True, eq=False)
 class FilterStep:
-    """What filters believed at one frame.
+    """State of the filters at one frame.
 
     Parameters
     ----------

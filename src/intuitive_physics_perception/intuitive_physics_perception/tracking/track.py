@@ -20,31 +20,25 @@ from intuitive_physics_perception.tracking.motion import (
     POSITION,
     RADIUS,
     SIZE,
-    SUPPORT_DISTANCE,
     VELOCITY,
     Prediction,
     downward,
     predicted,
     supporting_planes,
 )
-from intuitive_physics_perception.tracking.smoother import FilterStep
-from intuitive_physics_perception.tracking.spin import (
-    ROLLING_TIME,
+from intuitive_physics_perception.tracking.rolling import (
     loses_no_speed,
-    rolling_spin,
-    unknown_spin,
+    rolling_angular_velocity,
+    unknown_angular_velocity,
 )
+from intuitive_physics_perception.tracking.settings import MotionSettings
+from intuitive_physics_perception.tracking.smoother import FilterStep
 
 MAX_STEPS = 4000
-LIFT_SIGMAS = 3.0
-NEW_COLOR = 0.25
-"""Weight of the newest frame in a track's colour."""
+"""Newest frames of a track that are kept: bounds its memory. At 30 Hz they last 133 s."""
 
-GATE = 25.0
-RESTING_SPEED_DEVIATION = 0.02
-RESTING_SPIN_DEVIATION = 0.2
-HEIGHT_DEVIATION = 0.01
 MEASURED = np.array([0, 1, 2, RADIUS])
+"""Components of an object's vector that a detection measures: centre and radius."""
 
 
 @dataclass(eq=False)
@@ -84,11 +78,17 @@ class Track:
     color: NDArray[np.float64] | None = None
     steps: deque[FilterStep] = field(default_factory=lambda: deque(maxlen=MAX_STEPS))
 
-    def take_color(self, color: NDArray[np.float64] | None) -> None:
-        """Average the colour of what was seen of it; late frames count most, as light changes."""
+    def take_color(self, color: NDArray[np.float64] | None, weight: float) -> None:
+        """Average the colour of its detections; late frames count most, as light changes.
+
+        Parameters
+        ----------
+        color : (3,) mean red, green and blue of the newest detection, 0 to 1; None: unknown
+        weight : of the newest detection in the average
+        """
         if color is None:
             return
-        self.color = color if self.color is None else self.color + NEW_COLOR * (color - self.color)
+        self.color = color if self.color is None else self.color + weight * (color - self.color)
 
     def close_step(self, seen: Detection | None) -> None:
         """Keep what is believed after a frame in which `seen` was seen of it."""
@@ -119,46 +119,48 @@ class Track:
             return with_attitude(
                 self.mean[POSITION], self.mean[VELOCITY], covariance, self.attitude
             )
-        spin, covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = self._spin(environment, settings)
+        angular_velocity, angular_covariance = self._angular_velocity(environment, settings)
+        covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = angular_covariance
         return ObjectState(
             self.mean[POSITION],
             linear_velocity=self.mean[VELOCITY],
-            angular_velocity=spin,
+            angular_velocity=angular_velocity,
             covariance=covariance,
         )
 
-    def _spin(
+    def _angular_velocity(
         self, environment: Environment, settings: PerceptionSettings
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         if self.resting:
-            return unknown_spin(settings.rest_speed / float(self.mean[RADIUS]))
-        steps = self.recent(ROLLING_TIME)
-        normal = self._rolls_on(steps, environment)
+            return unknown_angular_velocity(settings.rest_speed / float(self.mean[RADIUS]))
+        steps = self.recent(settings.motion.rolling_time)
+        normal = self._rolls_on(steps, environment, settings.motion)
         if normal is None:
-            return unknown_spin(settings.angular_velocity_deviation)
-        return rolling_spin(
+            return unknown_angular_velocity(settings.angular_velocity_deviation)
+        return rolling_angular_velocity(
             self.mean[VELOCITY],
             self.covariance[VELOCITY, VELOCITY],
             float(self.mean[RADIUS]),
             normal,
             settings.angular_velocity_deviation,
+            settings.motion.rolling_slip,
         )
 
     def _rolls_on(
-        self, steps: list[FilterStep], environment: Environment
+        self, steps: list[FilterStep], environment: Environment, motion: MotionSettings
     ) -> NDArray[np.float64] | None:
         """Normal of the plane it has rolled on during all of some steps, None for none."""
-        if len(steps) < 4 or steps[-1].time - steps[0].time < 0.7 * ROLLING_TIME:
+        if len(steps) < 4 or steps[-1].time - steps[0].time < 0.7 * motion.rolling_time:
             return None
         for plane in supporting_planes(
-            environment, self.mean[POSITION], float(self.mean[RADIUS]), SUPPORT_DISTANCE
+            environment, self.mean[POSITION], float(self.mean[RADIUS]), motion.support_distance
         ):
             lifts = [float(plane.signed_distances(s.mean[POSITION])) for s in steps]
             noise = max(float(np.sqrt(np.trace(s.covariance[POSITION, POSITION]))) for s in steps)
-            stays = np.ptp(lifts) < SUPPORT_DISTANCE + LIFT_SIGMAS * noise
+            stays = np.ptp(lifts) < motion.support_distance + motion.lift_sigmas * noise
             times = np.array([step.time for step in steps])
             velocities = np.stack([step.mean[VELOCITY] for step in steps])
-            if stays and loses_no_speed(times, velocities):
+            if stays and loses_no_speed(times, velocities, motion.rolling_deceleration):
                 return plane.normal
         return None
 
@@ -196,7 +198,9 @@ class TrackFilter:
         """Carry a track on to the time of the next frame."""
         duration = time - track.time
         if track.resting:
-            track.prediction = _rested(track, duration)
+            track.prediction = _rested(
+                track, duration, self._settings.tracking.resting_speed_deviation
+            )
         else:
             track.prediction = predicted(
                 track.mean,
@@ -205,6 +209,7 @@ class TrackFilter:
                 self._environment,
                 restitution=self._settings.bounce_restitution,
                 acceleration_noise=self._settings.acceleration_noise,
+                motion=self._settings.motion,
             )
         if track.attitude is not None:
             self._predict_attitude(track, track.attitude, duration)
@@ -214,20 +219,24 @@ class TrackFilter:
     def _predict_attitude(self, track: Track, attitude: Attitude, duration: float) -> None:
         """Turn a solid on, and take the height of its centre above its lowest point from that."""
         if track.resting:
-            track.attitude = attitude.stopped(RESTING_SPIN_DEVIATION)
+            track.attitude = attitude.stopped(
+                self._settings.tracking.resting_angular_velocity_deviation
+            )
         else:
-            track.attitude = attitude.after(duration)
+            track.attitude = attitude.after(
+                duration, self._settings.motion.angular_acceleration_noise
+            )
         mean, transition = track.prediction.mean.copy(), track.prediction.transition.copy()
         covariance = track.prediction.covariance.copy()
         mean[RADIUS] = track.attitude.reach(downward(self._environment))
         transition[RADIUS] = covariance[RADIUS] = covariance[:, RADIUS] = 0.0
-        covariance[RADIUS, RADIUS] = HEIGHT_DEVIATION**2
+        covariance[RADIUS, RADIUS] = self._settings.tracking.height_deviation**2
         track.prediction = Prediction(mean, covariance, transition)
 
     def correct(self, track: Track, detection: Detection) -> None:
         """Take into account what was seen of a track at its time."""
         innovation, spread = innovation_of(track, detection)
-        if innovation @ np.linalg.solve(spread, innovation) >= GATE:
+        if innovation @ np.linalg.solve(spread, innovation) >= self._settings.tracking.gate:
             self._forget_velocity(track, innovation)
             innovation, spread = innovation_of(track, detection)
         gain = np.linalg.solve(spread, track.covariance[MEASURED]).T
@@ -238,7 +247,7 @@ class TrackFilter:
         track.covariance = keep @ track.covariance @ keep.T + gain @ detection.covariance @ gain.T
         if isinstance(detection, DetectedSolid) and track.attitude is not None:
             track.attitude = track.attitude.corrected(
-                detection, self._settings.angular_velocity_deviation
+                detection, self._settings.angular_velocity_deviation, self._settings.tracking
             )
         track.hits, track.misses, track.last_seen = track.hits + 1, 0, track.time
 
@@ -266,12 +275,12 @@ def innovation_of(
     return innovation, track.covariance[np.ix_(MEASURED, MEASURED)] + detection.covariance
 
 
-def _rested(track: Track, duration: float) -> Prediction:
+def _rested(track: Track, duration: float, deviation: float) -> Prediction:
     """What lies still stays, whatever holds it: that may be no plane of the model."""
     mean, transition = track.mean.copy(), np.eye(SIZE)
     mean[VELOCITY] = 0.0
     transition[VELOCITY, VELOCITY] = 0.0
     covariance = transition @ track.covariance @ transition.T
-    covariance[VELOCITY, VELOCITY] += RESTING_SPEED_DEVIATION**2 * np.eye(3)
-    covariance[POSITION, POSITION] += (RESTING_SPEED_DEVIATION * duration) ** 2 * np.eye(3)
+    covariance[VELOCITY, VELOCITY] += deviation**2 * np.eye(3)
+    covariance[POSITION, POSITION] += (deviation * duration) ** 2 * np.eye(3)
     return Prediction(mean, covariance, transition)

@@ -12,21 +12,15 @@ from intuitive_physics.shapes import Capsule
 from intuitive_physics_perception.detection.detections import Detection, kind_of
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.motion import POSITION, RADIUS
-from intuitive_physics_perception.tracking.track import GATE, Track, TrackFilter, innovation_of
+from intuitive_physics_perception.tracking.settings import TrackingSettings
+from intuitive_physics_perception.tracking.track import Track, TrackFilter, innovation_of
 
 SMALLEST_LOG_DETERMINANT = -80.0
-RADIUS_GATE = 4.0
-RADIUS_SLACK = 0.003
-TENTATIVE_MISSES = 1
+"""Below the logarithm of the determinant of any innovation's covariance, (4, 4) m²: costs of pairs
+are not negative. A standard deviation of 0.05 mm in all four gives -79."""
 
-COLOR_DEVIATION = 0.1
-"""Of the mean colour of one thing from frame to frame, as light and shade change, 0 to 1."""
-
-MOST_FOR_COLOR = 25.0
-"""A shadow must not cost more than to be five deviations off in position."""
-
-PATIENCE = 4
 KNOWN_RADIUS_DEVIATION = 1e-5
+"""Standard deviation of a known radius in m: numerical, so that covariances stay regular."""
 
 
 class Tracker:
@@ -58,6 +52,7 @@ class Tracker:
         ----------
         time : s, later than that of the frame before
         """
+        weight = self._settings.tracking.newest_color
         ended = [track for track in self._tracks if self._is_lost(track, time)]
         self._tracks = [track for track in self._tracks if not self._is_lost(track, time)]
         for track in self._tracks:
@@ -69,7 +64,7 @@ class Tracker:
                 track.misses += 1
             else:
                 self._filter.correct(track, detection)
-                track.take_color(detection.color)
+                track.take_color(detection.color, weight)
                 settle(track, self._settings)
             track.close_step(detection)
             track.resting = track.resting or self._has_come_to_rest(track)
@@ -85,6 +80,7 @@ class Tracker:
     def _matches(self, detections: Sequence[Detection]) -> dict[int, Detection]:
         """Pair numbers of tracks and detections: by what is likely, then by what a hit or a hand
         could explain. Colour has a say in what is likely, never in what is possible."""
+        tracking = self._settings.tracking
         likely = np.full((len(self._tracks), len(detections)), np.inf)
         possible = likely.copy()
         for k, track in enumerate(self._tracks):
@@ -92,17 +88,17 @@ class Tracker:
                 if kind_of(detection) != track.kind:
                     continue
                 innovation, spread = innovation_of(track, detection)
-                unlike = color_cost(track.color, detection.color)
+                unlike = color_cost(track.color, detection.color, tracking)
                 distance2 = float(innovation @ np.linalg.solve(spread, innovation)) + unlike
-                if distance2 < GATE:
+                if distance2 < tracking.gate:
                     # As the likelihood has it: a wide guess must not win by its width.
                     width = float(np.linalg.slogdet(spread)[1]) - SMALLEST_LOG_DETERMINANT
                     likely[k, n] = distance2 + max(width, 0.0)
                 away, reach = float(np.linalg.norm(innovation[:3])), self._reach(track, spread)
-                slack = RADIUS_GATE * np.sqrt(spread[3, 3]) + RADIUS_SLACK
+                slack = tracking.radius_gate * np.sqrt(spread[3, 3]) + tracking.radius_slack
                 if away < reach and abs(innovation[3]) < slack:
                     # Another colour is worse than any place where it could be.
-                    possible[k, n] = away + reach * unlike / MOST_FOR_COLOR
+                    possible[k, n] = away + reach * unlike / tracking.max_color_cost
         pairs = cheapest_pairs(likely)
         for k, n in pairs:
             possible[k, :] = possible[:, n] = np.inf
@@ -129,7 +125,7 @@ class Tracker:
 
     def _is_lost(self, track: Track, time: float) -> bool:
         if not track.confirmed:
-            return track.misses > TENTATIVE_MISSES
+            return track.misses > self._settings.tracking.tentative_misses
         return time - track.last_seen > self._settings.coast_time
 
     def _is_end_of_capsule(self, detection: Detection) -> bool:
@@ -146,7 +142,7 @@ class Tracker:
 
     def _new_track(self, time: float, detection: Detection) -> Track:
         track = self._filter.begin(self.next_number, time, detection)
-        track.take_color(detection.color)
+        track.take_color(detection.color, self._settings.tracking.newest_color)
         settle(track, self._settings)
         track.close_step(detection)
         self.next_number += 1
@@ -171,15 +167,24 @@ def cheapest_pairs(costs: NDArray[np.float64]) -> list[tuple[int, int]]:
     return [(int(r), int(c)) for r, c in zip(rows, columns, strict=True) if possible[r, c]]
 
 
-def color_cost(first: NDArray[np.float64] | None, second: NDArray[np.float64] | None) -> float:
-    """Return the squared distance of two colours (3,) in variances, at most `MOST_FOR_COLOR`.
+def color_cost(
+    first: NDArray[np.float64] | None,
+    second: NDArray[np.float64] | None,
+    tracking: TrackingSettings,
+) -> float:
+    """Return the squared distance of two colours in variances, at most `max_color_cost`.
 
-    0 where one is not told: then position alone decides.
+    0 where one is unknown: then position alone decides.
+
+    Parameters
+    ----------
+    first, second : (3,) red, green and blue, 0 to 1
+    tracking : tuned numbers
     """
     if first is None or second is None:
         return 0.0
-    distance2 = float(np.sum(np.square((first - second) / COLOR_DEVIATION)))
-    return min(distance2, MOST_FOR_COLOR)
+    distance2 = float(np.sum(np.square((first - second) / tracking.color_deviation)))
+    return min(distance2, tracking.max_color_cost)
 
 
 def settle(track: Track, settings: PerceptionSettings) -> None:
@@ -196,7 +201,7 @@ def _is_settled(track: Track, settings: PerceptionSettings) -> bool:
         not settings.known_objects
         or track.attitude is not None
         or 2.0 * deviation < settings.known_object_tolerance
-        or track.hits >= PATIENCE * settings.confirming_hits
+        or track.hits >= settings.tracking.recognition_patience * settings.confirming_hits
     )
 
 

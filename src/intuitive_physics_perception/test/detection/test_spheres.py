@@ -256,10 +256,10 @@ def test_clusters_are_told_apart_by_gaps_that_grow_with_range() -> None:
     line = np.linspace(0.0, 0.3, 30)
     near = np.column_stack([line, np.zeros(30), np.ones(30)])
     groups = np.concatenate([near, near + [0.0, 0.1, 0.0], 5.0 * near + [0.0, 0.0, 3.0]])
-    labels = neighbour_labels(groups, 0.04)
+    labels = neighbour_labels(groups, 0.04, 4.0)
     assert len(set(labels)) == 3
     assert all(len(set(labels[k : k + 30])) == 1 for k in (0, 30, 60))
-    assert neighbour_labels(np.zeros((0, 3)), 0.04).size == 0
+    assert neighbour_labels(np.zeros((0, 3)), 0.04, 4.0).size == 0
 
 
 def test_noise_grows_with_range_squared_up_to_its_limit() -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from intuitive_physics_perception.environment.environment_model import (
@@ -221,6 +221,8 @@ def test_a_support_that_does_not_face_up_is_refused(rng) -> None:
     ),
     st.integers(0, 100),
 )
+@example([(0.0, 0.0, 0.0)] * 5 + [(0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)], 16)
+@example([(0.0, 0.0, 0.0)] * 5 + [(0.0, 0.0, 2.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)], 16)
 def test_any_cloud_gives_a_model_or_one_error(points, repeat) -> None:
     cloud = np.array(points, dtype=np.float32).reshape(1, -1, 3)
     cloud = np.tile(cloud, (1, 1 + repeat, 1))

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
 from intuitive_physics_perception.environment.environment_model import model_environment
-from intuitive_physics_perception.environment.plane_edges import REACH, SeenAround, bounded_polygon
+from intuitive_physics_perception.environment.plane_edges import SeenAround, bounded_polygon
+from intuitive_physics_perception.environment.settings import PlaneEdgeSettings
 from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.settings import PerceptionSettings
@@ -83,7 +84,7 @@ def test_a_table_goes_on_where_the_view_ends(table_room, shapes) -> None:
     boundary = top_of(environment, 0.6).boundary
     corners = [(1.15, 0.05), (1.85, 0.05)]
     assert max(distances_to_corners(boundary, corners)) < EDGE_TOLERANCE
-    assert boundary[:, 1].max() > 0.9 * REACH
+    assert boundary[:, 1].max() > 0.9 * PlaneEdgeSettings().reach
 
 
 def test_an_edge_that_something_hides_is_none(table_room, shapes) -> None:
@@ -121,13 +122,13 @@ def area(corners) -> float:
 
 def test_a_round_table_is_a_polygon_of_its_size(rng) -> None:
     seen = scattered(rng, lambda places: np.linalg.norm(places, axis=1) < 0.6)
-    polygon = bounded_polygon(seen, hull(seen.surface))
+    polygon = bounded_polygon(seen, hull(seen.surface), PlaneEdgeSettings())
     assert area(polygon) == pytest.approx(np.pi * 0.6**2, rel=0.05)
 
 
 def test_what_is_not_convex_has_no_boundary_that_would_cut_it(rng) -> None:
     seen = scattered(rng, lambda p: (np.abs(p).max(axis=1) < 0.7) & ~((p > 0.0).all(axis=1)))
-    polygon = bounded_polygon(seen, hull(seen.surface))
+    polygon = bounded_polygon(seen, hull(seen.surface), PlaneEdgeSettings())
     assert polygon is None or area(polygon) > 3 * 0.7**2
 
 
@@ -151,7 +152,7 @@ def test_a_boundary_is_convex_turns_left_and_holds_the_rectangle(
         return (np.abs(own) < 0.5 * np.array([width, depth])).all(axis=1) ^ strays
 
     seen = scattered(rng, inside)
-    polygon = bounded_polygon(seen, hull(seen.surface))
+    polygon = bounded_polygon(seen, hull(seen.surface), PlaneEdgeSettings())
     if polygon is None:
         assert stray > 0.0
         return

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_perception.tracking.motion import SIZE, predicted
+from intuitive_physics_perception.tracking.settings import MotionSettings
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
 CORNER = Environment([*FLOOR.planes, Plane("wall", "m", (-1, 0, 0), -1.0)])
@@ -26,7 +27,13 @@ def ball(position, velocity):
 
 def predict(mean, duration, environment=FLOOR, restitution=0.6, noise=0.0):
     found = predicted(
-        mean, COVARIANCE, duration, environment, restitution=restitution, acceleration_noise=noise
+        mean,
+        COVARIANCE,
+        duration,
+        environment,
+        restitution=restitution,
+        acceleration_noise=noise,
+        motion=MotionSettings(),
     )
     return found.mean, found.covariance
 
@@ -103,10 +110,26 @@ def test_any_prediction_is_finite_and_its_covariance_positive(position, velocity
 def test_the_transition_is_the_derivative_of_the_prediction() -> None:
     # In flight it is exact.
     start, step = ball((0.9, 0, 0.3), (2.0, 0.5, -1.0)), 1e-6
-    found = predicted(start, COVARIANCE, 0.02, FLOOR, restitution=0.6, acceleration_noise=0.0)
+    found = predicted(
+        start,
+        COVARIANCE,
+        0.02,
+        FLOOR,
+        restitution=0.6,
+        acceleration_noise=0.0,
+        motion=MotionSettings(),
+    )
     for k in range(SIZE - 1):
         moved = start + step * np.eye(SIZE)[k]
-        there = predicted(moved, COVARIANCE, 0.02, FLOOR, restitution=0.6, acceleration_noise=0.0)
+        there = predicted(
+            moved,
+            COVARIANCE,
+            0.02,
+            FLOOR,
+            restitution=0.6,
+            acceleration_noise=0.0,
+            motion=MotionSettings(),
+        )
         assert (there.mean - found.mean) / step == pytest.approx(found.transition[:, k], abs=1e-6)
 
 

@@ -1,4 +1,4 @@
-"""The prediction that is due now, from the newest of everything."""
+"""Inputs of live prediction, and predictions with what they were made from."""
 
 from __future__ import annotations
 
@@ -14,10 +14,13 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.simulation import pack_worlds
 from intuitive_physics.simulation.overlap_check import check_overlaps
+from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import increasing_times
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
-from intuitive_physics_predictor.live.prediction_settings import PredictionSettings
+from intuitive_physics_predictor.live.settings import PredictionSettings, check_size
+from intuitive_physics_predictor.noisy_newton import PreparedScene, predict_sampled
+from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 CLOCK_TOLERANCE = 0.1
 """s that states may be stamped ahead of this machine's clock: cameras keep a time of their own."""
@@ -28,7 +31,7 @@ class NothingToPredictError(IntuitivePhysicsError):
 
 
 class NoObjectsError(NothingToPredictError):
-    """Nothing moves, or nothing is there, which is nobody's fault."""
+    """No objects are tracked; not a fault."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,20 +110,28 @@ class LivePrediction:
     Parameters
     ----------
     distribution : its times count from `start`
+    prepared : the scene, from which the same samples are drawn again
+    settings : how it was predicted
+    learned : θ_s; None: nothing was learned
     start : s, on the clock of the states' stamp
     states_stamp : s, when the states were seen
     seed : of the noise
-    scene, learned, settings, environment_version : what it was made from
+    environment_version : of the message that brought it
     """
 
     distribution: TrajectoryDistribution
-    scene: Scene
-    learned: LearnedParameters | None
+    prepared: PreparedScene
     settings: PredictionSettings
+    learned: LearnedParameters | None
     start: float
     states_stamp: float
     seed: int
     environment_version: int
+
+    @property
+    def scene(self) -> Scene:
+        """What was predicted, as perceived."""
+        return self.prepared.scene
 
     @property
     def static_parameters_version(self) -> int:
@@ -134,60 +145,83 @@ class LivePrediction:
         ----------
         times : (n_times,) s after `start`
         """
-        distribution = self.settings.predict(
+        settings = self.settings
+        check_size(sample_count, len(self.scene.objects), times.size)
+        distribution = predict_sampled(
             self.scene,
-            self.learned,
+            settings.draw(self.prepared, sample_count, np.random.default_rng(self.seed)),
             self.start - self.states_stamp + times,
-            seed=self.seed,
-            sample_count=sample_count,
+            simulator=settings.engine,
             orientations=True,
         )
         return replace(distribution, times=times)
 
 
-def predict_now(
-    inputs: Inputs, settings: PredictionSettings, *, seed: int, now: float, monotonic: float
-) -> LivePrediction:
-    """Carry the newest states forward to now and predict from there.
+def uncertain_parameters(
+    learned: LearnedParameters | None, materials: tuple[str, ...], settings: PredictionSettings
+) -> UncertainParameters:
+    """Return the distribution of θ_s over what was learned and these materials.
 
-    Both are one simulation: of the samples, from the states' stamp on, that is written down from
-    now on.
+    A material nobody has learned of may be anything.
+    """
+    known = learned or LearnedParameters.defaults(materials)
+    all_of_them = tuple(dict.fromkeys((*known.materials, *materials)))
+    return settings.noise_scales.parameters(known.extended(all_of_them))
 
-    Parameters
-    ----------
-    seed : of the noise
-    now : s, on the clock of the stamps
-    monotonic : s, now on the clock of `SeenStates.arrived`
+
+def prepare(
+    scene: Scene, parameters: UncertainParameters, settings: PredictionSettings
+) -> PreparedScene:
+    """Return a scene prepared to be predicted again and again.
 
     Raises
     ------
-    NothingToPredictError
-        When there is no environment, no states, they are too old or have no objects.
+    InvalidInputError, UnknownNameError
+        As `PreparedScene.of`.
+    """
+    return PreparedScene.of(scene, parameters, settings.state_noise)
+
+
+def predict_prepared(
+    prepared: PreparedScene,
+    worlds: WorldBatch,
+    settings: PredictionSettings,
+    *,
+    learned: LearnedParameters | None,
+    times: NDArray[np.float64],
+    start: float,
+    states_stamp: float,
+    seed: int,
+    environment_version: int,
+) -> LivePrediction:
+    """Simulate samples of a scene from its states' stamp on; record from `start` on.
+
+    Parameters
+    ----------
+    worlds : the samples
+    times : (n_times,) s after `start`
+    seed : that the samples were drawn with
+
+    Raises
+    ------
     InvalidInputError
-        When states and environment are in different frames or the scene or settings cannot be.
+        When the prediction would be too large.
     PredictionFailedError, UnsupportedSceneError
         As `noisy_newton.predict`.
     """
-    _, seen = inputs.perceived()
-    check_fresh(seen, settings, now, monotonic)
-    scene = inputs.scene
-    start = max(now, seen.stamp) if settings.options.carry_forward else seen.stamp
-    distribution = settings.predict(
-        scene,
-        inputs.learned,
-        start - seen.stamp + settings.times,
-        seed=seed,
-        sample_count=settings.options.sample_count,
+    check_size(worlds.size, len(prepared.scene.objects), times.size)
+    distribution = predict_sampled(
+        prepared.scene, worlds, start - states_stamp + times, simulator=settings.engine
     )
     return LivePrediction(
-        distribution=replace(distribution, times=settings.times),
-        scene=scene,
-        learned=inputs.learned,
+        distribution=replace(distribution, times=times),
+        prepared=prepared,
         settings=settings,
+        learned=learned,
         start=start,
-        states_stamp=seen.stamp,
+        states_stamp=states_stamp,
         seed=seed,
-        environment_version=inputs.environment_version,
+        environment_version=environment_version,
     )
 
 
@@ -212,24 +246,21 @@ def predict_scene(
     Raises
     ------
     InvalidInputError
-        When objects are in one another, or a number is not what it must be.
+        When objects overlap, or a number is not what it must be.
     PredictionFailedError, UnsupportedSceneError
         As `noisy_newton.predict`.
     """
     # What is perceived may overlap by its noise; a scene that is made up should not.
     check_overlaps([scene], pack_worlds([scene], StaticParameters.uniform(scene.materials)))
-    distribution = settings.predict(
-        scene,
-        learned,
-        increasing_times(times, "times"),
-        seed=seed,
-        sample_count=sample_count,
-    )
-    return LivePrediction(
-        distribution=distribution,
-        scene=scene,
+    checked = increasing_times(times, "times")
+    check_size(sample_count, len(scene.objects), checked.size)
+    prepared = prepare(scene, uncertain_parameters(learned, scene.materials, settings), settings)
+    return predict_prepared(
+        prepared,
+        settings.draw(prepared, sample_count, np.random.default_rng(seed)),
+        settings,
         learned=learned,
-        settings=settings,
+        times=checked,
         start=start,
         states_stamp=start,
         seed=seed,
@@ -247,9 +278,9 @@ def check_fresh(
     NothingToPredictError
         When they are not, or are stamped ahead of the clock.
     """
-    limit = settings.options.stale_after
+    limit = settings.stale_after
     age = monotonic - seen.arrived
-    if settings.options.carry_forward:
+    if settings.carry_forward:
         if not -CLOCK_TOLERANCE <= seen.delay <= limit:
             when = "old" if seen.delay > 0.0 else "in the future"
             raise NothingToPredictError(

@@ -1,107 +1,130 @@
-"""A thread that does something at a steady rate and leaves out what it comes too late for."""
+"""A thread that ticks at a steady rate, skips what it is late for, and works in between."""
 
 from __future__ import annotations
 
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 
-LATEST = 0.5
-"""Of a period, that a tick may begin late: one that took a little too long costs none of those that
-take less."""
+LATEST_START = 0.5
+"""Of a period, that a tick may begin late: one that took a little too long costs no later ones."""
+
+Job = Callable[[], None]
 
 
 class Pacer:
-    """Calls `tick` at whole periods, in a thread of its own.
+    """Calls `tick` at whole periods in a thread of its own, and does jobs in the gaps between.
 
+    Python runs one thread at a time, so what another thread does delays a tick. A job given to
+    this thread is done right after a tick, or before the next one where enough time is left.
     An executor's timer costs several times as much, and waits for every other callback.
 
     Parameters
     ----------
     tick : called with the s it comes late, up to half a period, and how many periods were left out
-        before it because the one before took too long; must not raise
+        before it because the work before took too long; must not raise
     rate : 1/s
+    job_time : s before the next tick in which no job is begun
     """
 
-    def __init__(self, tick: Callable[[float, int], None], rate: float) -> None:
+    def __init__(
+        self, tick: Callable[[float, int], None], rate: float, job_time: float = 0.0
+    ) -> None:
         self._tick = tick
         self._rate = rate
+        self._job_time = job_time
         self._changed = threading.Condition()
         self._stopping = False
-        self._gap = threading.Condition()
-        self._ended = self._waiting = 0
-        self._free_until = math.inf
+        self._jobs: dict[Hashable, Job] = {}
+        self._working = False
         self._thread = threading.Thread(target=self._run, name="pacer", daemon=True)
 
     def start(self) -> None:
-        """Begin, with the first tick at once."""
+        """Begin: jobs that wait, then the first tick at once."""
         self._thread.start()
 
     def set_rate(self, rate: float) -> None:
         """Go on at another rate (1/s), with a tick at once."""
         with self._changed:
             self._rate = rate
-            self._changed.notify()
+            self._changed.notify_all()
 
     def stop(self) -> None:
-        """End the thread once the tick under way is done."""
+        """End the thread once the tick or job under way is done; jobs that wait are left out."""
         with self._changed:
             self._stopping = True
-            self._changed.notify()
+            self._changed.notify_all()
         if self._thread.is_alive():
             self._thread.join()
 
-    def wait_for_gap(self, length: float, most: float) -> None:
-        """Wait until a tick has just ended; not at all where the next one is far.
-
-        Python runs one thread at a time: what another one does meanwhile delays a tick.
+    def submit(self, key: Hashable, job: Job) -> None:
+        """Have a job done in the next gap, instead of one of the same key that was not begun yet.
 
         Parameters
         ----------
-        length : s before the next tick that make it far
-        most : s to wait
+        job : must not raise
         """
-        with self._gap:
-            ended = self._ended
-            self._waiting += 1
-            self._gap.wait_for(
-                lambda: self._ended != ended or self._free_until - time.monotonic() >= length, most
-            )
-            self._waiting -= 1
+        with self._changed:
+            self._jobs[key] = job
+            self._changed.notify_all()
+
+    def wait_for_jobs(self, longest: float) -> bool:
+        """Wait until no job waits or is under way, `longest` s at most; whether it is so."""
+        with self._changed:
+            return self._changed.wait_for(lambda: not (self._jobs or self._working), longest)
 
     @property
-    def is_awaited(self) -> bool:
-        """Whether somebody waits for the tick under way to end."""
-        return self._waiting > 0
+    def has_jobs(self) -> bool:
+        """Whether a job waits."""
+        return bool(self._jobs)
 
     def _run(self) -> None:
+        self._do_jobs()
         while not self._stopping:
             self._run_at(1.0 / self._rate)
 
     def _run_at(self, period: float) -> None:
-        """Tick until the rate is changed or all is over."""
-        start = time.monotonic()
-        number = 0
+        """Tick until the rate is changed or the thread is to end."""
+        due = time.monotonic()
         left_out = 0
-        while not self._waited_until(start + number * period, period):
-            self._free_until = -math.inf
-            self._tick(time.monotonic() - start - number * period, left_out)
-            behind = time.monotonic() - start - (number + 1) * period
-            left_out = max(0, math.floor(behind / period - LATEST) + 1)
-            number += 1 + left_out
-            self._end_tick(start + number * period)
+        while not self._stopping and period == 1.0 / self._rate:
+            # Work that ended long after the next tick was due covers the ticks in between.
+            missed = max(0, math.floor((time.monotonic() - due) / period - LATEST_START) + 1)
+            left_out += missed
+            due += missed * period
+            if self._gap_ended(due, period):
+                self._tick(time.monotonic() - due, left_out)
+                left_out = 0
+                due += period
+                self._do_jobs()
 
-    def _end_tick(self, due: float) -> None:
-        with self._gap:
-            self._free_until = due
-            self._ended += 1
-            self._gap.notify_all()
-
-    def _waited_until(self, due: float, period: float) -> bool:
-        """Wait; answer whether something changed, so that what was waited for is not due."""
+    def _gap_ended(self, due: float, period: float) -> bool:
+        """Wait for a tick; False: something else was done first, so look at the clock again."""
         with self._changed:
-            return self._changed.wait_for(
-                lambda: self._stopping or period != 1.0 / self._rate,
-                max(0.0, due - time.monotonic()),
-            )
+            while not (self._stopping or period != 1.0 / self._rate):
+                left = due - time.monotonic()
+                if left <= 0.0:
+                    return True
+                may_work = left > self._job_time
+                if self._jobs and may_work:
+                    break
+                # A job may be begun until shortly before the tick.
+                self._changed.wait(left - self._job_time if may_work else left)
+            else:
+                return False
+        self._do_jobs()
+        return False
+
+    def _do_jobs(self) -> None:
+        """Do each job that waits now; what comes meanwhile waits for the next gap."""
+        with self._changed:
+            jobs, self._jobs = self._jobs, {}
+            self._working = bool(jobs)
+        for job in jobs.values():
+            if not self._stopping:
+                job()
+        if jobs:
+            with self._changed:
+                self._working = False
+                self._changed.notify_all()

@@ -12,7 +12,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.regions import BoxRegion, Region
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
 from intuitive_physics_predictor.live.live_prediction import LivePrediction
-from intuitive_physics_predictor.live.prediction_settings import output_times
+from intuitive_physics_predictor.live.settings import output_times
 from intuitive_physics_predictor.queries.events import (
     EventForecast,
     comes_to_rest,
@@ -80,12 +80,12 @@ def answer(question: Question, made: LivePrediction) -> Answer:
     PredictionFailedError
         When no sample could be simulated to the end.
     """
-    options = made.settings.options
-    horizon = question.horizon or options.horizon
+    settings = made.settings
+    horizon = question.horizon or settings.horizon
     made.distribution.index(question.object_id)
     distribution = made.again(
-        output_times(horizon, min(options.time_step, LARGEST_TIME_STEP, horizon)),
-        question.sample_count or options.sample_count,
+        output_times(horizon, min(settings.time_step, LARGEST_TIME_STEP, horizon)),
+        question.sample_count or settings.sample_count,
     )
     if question.event is Event.INTERCEPTS:
         return _interception(question, distribution)

@@ -1,8 +1,7 @@
-"""What the predictor node hears as the library's inputs, and predictions as what it says."""
+"""Messages to the predictor node as the library's inputs, and predictions as messages."""
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
@@ -22,7 +21,7 @@ from intuitive_physics_ros.conversions import (
 )
 
 
-def environment_inputs(message: EnvironmentMessage, _: float) -> dict[str, Any]:
+def environment_inputs(message: EnvironmentMessage, *_: float) -> dict[str, Any]:
     """Return what an environment changes of the inputs."""
     return {
         "environment": environment_from_message(message),
@@ -30,20 +29,26 @@ def environment_inputs(message: EnvironmentMessage, _: float) -> dict[str, Any]:
     }
 
 
-def parameters_inputs(message: StaticParametersMessage, _: float) -> dict[str, Any]:
+def parameters_inputs(message: StaticParametersMessage, *_: float) -> dict[str, Any]:
     """Return what static parameters change of the inputs."""
     return {"learned": static_parameters_from_message(message)}
 
 
-def states_inputs(message: ObjectStates, now: float) -> dict[str, Any]:
-    """Return what object states change of the inputs; `now` is in s by the node's clock."""
+def states_inputs(message: ObjectStates, now: float, arrived: float) -> dict[str, Any]:
+    """Return what object states change of the inputs.
+
+    Parameters
+    ----------
+    now : s by the node's clock, when the message arrived
+    arrived : s, the same on the clock of `time.monotonic`
+    """
     objects, states = object_states_from_messages(message.objects)
     stamp = seconds_from_stamp(message.header.stamp)
     seen = SeenStates(
         tuple(objects),
         tuple(states),
         stamp,
-        arrived=time.monotonic(),
+        arrived=arrived,
         delay=now - stamp,
         frame_id=message.header.frame_id,
     )
@@ -58,7 +63,7 @@ def header_of(made: LivePrediction) -> Header:
 def distribution_message(
     writer: DistributionWriter, made: LivePrediction, most_samples: int | None = None
 ) -> DistributionMessage:
-    """Write a prediction as a message with so many of its samples at most.
+    """Write a prediction as a message with `most_samples` of its samples at most.
 
     Samples are drawn independently of one another, so the first ones are a fair choice.
     """

@@ -14,9 +14,10 @@ from rclpy.node import Node
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.scene import Scene
 from intuitive_physics_predictor.live.live_prediction import Inputs, LivePrediction, predict_scene
-from intuitive_physics_predictor.live.prediction_settings import PredictionSettings, output_times
 from intuitive_physics_predictor.live.question import Answer, Event, Question, answer
+from intuitive_physics_predictor.live.settings import PredictionSettings, output_times
 from intuitive_physics_predictor.nodes.messages import distribution_message, header_of
+from intuitive_physics_predictor.nodes.prediction_loop import PredictionLoop
 from intuitive_physics_predictor.noisy_newton import PredictionFailedError
 from intuitive_physics_ros.background import Background
 from intuitive_physics_ros.conversions import (
@@ -33,10 +34,16 @@ from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_re
 CODES: dict[type[BaseException], int] = {
     PredictionFailedError: ResultCode.PREDICTION_FAILED,
 }
+"""Numbers of errors that only the predictor answers."""
 
 EVENTS = {getattr(Query.Request, event.name): event for event in Event}
 """Events by their number in a request."""
+
 WITH_REGION = (Event.ENTERS_REGION, Event.INTERCEPTS)
+"""Events that are asked about with a region."""
+
+LONGEST_WAIT = 0.1
+"""s that a request waits for inputs that are being decoded."""
 
 
 class PredictionServices:
@@ -45,19 +52,16 @@ class PredictionServices:
     Parameters
     ----------
     node : offers them
-    inputs : tells the newest inputs and settings
-    newest : tells the newest prediction, None while there is none
+    loop : has the newest inputs and the newest prediction
+    settings : returns how to predict
     """
 
     def __init__(
-        self,
-        node: Node,
-        inputs: Callable[[], tuple[Inputs, PredictionSettings]],
-        newest: Callable[[], LivePrediction | None],
+        self, node: Node, loop: PredictionLoop, settings: Callable[[], PredictionSettings]
     ) -> None:
         self._node = node
-        self._inputs = inputs
-        self._newest = newest
+        self._loop = loop
+        self._settings = settings
         self._background = Background(node)
         # While an answer is simulated in the background, others must go on.
         together = ReentrantCallbackGroup()
@@ -72,11 +76,11 @@ class PredictionServices:
         self, request: Predict.Request, response: Predict.Response
     ) -> Predict.Response:
         started, now = time.perf_counter(), 1e-9 * self._node.get_clock().now().nanoseconds
-        inputs, settings = self._inputs()
+        settings = self._settings()
         try:
             response.distribution = await self._background.run(
                 lambda: distribution_message(
-                    DistributionWriter(), predict_request(request, inputs, settings, now)
+                    DistributionWriter(), predict_request(request, self._inputs(), settings, now)
                 )
             )
             response.distribution.computation_time = time.perf_counter() - started
@@ -86,7 +90,7 @@ class PredictionServices:
         return response
 
     async def _on_query(self, request: Query.Request, response: Query.Response) -> Query.Response:
-        made = self._newest()
+        made = self._loop.newest
         try:
             if made is None:
                 raise RefusedError(
@@ -106,6 +110,11 @@ class PredictionServices:
         except Exception as error:
             response.result = self._refusal(error)
         return response
+
+    def _inputs(self) -> Inputs:
+        """Return the newest inputs, with those that arrived before the request."""
+        self._loop.wait_for_inputs(LONGEST_WAIT)
+        return self._loop.inputs
 
     def _refusal(self, error: Exception) -> ResultCode:
         if not isinstance(error, IntuitivePhysicsError):
@@ -135,11 +144,10 @@ def predict_request(
     learned = inputs.learned
     if request.static_parameters:
         learned = static_parameters_from_message(request.static_parameters[0])
-    options = settings.options
     times: ArrayLike = request.times
     if not len(request.times):
         times = output_times(
-            request.horizon or options.horizon, request.time_step or options.time_step
+            request.horizon or settings.horizon, request.time_step or settings.time_step
         )
     return predict_scene(
         Scene(environment, tuple(objects), tuple(states)),
@@ -147,7 +155,7 @@ def predict_request(
         settings,
         times,
         seed=request.seed,
-        sample_count=request.sample_count or options.sample_count,
+        sample_count=request.sample_count or settings.sample_count,
         start=now,
         environment_version=version,
     )

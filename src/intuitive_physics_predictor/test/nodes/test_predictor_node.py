@@ -7,6 +7,7 @@ import signal
 import time
 from functools import partial
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -40,9 +41,7 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.state import ObjectState
-from intuitive_physics_predictor.live.live_prediction import Inputs
-from intuitive_physics_predictor.live.options import PredictionOptions
-from intuitive_physics_predictor.live.prediction_settings import PredictionSettings
+from intuitive_physics_predictor.live.settings import PredictionSettings
 from intuitive_physics_predictor.nodes.services import PredictionServices
 from intuitive_physics_ros.conversions import (
     environment_to_message,
@@ -60,7 +59,7 @@ MODULE = "intuitive_physics_predictor.nodes.predictor_node"
 NODE = "/predictor_node"
 ENVIRONMENT = Environment([Plane("floor", "room", (0, 0, 1), 0.0)], frame_id="lab")
 BALL = SceneObject("ball", "rubber", Sphere(0.05))
-SETTINGS = PredictionSettings(PredictionOptions())
+SETTINGS = PredictionSettings()
 COVARIANCE = np.diag([1e-6] * 3 + [0.0] * 3 + [1e-4] * 3 + [1.0] * 3)
 FLYING = ObjectState((0, 0, 1.0), (0, 0, 0, 1), (2.0, 0, 0), (0, 0, 0), COVARIANCE)
 
@@ -571,14 +570,13 @@ def test_a_question_beyond_what_can_be_simulated_is_told(peer, inputs):
 def test_a_defect_of_ours_is_an_internal_error_and_the_service_goes_on(peer):
     # No request should lead to it. A prediction that is none stands for a defect; the service is
     # the node's, in this process.
-    newest = [object(), None]
-    services = PredictionServices(
-        peer.node, lambda: (Inputs(), SETTINGS), lambda: newest.pop(0) if newest else None
-    )
+    loop = SimpleNamespace(newest=object())
+    services = PredictionServices(peer.node, loop, lambda: SETTINGS)
     try:
         broken = peer.call(Query, "/tester/query", Query.Request(object_id="ball", event=3))
         assert broken.result.value == ResultCode.INTERNAL_ERROR
         assert broken.result.message.startswith("AttributeError: ")
+        loop.newest = None
         after = peer.call(Query, "/tester/query", Query.Request(object_id="ball", event=3))
         assert after.result.value == ResultCode.NOT_READY
     finally:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.simulation.bullet.client import Client, roll_world
 from intuitive_physics.simulation.bullet.plan import plan_world
-from intuitive_physics.simulation.simulator import Rollout, Simulator, WorldStatus
+from intuitive_physics.simulation.rollout import Rollout, WorldStatus
+from intuitive_physics.simulation.simulator import Simulator
 from intuitive_physics.simulation.world_batch import WorldBatch
 
 _PYBULLET_LOCK = threading.Lock()

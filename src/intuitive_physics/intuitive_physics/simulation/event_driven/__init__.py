@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,17 +19,18 @@ from intuitive_physics.simulation.event_driven.world import (
     SOLID,
     WORLD,
 )
-from intuitive_physics.simulation.shares import run_in_shares
-from intuitive_physics.simulation.simulator import Rollout, Simulator
-from intuitive_physics.simulation.thread_scratch import ThreadScratch
+from intuitive_physics.simulation.kernel_simulator import KernelSimulator
+from intuitive_physics.simulation.shares import ThreadScratch
 from intuitive_physics.simulation.world_batch import SPHERE, WorldBatch
-
-SMALLEST_SHARE = 64
-"""Worlds for which another thread is worth its start."""
 
 
 class Scratch:
-    """Room for one world of so many objects, solids and features of solids."""
+    """Room for one world; the arrays live as long as this does.
+
+    Parameters
+    ----------
+    objects, solids, features : the most that a world has of each
+    """
 
     def __init__(self, objects: int, solids: int, features: int) -> None:
         self.objects = np.empty(objects, OBJECT)
@@ -35,13 +38,13 @@ class Scratch:
         self.features = np.empty(features, FEATURE)
         self.contacts = np.empty(most_contacts(objects, solids), CONTACT)
         self.pairs = np.empty(objects * objects, PAIR)
-        self.world = np.empty(1, WORLD)
+        self.world = np.zeros(1, WORLD)
+        for name in ("objects", "solids", "features", "contacts", "pairs"):
+            self.world[name] = getattr(self, name).ctypes.data
+        self.world["contact_room"] = len(self.contacts)
 
 
-SCRATCH = ThreadScratch(Scratch)
-
-
-class EventDrivenSimulator(Simulator):
+class EventDrivenSimulator(KernelSimulator):
     """Jumps from event to event, between which motion has a closed form.
 
     Free flight, sliding and rolling on a plane are parabolas; impacts are roots of polynomials.
@@ -54,77 +57,38 @@ class EventDrivenSimulator(Simulator):
     """
 
     name = "event_driven"
-    takes_contact_noise = True
+    scratch = ThreadScratch(Scratch)
+    smallest_share = 64
 
     def __init__(self, *, threads: int = 1, max_events: int = 100_000) -> None:
-        if threads < 1 or max_events < 1:
-            raise InvalidInputError(
-                f"threads is {threads} and max_events {max_events}; expected at least 1 of each"
-            )
-        self.threads = threads
+        super().__init__(threads=threads)
+        if max_events < 1:
+            raise InvalidInputError(f"max_events is {max_events}; expected at least 1")
         self.max_events = max_events
 
-    def _rollout(
-        self, worlds: WorldBatch, times: NDArray[np.float64], orientations: bool
-    ) -> Rollout:
-        _check_supported(worlds)
-        count, objects = worlds.dimensions.shape[:2]
-        positions = np.empty((count, objects, times.shape[1], 3))
-        turned = np.empty((count, objects if orientations else 0, times.shape[1], 4))
-        status = np.empty(count, dtype=np.int64)
-        solids = worlds.planes.shape[1] + worlds.boxes.shape[1]
-        features = most_features(worlds)
-
-        def roll(first: int, last: int) -> None:
-            scratch = SCRATCH.of_size(objects, solids, features)
-            roll_worlds(
-                first,
-                last,
-                worlds.object_counts,
-                worlds.dimensions,
-                worlds.object_materials,
-                worlds.states,
-                worlds.environment_index,
-                worlds.gravity,
-                worlds.plane_counts,
-                worlds.planes,
-                worlds.plane_materials,
-                worlds.corner_counts,
-                worlds.corners,
-                worlds.box_counts,
-                worlds.boxes,
-                worlds.box_materials,
-                worlds.parameter_index,
-                worlds.density,
-                worlds.coefficients,
-                worlds.noise_keys,
-                worlds.contact_noise,
-                times,
-                self.max_events,
-                scratch.world,
-                scratch.objects,
-                scratch.solids,
-                scratch.features,
-                scratch.contacts,
-                scratch.pairs,
-                positions,
-                turned,
-                status,
+    def _check_supported(self, worlds: WorldBatch) -> None:
+        # Padding is a sphere without air, so that whole arrays can be looked at.
+        if (worlds.shape_kinds != SPHERE).any():
+            raise UnsupportedSceneError(
+                "scene has an object that is not a sphere; event_driven simulates spheres only, "
+                "use the stepped simulator"
+            )
+        if worlds.air_factors.any():
+            raise UnsupportedSceneError(
+                "scene has an object with a drag or Magnus coefficient; event_driven simulates "
+                "motion without air only, use the stepped simulator"
             )
 
-        run_in_shares(roll, count, self.threads, SMALLEST_SHARE)
-        return Rollout(positions, turned if orientations else None, status)
+    def _scratch_sizes(self, worlds: WorldBatch) -> tuple[int, ...]:
+        solids = worlds.planes.shape[1] + worlds.boxes.shape[1]
+        return worlds.states.shape[1], solids, most_features(worlds)
 
-
-def _check_supported(worlds: WorldBatch) -> None:
-    # Padding is a sphere without air, so that whole arrays can be looked at.
-    if (worlds.shape_kinds != SPHERE).any():
-        raise UnsupportedSceneError(
-            "scene has an object that is not a sphere; event_driven simulates spheres only, "
-            "use the stepped simulator"
-        )
-    if worlds.air_factors.any():
-        raise UnsupportedSceneError(
-            "scene has an object with a drag or Magnus coefficient; event_driven simulates motion "
-            "without air only, use the stepped simulator"
-        )
+    def _roll(
+        self,
+        first: int,
+        last: int,
+        worlds: tuple[NDArray, ...],
+        outputs: tuple[NDArray, ...],
+        scratch: Any,
+    ) -> None:
+        roll_worlds(first, last, worlds, outputs, scratch.world, self.max_events)

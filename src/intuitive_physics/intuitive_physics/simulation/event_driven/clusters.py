@@ -27,12 +27,8 @@ from intuitive_physics.geometry.vectors import (
 from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.event_driven.contact_geometry import nearest
 from intuitive_physics.simulation.event_driven.world import (
-    DYNAMIC,
     MOST_TOUCHED,
-    ROLLING,
-    STATIC,
     contact_at,
-    inertia,
     object_at,
     object_coefficient,
     pair_at,
@@ -40,6 +36,7 @@ from intuitive_physics.simulation.event_driven.world import (
     solid_at,
     solid_coefficient,
 )
+from intuitive_physics.simulation.world_record import DYNAMIC, ROLLING, STATIC
 
 STEP = 1e-3
 """s."""
@@ -236,7 +233,7 @@ def _push(world, contact, impulse):
 @kernel
 def _push_one(body, impulse, arm):
     store(body.acceleration, add_scaled(load(body.acceleration), impulse, 1.0 / body.mass))
-    turned = add_scaled(load(body.spin_acceleration), arm, -body.radius / inertia(body))
+    turned = add_scaled(load(body.spin_acceleration), arm, -body.radius / body.inertia)
     store(body.spin_acceleration, turned)
 
 
@@ -247,8 +244,11 @@ def _solve_contact(world, c):
     i, other = contact.first, contact.second
     n = load(contact.normal)
     inverse_mass = 1.0 / object_at(world, i).mass
+    slip_gain = object_at(world, i).slip_gain * inverse_mass
     if other >= 0:
-        inverse_mass += 1.0 / object_at(world, other).mass
+        second = object_at(world, other)
+        inverse_mass += 1.0 / second.mass
+        slip_gain += second.slip_gain / second.mass
         static = object_coefficient(world, STATIC, i, other)
         dynamic = object_coefficient(world, DYNAMIC, i, other)
         rolling = object_coefficient(world, ROLLING, i, other)
@@ -266,7 +266,7 @@ def _solve_contact(world, c):
     sticks = contact.slip < STICKS
     limit = (static if sticks else dynamic) * contact.normal_impulse
     old = load(contact.friction)
-    new = clamped(add_scaled(old, tangential(speed, n), -1.0 / (3.5 * inverse_mass)), limit)
+    new = clamped(add_scaled(old, tangential(speed, n), -1.0 / slip_gain), limit)
     store(contact.friction, new)
     _push(world, contact, sub(new, old))
     change = (abs(contact.normal_impulse - before) + norm(sub(new, old))) * inverse_mass
@@ -283,12 +283,12 @@ def _solve_rolling(world, contact, limit_per_radius):
     """
     body = object_at(world, contact.first)
     relative = load(body.spin_acceleration)
-    softness = 1.0 / inertia(body)
+    softness = 1.0 / body.inertia
     radius = body.radius
     if contact.second >= 0:
         other = object_at(world, contact.second)
         relative = sub(relative, load(other.spin_acceleration))
-        softness += 1.0 / inertia(other)
+        softness += 1.0 / other.inertia
         radius = min(radius, other.radius)
     old = load(contact.torque)
     new = clamped(add_scaled(old, relative, -1.0 / softness), limit_per_radius * radius)
@@ -308,5 +308,5 @@ def _twist(world, contact, torque):
 
 @kernel
 def _twist_one(body, torque):
-    turned = add_scaled(load(body.spin_acceleration), torque, 1.0 / inertia(body))
+    turned = add_scaled(load(body.spin_acceleration), torque, 1.0 / body.inertia)
     store(body.spin_acceleration, turned)

@@ -1,11 +1,12 @@
 """Transition: the closed-form phases of a sphere on one supporting solid.
 
-With g_n the part of gravity that presses and g_t the part along the surface (both m/s²):
+With κ = I / (m r²), 2/5 for a solid sphere and 2/3 for a thin shell, g_n the part of gravity that
+presses and g_t the part along the surface (both m/s²):
 
 - sliding, slip s = v_t - r ω × n: acceleration g_t - μ_d g_n ŝ, so that
-  ds/dt = g_t - 7/2 μ_d g_n ŝ;
-- rolling, s = 0: acceleration 5/7 (g_t - μ_r g_n v̂), from a rolling torque of μ_r r N, as long as
-  2/7 |g_t| ≤ μ_s g_n, so that static friction holds the contact;
+  ds/dt = g_t - (1 + 1/κ) μ_d g_n ŝ;
+- rolling, s = 0: acceleration (g_t - μ_r g_n v̂) / (1 + κ), from a rolling torque of μ_r r N, as
+  long as κ / (1 + κ) |g_t| ≤ μ_s g_n, so that static friction holds the contact;
 - resting: nothing, as long as |g_t| ≤ μ_r g_n.
 
 The spin about the normal decays under the same torque, whatever the phase. Rolling friction does
@@ -48,12 +49,9 @@ from intuitive_physics.simulation.event_driven.contact_geometry import (
 from intuitive_physics.simulation.event_driven.impacts import contact_slip
 from intuitive_physics.simulation.event_driven.roots import first_fall_quadratic
 from intuitive_physics.simulation.event_driven.world import (
-    DYNAMIC,
     FACE,
     PLANE,
-    ROLLING,
     SIDE,
-    STATIC,
     feature_at,
     forget_touched,
     lift,
@@ -61,6 +59,7 @@ from intuitive_physics.simulation.event_driven.world import (
     solid_at,
     solid_coefficient,
 )
+from intuitive_physics.simulation.world_record import DYNAMIC, ROLLING, STATIC
 
 STILL = 1e-7
 """m/s. Slip, speed or r ω below this is none: rounding leaves about 1e-15."""
@@ -259,11 +258,11 @@ def _plan_on_contact(world, i, s, n, axis, part):
     resistance = solid_coefficient(world, ROLLING, i, s) * pressing
     body.phase_end = inf
     still = STILL if part == ON_FACE else TURNING_STILL
-    pivoting = _plan_pivot(body, n, 2.5 * resistance, still)
+    pivoting = _plan_pivot(body, n, body.spin_gain * resistance, still)
     slip = contact_slip(body, n)
-    if norm(slip) > max(_still(along, 3.5 * braking), still):
+    if norm(slip) > max(_still(along, body.slip_gain * braking), still):
         _plan_sliding(body, n, along, braking, slip, pivoting)
-    elif 2.0 / 7.0 * norm(along) > grip:
+    elif (1.0 - body.rolling_share) * norm(along) > grip:
         about_to_slip = scaled(along, STILL / norm(along))
         _plan_sliding(body, n, along, braking, about_to_slip, pivoting)
     else:
@@ -280,13 +279,14 @@ def _plan_rolling(body, n, along, grip, resistance, pivoting):
     heading = rolling
     if norm(rolling) <= _still(along, resistance):
         rolling, heading = (0.0, 0.0, 0.0), along
-    resistance = min(resistance, _bearable_resistance(along, heading, grip))
+    share = body.rolling_share
+    resistance = min(resistance, _bearable_resistance(share, along, heading, grip))
     acceleration = (0.0, 0.0, 0.0)
     duration = inf
     if norm(rolling) > 0.0 or norm(along) > resistance:
-        drive = scaled(along, 5.0 / 7.0)
-        direction, duration = _braking(rolling, heading, drive, 5.0 / 7.0 * resistance)
-        acceleration = add_scaled(drive, direction, -5.0 / 7.0 * resistance)
+        drive = scaled(along, share)
+        direction, duration = _braking(rolling, heading, drive, share * resistance)
+        acceleration = add_scaled(drive, direction, -share * resistance)
     body.phase_end = min(body.phase_end, body.time + duration)
     pivot = scaled(n, dot(load(body.spin), n))
     store(body.velocity, rolling)
@@ -297,18 +297,18 @@ def _plan_rolling(body, n, along, grip, resistance, pivoting):
 
 
 @kernel
-def _bearable_resistance(along, heading, grip):
+def _bearable_resistance(share, along, heading, grip):
     """The resistance k at which the friction that rolling needs reaches what the contact grips.
 
-    That friction is -(2/7 g_t + 5/7 k û): a contact that grips too little for the whole rolling
-    torque passes on only the part it can.
+    That friction is -((1 - q) g_t + q k û) with the share q = 1 / (1 + κ): a contact that grips too
+    little for the whole rolling torque passes on only the part it can.
     """
     length = norm(heading)
     if length == 0.0:
-        return 1.4 * grip
-    drive = scaled(along, 2.0 / 7.0)
+        return grip / share
+    drive = scaled(along, 1.0 - share)
     b = dot(drive, heading) / length
-    return 1.4 * (sqrt(max(b * b + grip * grip - dot(drive, drive), 0.0)) - b)
+    return (sqrt(max(b * b + grip * grip - dot(drive, drive), 0.0)) - b) / share
 
 
 @kernel
@@ -332,11 +332,11 @@ def _plan_pivot(body, n, resistance, still):
 
 @kernel
 def _plan_sliding(body, n, along, braking, slip, pivoting):
-    direction, duration = _braking(slip, slip, along, 3.5 * braking)
+    direction, duration = _braking(slip, slip, along, body.slip_gain * braking)
     friction = scaled(direction, -braking)
     body.phase_end = min(body.phase_end, body.time + duration)
     store(body.acceleration, add(along, friction))
-    turning = add_scaled(pivoting, cross(n, friction), -2.5 / body.radius)
+    turning = add_scaled(pivoting, cross(n, friction), -body.spin_gain / body.radius)
     store(body.spin_acceleration, turning)
 
 

@@ -2,10 +2,11 @@
 
 Normal: Newton's restitution. Tangential: Coulomb's friction over the impact's impulse. A contact
 that slips is braked by dynamic friction until its slip is gone (stick) or the normal impulse is
-spent (slip): |J_t| = min(μ_d J_n, m_t |s|), where m_t is the mass felt at the contact point, 2/7 m
-for one solid sphere. A sphere that sticks to a solid also feels rolling friction, an angular
-impulse of at most μ_r r J_n. With noise, each impact has a restitution and a normal of its own, see
-`noisy_impacts`; one that would not leave the surface keeps the surface's normal.
+spent (slip): |J_t| = min(μ_d J_n, m_t |s|), where m_t is the mass felt at the contact point,
+m κ / (1 + κ) with κ = I / (m r²) for one sphere: 2/7 m for a solid one. A sphere that sticks to a
+solid also feels rolling friction, an angular impulse of at most μ_r r J_n. With noise, each impact
+has a restitution and a normal of its own, see `noisy_impacts`; one that would not leave the surface
+keeps the surface's normal.
 """
 
 from __future__ import annotations
@@ -25,10 +26,6 @@ from intuitive_physics.geometry.vectors import (
 from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.event_driven.contact_geometry import nearest
 from intuitive_physics.simulation.event_driven.world import (
-    DYNAMIC,
-    RESTITUTION,
-    ROLLING,
-    inertia,
     object_at,
     object_coefficient,
     pair_at,
@@ -38,6 +35,7 @@ from intuitive_physics.simulation.event_driven.world import (
     touch,
 )
 from intuitive_physics.simulation.noisy_impacts import noisy_restitution, tilted
+from intuitive_physics.simulation.world_record import DYNAMIC, RESTITUTION, ROLLING
 
 REBOUND_SPEED = 5e-3
 """m/s. A rebound slower than this ends the bouncing (Zeno): it would rise by about 1 µm."""
@@ -87,14 +85,15 @@ def _rebound_from_solid(world, i, s, n, restitution):
 
     slip = contact_slip(body, n)
     store(body.velocity, add_scaled(load(body.velocity), n, approach + rebound))
-    to_stick = 2.0 / 7.0 * body.mass * norm(slip)
+    felt_mass = (1.0 - body.rolling_share) * body.mass
+    to_stick = felt_mass * norm(slip)
     limit = solid_coefficient(world, DYNAMIC, i, s) * impulse
     if to_stick > 0.0:
-        _push(body, n, scaled(slip, -2.0 / 7.0 * body.mass * min(1.0, limit / to_stick)))
+        _push(body, n, scaled(slip, -felt_mass * min(1.0, limit / to_stick)))
     if to_stick <= limit:
-        # The angular impulse μ_r r J_n of a rolling sphere takes 5/7 μ_r J_n of its momentum. It
-        # needs as much friction, of which there is only what sticking has left.
-        loss = 5.0 / 7.0 * solid_coefficient(world, ROLLING, i, s) * impulse
+        # The angular impulse μ_r r J_n of a rolling sphere takes μ_r J_n / (1 + κ) of its momentum.
+        # It needs as much friction, of which there is only what sticking has left.
+        loss = body.rolling_share * solid_coefficient(world, ROLLING, i, s) * impulse
         _slow_rolling(body, n, min(loss, limit - to_stick))
 
 
@@ -114,7 +113,7 @@ def _push(body, n, impulse):
     """Apply an impulse at the contact point -r n."""
     store(body.velocity, add_scaled(load(body.velocity), impulse, 1.0 / body.mass))
     turning = cross(n, impulse)
-    store(body.spin, add_scaled(load(body.spin), turning, -body.radius / inertia(body)))
+    store(body.spin, add_scaled(load(body.spin), turning, -body.radius / body.inertia))
 
 
 @kernel
@@ -158,7 +157,7 @@ def _rebound_of_objects(world, i, j, n, restitution):
     speed = norm(slip)
     total = scaled(n, impulse)
     if speed > 0.0:
-        to_stick = speed / (3.5 * inverse_mass)
+        to_stick = speed / (one.slip_gain / one.mass + other.slip_gain / other.mass)
         limit = object_coefficient(world, DYNAMIC, i, j) * impulse
         total = add_scaled(total, slip, -min(to_stick, limit) / speed)
     _push(one, n, total)

@@ -6,22 +6,31 @@ from math import inf, isfinite, nan, pi, sqrt
 
 from numba import int64
 
-from intuitive_physics.geometry.vectors import load, store
+from intuitive_physics.geometry.vectors import store
 from intuitive_physics.kernels import entry, kernel
 from intuitive_physics.simulation.event_driven.clusters import gather
 from intuitive_physics.simulation.event_driven.impacts import hit_object, hit_solid
 from intuitive_physics.simulation.event_driven.motion import carry, write_outputs
-from intuitive_physics.simulation.event_driven.solids import place_bounded, place_planes
+from intuitive_physics.simulation.event_driven.solids import place_solids
 from intuitive_physics.simulation.event_driven.transitions import (
     end_jam,
     find_touching,
     part_start,
     replan,
 )
-from intuitive_physics.simulation.event_driven.world import object_at, pair_at, pair_index
-from intuitive_physics.simulation.noisy_impacts import set_noise
+from intuitive_physics.simulation.event_driven.world import (
+    contact_at,
+    object_at,
+    pair_at,
+    pair_index,
+)
+from intuitive_physics.simulation.rollout import OutputArrays, WorldStatus
+from intuitive_physics.simulation.world_batch import WorldArrays
+from intuitive_physics.simulation.world_record import start_world, wanted_outputs
 
-OK, NOT_FINITE, TOO_MANY_EVENTS = range(3)
+OK = int(WorldStatus.OK)
+NOT_FINITE = int(WorldStatus.NOT_FINITE)
+TOO_MANY_EVENTS = int(WorldStatus.TOO_MANY_EVENTS)
 
 INSTANT = 1e-7
 """s. Events nearer than this are at the same time …"""
@@ -34,104 +43,47 @@ TOUCHES = 1e-9
 
 
 @entry
-def roll_worlds(
-    first,
-    last,
-    object_counts,
-    dimensions,
-    object_materials,
-    states,
-    environment_index,
-    gravity,
-    plane_counts,
-    planes,
-    plane_materials,
-    corner_counts,
-    corners,
-    box_counts,
-    boxes,
-    box_materials,
-    parameter_index,
-    density,
-    coefficients,
-    noise_keys,
-    contact_noise,
-    times,
-    max_events,
-    scratch,
-    objects,
-    solids,
-    features,
-    contacts,
-    pairs,
-    positions,
-    orientations,
-    status,
-):
-    """Roll out the worlds `first` to `last` (exclusive) of a `WorldBatch`'s arrays.
+def roll_worlds(first, last, batch, results, scratch, max_events):
+    """Roll out the worlds `first` to `last` (exclusive) of a batch.
 
     Parameters
     ----------
-    times : (W or 1, T) s, NaN only at a row's end
-    scratch : (1,) WORLD
-    objects, solids, features, contacts, pairs : its arrays, with room for the largest of the worlds
-    positions : (W, O, T, 3) to be filled, as are orientations (W, O, T, 4), whose axis O has
-        length zero when they are not wanted, and status (W,)
+    batch : `WorldBatch.arrays`
+    results : `OutputArrays` as a plain tuple, to be filled
+    scratch : (1,) WORLD whose arrays have room for the largest of the worlds
     """
+    worlds, outputs = WorldArrays(*batch), OutputArrays(*results)
     world = scratch[0]
-    world.objects, world.solids = objects.ctypes.data, solids.ctypes.data
-    world.features = features.ctypes.data
-    world.contacts, world.pairs = contacts.ctypes.data, pairs.ctypes.data
-    world.turns = orientations.shape[1] > 0
-    world.material_count = density.shape[1]
-    placed, endless = -1, 0
+    world.turns = outputs.orientations.shape[1] > 0
+    placed = -1
     for w in range(first, last):
-        e, c = environment_index[w], parameter_index[w]
-        count = plane_counts[e]
-        bounded = solids[: count + box_counts[e]]
-        if e != placed:
-            endless = place_planes(bounded, count, planes[e], plane_materials[e], corner_counts[e])
-            if bounded.size > endless:
-                place_bounded(
-                    bounded,
-                    endless,
-                    features,
-                    count,
-                    planes[e],
-                    plane_materials[e],
-                    corner_counts[e],
-                    corners[e],
-                    boxes[e],
-                    box_materials[e],
-                )
-            placed = e
-        for i in range(object_counts[w]):
-            material = object_materials[w, i]
+        if worlds.environment_index[w] != placed:
+            placed = worlds.environment_index[w]
+            place_solids(world, worlds, placed)
+        start_world(world, worlds, w)
+        world.object_count = worlds.object_counts[w]
+        for i in range(world.object_count):
+            material = worlds.object_materials[w, i]
             _place(
                 object_at(world, i),
-                states[w, i],
-                dimensions[w, i, 0],
+                worlds.states[w, i],
+                worlds.dimensions[w, i, 0],
+                worlds.inertia_ratios[w, i],
                 material,
-                density[c, material],
+                worlds.density[worlds.parameter_index[w], material],
             )
-        row = times[w if times.shape[0] > 1 else 0]
-        wanted = row.size
-        while not isfinite(row[wanted - 1]):
-            wanted -= 1
-        world.object_count = object_counts[w]
-        world.solid_count = bounded.size
-        world.planes = endless
-        store(world.gravity, load(gravity[e]))
-        world.coefficients = coefficients[c].ctypes.data
-        set_noise(world, contact_noise, noise_keys[w])
-        world.end = row[wanted - 1]
-        for k in range(contacts.size):
-            contacts[k].until = -1.0
-        status[w] = _roll_world(world, row[:wanted], max_events, positions[w], orientations[w])
+        times = outputs.times[w if outputs.times.shape[0] > 1 else 0]
+        times = times[: wanted_outputs(times)]
+        world.end = times[times.size - 1]
+        for k in range(world.contact_room):
+            contact_at(world, k).until = -1.0
+        outputs.status[w] = _roll_world(
+            world, times, max_events, outputs.positions[w], outputs.orientations[w]
+        )
 
 
 @kernel
-def _place(body, state, radius, material, rho):
+def _place(body, state, radius, inertia_ratio, material, rho):
     for k in range(3):
         body.position[k] = state[k]
         body.velocity[k] = state[7 + k]
@@ -143,6 +95,10 @@ def _place(body, state, radius, material, rho):
     body.phase_end = inf
     body.radius = radius
     body.mass = rho * 4.0 / 3.0 * pi * radius**3
+    body.inertia = inertia_ratio * body.mass * radius * radius
+    body.rolling_share = 1.0 / (1.0 + inertia_ratio)
+    body.spin_gain = 1.0 / inertia_ratio
+    body.slip_gain = 1.0 + body.spin_gain
     body.impact_time = inf
     body.impact_solid = -1
     body.material = material

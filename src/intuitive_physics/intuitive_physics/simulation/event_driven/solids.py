@@ -26,6 +26,8 @@ from intuitive_physics.simulation.event_driven.world import (
     PLANE,
     SHEET,
     SIDE,
+    feature_at,
+    solid_at,
 )
 from intuitive_physics.simulation.world_batch import WorldBatch
 
@@ -42,40 +44,35 @@ def most_features(worlds: WorldBatch) -> int:
 
 
 @kernel
-def place_planes(solids, count, planes, materials, corner_counts):
-    """Fill in the planes without an edge; return how many there are."""
-    placed = 0
-    for p in range(count):
+def place_solids(world, worlds, e):
+    """Fill in the solids of environment e of a batch: planes without an edge, sheets, boxes.
+
+    Parameters
+    ----------
+    worlds : `WorldArrays`
+    """
+    planes, materials = worlds.planes[e], worlds.plane_materials[e]
+    corner_counts, corners = worlds.corner_counts[e], worlds.corners[e]
+    s, f = int64(0), int64(0)
+    for p in range(worlds.plane_counts[e]):
         if corner_counts[p] == 0:
-            _place_plane(solids[placed], planes[p], materials[p])
-            solids[placed].kind = PLANE
-            placed += 1
-    return placed
-
-
-@kernel
-def place_bounded(
-    solids,
-    first,
-    features,
-    count,
-    planes,
-    materials,
-    corner_counts,
-    corners,
-    boxes,
-    box_materials,
-):
-    """Fill in sheets and boxes from solid `first` on."""
-    s, f = first, int64(0)
-    for p in range(count):
-        if corner_counts[p] > 0:
-            _place_plane(solids[s], planes[p], materials[p])
-            solids[s].kind = SHEET
-            f = _place_sheet(solids[s], features, f, corners[p], corner_counts[p])
+            solid = solid_at(world, s)
+            _place_plane(solid, planes[p], materials[p])
+            solid.kind = PLANE
             s += 1
-    for b in range(solids.size - s):
-        f = _place_box(solids[s + b], features, f, boxes[b], box_materials[b])
+    world.planes = s
+    for p in range(worlds.plane_counts[e]):
+        if corner_counts[p] > 0:
+            solid = solid_at(world, s)
+            _place_plane(solid, planes[p], materials[p])
+            solid.kind = SHEET
+            f = _place_sheet(world, solid, f, corners[p], corner_counts[p])
+            s += 1
+    for b in range(worlds.box_counts[e]):
+        solid = solid_at(world, s)
+        f = _place_box(world, solid, f, worlds.boxes[e, b], worlds.box_materials[e, b])
+        s += 1
+    world.solid_count = s
 
 
 @kernel
@@ -86,12 +83,12 @@ def _place_plane(solid, plane, material):
 
 
 @kernel
-def _place_sheet(solid, features, f, corners, count):
+def _place_sheet(world, solid, f, corners, count):
     """Write the face, then side, edge and corner for each corner of the boundary."""
     n = load(solid.normal)
     _start_bounds(solid)
     solid.first_feature = f
-    face = features[f]
+    face = feature_at(world, f)
     face.kind = FACE
     store(face.direction, n)
     face.offset = solid.offset
@@ -103,12 +100,12 @@ def _place_sheet(solid, features, f, corners, count):
         length = norm(sub(end, start))
         if length > SHORTEST_EDGE:
             direction = scaled(sub(end, start), 1.0 / length)
-            side = features[f]
+            side = feature_at(world, f)
             side.kind = SIDE
             store(side.direction, cross(direction, n))
             side.offset = dot(start, load(side.direction))
-            _write_edge(features[f + 1], start, direction, length)
-            _write_corner(features[f + 2], start)
+            _write_edge(feature_at(world, f + 1), start, direction, length)
+            _write_corner(feature_at(world, f + 2), start)
             f += 3
     store(face.low, load(solid.low))
     store(face.high, load(solid.high))
@@ -117,7 +114,7 @@ def _place_sheet(solid, features, f, corners, count):
 
 
 @kernel
-def _place_box(solid, features, f, box, material):
+def _place_box(world, solid, f, box, material):
     solid.kind = BOX
     solid.material = material
     store(solid.center, load(box))
@@ -131,7 +128,7 @@ def _place_box(solid, features, f, box, material):
     solid.first_feature = f
     for k in range(8):
         corner = _corner_of_box(solid, k)
-        _write_corner(features[f], corner)
+        _write_corner(feature_at(world, f), corner)
         _widen(solid, corner)
         f += 1
     for axis in range(3):
@@ -140,10 +137,10 @@ def _place_box(solid, features, f, box, material):
         for k in range(8):
             if k & bit == 0:
                 length = 2.0 * solid.half_lengths[axis]
-                _write_edge(features[f], _corner_of_box(solid, k), direction, length)
+                _write_edge(feature_at(world, f), _corner_of_box(solid, k), direction, length)
                 f += 1
-        _write_box_face(solid, features[f], axis, -1.0)
-        _write_box_face(solid, features[f + 1], axis, 1.0)
+        _write_box_face(solid, feature_at(world, f), axis, -1.0)
+        _write_box_face(solid, feature_at(world, f + 1), axis, 1.0)
         f += 2
     solid.last_feature = f
     return f

@@ -16,8 +16,8 @@ from intuitive_physics.geometry.vectors import (
     sub,
 )
 from intuitive_physics.kernels import inlined, kernel
-from intuitive_physics.kernels.pointers import float_at, record_getter
-from intuitive_physics.simulation.noisy_impacts import NOISE_FIELDS
+from intuitive_physics.kernels.pointers import record_getter
+from intuitive_physics.simulation.world_record import COMMON_FIELDS, coefficient
 
 MOST_TOUCHED = 12
 """Solids that one object can touch at once."""
@@ -36,6 +36,13 @@ OBJECT = np.dtype(
         ("phase_end", "f8"),  # s, until when the accelerations hold
         ("radius", "f8"),  # m
         ("mass", "f8"),  # kg
+        ("inertia", "f8"),  # kg m²: κ m r², κ = 2/5 of a solid sphere and 2/3 of a thin shell
+        # Of a force along the surface, the part that accelerates a sphere in rolling contact,
+        # 1 / (1 + κ); friction takes the rest.
+        ("rolling_share", "f8"),
+        # Change of the spin's r ω, and of the slip, per change of velocity by friction.
+        ("spin_gain", "f8"),  # 1 / κ
+        ("slip_gain", "f8"),  # 1 + 1 / κ
         ("impact_time", "f8"),  # s, of the next impact on a solid, infinite if none
         ("impact_solid", "i8"),  # index of that solid
         ("material", "i8"),
@@ -124,21 +131,16 @@ WORLD = np.dtype(
         ("features", "i8"),  # (F,) FEATURE
         ("contacts", "i8"),  # CONTACT, scratch of `clusters`
         ("pairs", "i8"),  # PAIR: that of objects i and j > i is j (j - 1) / 2 + i
-        ("coefficients", "i8"),  # (4, m, m) float64
+        ("contact_room", "i8"),  # how many contacts there can be
         ("object_count", "i8"),
         ("solid_count", "i8"),
         ("planes", "i8"),  # number of planes without an edge
-        ("material_count", "i8"),  # m
         ("turns", "i8"),  # 1 if orientations are wanted
         ("end", "f8"),  # s, last output time
-        ("gravity", "f8", 3),  # m/s²
-        *NOISE_FIELDS,
+        *COMMON_FIELDS,
     ],
     align=True,
 )
-
-STATIC, DYNAMIC, ROLLING, RESTITUTION = range(4)
-
 
 _object, _solid, _feature = record_getter(OBJECT), record_getter(SOLID), record_getter(FEATURE)
 _contact, _pair = record_getter(CONTACT), record_getter(PAIR)
@@ -172,31 +174,19 @@ def pair_at(world, k):
 @inlined
 def solid_coefficient(world, kind, i, s):
     """One of the four coefficients between object i and solid s."""
-    return _coefficient(world, kind, object_at(world, i).material, solid_at(world, s).material)
+    return coefficient(world, kind, object_at(world, i).material, solid_at(world, s).material)
 
 
 @inlined
 def object_coefficient(world, kind, i, j):
     """One of the four coefficients between objects i and j."""
-    return _coefficient(world, kind, object_at(world, i).material, object_at(world, j).material)
-
-
-@inlined
-def _coefficient(world, kind, a, b):
-    row = kind * world.material_count + a
-    return float_at(world.coefficients, row * world.material_count + b)
+    return coefficient(world, kind, object_at(world, i).material, object_at(world, j).material)
 
 
 @inlined
 def pair_index(i, j):
     """Index of objects i and j, either of which may be the larger, in the world's pairs."""
     return (j * (j - 1)) // 2 + i if i < j else (i * (i - 1)) // 2 + j
-
-
-@inlined
-def inertia(body):
-    """Moment of inertia of a solid sphere, 2/5 m r², in kg m²."""
-    return 0.4 * body.mass * body.radius * body.radius
 
 
 @inlined

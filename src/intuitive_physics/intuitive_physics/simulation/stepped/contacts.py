@@ -17,18 +17,15 @@ from intuitive_physics.geometry.vectors import (
     tangential,
 )
 from intuitive_physics.kernels import fast_inlined, kernel
-from intuitive_physics.simulation.stepped.world import (
+from intuitive_physics.simulation.stepped.world import body_at, contact_at, plane_at, times
+from intuitive_physics.simulation.world_batch import BOX
+from intuitive_physics.simulation.world_record import (
     DYNAMIC,
     RESTITUTION,
     ROLLING,
     STATIC,
-    body_at,
     coefficient,
-    contact_at,
-    plane_at,
-    times,
 )
-from intuitive_physics.simulation.world_batch import BOX
 
 STICK_SPEED = 1e-3
 """m/s. A contact that slips slower than this is held by static friction."""

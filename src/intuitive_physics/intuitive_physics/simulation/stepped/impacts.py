@@ -22,7 +22,7 @@ from intuitive_physics.simulation.stepped.contacts import (
 )
 from intuitive_physics.simulation.stepped.solver import solve
 from intuitive_physics.simulation.stepped.world import body_at, contact_at
-from intuitive_physics.simulation.world_batch import SPHERE
+from intuitive_physics.simulation.world_batch import BOX, SPHERE
 
 IMPACT_GAP = 1e-5
 """m. Bodies farther apart have not hit each other yet."""
@@ -141,8 +141,8 @@ def _turn(world, c, n):
 def _let_roll(world, first, last):
     """Let rolling friction act where a contact has come to stick, which shows only afterwards.
 
-    A torque T on a rolling sphere needs the friction 5/7 T / r. A contact that has not as much grip
-    left passes on only the part it can.
+    A torque T on a rolling body needs the friction T / (r (1 + κ)) with κ = I / (m r²). A contact
+    that has not as much grip left passes on only the part it can.
     """
     any_rolls = False
     for c in range(first, last):
@@ -151,8 +151,11 @@ def _let_roll(world, first, last):
         used = sqrt(contact.impulse[1] ** 2 + contact.impulse[2] ** 2)
         contact.rolls = contact.roll_radius > 0.0 and used < grip
         if contact.rolls == 1:
-            radius = abs(dot(load(contact.arm), load(contact.axes[0])))
-            bearable = 1.4 * radius * (grip - used) / contact.impulse[0]
+            rolling, arm = body_at(world, contact.first), load(contact.arm)
+            if rolling.kind == BOX:
+                rolling, arm = body_at(world, contact.second), load(contact.other_arm)
+            radius = abs(dot(arm, load(contact.axes[0])))
+            bearable = (1.0 + rolling.inertia_ratio) * radius * (grip - used) / contact.impulse[0]
             contact.roll_limit = min(contact.roll_radius, bearable)
         any_rolls = any_rolls or contact.rolls == 1
     return any_rolls

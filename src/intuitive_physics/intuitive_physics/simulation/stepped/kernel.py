@@ -6,109 +6,64 @@ from math import inf, isfinite, nan
 
 from intuitive_physics.geometry.vectors import load, norm
 from intuitive_physics.kernels import entry, fast_inlined, kernel
-from intuitive_physics.simulation.noisy_impacts import set_noise
+from intuitive_physics.simulation.rollout import OutputArrays, WorldStatus
 from intuitive_physics.simulation.stepped.collision import find_contacts, part_overlaps
 from intuitive_physics.simulation.stepped.islands import carry_island, mark_islands
 from intuitive_physics.simulation.stepped.motion import TIME_ROUNDING, output_time, write_rest
 from intuitive_physics.simulation.stepped.parts import rebound_threshold
 from intuitive_physics.simulation.stepped.set_up import place_environment, place_object
 from intuitive_physics.simulation.stepped.world import body_at
+from intuitive_physics.simulation.world_batch import WorldArrays
+from intuitive_physics.simulation.world_record import start_world, wanted_outputs
 
-OK, NOT_FINITE = range(2)
+OK = int(WorldStatus.OK)
+NOT_FINITE = int(WorldStatus.NOT_FINITE)
 
 
 @entry
-def roll_worlds(
-    first,
-    last,
-    step,
-    object_counts,
-    shape_kinds,
-    dimensions,
-    volumes,
-    unit_inertias,
-    object_materials,
-    states,
-    air_factors,
-    mass_centres,
-    environment_index,
-    gravity,
-    plane_counts,
-    planes,
-    plane_materials,
-    corner_counts,
-    corners,
-    box_counts,
-    boxes,
-    box_materials,
-    parameter_index,
-    density,
-    coefficients,
-    noise_keys,
-    contact_noise,
-    times,
-    scratch,
-    positions,
-    orientations,
-    status,
-):
-    """Roll out the worlds `first` to `last` (exclusive) of a `WorldBatch`'s arrays.
+def roll_worlds(first, last, batch, results, scratch, step):
+    """Roll out the worlds `first` to `last` (exclusive) of a batch.
 
     Parameters
     ----------
-    step : s
-    times : (W or 1, T) s, NaN only at a row's end
+    batch : `WorldBatch.arrays`
+    results : `OutputArrays` as a plain tuple, to be filled
     scratch : (1,) WORLD whose arrays have room for the largest of the worlds
-    positions : (W, O, T, 3) to be filled, as are orientations (W, O, T, 4), whose axis O has
-        length zero when they are not wanted, and status (W,)
+    step : s
     """
+    worlds, outputs = WorldArrays(*batch), OutputArrays(*results)
     world = scratch[0]
     for w in range(first, last):
-        e, c = environment_index[w], parameter_index[w]
-        moving = object_counts[w]
-        world.moving = moving
-        for k in range(3):
-            world.gravity[k] = gravity[e, k]
+        start_world(world, worlds, w)
         world.gravity_size = norm(load(world.gravity))
-        world.coefficients = coefficients[c].ctypes.data
-        set_noise(world, contact_noise, noise_keys[w])
-        world.material_count = density.shape[1]
-        for i in range(moving):
-            rho = density[c, object_materials[w, i]]
+        world.moving = worlds.object_counts[w]
+        for i in range(world.moving):
+            material = worlds.object_materials[w, i]
             place_object(
                 body_at(world, i),
-                shape_kinds[w, i],
-                dimensions[w, i],
-                object_materials[w, i],
-                states[w, i],
-                air_factors[w, i],
-                mass_centres[w, i],
-                rho * volumes[w, i],
-                rho,
-                unit_inertias[w, i],
+                worlds.shape_kinds[w, i],
+                worlds.dimensions[w, i],
+                material,
+                worlds.states[w, i],
+                worlds.air_factors[w, i],
+                worlds.mass_centres[w, i],
+                worlds.volumes[w, i],
+                worlds.density[worlds.parameter_index[w], material],
+                worlds.unit_inertias[w, i],
+                worlds.inertia_ratios[w, i],
             )
-        place_environment(
-            world,
-            plane_counts[e],
-            planes[e],
-            plane_materials[e],
-            corner_counts[e],
-            corners[e],
-            box_counts[e],
-            boxes[e],
-            box_materials[e],
-        )
+        place_environment(world, worlds, worlds.environment_index[w])
         # What is never reached, and what is padding, has no place.
-        positions[w] = nan
-        orientations[w] = nan
-        row = times[w if times.shape[0] > 1 else 0]
-        world.output_room = world.output_count = row.size
-        while not isfinite(row[world.output_count - 1]):
-            world.output_count -= 1
-        world.times = row.ctypes.data
-        world.positions = positions[w].ctypes.data
-        world.orientations = orientations[w].ctypes.data if orientations.shape[1] > 0 else 0
-        status[w] = _roll_world(world, moving, step)
+        outputs.positions[w] = nan
+        outputs.orientations[w] = nan
+        times = outputs.times[w if outputs.times.shape[0] > 1 else 0]
+        world.output_room = times.size
+        world.output_count = wanted_outputs(times)
+        world.times = times.ctypes.data
+        world.positions = outputs.positions[w].ctypes.data
+        turns = outputs.orientations.shape[1] > 0
+        world.orientations = outputs.orientations[w].ctypes.data if turns else 0
+        outputs.status[w] = _roll_world(world, world.moving, step)
 
 
 @kernel

@@ -23,8 +23,9 @@ from intuitive_physics.simulation.stepped.collision import MARGIN, OVERLAP
 from intuitive_physics.simulation.stepped.contacts import STEADY, STICK_SPEED
 from intuitive_physics.simulation.stepped.leaps import SETTLED, is_level
 from intuitive_physics.simulation.stepped.sleep import is_still
-from intuitive_physics.simulation.stepped.world import ROLLING, STATIC, coefficient, column
+from intuitive_physics.simulation.stepped.world import column
 from intuitive_physics.simulation.world_batch import CAPSULE
+from intuitive_physics.simulation.world_record import ROLLING, STATIC, coefficient
 
 
 @kernel

@@ -21,7 +21,7 @@ from intuitive_physics.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.stepped.contacts import STEADY, STICK_SPEED
 from intuitive_physics.simulation.stepped.leaps import SETTLED, is_level
 from intuitive_physics.simulation.stepped.sleep import is_still
-from intuitive_physics.simulation.stepped.world import DYNAMIC, ROLLING, STATIC, coefficient
+from intuitive_physics.simulation.world_record import DYNAMIC, ROLLING, STATIC, coefficient
 
 
 @kernel

@@ -14,7 +14,7 @@ from intuitive_physics.simulation.stepped.manifolds import meet_plane
 from intuitive_physics.simulation.stepped.poses import segment_end
 from intuitive_physics.simulation.stepped.set_up import place_environment, place_shape
 from intuitive_physics.simulation.stepped.world import body_at, plane_at
-from intuitive_physics.simulation.world_batch import CAPSULE
+from intuitive_physics.simulation.world_batch import CAPSULE, WorldArrays
 
 OVERLAP = np.dtype(
     [
@@ -29,50 +29,25 @@ OVERLAP = np.dtype(
 
 
 @entry
-def find_overlaps(
-    share,
-    object_counts,
-    shape_kinds,
-    dimensions,
-    states,
-    environment_index,
-    plane_counts,
-    planes,
-    plane_materials,
-    corner_counts,
-    corners,
-    box_counts,
-    boxes,
-    box_materials,
-    scratch,
-    overlaps,
-):
-    """Write the first pair of each world of a `WorldBatch`'s arrays that overlaps too much.
+def find_overlaps(share, batch, scratch, overlaps):
+    """Write the first pair of each world of a batch that overlaps too much.
 
     Parameters
     ----------
     share : of the smaller one's thinness, which two may overlap by; that of a plane or a box that
         never moves does not count
+    batch : `WorldBatch.arrays`
     scratch : (1,) WORLD with room for the largest of the worlds; its contacts are not used
     overlaps : (W,) OVERLAP to be filled
     """
+    worlds = WorldArrays(*batch)
     world = scratch[0]
-    for w in range(object_counts.size):
-        e = environment_index[w]
-        world.moving = object_counts[w]
+    for w in range(worlds.object_counts.size):
+        world.moving = worlds.object_counts[w]
         for i in range(world.moving):
-            place_shape(body_at(world, i), shape_kinds[w, i], dimensions[w, i], 0, states[w, i])
-        place_environment(
-            world,
-            plane_counts[e],
-            planes[e],
-            plane_materials[e],
-            corner_counts[e],
-            corners[e],
-            box_counts[e],
-            boxes[e],
-            box_materials[e],
-        )
+            body, kind = body_at(world, i), worlds.shape_kinds[w, i]
+            place_shape(body, kind, worlds.dimensions[w, i], 0, worlds.states[w, i])
+        place_environment(world, worlds, worlds.environment_index[w])
         overlaps[w].found = 0
         for i in range(world.moving):
             if _look_around(world, i, share, overlaps[w]):

@@ -15,7 +15,17 @@ from intuitive_physics.simulation.world_batch import BOX, CAPSULE
 
 @kernel
 def place_object(
-    body, kind, dimensions, material, state, air_factors, lever, mass, density, unit_inertia
+    body,
+    kind,
+    dimensions,
+    material,
+    state,
+    air_factors,
+    lever,
+    volume,
+    density,
+    unit_inertia,
+    inertia_ratio,
 ):
     """Fill in a body that moves; see `WorldBatch` for the arrays."""
     place_shape(body, kind, dimensions, material, state)
@@ -26,7 +36,8 @@ def place_object(
         body.lever[k] = lever[k]
     _set_mass_centre(body)
     _set_inverses(body)
-    body.inverse_mass = 1.0 / mass
+    body.inverse_mass = 1.0 / (density * volume)
+    body.inertia_ratio = inertia_ratio
     body.drag, body.magnus = air_factors[0], air_factors[1]
     set_inverse_inertia(body)
 
@@ -107,27 +118,23 @@ def place_plane(plane, numbers, material, corners, boundary):
 
 
 @kernel
-def place_environment(
-    world,
-    plane_count,
-    planes,
-    plane_materials,
-    corner_counts,
-    corners,
-    box_count,
-    boxes,
-    box_materials,
-):
-    """Fill in what never moves, the boxes behind the bodies that do."""
-    world.body_count = world.moving + box_count
-    world.plane_count = plane_count
-    for b in range(box_count):
-        place_static_box(body_at(world, world.moving + b), boxes[b], box_materials[b])
-    for p in range(plane_count):
+def place_environment(world, worlds, e):
+    """Fill in what never moves in environment e of a batch, the boxes behind the bodies that do.
+
+    Parameters
+    ----------
+    worlds : `WorldArrays`
+    """
+    world.plane_count = worlds.plane_counts[e]
+    world.body_count = world.moving + worlds.box_counts[e]
+    for b in range(worlds.box_counts[e]):
+        box = body_at(world, world.moving + b)
+        place_static_box(box, worlds.boxes[e, b], worlds.box_materials[e, b])
+    for p in range(world.plane_count):
         place_plane(
             plane_at(world, p),
-            planes[p],
-            plane_materials[p],
-            corner_counts[p],
-            corners[p].ctypes.data,
+            worlds.planes[e, p],
+            worlds.plane_materials[e, p],
+            worlds.corner_counts[e, p],
+            worlds.corners[e, p].ctypes.data,
         )

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from intuitive_physics.kernels import fast_inlined
-from intuitive_physics.kernels.pointers import float_at, record_getter
-from intuitive_physics.simulation.noisy_impacts import NOISE_FIELDS
+from intuitive_physics.kernels.pointers import record_getter
+from intuitive_physics.simulation.world_record import COMMON_FIELDS
 
 KEPT = 16
 """Contacts of one body whose impulses are kept to start the next step's search with."""
@@ -36,6 +36,7 @@ BODY = np.dtype(
         ("inverse_mass", "f8"),  # 1/kg
         ("inertia", "f8", 3),  # kg m², about the body's axes
         ("own_inverse_inertia", "f8", 3),  # 1/(kg m²), its inverse
+        ("inertia_ratio", "f8"),  # κ = I / (m r²) about the axis it rolls about
         ("euler", "f8", 3),  # (I_y - I_z) / I_x and so on, as in Euler's equations
         ("round", "i8"),  # 1 where all three are alike
         ("kind", "i8"),
@@ -127,7 +128,6 @@ WORLD = np.dtype(
         ("planes", "i8"),  # (P,) PLANE
         ("contacts", "i8"),  # (contact_room,) CONTACT, scratch
         ("clipped", "i8"),  # (2, CLIPPED, 3) float64, m, scratch: two polygons
-        ("coefficients", "i8"),  # (4, m, m) float64
         ("times", "i8"),  # (T,) float64, s
         ("positions", "i8"),  # (n, T, 3) float64 to be filled
         ("orientations", "i8"),  # (n, T, 4) float64 to be filled, 0 if not wanted
@@ -135,17 +135,13 @@ WORLD = np.dtype(
         ("body_count", "i8"),
         ("plane_count", "i8"),
         ("contact_room", "i8"),
-        ("material_count", "i8"),  # m
         ("output_count", "i8"),  # outputs wanted in this world
         ("output_room", "i8"),  # T
-        ("gravity", "f8", 3),  # m/s²
         ("gravity_size", "f8"),  # m/s²
-        *NOISE_FIELDS,
+        *COMMON_FIELDS,
     ],
     align=True,
 )
-
-STATIC, DYNAMIC, ROLLING, RESTITUTION = range(4)
 
 _body, _plane = record_getter(BODY), record_getter(PLANE)
 _contact = record_getter(CONTACT)
@@ -176,14 +172,6 @@ def contact_at(world, c):
 def clipped_polygon(world, side):
     """Address of one of the two polygons for `clipping`, each with room for CLIPPED corners."""
     return world.clipped + side * CLIPPED * 24
-
-
-@fast_inlined
-def coefficient(world, kind, a, b):
-    """One of the four coefficients of a pair of materials."""
-    return float_at(
-        world.coefficients, (kind * world.material_count + a) * world.material_count + b
-    )
 
 
 @fast_inlined

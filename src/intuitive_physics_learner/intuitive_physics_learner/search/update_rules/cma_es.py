@@ -17,8 +17,9 @@ class CmaEs(UpdateRule):
     It starts from the given point, else from the middle of the cube, and has no more candidates
     once pycma finds the search converged.
 
-    pycma has no plain state, so the state saved is what it was told: loading it tells it all again,
-    which takes a part of a millisecond a generation and gives the same search to the bit.
+    pycma has no plain state, so the state saved is the costs of all generations: loading it repeats
+    the search with these costs, which takes a part of a millisecond a generation and gives the same
+    search to the bit.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ class CmaEs(UpdateRule):
         self._first_generator = generator.bit_generator.state
         self._strategy: Any = None
         self._begin()
-        self._told: list[list[float]] = []
+        self._generation_costs: list[list[float]] = []
 
     def propose(self) -> NDArray[np.float64]:
         if self._strategy.stop():
@@ -57,21 +58,21 @@ class CmaEs(UpdateRule):
         if self._generation_count == 0 and self._start is not None:
             return
         self._tell(list(points), costs.tolist())
-        self._told.append(costs.tolist())
+        self._generation_costs.append(costs.tolist())
 
     def own_state(self) -> dict[str, Any]:
-        return {"first_generator": self._first_generator, "told": list(self._told)}
+        return {"first_generator": self._first_generator, "told": list(self._generation_costs)}
 
     def load_own_state(self, state: dict[str, Any]) -> None:
         self._first_generator = state["first_generator"]
         self._generator.bit_generator.state = self._first_generator
         self._begin()
-        self._told = list(state["told"])
-        for costs in self._told:
+        self._generation_costs = list(state["told"])
+        for costs in self._generation_costs:
             self._tell(self._strategy.ask(), costs)
 
     def _begin(self) -> None:
-        """Make a strategy that was told nothing."""
+        """Make a strategy without any generation."""
         self._strategy = self._new_strategy(self._first_mean(), int(self.settings["population"]))
 
     def _tell(self, points: list[NDArray[np.float64]], costs: list[float]) -> None:

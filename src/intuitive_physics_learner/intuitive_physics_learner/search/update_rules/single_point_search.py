@@ -33,7 +33,13 @@ class ClimbingRule(UpdateRule):
         self.cost = np.inf
 
     def continue_from(self, point: NDArray[np.float64], cost: float) -> None:
-        """Take over the point, shape (n,), and cost in m that another rule reached."""
+        """Take over the best point of another rule.
+
+        Parameters
+        ----------
+        point : (n,) of the unit cube
+        cost : J there, m
+        """
         self.point = point.copy()
         self.cost = cost
 

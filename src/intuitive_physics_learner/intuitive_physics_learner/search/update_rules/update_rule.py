@@ -1,4 +1,4 @@
-"""The one shape of all update rules: ask for candidates, tell what they cost (Algorithm 1)."""
+"""The interface of all update rules: ask for candidates, tell their costs (Algorithm 1)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from intuitive_physics.validation import finite_array, positive_float
 class UpdateRule(ABC):
     """Proposes points of the unit cube, one generation after the other.
 
-    A generation is what a rule can propose before it needs to know a cost. `ask` hands it out in
+    A generation is all that a rule can propose before it needs to know a cost. `ask` returns it in
     portions, so the candidates and their order do not depend on how many are asked for at once.
 
     Parameters
@@ -23,7 +23,7 @@ class UpdateRule(ABC):
     size : number of parameters n
     generator : the only source of randomness; owned by the rule from now on
     start : (n,) point of the unit cube proposed before all others; None leaves it to the rule
-    settings : numbers above zero, kept in `settings`, that make a rule what it is (Table I)
+    settings : numbers above zero, the rule's constants in Table I
     """
 
     name: ClassVar[str]
@@ -68,7 +68,12 @@ class UpdateRule(ABC):
         return portion.copy()
 
     def tell(self, costs: ArrayLike) -> None:
-        """Take the costs, shape (k,), in m, of the candidates that were asked for last."""
+        """Take the costs of the candidates that were asked for last.
+
+        Parameters
+        ----------
+        costs : (k,) m
+        """
         values = finite_array(costs, "costs", (self._asked,))
         self._asked = 0
         self._costs += values.tolist()
@@ -151,7 +156,13 @@ class UpdateRule(ABC):
 
     @abstractmethod
     def update(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> None:
-        """Take the costs, shape (k,), of a whole generation, shape (k, n)."""
+        """Take the costs of a whole generation.
+
+        Parameters
+        ----------
+        points : (k, n) of the unit cube
+        costs : (k,) m
+        """
 
     @abstractmethod
     def own_state(self) -> dict[str, Any]:

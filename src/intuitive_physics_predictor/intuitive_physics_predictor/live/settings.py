@@ -1,20 +1,40 @@
-"""All options of live prediction in one place: the library's and the node's parameters."""
+"""Settings of live prediction, frozen: the library's and the node's parameters."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.settings import choice, number, other
-from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS
+from intuitive_physics.simulation import (
+    ENGINE_GUIDE,
+    SIMULATORS,
+    Simulator,
+    make_simulator,
+)
 from intuitive_physics.simulation.contact_noise import LARGEST_TILT, ContactNoise
+from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
-from intuitive_physics_predictor.noisy_newton import DEFAULT_SAMPLE_COUNT
+from intuitive_physics_predictor.noisy_newton import DEFAULT_SAMPLE_COUNT, PreparedScene
+
+LARGEST_PREDICTION = 50_000_000
+"""Numbers in one predicted distribution: 400 MB, and what takes some seconds."""
 
 
 @dataclass(frozen=True)
-class PredictionOptions:
-    """How to predict. Every field says its meaning, unit and range in its metadata."""
+class PredictionSettings:
+    """How to predict. Every field has its meaning, unit and range in its metadata.
+
+    Raises
+    ------
+    InvalidInputError
+        When horizon, time step and number of samples do not go together.
+    """
 
     horizon: float = number(5.0, 0.01, 60.0, "s predicted ahead")
     time_step: float = number(0.01, 0.001, 1.0, "s between predicted points")
@@ -58,6 +78,23 @@ class PredictionOptions:
         0.0, 0.0, LARGEST_TILT, "rad, standard deviation of the surface's normal at an impact"
     )
 
+    def __post_init__(self) -> None:
+        check_size(self.sample_count, 1, self.times.size)
+
+    @cached_property
+    def times(self) -> NDArray[np.float64]:
+        """Predicted times, (n_times,) s from the start of a prediction."""
+        return output_times(self.horizon, self.time_step)
+
+    @cached_property
+    def engine(self) -> Simulator:
+        """The simulator of that name, which threads may share."""
+        return make_simulator(self.simulator, self.threads)
+
+    def draw(self, prepared: PreparedScene, count: int, rng: np.random.Generator) -> WorldBatch:
+        """Return `count` samples of a scene, each with its own draw of all that is uncertain."""
+        return prepared.sampled(count, rng, self.noise_scales.size, self.contact_noise)
+
     @property
     def noise_scales(self) -> NoiseScales:
         """Factors on what is uncertain."""
@@ -79,4 +116,35 @@ class PredictionOptions:
             angular_velocity=self.spin_noise,
             scale=self.state_scale,
             spin_scale=self.spin_scale,
+        )
+
+
+def output_times(horizon: float, time_step: float) -> NDArray[np.float64]:
+    """Return times from 0 to `horizon` (s) every `time_step` (s), shape (n_times,).
+
+    Raises
+    ------
+    InvalidInputError
+        When one of them is not above zero or there would be more than a million times.
+    """
+    if not (0.0 < time_step <= horizon < np.inf) or horizon / time_step > 1e6:
+        raise InvalidInputError(
+            f"horizon is {horizon} s and time step {time_step} s; expected "
+            "0 < time step ≤ horizon, and at most a million times"
+        )
+    return time_step * np.arange(int(horizon / time_step + 1e-9) + 1, dtype=np.float64)
+
+
+def check_size(sample_count: int, objects: int, times: int) -> None:
+    """Check that a prediction is not larger than can be answered.
+
+    Raises
+    ------
+    InvalidInputError
+        When it would have more than `LARGEST_PREDICTION` numbers.
+    """
+    if sample_count * objects * times * 3 > LARGEST_PREDICTION:
+        raise InvalidInputError(
+            f"{sample_count} samples of {objects} objects at {times} times were asked for; "
+            f"expected at most {LARGEST_PREDICTION:,} numbers, ask for fewer"
         )

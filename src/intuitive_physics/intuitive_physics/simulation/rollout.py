@@ -1,0 +1,54 @@
+"""What a rollout of a batch of worlds answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class WorldStatus(IntEnum):
+    """How one world of a rollout ended."""
+
+    OK = 0
+    NOT_FINITE = 1
+    TOO_MANY_EVENTS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """What a batch of worlds did.
+
+    Parameters
+    ----------
+    positions : (n_worlds, n_objects, n_times, 3) m; NaN where a world has fewer objects or times,
+        and from where on a world stopped with a status other than OK
+    orientations : (n_worlds, n_objects, n_times, 4) unit quaternions (x, y, z, w), NaN likewise;
+        None when they were not asked for
+    status : (n_worlds,) of `WorldStatus`
+    """
+
+    positions: NDArray[np.float64]
+    orientations: NDArray[np.float64] | None
+    status: NDArray[np.int64]
+
+
+class OutputArrays(NamedTuple):
+    """What a kernel is asked for and fills in, as one record: `OutputArrays(*outputs)`.
+
+    Parameters
+    ----------
+    times : (W or 1, T) s, NaN only at a row's end
+    positions : (W, O, T, 3) m
+    orientations : (W, O, T, 4) unit quaternions (x, y, z, w); axis O has length zero when they are
+        not wanted
+    status : (W,) of `WorldStatus`
+    """
+
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    orientations: NDArray[np.float64]
+    status: NDArray[np.int64]

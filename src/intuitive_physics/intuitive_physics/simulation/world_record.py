@@ -1,0 +1,53 @@
+"""What the records of a world have in common in all engines, and how a batch fills it in."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from intuitive_physics.geometry.vectors import load, store
+from intuitive_physics.kernels import inlined
+from intuitive_physics.kernels.pointers import float_at
+from intuitive_physics.simulation.noisy_impacts import NOISE_FIELDS, set_noise
+
+COMMON_FIELDS = [
+    ("coefficients", "i8"),  # address of (4, m, m) float64
+    ("material_count", "i8"),  # m
+    ("gravity", "f8", 3),  # m/s²
+    *NOISE_FIELDS,
+]
+"""What every engine's record of a world has."""
+
+STATIC, DYNAMIC, ROLLING, RESTITUTION = range(4)
+"""Kinds of coefficients, in the order of `StaticParameters.coefficients`."""
+
+
+@inlined
+def start_world(world, worlds, w):
+    """Fill in what all engines need of world w of a batch.
+
+    Parameters
+    ----------
+    world : record with `COMMON_FIELDS`
+    worlds : `WorldArrays`
+    """
+    table = worlds.coefficients[worlds.parameter_index[w]]
+    world.coefficients = table.ctypes.data
+    world.material_count = table.shape[1]
+    store(world.gravity, load(worlds.gravity[worlds.environment_index[w]]))
+    set_noise(world, worlds.contact_noise, worlds.noise_keys[w])
+
+
+@inlined
+def coefficient(world, kind, a, b):
+    """One of the four coefficients of a pair of materials."""
+    row = kind * world.material_count + a
+    return float_at(world.coefficients, row * world.material_count + b)
+
+
+@inlined
+def wanted_outputs(times):
+    """How many of the times (T,), which may end in NaN, are wanted."""
+    count = times.size
+    while not isfinite(times[count - 1]):
+        count -= 1
+    return count

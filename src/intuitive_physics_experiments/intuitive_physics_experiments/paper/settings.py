@@ -1,0 +1,137 @@
+"""Settings of the paper's experiments, with the reduced ones of `--quick`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import inf
+from typing import Any
+
+from intuitive_physics.settings import check_settings, number, numbers, other
+
+ENGINE_GUIDE = (
+    "that moves the objects: auto, stepped, bullet or mujoco; another one than learns shows what "
+    "model error costs"
+)
+"""What the setting `engine` means."""
+
+
+@dataclass(frozen=True)
+class DatasetSettings:
+    """Settings of the synthetic set of Sec. IV-B."""
+
+    objects: int = number(1, 1, inf, "objects in the pool")
+    samples: int = number(10, 1, inf, "trajectories of each object")
+    engine: str = other("auto", ENGINE_GUIDE)
+    seed: int = number(0, 0, inf, "of all randomness")
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class LearningCurveSettings:
+    """Settings of the training and test error over numbers of objects and samples.
+
+    Parameters
+    ----------
+    initial_states : each is learned with; see `paper_dataset.INITIAL_STATES`
+    """
+
+    objects: tuple[int, ...] = numbers((1, 5, 10), 1, inf, "sizes of the pool")
+    samples: tuple[int, ...] = numbers((10, 50, 100), 1, inf, "trajectories of each object")
+    repetitions: int = number(10, 1, inf, "sets of each kind")
+    iterations: int = number(1000, 1, inf, "evaluations of J for each learning")
+    method: str = other("cma_es", "update rule")
+    engine: str = other("auto", ENGINE_GUIDE)
+    initial_states: tuple[str, ...] = ("three_points", "flight")
+    seed: int = number(0, 0, inf, "of all randomness")
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+QUICK_LEARNING_CURVE: dict[str, Any] = {
+    "objects": (1, 5),
+    "samples": (10,),
+    "repetitions": 2,
+    "iterations": 300,
+}
+"""Settings of about two minutes."""
+
+
+def _all_rules() -> tuple[str, ...]:
+    # The learner is imported when an experiment begins, not for the command line's help.
+    from intuitive_physics_learner.search.update_rules import UPDATE_RULES
+
+    return tuple(UPDATE_RULES)
+
+
+@dataclass(frozen=True)
+class SearchMethodsSettings:
+    """Settings of the comparison of update rules.
+
+    Parameters
+    ----------
+    methods : update rules, with the settings of Table I
+    """
+
+    objects: tuple[int, ...] = numbers((1, 10, 20), 1, inf, "sizes of the pool")
+    samples: tuple[int, ...] = numbers((1, 10, 50), 1, inf, "trajectories of each object")
+    runs: int = number(10, 1, inf, "searches by each rule on each set, averaged")
+    iterations: int = number(500, 1, inf, "evaluations of J in each search")
+    methods: tuple[str, ...] = field(default_factory=_all_rules)
+    seed: int = number(0, 0, inf, "of all randomness")
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+QUICK_SEARCH_METHODS: dict[str, Any] = {
+    "objects": (1, 10),
+    "samples": (1,),
+    "runs": 2,
+    "iterations": 200,
+}
+"""Settings of about two minutes."""
+
+
+@dataclass(frozen=True)
+class PredictionExperimentSettings:
+    """Settings of the noisy-Newton predictions of test runs.
+
+    Trajectories of one run share the error of θ_s and of their contacts, so that a few runs do not
+    show how often regions hold the truth: `further` ones are only predicted.
+    """
+
+    objects: int = number(5, 1, inf, "objects in the pool")
+    samples: int = number(
+        50, 1, inf, "trajectories of each object, 80 % of them to learn from, as in the paper"
+    )
+    further: int = number(30, 0, inf, "trajectories of each object that are only predicted")
+    iterations: int = number(2000, 1, inf, "evaluations of J for the learning")
+    sample_count: int = number(20, 1, inf, "noisy-Newton samples of each prediction")
+    seed: int = number(0, 0, inf, "of all randomness")
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+QUICK_PREDICTION: dict[str, Any] = {"objects": 3, "samples": 10, "iterations": 1000}
+"""Settings of about two minutes."""
+
+
+@dataclass(frozen=True)
+class RgbdSettings:
+    """Settings of the thrown balls that are rendered, perceived, learned and predicted."""
+
+    throws: int = number(30, 1, inf, "throws of each ball")
+    duration: float = number(2.4, 0.1, 60.0, "of each throw", unit="s")
+    iterations: int = number(1000, 1, inf, "evaluations of J for each learning")
+    seed: int = number(0, 0, inf, "of throws, noise and searches")
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+QUICK_RGBD: dict[str, Any] = {"throws": 3, "iterations": 150}
+"""Settings of about two minutes."""

@@ -1,0 +1,36 @@
+"""Searches that an earlier version of the program left unfinished continue in this one."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.parameter_space import ParameterSpace
+from intuitive_physics_learner import TrajectoryCost
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.methods import METHODS, make_search
+from intuitive_physics_learner.search.learning_task import LearningTask
+
+SAVED = json.loads((Path(__file__).parent / "data" / "unfinished_searches.json").read_text())
+"""States of searches in November 2026, of every method; histories cut to their last five."""
+
+
+def test_there_is_one_of_every_method():
+    assert {saved["method"] for saved in SAVED} == set(METHODS)
+
+
+@pytest.mark.parametrize("saved", SAVED, ids=lambda saved: saved["method"])
+def test_a_saved_state_is_restored_and_continues(event_driven, throws, saved):
+    observed = throws(*saved["throws"])
+    cost = TrajectoryCost(observed, event_driven)
+    influence = parameter_influence(observed, cost.materials)
+    start = StaticParameters.uniform(cost.materials)
+    task = LearningTask(cost, ParameterSpace(cost.materials), influence, start)
+    search = make_search(saved["method"], task, np.random.default_rng(7))
+    search.load_state(saved["search"])
+    assert search.state_dict() == saved["search"]
+    assert search.step(20) > 0
+    assert search.iterations > 5
+    assert np.isfinite(search.best_cost)

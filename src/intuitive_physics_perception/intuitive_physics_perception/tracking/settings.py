@@ -1,0 +1,202 @@
+"""Tuned numbers of tracking, each with its unit and meaning.
+
+Where a field does not say where its value comes from, it was set by hand when its stage was
+written: there is no derivation, and the rendered rooms of the tests and of `make bench-perception`
+are what it was run on with that value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from intuitive_physics.settings import check_settings, number
+
+
+@dataclass(frozen=True)
+class MotionSettings:
+    """How an object is expected to move from frame to frame."""
+
+    max_bounces: int = number(4, 1, 100, "bounces within one step at most")
+    support_distance: float = number(
+        0.006, 0.0, 1.0, "gap up to which a plane supports an object", unit="m"
+    )
+    support_speed: float = number(
+        0.25,
+        0.0,
+        10.0,
+        "normal speed up to which an object stays on a plane: what is left of such a bounce is a "
+        "hop of millimetres",
+        unit="m/s",
+    )
+    normal_uncertainty: float = number(
+        0.35,
+        0.0,
+        10.0,
+        "standard deviation of the normal velocity after a bounce, as a part of the normal speed "
+        "before it: what another restitution could make of it",
+    )
+    tangential_uncertainty: float = number(
+        0.3,
+        0.0,
+        10.0,
+        "the same of the tangential velocity: what friction could make of it",
+    )
+    angular_acceleration_noise: float = number(
+        20.0,
+        0.0,
+        10000.0,
+        "standard deviation of what changes an angular velocity: torques of contacts, precession",
+        unit="rad/s²",
+    )
+    rolling_time: float = number(
+        0.2,
+        0.0,
+        10.0,
+        "time on a plane without losing speed to friction after which a ball rolls: one that "
+        "slides at μ = 0.1 is 5 mm behind by then, and rolls itself 2 v / 7 μ g after it began",
+        unit="s",
+    )
+    rolling_deceleration: float = number(
+        0.6,
+        0.0,
+        100.0,
+        "more than rolling resistance takes, less than sliding friction takes",
+        unit="m/s²",
+    )
+    rolling_slip: float = number(
+        0.1, 0.0, 1.0, "standard deviation of the slip of a rolling ball, as a part of its speed"
+    )
+    lift_sigmas: float = number(
+        3.0, 0.0, 100.0, "standard deviations by which noise may lift a ball that rolls on a plane"
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class TrackingSettings:
+    """Which detection belongs to which track, and when a track begins, rests and ends."""
+
+    gate: float = number(
+        25.0,
+        1.0,
+        1000.0,
+        "squared distance, in variances, from which on a detection contradicts what was predicted",
+    )
+    resting_speed_deviation: float = number(
+        0.02, 0.0, 10.0, "standard deviation of the velocity of an object at rest", unit="m/s"
+    )
+    resting_angular_velocity_deviation: float = number(
+        0.2,
+        0.0,
+        100.0,
+        "standard deviation of the angular velocity of a box or capsule at rest",
+        unit="rad/s",
+    )
+    height_deviation: float = number(
+        0.01,
+        0.0,
+        1.0,
+        "standard deviation of the height of a solid's centre above its lowest point",
+        unit="m",
+    )
+    naming_angle: float = number(
+        0.2, 0.001, 10.0, "angle that counts as much as `naming_length`", unit="rad"
+    )
+    naming_length: float = number(
+        0.02,
+        0.0001,
+        10.0,
+        "difference of edges that counts as much as `naming_angle` where two ways to name a box's "
+        "edges are compared",
+        unit="m",
+    )
+    newest_color: float = number(
+        0.25, 0.0, 1.0, "weight of the newest frame in the colour of a track, as light changes"
+    )
+    color_deviation: float = number(
+        0.1,
+        0.001,
+        1.0,
+        "standard deviation of an object's mean colour (0 to 1) from frame to frame, as light and "
+        "shade change",
+    )
+    max_color_cost: float = number(
+        25.0,
+        0.0,
+        1000.0,
+        "largest cost of another colour, in variances of position: a shadow costs no more than to "
+        "be five standard deviations off",
+    )
+    radius_gate: float = number(
+        4.0, 0.0, 100.0, "standard deviations by which a radius may differ within one track"
+    )
+    radius_slack: float = number(0.003, 0.0, 1.0, "what a radius may differ beyond that", unit="m")
+    tentative_misses: int = number(
+        1, 0, 100, "frames in a row in which a track that is not confirmed may be unseen"
+    )
+    recognition_patience: int = number(
+        4,
+        1,
+        1000,
+        "multiple of `confirming_hits` after which a track is confirmed though its radius does not "
+        "yet tell known objects apart",
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class InitialStateSettings:
+    """How the initial state θ_d of an observed object is estimated.
+
+    It is fitted to a stretch of points without a contact.
+    """
+
+    min_points: int = number(3, 3, 1000, "points of a stretch at least")
+    max_points: int = number(12, 3, 1000, "points of a stretch at most")
+    max_duration: float = number(0.5, 0.01, 100.0, "duration of a stretch at most", unit="s")
+    points_before: int = number(
+        6, 0, 1000, "points before the time asked for at which a stretch may begin"
+    )
+    contact_gate: float = number(
+        16.0,
+        1.0,
+        1000.0,
+        "squared distance, in variances, from which on the next point shows a contact",
+    )
+    misfit_sigmas: float = number(
+        5.0,
+        0.0,
+        100.0,
+        "standard deviations by which χ² of a stretch may exceed its mean",
+    )
+    sure_points: int = number(
+        5,
+        3,
+        1000,
+        "points of a stretch that need no plane at its end: fewer obey gravity by chance, as in a "
+        "hand",
+    )
+    touch_sigmas: float = number(
+        3.0,
+        0.0,
+        100.0,
+        "standard deviations of its position within which an object touches a plane",
+    )
+    touch_slack: float = number(0.005, 0.0, 1.0, "gap beyond that up to which it touches", unit="m")
+    start_trials: int = number(
+        90, 1, 100000, "times at which the beginning of an observation is tried"
+    )
+    path_widening: float = number(
+        1.5,
+        1.0,
+        100.0,
+        "multiple of the largest standard deviation where an object was seen, up to which its "
+        "smoothed path is part of an observation where it was not",
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)

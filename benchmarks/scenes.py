@@ -14,10 +14,19 @@ from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 from intuitive_physics.state import ObjectState
 
 HALF_ROOM = 5.0
+"""m from the middle of the room to each wall."""
+
 DENSITY = 500.0
+"""kg/m³ of all objects."""
+
 SIMULATIONS, STEPS, TIME_STEP = 20, 500, 0.01
+"""Of a prediction: simulations, steps of each, and s of a step."""
+
 POSITION_NOISE, VELOCITY_NOISE = 0.01, 0.1
+"""m and m/s, standard deviations of the noisy copies."""
+
 CLEARANCE = 0.05
+"""m between an object and the floor at the start, at least; twice that between two objects."""
 
 SCENES: dict[str, tuple[str, ...]] = {
     "1_sphere": ("sphere",),
@@ -64,7 +73,7 @@ class Instance:
     @property
     def shapes(self) -> list[Shape]:
         """Shapes of the objects."""
-        return [thing.shape for thing in self.scene.objects]
+        return [item.shape for item in self.scene.objects]
 
     @property
     def static_parameters(self) -> StaticParameters:
@@ -128,7 +137,7 @@ def dropped(height: float, restitution: float) -> Instance:
 
 
 def pushed(speed: float, friction: float) -> Instance:
-    """Return one ball that lies on a floor and slides without turning; nothing resists rolling."""
+    """Return one ball that slides on a floor without angular velocity or rolling resistance."""
     surface = Surface(friction, friction, 0.0, 0.0)
     return _single_ball(
         Sphere(0.1), surface, ObjectState((0, 0, 0.1), linear_velocity=(speed, 0, 0))

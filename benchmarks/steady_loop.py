@@ -37,7 +37,7 @@ class Lateness:
 
 
 def watch_loops(beside: str, seconds: float, cores: Sequence[int]) -> Lateness:
-    """Run a loop on each of these cores, each a process of its own, for so long (s)."""
+    """Run a loop on each of these cores, each a process of its own, for some seconds."""
     loops = [
         subprocess.Popen(
             [sys.executable, "-m", "benchmarks.steady_loop", str(seconds), str(core)],
@@ -47,16 +47,16 @@ def watch_loops(beside: str, seconds: float, cores: Sequence[int]) -> Lateness:
         )
         for core in cores
     ]
-    told = [loop.communicate()[0] for loop in loops]
+    printed = [loop.communicate()[0] for loop in loops]
     for loop in loops:
         if loop.returncode != 0:
             raise subprocess.CalledProcessError(loop.returncode, loop.args)
-    late = 1e3 * np.concatenate([json.loads(text) for text in told])
+    late = 1e3 * np.concatenate([json.loads(text) for text in printed])
     return Lateness(beside, *(float(q) for q in np.percentile(late, (50.0, 99.0, 100.0))))
 
 
 def main() -> None:
-    """Be the loop: tick for so many seconds on one core and print the lateness of each tick."""
+    """Be the loop: tick for some seconds on one core and print the lateness of each tick."""
     seconds, core = float(sys.argv[1]), int(sys.argv[2])
     os.sched_setaffinity(0, [core])
     some = np.random.default_rng(0).random((60, 60))

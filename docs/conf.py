@@ -28,7 +28,7 @@ exclude_patterns = ["_build", "_extensions", "reference/*.inc.md"]
 nitpicky = False
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "substitution"]
-myst_substitutions = importlib.import_module("setting_pages").values()
+myst_substitutions = importlib.import_module("setting_pages").values(DOCS.parent)
 myst_heading_anchors = 3
 myst_dmath_double_inline = False
 

@@ -16,8 +16,13 @@ from benchmarks.scenes import Instance, rolling_radius
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCE = ROOT / "benchmarks/ode/ode_rollout.cpp"
+"""Of the repository."""
+
+SOURCE = ROOT / "benchmarks/peers/ode_rollout.cpp"
+"""The program that simulates with ODE."""
+
 PROGRAM = ROOT / "build/benchmarks/ode_rollout"
+"""The same, compiled."""
 
 
 class Ode(Engine):
@@ -112,7 +117,7 @@ class _Prepared(Prepared):
 def _request(
     instance: Instance, flags: tuple[bool, bool], steps: int, time_step: float
 ) -> NDArray[np.float64]:
-    """Lay out an instance as `ode/ode_rollout.cpp` reads it."""
+    """Lay out an instance as `peers/ode_rollout.cpp` reads it."""
     environment = instance.scene.environment
     parameters = instance.static_parameters
     simulations, count = instance.starts.shape[:2]
@@ -136,7 +141,7 @@ def _request(
 def _pair_table(instance: Instance) -> NDArray[np.float64]:
     """Return (objects, objects + planes, 4): μ_s, μ_d, rolling arm in m, e."""
     parameters, scene = instance.static_parameters, instance.scene
-    own = [parameters.index(thing.material) for thing in scene.objects]
+    own = [parameters.index(item.material) for item in scene.objects]
     all_of = own + [parameters.index(plane.material) for plane in scene.environment.planes]
     table = parameters.coefficients[:, own][:, :, all_of].transpose(1, 2, 0).copy()
     radii = np.array([rolling_radius(shape) for shape in instance.shapes])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-LEFT_OUT = {"intuitive_physics_bringup", "intuitive_physics_cli"}
-"""Packages that nobody imports: what starts the nodes, and the command line."""
+LEFT_OUT = {"intuitive_physics_bringup", "intuitive_physics_cli", "intuitive_physics_experiments"}
+"""Packages that nobody imports: what starts the nodes, the command line, and experiments."""
 
 INTERNAL = {"nodes", "commands", "event_driven", "stepped"}
 """Folders of nodes, commands and compiled kernels, which are no interface."""

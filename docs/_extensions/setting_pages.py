@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
+import re
 from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,6 @@ from library_pages import public_modules
 from markdown_table import code, table
 
 from intuitive_physics.settings import Setting, list_settings
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 
 
 def pages(repository: Path) -> dict[str, str]:
@@ -25,7 +25,7 @@ def pages(repository: Path) -> dict[str, str]:
     for name, settings in sorted(_classes(repository).items()):
         summary = " ".join((inspect.getdoc(settings) or "").partition("\n\n")[0].split())
         rows = [
-            (code(one.name), code(words(one.default)), _meaning(one))
+            (code(one.name), f"{code(words(one.default))} {one.unit}", _meaning(one))
             for one in list_settings(settings)
         ]
         parts.append(f"## {name.rpartition('.')[2]}\n\n`{name}`: {summary}\n")
@@ -33,11 +33,18 @@ def pages(repository: Path) -> dict[str, str]:
     return {"settings.md": "\n".join(parts)}
 
 
-def values() -> dict[str, dict[str, str]]:
-    """Return what `{{ joint.NAME }}` stands for in the pages."""
-    return {
-        "joint": {one.name: words(one.default) for one in list_settings(JointEstimationSettings)}
-    }
+def values(repository: Path) -> dict[str, dict[str, str]]:
+    """Return what `{{ joint_estimation.NAME }}` and the like stand for in the pages.
+
+    The first part is the name of the class of settings, without its last word.
+    """
+    found = {}
+    for name, settings in _classes(repository).items():
+        parts = re.findall("[A-Z][a-z]+", name.rpartition(".")[2])
+        found["_".join(parts[:-1]).lower()] = {
+            one.name: words(one.default) for one in list_settings(settings)
+        }
+    return found
 
 
 def words(value: Any) -> str:
@@ -72,7 +79,7 @@ def _imports_settings(path: Path) -> bool:
 
 
 def _meaning(one: Setting) -> str:
-    meaning = one.meaning.replace("*", "\\*")
+    meaning = one.description.replace("*", "\\*")
     if one.choices:
         return f"{meaning} (one of {', '.join(code(choice) for choice in one.choices)})"
     return meaning if one.range is None else f"{meaning} ({one.range[0]:g} to {one.range[1]:g})"

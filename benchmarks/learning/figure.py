@@ -1,0 +1,54 @@
+"""J against iterations for the nine rules, as the paper's Fig. 6, and against time for ours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.learning.runs import JointRun, Task
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+
+
+def draw_figure(
+    histories: Mapping[str, Mapping[str, NDArray[np.float64]]],
+    joint: Mapping[str, Sequence[tuple[Task, JointRun]]],
+    path: Path,
+) -> None:
+    """Draw a column for each set: rules above, joint estimation below.
+
+    Parameters
+    ----------
+    histories : mean J over the training split after each iteration, by set and rule
+    joint : runs of joint estimation by set, the rules' set first
+    path : where to write the figure
+    """
+    figure, axes = plt.subplots(
+        2, len(histories), figsize=(4.2 * len(histories), 7.0), squeeze=False
+    )
+    for column, (name, rules) in enumerate(histories.items()):
+        task, run = joint[name][0]
+        above, below = axes[:, column]
+        for rule, costs in rules.items():
+            above.plot(np.arange(1, costs.size + 1), costs, label=rule, linewidth=1.2)
+        above.plot(run.iterations, run.training, "k.-", label="levenberg_marquardt", linewidth=1.5)
+        above.axhline(task.oracle[0], color="0.5", linestyle=":", label="true θ_s")
+        above.set_xlim(0, max(costs.size for costs in rules.values()))
+        above.set_title(name)
+        above.set_xlabel("iterations (evaluations of J)")
+        above.set_ylabel("J, training split (m)")
+        for other, each in joint[name]:
+            below.plot(each.seconds, each.test / other.oracle[1], linewidth=1.2)
+        below.axhspan(0.95, 1.05, color="0.9")
+        below.axhline(1.0, color="0.5", linestyle=":")
+        below.set_xlabel("seconds")
+        below.set_ylabel("test J / true θ_s's, levenberg_marquardt")
+    axes[0, -1].legend(fontsize=7)
+    figure.tight_layout()
+    figure.savefig(path)
+    plt.close(figure)

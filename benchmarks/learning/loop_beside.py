@@ -1,0 +1,49 @@
+"""Whether a steady loop notices that the learner works beside it in the background."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from pathlib import Path
+
+from benchmarks.learning.runs import Task
+from benchmarks.steady_loop import Lateness, watch_loops
+from intuitive_physics_learner import ObservationStore
+from intuitive_physics_learner.online.background_learning import BackgroundLearning
+from intuitive_physics_learner.online.improvement import OnlineOptions
+from intuitive_physics_learner.online.worker import SEARCHING
+
+PATIENCE = 60.0
+"""s that the learner has to be at work."""
+
+
+def compare_lateness(task: Task, seconds: float) -> list[Lateness]:
+    """Run the loop alone, and beside a learner that never ends, on the one core that it has."""
+    core = sorted(os.sched_getaffinity(0))[-1:]
+    rows = [watch_loops("nothing", seconds, core)]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "learner.sqlite3"
+        with ObservationStore(path) as store:
+            store.add_all(task.dataset.training_observations)
+        for priority in ("idle", "normal"):
+            background = BackgroundLearning(path, "auto", lambda: None)
+            endless = OnlineOptions("random", seconds=1e6, iterations_without_gain=10**9)
+            background.start(endless, cores=1, priority=priority)
+            try:
+                busy = "" if _at_work(background) else ", which got no core to begin with"
+                beside = f"the learner, priority {priority}{busy}"
+                rows.append(watch_loops(beside, seconds, core))
+            finally:
+                background.stop()
+    return rows
+
+
+def _at_work(background: BackgroundLearning) -> bool:
+    """Wait until the learner searches; return whether it does: others may have all the cores."""
+    deadline = time.monotonic() + PATIENCE
+    while background.report.state != SEARCHING or background.report.iteration == 0:
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.05)
+    return True

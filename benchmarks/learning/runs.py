@@ -1,0 +1,177 @@
+"""Runs of the learners on synthetic sets of the paper's Sec. IV-B, beside the oracle."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
+from intuitive_physics.simulation import Simulator, make_simulator
+from intuitive_physics_experiments.paper.paper_dataset import PaperDataset, make_paper_dataset
+from intuitive_physics_learner import (
+    ConvergenceCriteria,
+    ParameterSearch,
+    TrajectoryCost,
+    make_update_rule,
+)
+from intuitive_physics_learner.cost.cached_cost import CachedCost
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.joint_estimation import JointSearch
+from intuitive_physics_learner.search.learning_task import LearningTask
+
+SAMPLES = 50
+"""Of each object of a set."""
+
+THREADS = 2
+"""Of the learner's simulator."""
+
+TOLERANCE = 0.05
+"""Part of the oracle's J by which a learner may stay above it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A set to learn from, an engine to learn with, and what the oracle reaches.
+
+    Parameters
+    ----------
+    dataset : with the paper's initial states, from three points
+    simulator : of the learner
+    start : θ_s that joint estimation begins from
+    oracle : J of the true θ_s in m, on the training and on the test split, and on the test split
+        from the true initial states
+    """
+
+    dataset: PaperDataset
+    simulator: Simulator
+    start: StaticParameters
+    oracle: tuple[float, float, float]
+
+    def training_cost(self) -> TrajectoryCost:
+        """J over the training split."""
+        observations = self.dataset.training_observations
+        return TrajectoryCost(observations, self.simulator, self.start.materials)
+
+    def test_cost(self) -> TrajectoryCost:
+        """J over the test split."""
+        observations = self.dataset.test_observations
+        return TrajectoryCost(observations, self.simulator, self.start.materials)
+
+    def exact_cost(self) -> TrajectoryCost:
+        """J over the test split from the true initial states, which depends on θ_s alone."""
+        observations = self.dataset.with_initial_states("true").test_observations
+        return TrajectoryCost(observations, self.simulator, self.start.materials)
+
+
+def make_task(objects: int, seed: int, simulator: Simulator | None = None) -> Task:
+    """Make the set of that seed."""
+    dataset = make_paper_dataset(objects, SAMPLES, np.random.default_rng(seed))
+    simulator = simulator or make_simulator("auto", threads=THREADS)
+    start = StaticParameters.uniform(dataset.parameters.materials)
+    task = Task(dataset, simulator, start, (np.nan, np.nan, np.nan))
+    training, test, exact = (
+        float(cost.costs([dataset.parameters])[0])
+        for cost in (task.training_cost(), task.test_cost(), task.exact_cost())
+    )
+    return Task(dataset, simulator, start, (training, test, exact))
+
+
+def rule_history(task: Task, rule: str, seed: int, iterations: int) -> NDArray[np.float64]:
+    """J over the training split after each iteration of an update rule, (iterations,) m.
+
+    As in the paper, over all |θ_s| parameters and from a start of the rule's own.
+    """
+    space = ParameterSpace(task.start.materials)
+    made = make_update_rule(rule, space.size, np.random.default_rng(seed))
+    cost = CachedCost(task.training_cost())
+    history = ParameterSearch(cost.costs, space, made).run(ConvergenceCriteria(iterations)).history
+    # A rule that has converged has its last J from then on.
+    return np.pad(history, (0, iterations - history.size), mode="edge")
+
+
+@dataclass(frozen=True, eq=False)
+class JointRun:
+    """How joint estimation went on one set.
+
+    Parameters
+    ----------
+    seconds : (n,) wall time after each step in s, with the set-up, without the evaluations of J
+        over the test split
+    iterations : (n,) evaluations of J that would have simulated as much
+    training, test : (n,) J in m by then
+    exact : J in m over the test split from the true initial states, of what was learned
+    judging_seconds : wall time of finding the uncertainties
+    scores : errors of the identified parameters in their stated standard deviations
+    errors : (n_identified,) those errors on the unit interval of each parameter's bounds
+    active : parameters that the observations could depend on
+    """
+
+    seconds: NDArray[np.float64]
+    iterations: NDArray[np.int64]
+    training: NDArray[np.float64]
+    test: NDArray[np.float64]
+    exact: float
+    judging_seconds: float
+    scores: NDArray[np.float64]
+    errors: NDArray[np.float64]
+    active: int
+
+
+def joint_run(task: Task, time_limit: float, *, judged: bool = True) -> JointRun:
+    """Let joint estimation run until it has settled or the time is over."""
+    test = task.test_cost()
+    space = ParameterSpace(task.start.materials)
+    began = time.perf_counter()
+    cost = task.training_cost()
+    influence = parameter_influence(cost.observations, cost.materials)
+    learning = LearningTask(cost, space, influence, task.start)
+    own, generator = influence[:, learning.active], np.random.default_rng(0)
+    search = JointSearch(cost, learning.searched, own, learning.begin, generator)
+    looking = 0.0
+    rows = []
+    while True:
+        if search.step(1) == 0:
+            break
+        seconds = time.perf_counter() - began - looking
+        look = time.perf_counter()
+        here = float(test.costs([search.best_parameters])[0])
+        looking += time.perf_counter() - look
+        rows.append((seconds, search.iterations, search.best_cost, here))
+        if seconds > time_limit:
+            break
+    seconds, iterations, training, tested = np.array(rows).T
+    began = time.perf_counter()
+    scores = errors = np.empty(0)
+    if judged and not search.lowers_cost:
+        stated = search.identifiability(learning)
+        true = parameter_vector(task.dataset.parameters)
+        misses = parameter_vector(search.best_parameters) - true
+        scores = (misses / stated.standard_deviations)[stated.identified]
+        errors = np.abs(
+            space.to_unit(search.best_parameters) - space.to_unit(task.dataset.parameters)
+        )
+        errors = errors[stated.identified]
+    judging_seconds = time.perf_counter() - began
+    return JointRun(
+        seconds,
+        iterations.astype(np.int64),
+        training,
+        tested,
+        float(task.exact_cost().costs([search.best_parameters])[0]),
+        judging_seconds,
+        scores,
+        errors,
+        learning.searched.size,
+    )
+
+
+def seconds_to_tolerance(run: JointRun, oracle: float) -> float:
+    """Seconds from when on J over the test split stays within the tolerance; infinite if it ends
+    above."""
+    above = np.flatnonzero(run.test > (1.0 + TOLERANCE) * oracle)
+    first = 0 if above.size == 0 else above[-1] + 1
+    return float(run.seconds[first]) if first < run.seconds.size else np.inf

@@ -1,0 +1,1 @@
+"""Perception on rendered bags, against the truth and beside other libraries."""

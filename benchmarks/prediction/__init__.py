@@ -1,0 +1,1 @@
+"""The predictor node as a process, against its clock, other engines and the truth."""

@@ -1,0 +1,90 @@
+"""What the node is fed: throws through the paper's room, seen 30 times a second."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
+from intuitive_physics_msgs.msg import ObjectStates
+from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
+
+from benchmarks.scenes import POSITION_NOISE, VELOCITY_NOISE, thrown
+from benchmarks.scenes import SCENES as ALL_SCENES
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import parameter_names
+from intuitive_physics.scene import Scene
+from intuitive_physics_ros.conversions import (
+    environment_to_message,
+    object_states_to_message,
+    stamp_from_seconds,
+    static_parameters_to_message,
+)
+from intuitive_physics_ros.peer import Peer
+from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
+
+SCENES = {name: ALL_SCENES[name] for name in ("1_sphere", "3_spheres", "3_mixed")}
+"""Scenes of the benchmark, by what is thrown."""
+
+RATE = 30.0
+"""1/s, of the states."""
+
+THROWS = 8
+"""Random throws that take turns, each for a second; from each the whole flight lies ahead."""
+
+TURN_NOISE, SPIN_NOISE = 0.05, 0.5
+"""rad and rad/s, standard deviations of orientation and angular velocity."""
+
+RELATIVE_DEVIATION = 0.1
+"""Of learned static parameters."""
+
+SEED = 3
+"""Of the throws."""
+
+
+class Feed:
+    """Publishes environment, static parameters and states.
+
+    Parameters
+    ----------
+    scene : name
+    """
+
+    def __init__(self, scene: str) -> None:
+        rng = np.random.default_rng(SEED)
+        self._throws = [thrown(SCENES[scene], rng) for _ in range(THROWS)]
+        # Made once: what is fed should cost the machine little beside the node.
+        self._messages = [_states_message(throw.scene) for throw in self._throws]
+        self._begun = time.monotonic()
+
+    def start(self, peer: Peer, node: str) -> None:
+        """Publish environment and static parameters, which the node keeps."""
+        first = self._throws[0]
+        environment = peer.publisher(EnvironmentMessage, f"{node}/environment", LATCHED)
+        environment.publish(environment_to_message(first.scene.environment, version=1))
+        parameters = peer.publisher(StaticParametersMessage, f"{node}/static_parameters", LATCHED)
+        parameters.publish(static_parameters_to_message(self.learned()))
+        self._states = peer.publisher(ObjectStates, f"{node}/object_states", SENSOR_DATA)
+
+    def learned(self) -> LearnedParameters:
+        """Return θ_s of the first throw, as if it had been learned."""
+        parameters = self._throws[0].static_parameters
+        size = len(parameter_names(parameters.materials))
+        deviations = np.full(size, RELATIVE_DEVIATION * 0.5)
+        deviations[: len(parameters.materials)] = RELATIVE_DEVIATION * parameters.density
+        known = np.ones(size, dtype=bool)
+        return LearnedParameters(parameters, deviations, known, 1, 0.01, 10, "cma_es")
+
+    def publish(self) -> None:
+        """Publish the states of a throw, seen now."""
+        message = self._messages[int(time.monotonic() - self._begun) % THROWS]
+        message.header.stamp = stamp_from_seconds(time.time())
+        self._states.publish(message)
+
+
+def _states_message(scene: Scene) -> ObjectStates:
+    deviations = [POSITION_NOISE, TURN_NOISE, VELOCITY_NOISE, SPIN_NOISE]
+    covariance = np.diag(np.repeat(np.square(deviations), 3))
+    states = [state.with_covariance(covariance) for state in scene.states]
+    frame_id = scene.environment.frame_id
+    return object_states_to_message(scene.objects, states, frame_id=frame_id)

@@ -1,0 +1,55 @@
+"""The paper's way: other engines simulate the same predictions, alone and at their best."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.peers.bullet_world import Bullet
+from benchmarks.peers.engine import Engine, MissingPeerError
+from benchmarks.peers.ode import Ode
+from benchmarks.peers.ours import Ours
+from benchmarks.scenes import thrown
+from benchmarks.timing import measure, typical_seconds
+
+INSTANCES, REPETITIONS = 3, 2
+"""Throws of each scene, and turns of each engine at each."""
+
+SEED = 3
+"""Of the throws."""
+
+
+@dataclass(frozen=True)
+class PeerTime:
+    """Median wall time of one prediction, 20 simulations of 5 s, on one thread.
+
+    Parameters
+    ----------
+    engine : name
+    seconds : s; nothing but simulating and writing positions down
+    """
+
+    engine: str
+    seconds: float
+
+
+def peer_times(scenes: Mapping[str, Sequence[str]]) -> dict[str, list[PeerTime]]:
+    """Let our engines, PyBullet and ODE, where it is installed, predict throws in turns."""
+    engines: list[Engine] = [Ours("event_driven"), Ours("stepped"), Bullet()]
+    try:
+        measure([Ode()], thrown(["sphere"], np.random.default_rng(SEED)), 1)
+    except MissingPeerError as error:
+        print(f"bench-prediction: without ODE: {error}", file=sys.stderr)
+    else:
+        engines.append(Ode())
+    times = {}
+    for name, kinds in scenes.items():
+        rng = np.random.default_rng(SEED)
+        measured = [measure(engines, thrown(kinds, rng), REPETITIONS) for _ in range(INSTANCES)]
+        times[name] = [
+            PeerTime(engine, typical_seconds(measured, engine)) for engine in measured[0].seconds
+        ]
+    return times

@@ -1,0 +1,172 @@
+"""What was measured of the predictor, as tables and as the key figures that machines read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks.prediction.node import HOLDS, MOST_PUBLISHED, Run
+from benchmarks.prediction.peers import PeerTime
+from benchmarks.prediction.truth import Truth
+from benchmarks.results.result import Cell, Column, Table
+from benchmarks.steady_loop import RATE, WORK, Lateness
+
+MOST_LATENCY = 10.0
+"""ms from the tick to the received message, of 99 % of the messages."""
+
+LEAST_SAMPLES = {"1_sphere": 500}
+"""Samples that have to hold 100 Hz, by scene."""
+
+MOST_GROWTH = 5.0
+"""MB over a run: what allocators move about, not what grows with each prediction."""
+
+COVERAGE = (0.85, 0.95)
+"""Of 90 % regions."""
+
+
+@dataclass(frozen=True)
+class Results:
+    """What was measured, by scene.
+
+    Parameters
+    ----------
+    runs : of the node with 20 samples
+    most_samples : largest number that holds 100 Hz, all of them published up to MOST_PUBLISHED
+    loops : of constant work on both cores, with nothing beside it
+    peers : times of a prediction by ODE and PyBullet, the paper's way, and by ours
+    truth : coverage and scores of what is predicted
+    """
+
+    runs: dict[str, Run]
+    most_samples: dict[str, int]
+    loops: list[Lateness]
+    peers: dict[str, list[PeerTime]]
+    truth: Truth
+
+
+def tables(results: Results) -> list[Table]:
+    """Return all tables."""
+    return [
+        _runs_table(results.runs),
+        _most_table(results.most_samples),
+        _loops_table(results.loops),
+        _peers_table(results.peers),
+        _truth_table(results.truth),
+    ]
+
+
+def complaints(results: Results) -> list[str]:
+    """Return the bars that were missed."""
+    found = []
+    for scene, run in results.runs.items():
+        if run.rate < HOLDS:
+            found.append(f"{scene} at {run.rate:.1f} Hz; expected at least {HOLDS:g}")
+        if run.latency_p99 >= MOST_LATENCY:
+            found.append(f"{scene} 99 % in {run.latency_p99:.1f} ms; expected {MOST_LATENCY:g}")
+        if run.growth > MOST_GROWTH:
+            found.append(f"{scene} grew by {run.growth:.1f} MB; expected at most {MOST_GROWTH:g}")
+    for scene, least in LEAST_SAMPLES.items():
+        if results.most_samples[scene] < least:
+            found.append(f"{scene} holds {results.most_samples[scene]} samples; expected {least}")
+    for horizon, share in results.truth.coverage_90.items():
+        if not COVERAGE[0] <= share <= COVERAGE[1]:
+            found.append(f"90 % regions hold {100 * share:.0f} % after {horizon} s")
+    if not results.truth.score_ratio < 1.0:
+        found.append(f"energy score is {results.truth.score_ratio:.2f} of the best baseline's")
+    return found
+
+
+def key_figures(results: Results) -> dict[str, Any]:
+    """Return what the last line says."""
+    runs = results.runs
+    return {
+        "rate_hz": {scene: round(run.rate, 2) for scene, run in runs.items()},
+        "latency_ms_p99": {scene: round(run.latency_p99, 2) for scene, run in runs.items()},
+        "max_samples_at_100hz": results.most_samples,
+        "coverage_90": {h: round(c, 3) for h, c in results.truth.coverage_90.items()},
+        "energy_score_vs_best_baseline": round(results.truth.score_ratio, 3),
+    }
+
+
+def _runs_table(runs: dict[str, Run]) -> Table:
+    return Table(
+        title="The node at 100 Hz, 20 samples, 5 s ahead",
+        columns=[
+            Column("scene"),
+            Column("for s", "s", ".0f"),
+            Column("Hz", "Hz", ".1f"),
+            Column("lost on the way, %", "%", ".2f"),
+            Column("tick → received, median ms", "ms", ".2f"),
+            Column("99 %", "ms", ".2f"),
+            Column("CPU, % of a core", "%", ".0f"),
+            Column("memory, MB", "MB", ".0f"),
+            Column("its growth", "MB", "+.1f"),
+            Column("message, MB", "MB", ".2f"),
+        ],
+        rows=[
+            [
+                scene,
+                run.seconds,
+                run.rate,
+                100 * run.lost,
+                run.latency_median,
+                run.latency_p99,
+                100 * run.cpu,
+                run.memory,
+                run.growth,
+                run.message_size,
+            ]
+            for scene, run in runs.items()
+        ],
+    )
+
+
+def _most_table(most_samples: dict[str, int]) -> Table:
+    return Table(
+        title=f"The most samples at {RATE:g} Hz",
+        note=f"All of them published, up to {MOST_PUBLISHED}.",
+        columns=[Column("scene"), Column("samples")],
+        rows=list(most_samples.items()),
+    )
+
+
+def _loops_table(loops: list[Lateness]) -> Table:
+    return Table(
+        title="The machine by itself",
+        note=f"A loop on each core at {RATE:g} Hz, {1e3 * WORK:g} ms of the same work each time: "
+        "ms until it is done. What its 99 % is above its median, the machine adds.",
+        columns=[Column("beside"), Column("median", "ms", ".2f"), Column("99 %", "ms", ".2f")],
+        rows=[[loop.beside, loop.median, loop.most] for loop in loops],
+    )
+
+
+def _peers_table(peers: dict[str, list[PeerTime]]) -> Table:
+    engines = dict.fromkeys(time.engine for times in peers.values() for time in times)
+    rows: list[list[Cell]] = []
+    for engine in engines:
+        own = [
+            next((time.seconds for time in times if time.engine == engine), None)
+            for times in peers.values()
+        ]
+        rows.append(
+            [engine, *(None if s is None else f"{1e3 * s:.3g} ({1 / s:.0f} Hz)" for s in own)]
+        )
+    return Table(
+        title="The paper's way: engines alone",
+        note="Median wall milliseconds of one prediction, 20 simulations of 5 s, on one thread, "
+        "and how often a second that could be.",
+        columns=[Column("engine"), *(Column(scene) for scene in peers)],
+        rows=rows,
+    )
+
+
+def _truth_table(truth: Truth) -> Table:
+    return Table(
+        title=f"True of the paper's synthetic set, {truth.samples} samples an object",
+        columns=[Column("s ahead", "s"), Column("% in the 90 % region", "%", ".1f")],
+        rows=[[horizon, 100 * share] for horizon, share in truth.coverage_90.items()],
+        remarks=[
+            "Energy score over that of the best baseline, at the horizon where it is worst: "
+            f"{truth.score_ratio:.3f}"
+        ],
+    )

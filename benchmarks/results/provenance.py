@@ -1,0 +1,93 @@
+"""What a run records of its command, its commit and its machine."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import subprocess
+from collections.abc import Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+
+from benchmarks.results.result import Machine, Run
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+"""Whose commit is recorded."""
+
+LIBRARIES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "pybullet",
+    "mujoco",
+    "open3d",
+    "pyransac3d",
+    "dask",
+)
+"""Python libraries whose versions are recorded where they are installed."""
+
+
+def started_run(name: str, arguments: Sequence[str]) -> Run:
+    """Return the record of a benchmark's run that starts at this moment.
+
+    Parameters
+    ----------
+    name : of the benchmark
+    arguments : of its command line
+    """
+    commit = _output("git", "-C", str(REPOSITORY), "rev-parse", "HEAD")
+    changes = _output("git", "-C", str(REPOSITORY), "status", "--porcelain", "-uno")
+    return Run(
+        command=_command(name, arguments),
+        commit=commit or "",
+        dirty=None if changes is None else bool(changes),
+        date=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        machine=this_machine(),
+    )
+
+
+def this_machine() -> Machine:
+    """Return what this process runs on."""
+    return Machine(
+        processor=_processor(),
+        cores=len(os.sched_getaffinity(0)),
+        system=platform.platform(),
+        python=platform.python_version(),
+        libraries=_libraries(),
+    )
+
+
+def _command(name: str, arguments: Sequence[str]) -> str:
+    """Return the command as it was given: make sets MAKELEVEL for the commands it starts."""
+    options = " ".join(arguments)
+    if "MAKELEVEL" not in os.environ:
+        return f"python -m benchmarks.{name} {options}".rstrip()
+    quoted = f'"{options}"' if len(arguments) > 1 else options
+    return f"make bench-{name}" + (f" options={quoted}" if options else "")
+
+
+def _processor() -> str:
+    lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def _libraries() -> dict[str, str]:
+    versions = {}
+    for name in LIBRARIES:
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    ode = _output("pkg-config", "--modversion", "ode")
+    return {**versions, "ODE": ode} if ode else versions
+
+
+def _output(*command: str) -> str | None:
+    """Return what a program prints; None where it fails or does not exist."""
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return done.stdout.strip()

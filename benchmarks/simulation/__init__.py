@@ -1,0 +1,1 @@
+"""Our simulators beside ODE, PyBullet and MuJoCo."""

@@ -1,0 +1,215 @@
+"""Turns what was measured into tables, and into the key figures that machines read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from benchmarks.peers.ours import NAMES
+from benchmarks.results.result import Cell, Column, Table
+from benchmarks.scenes import SCENES, SIMULATIONS, STEPS, TIME_STEP
+from benchmarks.simulation.accuracy import Accuracy
+from benchmarks.simulation.agreement import EARLY, Agreement
+from benchmarks.simulation.scaling import BATCHES, Scaled
+from benchmarks.simulation.start_up import StartUp
+from benchmarks.timing import Measured, ratio, typical_seconds
+
+REFERENCE = "ODE"
+"""Engine that the others are compared with: the paper's."""
+
+
+def own_engine(measured: Measured) -> str:
+    """Return the engine of ours that `auto` picks for a scene: the first that simulates it."""
+    return next(name for name in NAMES if name in measured.seconds)
+
+
+def ratios(scenes: Mapping[str, Sequence[Measured]], reference: str) -> dict[str, float]:
+    """Return by scene how many times faster ours is than a reference engine."""
+    return {
+        scene: ratio(measured, reference, own_engine(measured[0]))
+        for scene, measured in scenes.items()
+    }
+
+
+def speed_table(scenes: Mapping[str, Sequence[Measured]], engines: Mapping[str, str]) -> Table:
+    """Return wall times by engine (name: how it is set up) and scene."""
+    rows: list[list[Cell]] = [
+        [name, *(_speed_cell(measured, name) for measured in scenes.values())] for name in engines
+    ]
+    rows += [
+        [f"ours against {name}", *(f"{r:.3g} ×" for r in ratios(scenes, name).values())]
+        for name in engines
+        if name.startswith(REFERENCE)
+    ]
+    rows.append(["ours, ns a body-step", *(_body_step(scene, m) for scene, m in scenes.items())])
+    return Table(
+        title=f"One prediction: {SIMULATIONS} simulations × {STEPS * TIME_STEP:g} s, "
+        f"{STEPS} outputs, one thread",
+        note=f"Median wall milliseconds (share of {REFERENCE}'s time).",
+        columns=[Column("engine"), *(Column(scene) for scene in scenes)],
+        rows=rows,
+        remarks=[f"{name}: {text}" for name, text in engines.items()],
+    )
+
+
+def agreement_table(rows: Iterable[tuple[str, str, Agreement, float]]) -> Table:
+    """Return how far the engines are apart.
+
+    Parameters
+    ----------
+    rows : scene, engine, its agreement with ours, mean distance of its noisy copies in m
+    """
+    return Table(
+        title="The same physics?",
+        note="Means over the instances (largest for the last two columns). Bounces part what "
+        "starts together: compare the end with the spread, not with zero.",
+        columns=[
+            Column("scene"),
+            Column("engine"),
+            Column(f"cm from ours after {EARLY:g} s", "cm", ".1f"),
+            Column("at the end", "cm", ".1f"),
+            Column("spread of its noisy copies", "cm", ".1f"),
+            Column("most energy / first", "", ".3f"),
+            Column("cm into a wall or floor", "cm", ".1f"),
+        ],
+        rows=[
+            [
+                scene,
+                engine,
+                100 * a.early,
+                100 * a.late,
+                100 * spread,
+                a.most_energy,
+                100 * a.deepest,
+            ]
+            for scene, engine, a, spread in rows
+        ],
+    )
+
+
+def convergence_table(distances: Mapping[float, float]) -> Table:
+    """Return the mean distance in m of ODE from `event_driven`, by ODE's step in s."""
+    return Table(
+        title="ODE comes to event_driven as its step shrinks",
+        note="One sphere that nothing keeps from rolling: there both have the same laws, and ODE "
+        "has to come to event_driven as its step shrinks.",
+        columns=[
+            Column("ODE's step, ms"),
+            *(Column(f"{1e3 * step:g}", "cm", ".2f") for step in distances),
+        ],
+        rows=[["mean distance, cm", *(100 * distance for distance in distances.values())]],
+    )
+
+
+def accuracy_table(found: Mapping[str, Accuracy], drops: int) -> Table:
+    """Return errors against known laws, by engine."""
+    return Table(
+        title=f"Accuracy at a step of {1e3 * TIME_STEP:g} ms",
+        columns=[
+            Column("engine"),
+            Column("drop from 1 m, e = .7: first / second peak"),
+            Column(f"{drops} random drops, first peak: median / 95 %"),
+            Column("worse of both peaks: median / 95 %"),
+            Column("slide → roll, against 5/7 v₀"),
+        ],
+        rows=[
+            [
+                name,
+                " / ".join(_percent(error, "+") for error in a.known_drop),
+                f"{_percent(a.first_median)} / {_percent(a.first_p95)}",
+                f"{_percent(a.drop_median)} / {_percent(a.drop_p95)}",
+                _percent(a.rolling, "+"),
+            ]
+            for name, a in found.items()
+        ],
+    )
+
+
+def batches_table(scaled: Sequence[Scaled]) -> Table:
+    """Return times by batch sizes and threads."""
+    rows: list[list[Cell]] = []
+    for scene in SCENES:
+        for engine in NAMES:
+            own = [s for s in scaled if (s.scene, s.engine) == (scene, engine)]
+            if own:
+                single = {s.simulations: s for s in own if s.threads == 1}
+                many = {s.threads: s for s in own if s.simulations == BATCHES[-1]}
+                cells = [1e3 * single[n].seconds for n in BATCHES]
+                body = " / ".join(f"{single[n].nanoseconds:.3g}" for n in BATCHES)
+                rows.append([scene, engine, *cells, body, many[1].seconds / many[2].seconds])
+    return Table(
+        title="Batches and threads",
+        columns=[
+            Column("scene"),
+            Column("engine"),
+            *(Column(f"{n} simulations, ms", "ms", ".3g") for n in BATCHES),
+            Column("ns a body-step", "ns"),
+            Column(f"{BATCHES[-1]} on 2 threads: times faster", "", ".2f"),
+        ],
+        rows=rows,
+    )
+
+
+def objects_table(scaled: Sequence[Scaled]) -> Table:
+    """Return times by number of objects and engine."""
+    counts = sorted({s.objects for s in scaled})
+    rows: list[list[Cell]] = []
+    for scene, engine in dict.fromkeys((s.scene, s.engine) for s in scaled):
+        times = {s.objects: s.seconds for s in scaled if (s.scene, s.engine) == (scene, engine)}
+        rows.append([scene, engine, *(1e3 * times[n] if n in times else None for n in counts)])
+    return Table(
+        title="Objects in the room",
+        columns=[
+            Column("objects"),
+            Column("engine"),
+            *(Column(f"{n}, ms", "ms", ".3g") for n in counts),
+        ],
+        rows=rows,
+    )
+
+
+def start_up_table(found: StartUp) -> Table:
+    """Return times of compiling and loading."""
+    return Table(
+        title="Kernels",
+        columns=[
+            Column("until every engine has answered"),
+            Column("s after NumPy and Numba are imported", "s", ".2f"),
+            Column("s of the whole process", "s", ".2f"),
+        ],
+        rows=[
+            ["compile, empty cache", found.compile_s, found.compile_process_s],
+            ["load from the cache", found.load_s, found.load_process_s],
+        ],
+    )
+
+
+def key_figures(
+    scenes: Mapping[str, Sequence[Measured]], found: Mapping[str, Accuracy], kernels: StartUp
+) -> dict[str, Any]:
+    """Return what the last line says."""
+    return {
+        "ratio_to_ode": {
+            scene: round(value, 1) for scene, value in ratios(scenes, REFERENCE).items()
+        },
+        "peak_error_p95": {name: float(f"{found[name].drop_p95:.3g}") for name in NAMES},
+        "compile_s": round(kernels.compile_s, 2),
+        "load_s": round(kernels.load_s, 2),
+    }
+
+
+def _speed_cell(measured: Sequence[Measured], name: str) -> str | None:
+    if name not in measured[0].seconds:
+        return None
+    milliseconds = 1e3 * typical_seconds(measured, name)
+    return f"{milliseconds:.3g} ({1.0 / ratio(measured, REFERENCE, name):.2g})"
+
+
+def _body_step(scene: str, measured: Sequence[Measured]) -> str:
+    body_steps = SIMULATIONS * STEPS * len(SCENES[scene])
+    return f"{1e9 * typical_seconds(measured, own_engine(measured[0])) / body_steps:.3g}"
+
+
+def _percent(value: float, sign: str = "") -> str:
+    percent = 100.0 * value
+    return f"{percent:{sign}.2g} %"

@@ -1,0 +1,228 @@
+"""Results of the benchmarks: the pages say what the JSON files say, and nothing else."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from benchmarks.command import Outcome, run_benchmark
+from benchmarks.results import __main__ as make_pages
+from benchmarks.results.markdown import page
+from benchmarks.results.provenance import started_run
+from benchmarks.results.result import (
+    FOLDER,
+    Column,
+    Machine,
+    Result,
+    ResultFileError,
+    Run,
+    Table,
+    read_result,
+    write_result,
+)
+
+ROOT = Path(__file__).parent.parent
+BENCHMARKS = ("simulation", "prediction", "perception", "learning")
+
+MADE_UP = Result(
+    title="Made-up benchmark",
+    run=Run(
+        command="make bench-made-up options=--write",
+        commit="0123456789abcdef0123456789abcdef01234567",
+        dirty=True,
+        date="2026-11-22T21:34:58+00:00",
+        seconds=12.3,
+        machine=Machine("Some processor", 2, "Linux", "3.12.3", {"numpy": "2.0.0"}),
+    ),
+    tables=[
+        Table(
+            title="Times",
+            columns=[Column("engine"), Column("time", "ms", ".2f"), Column("gain", "", "+.0%")],
+            rows=[["first", 1.0, 0.25], ["second", None, "inf"]],
+            note="Of one step.",
+            remarks=["first: as it is", "second: with a brake"],
+        )
+    ],
+    note="Nothing of this was measured.",
+    key_figures={"time_ms": {"first": 1.0}},
+)
+
+MADE_UP_PAGE = """\
+# Made-up benchmark
+
+Made by `make bench-made-up options=--write` in 12 s on 2026-11-22 at commit 0123456 with \
+uncommitted changes, on 2 cores of Some processor, Linux, Python 3.12.3; numpy 2.0.0.
+
+Nothing of this was measured.
+
+## Times
+
+Of one step.
+
+| engine | time | gain |
+|--------|------|------|
+| first  | 1.00 | +25% |
+| second | –    | inf  |
+
+- first: as it is
+- second: with a brake
+"""
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_page_is_what_the_json_says(name):
+    committed = (FOLDER / f"{name}.md").read_text(encoding="utf-8")
+    assert page(read_result(FOLDER / f"{name}.json")) == committed, "python -m benchmarks.results"
+
+
+def test_every_file_of_results_belongs_to_a_benchmark():
+    assert {path.stem for path in FOLDER.glob("*.json")} == set(BENCHMARKS)
+    assert {path.stem for path in FOLDER.glob("*.md")} == set(BENCHMARKS)
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_results_have_command_and_commit(name):
+    run = read_result(FOLDER / f"{name}.json").run
+    assert run.command.startswith(f"make bench-{name}")
+    assert len(run.commit) == 40
+
+
+def test_page_has_everything():
+    assert page(MADE_UP) == MADE_UP_PAGE
+
+
+def test_result_is_the_same_when_read_again(tmp_path):
+    path = tmp_path / "made_up.json"
+    write_result(path, MADE_UP)
+    assert read_result(path) == MADE_UP
+
+
+def test_numbers_of_numpy_and_those_that_json_has_not_are_written(tmp_path):
+    path = tmp_path / "numbers.json"
+    rows = [[np.float64(1.5), np.int64(2), float("inf"), float("nan")]]
+    columns = [Column(heading) for heading in "abcd"]
+    write_result(path, Result("Numbers", MADE_UP.run, [Table("Numbers", columns, rows)]))
+    assert read_result(path).tables[0].rows == [[1.5, 2, "inf", "nan"]]
+
+
+def changed(path: Path, change) -> Path:
+    write_result(path, MADE_UP)
+    data = json.loads(path.read_text(encoding="utf-8"))
+    change(data)
+    path.write_text(json.dumps(data), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(format_version=2), "format_version is 2; expected 1"),
+        (lambda d: d.pop("tables"), "the file has no 'tables'; expected list"),
+        (lambda d: d.update(title=3), "'title' of the file is 3; expected str"),
+        (lambda d: d["run"].pop("commit"), "run has no 'commit'; expected str"),
+        (lambda d: d["run"].update(dirty=1), "'dirty' of run is 1; expected bool or null"),
+        (
+            lambda d: d["run"]["machine"].update(cores=True),
+            "'cores' of run.machine is True; expected int",
+        ),
+        (
+            lambda d: d["tables"][0]["rows"][1].pop(),
+            "tables[0].rows[1] has 2 cells; expected 3, one for each column",
+        ),
+        (
+            lambda d: d["tables"][0]["rows"].append("first"),
+            "tables[0].rows[2] is 'first'; expected a list of cells",
+        ),
+        (
+            lambda d: d["tables"][0]["rows"][0].__setitem__(1, [1]),
+            "tables[0].rows[0] has the cell [1]; expected a number, a text or null",
+        ),
+        (
+            lambda d: d["tables"][0]["columns"].__setitem__(0, "engine"),
+            "tables[0].columns[0] is 'engine'; expected a JSON object",
+        ),
+        (
+            lambda d: d["tables"][0]["columns"][1].update(number_format="wide"),
+            "tables[0].columns[1] has the number_format 'wide'; "
+            "expected a format of numbers such as '.2f'",
+        ),
+        (
+            lambda d: d["tables"][0].update(remarks=[1]),
+            "tables[0].remarks is [1]; expected a list of texts",
+        ),
+    ],
+)
+def test_malformed_result_gives_one_clear_error(tmp_path, change, message):
+    path = changed(tmp_path / "made_up.json", change)
+    with pytest.raises(ResultFileError) as caught:
+        read_result(path)
+    assert str(caught.value) == f"{path}: {message}"
+
+
+def test_file_that_is_no_json_gives_one_clear_error(tmp_path, capsys):
+    (tmp_path / "bad.json").write_text("{", encoding="utf-8")
+    write_result(tmp_path / "good.json", MADE_UP)
+    assert make_pages.main([str(tmp_path)]) == 1
+    assert (tmp_path / "good.md").read_text(encoding="utf-8") == MADE_UP_PAGE
+    assert not (tmp_path / "bad.md").exists()
+    error = capsys.readouterr().err
+    assert error.startswith(f"benchmarks.results: {tmp_path / 'bad.json'}: is no JSON: ")
+    assert error.count("\n") == 1
+
+
+def test_run_records_command_commit_and_machine(monkeypatch):
+    monkeypatch.delenv("MAKELEVEL", raising=False)
+    run = started_run("simulation", ["--quick"])
+    assert run.command == "python -m benchmarks.simulation --quick"
+    assert run.machine is not None
+    assert run.machine.cores >= 1
+    assert "numpy" in run.machine.libraries
+    monkeypatch.setenv("MAKELEVEL", "1")
+    assert started_run("simulation", []).command == "make bench-simulation"
+    assert (
+        started_run("simulation", ["--quick", "--write"]).command
+        == 'make bench-simulation options="--quick --write"'
+    )
+
+
+@pytest.mark.parametrize("valid", [True, False])
+def test_benchmark_writes_its_result_and_prints_a_line_of_json_last(
+    tmp_path, monkeypatch, capsys, valid
+):
+    monkeypatch.setattr("benchmarks.command.FOLDER", tmp_path)
+
+    def measure(quick: bool) -> Outcome:
+        return Outcome(
+            tables=MADE_UP.tables,
+            key_figures={"quick": quick},
+            complaints=["too slow"],
+            valid=valid,
+            draw=lambda path: path.write_text("figure", encoding="utf-8") and None,
+        )
+
+    status = run_benchmark("made_up", "Nothing.", measure, ["--quick", "--write"])
+    assert status == (0 if valid else 1)
+    printed = capsys.readouterr()
+    assert json.loads(printed.out.splitlines()[-1]) == {"quick": True}
+    assert "bench-made_up: too slow" in printed.err
+    written = read_result(tmp_path / "made_up.json")
+    assert written.tables == MADE_UP.tables
+    assert written.key_figures == {"quick": True}
+    assert page(written) == (tmp_path / "made_up.md").read_text(encoding="utf-8")
+    assert (tmp_path / "made_up.svg").exists()
+
+
+@pytest.mark.parametrize("name", [*BENCHMARKS, "results"])
+def test_help_of_every_command(name):
+    done = subprocess.run(
+        [sys.executable, "-m", f"benchmarks.{name}", "--help"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(f"usage: python -m benchmarks.{name} ")

@@ -20,9 +20,10 @@ setup(
         "intuitive_physics_perception",
         "intuitive_physics_predictor",
         "intuitive_physics_recordings",
+        "matplotlib",
         "numpy>=1.26",
+        # No rosdep key names it, so package.xml cannot.
         "plotly",
-        "scipy",
     ],
     extras_require={"rerun": ["rerun-sdk"], "test": ["pytest", "hypothesis"]},
     python_requires=">=3.10",

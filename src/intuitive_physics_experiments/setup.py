@@ -46,6 +46,6 @@ setup(
     zip_safe=False,
     maintainer="Intuitive Physics maintainers",
     maintainer_email="maintainers@intuitive-physics.example",
-    description="Synthetic and recorded data, RGBD renderer, bag replay, reports, command line",
+    description="Synthetic and recorded data, RGBD renderer, the paper's experiments, demo",
     license="Apache-2.0",
 )

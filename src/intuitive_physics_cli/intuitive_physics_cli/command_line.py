@@ -6,30 +6,16 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 
 from intuitive_physics.errors import IntuitivePhysicsError
-from intuitive_physics_cli.commands import (
-    export_command,
-    import_command,
-    learn_command,
-    perceive_command,
-    predict_command,
-    report_command,
-)
 from intuitive_physics_cli.plugins import command_modules
 
 INTERRUPTED = 130
 """Exit code of a program that Ctrl-C ended, as shells have it."""
 
-OWN_COMMANDS = {
-    "perceive": perceive_command,
-    "learn": learn_command,
-    "predict": predict_command,
-    "import": import_command,
-    "export": export_command,
-    "report": report_command,
-}
-"""Modules of the commands that need no other package than this one does."""
+OWN_COMMANDS = ("perceive", "learn", "predict", "import", "export", "report")
+"""Commands that need no package beside this one's; each is a module in the folder `commands`."""
 
 ORDER = (
     "render",
@@ -77,7 +63,9 @@ def _parser() -> argparse.ArgumentParser:
         description="Learn how things move from seeing them move, with no ROS needed.",
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    modules = {**command_modules(), **OWN_COMMANDS}
+    modules = command_modules()
+    for name in OWN_COMMANDS:
+        modules[name] = import_module(f"intuitive_physics_cli.commands.{name}_command")
     for name in sorted(modules, key=lambda name: (*ORDER, name).index(name)):
         modules[name].add_to(commands)
     return parser

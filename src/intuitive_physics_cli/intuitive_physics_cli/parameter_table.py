@@ -41,11 +41,10 @@ def parameter_table(learned: LearnedParameters) -> str:
 
 
 def parameter_notes(learned: LearnedParameters) -> list[str]:
-    """A note for each parameter of which the standard deviation does not tell all.
+    """Return a note for each parameter that its standard deviation does not fully describe.
 
-    One that the search pressed against a default bound tells of an effect that the model lacks, or
-    of bounds too narrow. One of which the observations tell less to one side is as good between two
-    ends.
+    A parameter on a default bound points to an effect that the model lacks, or to bounds that are
+    too narrow. One with a one-sided interval fits equally well between two values.
     """
     unit = ParameterSpace(learned.materials).to_unit(learned.parameters)
     notes = []
@@ -63,7 +62,7 @@ def parameter_notes(learned: LearnedParameters) -> list[str]:
 
 
 def unidentified(learned: LearnedParameters) -> list[str]:
-    """Names of what the observations cannot tell; a pair of which nothing is known is one entry."""
+    """Return the parameters that are not identifiable; a pair with none that is, is one entry."""
     known = dict(zip(parameter_names(learned.materials), learned.identified, strict=True))
     densities = [name for name in learned.materials if not known[f"density[{name}]"]]
     lines = [f"density of {', '.join(densities)}"] if densities else []

@@ -9,7 +9,10 @@ from types import TracebackType
 from typing import TextIO
 
 BAR_WIDTH = 30
+"""Characters."""
+
 UPDATE_PERIOD = 0.1
+"""s between two drawings of the bar."""
 
 
 def format_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

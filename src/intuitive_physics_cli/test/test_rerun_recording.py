@@ -11,7 +11,8 @@ import pytest
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
 from intuitive_physics_cli.report.rerun_recording import RerunRecording
-from intuitive_physics_experiments.paper.paper_dataset import make_paper_dataset
+
+from .bouncing_balls import bounces
 
 
 def test_without_rerun_one_sentence_says_so(
@@ -24,8 +25,7 @@ def test_without_rerun_one_sentence_says_so(
 
 def test_predictions_and_what_was_seen_are_recorded(tmp_path: Path) -> None:
     pytest.importorskip("rerun", reason="Rerun is not installed: pip install rerun-sdk")
-    made = make_paper_dataset(2, 2, np.random.default_rng(0))
-    seen = made.training[0].observation
+    (seen,) = bounces(1)
     path = seen.objects[0].trajectory
     case = PredictionCase(
         "run 1: a ball",

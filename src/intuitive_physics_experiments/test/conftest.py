@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
@@ -20,7 +18,6 @@ from intuitive_physics_experiments.rendering.corner_room import corner_camera, c
 from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_bag
 
-REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "real"
 GRAVITY = 9.81
 RESTITUTION = 0.9
 
@@ -48,19 +45,6 @@ def small_bag(tmp_path_factory: pytest.TempPathFactory, needs_open3d: None) -> P
     path = tmp_path_factory.mktemp("bags") / "one_throw"
     render_bag(path, RenderSettings(throws=1, seed=1, lead_in=0.5, throw_duration=1.0, pause=0.3))
     return path
-
-
-@pytest.fixture(scope="session")
-def recording() -> Callable[[str], Path]:
-    """Path of a recording of others by its name; skips where it is not on this machine."""
-
-    def find(name: str) -> Path:
-        path = REAL / name
-        if not path.exists():
-            pytest.skip(f"the recording {path} is not on this machine")
-        return path
-
-    return find
 
 
 def bounce_once(times: np.ndarray, floor: float) -> tuple[np.ndarray, np.ndarray]:
@@ -156,19 +140,3 @@ def recorded_as_toss_set(
         "dt": np.array(times[1]),
         "cube_edge": np.array(0.1),
     }
-
-
-@pytest.fixture(scope="session")
-def write_chatter() -> Callable[[Path], None]:
-    """Writes an SQLite bag of 200 strings on /chatter."""
-
-    def write(path: Path) -> None:
-        typestore = get_typestore(Stores.ROS2_JAZZY)
-        string = typestore.types["std_msgs/msg/String"]
-        with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-            connection = writer.add_connection("/chatter", string.__msgtype__, typestore=typestore)
-            for i in range(200):
-                data = typestore.serialize_cdr(string(data=f"hello {i}" * 50), string.__msgtype__)
-                writer.write(connection, 10**18 + i, data)
-
-    return write

@@ -21,8 +21,7 @@ from intuitive_physics_experiments.recorded_sets.recorded_data import (
     load_cube_tosses,
     load_recorded_set,
 )
-from intuitive_physics_experiments.recorded_sets.toss_errors import TossBatch
-from intuitive_physics_experiments.recorded_sets.toss_evaluation import toss_parameters
+from intuitive_physics_experiments.recorded_sets.toss_evaluation import TossBatch, toss_parameters
 
 TossArrays = Callable[..., dict[str, Any]]
 components = st.floats(-8.0, 8.0)

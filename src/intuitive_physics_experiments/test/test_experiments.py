@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import os
+from dataclasses import fields
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ import pytest
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import load_observation
 from intuitive_physics_cli.command_line import main
+from intuitive_physics_experiments.commands.experiment_command import EXPERIMENTS, Experiment
 from intuitive_physics_experiments.paper.cells import CellStore
 from intuitive_physics_experiments.paper.learning_curve import (
     LearningCurveSettings,
@@ -213,3 +216,11 @@ def test_what_cannot_be_done_is_refused(
     filled = [str(tmp_path / "out") if word == "OUT" else word for word in arguments]
     assert main(["experiment", *filled]) == 1
     assert complaint in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda experiment: experiment.name)
+def test_each_subcommand_names_what_makes_its_experiment(experiment: Experiment) -> None:
+    module = import_module(experiment.module)
+    assert callable(getattr(module, experiment.run))
+    known = {field.name for field in fields(experiment.settings)}
+    assert set(experiment.options) | experiment.quick.keys() <= known

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from intuitive_physics_experiments.recorded_sets.cube_tosses import CubeToss, cube_tosses
-from intuitive_physics_experiments.recorded_sets.toss_errors import (
+from intuitive_physics_experiments.recorded_sets.toss_evaluation import (
     FAILED_DISTANCE,
     TossBatch,
     rotation_angles,

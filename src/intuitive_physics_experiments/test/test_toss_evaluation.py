@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_experiments.recorded_sets.cube_tosses import cube_tosses
-from intuitive_physics_experiments.recorded_sets.toss_errors import TossErrors
 from intuitive_physics_experiments.recorded_sets.toss_evaluation import (
     FrictionAndRestitution,
+    TossErrors,
     evaluate_tosses,
     toss_cost,
     toss_table,

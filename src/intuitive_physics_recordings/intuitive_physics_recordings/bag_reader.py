@@ -17,7 +17,10 @@ from rosbags.typesys.store import Typestore
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 
 METADATA_FILE = "metadata.yaml"
+"""File that makes a folder a rosbag2 recording."""
+
 STORAGE_SUFFIXES = (".mcap", ".db3")
+"""Of single files that are bags."""
 
 
 @dataclass(frozen=True)

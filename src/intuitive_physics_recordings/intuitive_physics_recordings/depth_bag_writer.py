@@ -25,7 +25,7 @@ QUEUE = 5
 
 
 class DepthCamera(Protocol):
-    """A pinhole camera without distortion, as far as a bag tells of it.
+    """A pinhole camera without distortion, as a bag describes it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Reading .npz files of others, with every mistake told in one clear error."""
+"""Reading .npz files of others, with one clear error for every mistake."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Arrays = Mapping[str, NDArray]
 
 
 def load_arrays(path: Path) -> dict[str, NDArray]:
-    """Read an .npz file.
+    """Read an .npz file: its arrays, of any shape (...) and unit, by name.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def load_cloud(path: Path) -> NDArray[np.float32]:
 
 
 def split_rows(arrays: Arrays, name: str, columns: int = 3) -> list[NDArray[np.float64]]:
-    """Cut the rows of one array into recordings at `offsets`.
+    """Cut the rows of one array into recordings at `offsets`, each (n, columns) in its unit.
 
     Parameters
     ----------

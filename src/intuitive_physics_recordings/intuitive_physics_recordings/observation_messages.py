@@ -25,11 +25,16 @@ from intuitive_physics_recordings.ros_messages import (
 )
 
 OBSERVATION_TYPE = f"{PACKAGE}/Observation"
+"""Name of the message type."""
 
 NANOSECONDS = 1_000_000_000
+"""In a second."""
+
 LAST_SECOND = 2**31 - 1
+"""s; `builtin_interfaces/Time` counts seconds as a signed 32-bit number."""
 
 POSE, TWIST = slice(0, 6), slice(6, 12)
+"""Rows and columns of pose and velocities in the covariance of a state."""
 
 
 def start_stamp(observation: Observation) -> int:

@@ -12,7 +12,10 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 
 YAML_SUFFIXES = (".yaml", ".yml")
+"""Of files that are read and written as YAML."""
+
 SUFFIXES = (*YAML_SUFFIXES, ".json")
+"""Of all files of parameters."""
 
 
 def save_parameters(learned: LearnedParameters, path: Path) -> None:

@@ -15,6 +15,7 @@ CLOCK_RATE = 100.0
 """Hz of real time at most: faster clocks cost every subscriber much of a core."""
 
 NANOSECONDS = 1e-9
+"""s in a nanosecond."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class Replay:
     publish_clock : takes bag time in ns, at most `CLOCK_RATE` times a second; None where no clock
         is wanted
     now : s of a clock that never goes back
-    wait : waits for so many s and returns whether to stop; None makes `stop` do it
+    wait : waits for a number of seconds and returns whether to stop; None makes `stop` do it
 
     Raises
     ------

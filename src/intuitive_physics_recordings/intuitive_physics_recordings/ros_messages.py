@@ -12,8 +12,10 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 PACKAGE = "intuitive_physics_msgs/msg"
+"""Where the names of this suite's message types begin."""
 
 DEFINITIONS = Path(__file__).parent / "message_definitions"
+"""The `.msg` files of the message package: a link in the sources, copies where installed."""
 
 
 @lru_cache(maxsize=1)
@@ -52,7 +54,12 @@ def vector_message(numbers: ArrayLike) -> Any:
 
 
 def point_message(numbers: ArrayLike) -> Any:
-    """Return a point (3,) in m as a message."""
+    """Return a point as a message.
+
+    Parameters
+    ----------
+    numbers : (3,) m
+    """
     return new_message("geometry_msgs/msg/Point", **_named(numbers))
 
 

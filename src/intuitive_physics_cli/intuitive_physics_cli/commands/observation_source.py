@@ -12,6 +12,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
 
 DATABASE_SUFFIX = ".sqlite3"
+"""Of a learner's database, which is an SQLite file."""
 
 
 def add_database(parser: argparse.ArgumentParser, *, new: bool = False) -> None:
@@ -44,6 +45,8 @@ PATH_HELP = (
     "a folder of saved observations, an .mcap file or bag with observations, a learner's database "
     "(.sqlite3), or a recorded set (.npz)"
 )
+"""What a path to observations may be, as the help says it."""
+
 RECORDED_SET_SUFFIX = ".npz"
 """Of motions recorded by others, which an added package reads."""
 
@@ -60,33 +63,33 @@ METHOD = "levenberg_marquardt"
 def add_learning_options(
     parser: argparse.ArgumentParser,
     iterations: int | None = ITERATIONS,
-    told_default: str = str(ITERATIONS),
+    shown_iterations: str = str(ITERATIONS),
     method: str | None = METHOD,
-    told_default_method: str = METHOD,
+    shown_method: str = METHOD,
 ) -> None:
     """Add the options that say how to learn.
 
     Parameters
     ----------
     iterations, method : the defaults; None leaves one to the command, which must set it
-    told_default, told_default_method : what the help says of the defaults
+    shown_iterations, shown_method : what the help says of the defaults
     """
     parser.add_argument(
         "--method",
         default=method,
-        help=f"of the search, such as cma_es (default: {told_default_method})",
+        help=f"of the search, such as cma_es (default: {shown_method})",
     )
     parser.add_argument(
         "--iterations",
         type=int,
         default=iterations,
-        help=f"evaluations of J at most (default: {told_default})",
+        help=f"evaluations of J at most (default: {shown_iterations})",
     )
     parser.add_argument("--seed", type=int, default=0, help="of all randomness (default: 0)")
 
 
 def read_observations(path: Path) -> tuple[str, list[Observation]]:
-    """Return title and observations of what `PATH_HELP` tells of."""
+    """Return title and observations of what `PATH_HELP` names."""
     from intuitive_physics_cli.plugins import observation_reader
     from intuitive_physics_recordings.bag_reader import METADATA_FILE
     from intuitive_physics_recordings.observation_bag import SUFFIX, read_observation_bag

@@ -12,6 +12,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.scene import Environment
 
 Z_UP = (0.0, 0.0, 1.0)
+"""Up in the frame of a sensor that is not a camera's optical frame (REP 103)."""
 
 
 def add_to(commands: Any) -> None:

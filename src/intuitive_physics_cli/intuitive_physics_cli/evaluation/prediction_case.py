@@ -17,6 +17,7 @@ from intuitive_physics_predictor.parameter_uncertainty import UncertainParameter
 from intuitive_physics_predictor.scores.highest_density import coverage, highest_density_levels
 
 LONGEST_NAME, SHORT_NAME = 16, 8
+"""Letters: an id that is longer than the first is shown by as many as the second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +77,7 @@ def predict_cases(
     ----------
     parameters : θ_s of all materials of the observations, or its distribution
     sample_count : simulations of each observation
-    on_progress : is told how many observations of how many are done
+    on_progress : called with the observations done and the observations in all
     """
     cases = []
     for done, seen in enumerate(observations):
@@ -120,13 +121,15 @@ def _cases_of(
 
 
 def _short(name: str) -> str:
-    """A made-up id is told by its first letters, a given one as it is."""
+    """Shorten an id that was made up; keep one that was given."""
     return name if len(name) <= LONGEST_NAME else name[:SHORT_NAME]
 
 
 LEVELS = np.linspace(0.05, 0.95, 19)
+"""Probabilities of regions, shape (19,)."""
+
 POINTS_JUDGED = 30
-"""Of each case, evenly over its time: neighbours tell the same."""
+"""Of each case, evenly over its time: neighbouring points are strongly correlated."""
 
 
 def region_coverage(

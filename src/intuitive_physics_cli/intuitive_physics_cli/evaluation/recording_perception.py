@@ -24,6 +24,7 @@ from intuitive_physics_recordings.bag_reader import BagReader
 IMAGE, CAMERA_INFO, CLOUD = (
     f"sensor_msgs/msg/{name}" for name in ("Image", "CameraInfo", "PointCloud2")
 )
+"""Types of the messages that frames are read from."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +160,7 @@ def perceive_recording(
     ----------
     topic : of depth images or clouds; None guesses
     on_progress : called with the frames done and the frames in all
-    on_frame : called with each frame's points (..., 3) m and what they told
+    on_frame : called with each frame's points (..., 3) m and what was perceived
 
     Raises
     ------

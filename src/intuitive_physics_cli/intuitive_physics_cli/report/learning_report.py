@@ -104,6 +104,7 @@ def _calibration(cases: Sequence[PredictionCase], noise: float) -> str:
 
 
 SAMPLE_COUNT = 100
+"""Simulations of each prediction in a report."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +228,7 @@ def _error_table(evaluation: Evaluation) -> str:
 
 
 def _point_noise(observations: Sequence[Observation]) -> float:
-    """Noise of a point, as the covariances of the initial states tell it, m on each axis."""
+    """Noise of a point from the covariances of the initial states, m on each axis."""
     deviations = [
         np.sqrt(np.trace(thing.initial_state.covariance[:3, :3]) / 3.0)
         for seen in observations

@@ -20,6 +20,8 @@ from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
 from intuitive_physics_perception.frame_result import FrameResult
 
 TIMELINE = "time"
+"""Name of the time axis in Rerun; it counts s."""
+
 PLANE_REACH = 3.0
 """m, half the edge of the square that is drawn of a plane without an edge."""
 
@@ -30,12 +32,17 @@ VELOCITY_SHOWN = 0.1
 """m of arrow for each m/s."""
 
 MOST_CLOUD_POINTS = 20_000
+"""Points of a cloud that are logged at most; a depth image has fifteen times as many."""
+
 SAMPLE_COLOR, MEAN_COLOR, SEEN_COLOR = (37, 99, 235, 60), (17, 24, 39), (22, 163, 74)
+"""Red, green, blue and, where there is a fourth number, opacity, 0 to 255 each."""
+
 SPHERE_COLOR, GRAVITY_COLOR, PLANE_COLOR = (6, 182, 212), (220, 38, 38), (245, 158, 11, 60)
+"""Likewise, of what perception found."""
 
 
 class RerunRecording:
-    """A recording that is written as it is told; use it as a context manager.
+    """A Rerun recording being written; use it as a context manager.
 
     Parameters
     ----------
@@ -91,7 +98,13 @@ class RerunRecording:
         self._stream.log("environment/gravity", arrow)
 
     def perceived(self, points: NDArray[np.float32], found: FrameResult) -> None:
-        """Log one frame: its cloud (..., 3) m in the sensor's frame, and what was found in it."""
+        """Log one frame.
+
+        Parameters
+        ----------
+        points : (..., 3) m in the sensor's frame
+        found : what perception found in it
+        """
         if found.model is None:
             return
         self._at(found.time)

@@ -32,6 +32,7 @@ FIXED_NOISE = 0.02
 each part of θ_d."""
 
 LARGEST_FIXED_NOISE = 10.0
+"""m, upper bound of the search for the fixed noise."""
 
 
 def fixed_noise(
@@ -116,6 +117,8 @@ def free_flights(sample_count: int) -> Prediction:
 
 
 OURS = "noisy Newton"
+"""Name of the predictions that are calibrated, beside the baselines."""
+
 BASELINES = ("single rollout", "fixed noise", "free flight")
 """One simulation, noisy Newton as in the paper, and no material parameters at all."""
 

@@ -65,7 +65,7 @@ def observed_outcomes(
 ) -> list[Outcome]:
     """Return each observation as seen for its first points, and what was seen after them.
 
-    Initial states are fitted to those points, before the first bounce, anew: those of an
+    Initial states are fitted to those points, before the first bounce, again: those of an
     observation may know more of its motion. The points nearest in time to each horizon count; where
     an object was not seen within a frame of it, what happened is not known.
 
@@ -184,7 +184,7 @@ class ObservedCalibration:
     Parameters
     ----------
     calibration, learned : of all observations
-    notes : paragraphs on what this set alone can tell
+    notes : paragraphs on what only this set can show
     """
 
     calibration: Calibration
@@ -208,16 +208,16 @@ def read_air_observations(
 
 
 def _known_ball() -> LearnedParameters:
-    """Defaults, but for the ball's density, which counts in air and which the rules tell."""
+    """Defaults, but for the ball's density, which counts in air and is given by the rules."""
     start = LearnedParameters.defaults((BALL_MATERIAL, TABLE_MATERIAL))
     names = np.array(parameter_names(start.materials))
-    told = names == f"density[{BALL_MATERIAL}]"
+    known_density = names == f"density[{BALL_MATERIAL}]"
     parameters = ball_parameters()
     density = parameters.density[parameters.index(BALL_MATERIAL)]
     return LearnedParameters(
         parameters,
-        np.where(told, MASS_TOLERANCE * density, np.nan),
-        told,
+        np.where(known_density, MASS_TOLERANCE * density, np.nan),
+        known_density,
         start.version,
         start.cost,
         start.observation_count,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,11 +12,17 @@ from numpy.typing import NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics.scene import Scene
+from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.scene import Environment, Scene
 from intuitive_physics.simulation import Simulator, make_simulator
+from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION, ObjectState
 from intuitive_physics_experiments.calibration.calibrate import OURS, Calibration, calibrate
-from intuitive_physics_experiments.calibration.first_points import initial_states, with_first_points
 from intuitive_physics_experiments.calibration.verification import Scores, score
+from intuitive_physics_experiments.paper.noisy_flight import (
+    FEWEST_POINTS,
+    fit_noisy_flight,
+    flight_length,
+)
 from intuitive_physics_experiments.paper.paper_dataset import (
     POSITION_NOISE,
     PaperRun,
@@ -28,6 +34,76 @@ from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria, SearchProgress
 from intuitive_physics_predictor.noise_scales import NoiseScales
 from intuitive_physics_predictor.scores.outcomes import Outcome, noisy_prediction
+
+MARGIN = 3.0
+"""Standard deviations of a point by which an object may be nearer to something than it seems."""
+
+
+def with_first_points(observation: Observation, points: int, noise: float) -> Observation:
+    """Return an observation whose initial states are fitted to its first points."""
+    states = initial_states(observation, points, noise)
+    return replace(
+        observation,
+        objects=tuple(
+            ObservedObject(seen.object, seen.trajectory, state)
+            for seen, state in zip(observation.objects, states, strict=True)
+        ),
+    )
+
+
+def initial_states(observation: Observation, points: int, noise: float) -> list[ObjectState]:
+    """Fit free flight to each object's first points; orientation and spin are as observed.
+
+    A point no longer counts, at the latest, where the object's bounding sphere has come near a
+    plane or another object's: a gentle touch bends a path by less than noise, and points after it
+    would be taken for flight. The first three always count.
+
+    Parameters
+    ----------
+    observation : all its objects seen first at its start
+    points : maximum number of each object, at least 3
+    noise : m, standard deviation of a point on each axis
+    """
+    gravity = observation.environment.gravity
+    states = []
+    for seen in observation.objects:
+        near = _near_something(seen, observation.objects, observation.environment, points, noise)
+        free = max(int(near.argmax()) if near.any() else len(near), FEWEST_POINTS)
+        times, positions = seen.trajectory.times[:free], seen.trajectory.positions[:free]
+        count = flight_length(times, positions, gravity, noise)
+        position, velocity, covariance = fit_noisy_flight(
+            times[:count], positions[:count], gravity, noise
+        )
+        known = seen.initial_state
+        for part in (ROTATION, ANGULAR_VELOCITY):
+            covariance[part, part] = known.covariance[part, part]
+        states.append(
+            ObjectState(position, known.orientation, velocity, known.angular_velocity, covariance)
+        )
+    return states
+
+
+def _near_something(
+    seen: ObservedObject,
+    objects: Sequence[ObservedObject],
+    environment: Environment,
+    points: int,
+    noise: float,
+) -> NDArray[np.bool_]:
+    """Whether an object may touch a plane or another object at each of its first points."""
+    times, positions = seen.trajectory.times[:points], seen.trajectory.positions[:points]
+    radius = seen.object.shape.bounding_radius
+    near = np.zeros(len(times), dtype=bool)
+    for plane in environment.planes:
+        near |= plane.signed_distances(positions) < radius + MARGIN * noise
+    for other in objects:
+        if other is not seen:
+            track = other.trajectory
+            there = np.column_stack([np.interp(times, track.times, x) for x in track.positions.T])
+            reach = radius + other.object.shape.bounding_radius + MARGIN * np.sqrt(2.0) * noise
+            near |= np.linalg.norm(positions - there, axis=1) < reach
+    return near
+
 
 HORIZONS = (0.5, 1.0, 2.0, 5.0)
 """s after the last point that was seen."""
@@ -47,7 +123,8 @@ def paper_outcomes(
     Parameters
     ----------
     parameters : the true θ_s, and `simulator` the engine that moved the objects
-    points : of each object that are seen, at least 3; those before the first touch tell the state
+    points : of each object that are seen, at least 3; the state is fitted to those
+        before the first contact
     horizons : s after the last of these points
     rng : of the noise that is added to what happened, as a learner sees it; None: the truth
     ahead_of : the point that horizons count from, by how many were seen then, at least `points`;
@@ -101,7 +178,7 @@ FITTED_SCALES = ("static_parameters", "unidentified")
 are right as they are, and a scale of them could only be chance."""
 
 START = NoiseScales(unidentified=0.2)
-"""Where the noise fit begins. Joint estimation looks at whole trajectories and keeps near its start
+"""Where the noise fit begins. Joint estimation fits whole trajectories and keeps near its start
 what they do not depend on, and throws of the same objects in the same room depend on it as little:
 values from all over the bounds would only spread what is known."""
 
@@ -191,7 +268,7 @@ def calibrate_on_paper_set(
 
     Parameters
     ----------
-    on_progress : is told of the search
+    on_progress : called with the progress of the search
 
     Raises
     ------

@@ -80,7 +80,10 @@ def _row(scores: Scores, h: int) -> dict[str, Any]:
 
 
 HORIZON_COLORS = (PREDICTED, OBSERVED, PLANE_COLORS[0], GRAVITY)
+"""Of the horizons, in their order."""
+
 BASELINE_COLORS = (DEFAULT, PLANE_COLORS[0], PLANE_COLORS[3], PLANE_COLORS[4])
+"""Of the baselines, in their order."""
 
 
 def draw_reliability(axes: Any, calibration: Calibration) -> None:
@@ -98,7 +101,7 @@ def draw_reliability(axes: Any, calibration: Calibration) -> None:
 
 
 def draw_coverage(axes: Any, calibration: Calibration) -> None:
-    """Draw coverage against horizon, with the error bars that so many outcomes have."""
+    """Draw coverage against horizon, with error bars for the number of outcomes."""
     scores = calibration.scores[OURS]
     for probability, color in zip(REGIONS, (OBSERVED, PREDICTED), strict=True):
         covered = scores.coverage(probability)
@@ -153,6 +156,7 @@ def draw_errors_by_points(axes: Any, by_points: dict[int, Scores], horizons: Any
 
 
 PARAMETERS_NAME = "parameters.json"
+"""File of the static parameters with their noise scales."""
 
 
 def write_calibration(
@@ -189,7 +193,7 @@ def write_calibration(
     scales = calibration.fit.scales.to_dict()
     parameters = {**learned.to_dict(), SCALES_KEY: scales}
     write_whole(folder / PARAMETERS_NAME, json.dumps(parameters, indent=1) + "\n")
-    body = [_table(rows), _told(calibration)]
+    body = [_table(rows), _noise_scales(calibration)]
     if points:
         body.append(_points_table(points, calibration))
     write_page(folder, title, command, "\n\n".join([*body, *more, "![](calibration.png)"]))
@@ -238,13 +242,13 @@ def _points_table(by_points: Mapping[int, Scores], calibration: Calibration) -> 
     )
 
 
-def _told(calibration: Calibration) -> str:
+def _noise_scales(calibration: Calibration) -> str:
     scales = calibration.fit.scales.to_dict()
     del scales["format"]
     kept = ", ".join(
         f"{100 * share:.0f} % of {name}" for name, share in calibration.fit.kept.items()
     )
-    told = ", ".join(f"{name} {value:.3g}" for name, value in scales.items())
+    listed = ", ".join(f"{name} {value:.3g}" for name, value in scales.items())
     best, fitted = (
         ", ".join(
             f"{ratio:.3f} at {horizon:g} s"
@@ -257,7 +261,7 @@ def _told(calibration: Calibration) -> str:
     )
     return (
         f"50 %, 90 %: share of outcomes inside the highest-density region of that probability. "
-        f"Noise scales: {told}; of the way that the fit would have moved them, {kept} "
+        f"Noise scales: {listed}; of the way that the fit would have moved them, {kept} "
         f"are kept, the rest may be chance. Fixed noise that suits the past best: "
         f"{calibration.fixed_deviation:.3g}. Energy score over that of the best of "
         f"{', '.join(BASELINES)}: {best}; over that of the fitted fixed noise: {fitted}."

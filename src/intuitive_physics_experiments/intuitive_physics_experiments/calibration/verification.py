@@ -70,7 +70,12 @@ def score(outcomes: Sequence[Outcome], prediction: Prediction, seed: int) -> Sco
 
 
 def known(levels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows (n, 2) without those of outcomes that are not known."""
+    """Return the rows of outcomes that are known, (n_known, 2) probabilities.
+
+    Parameters
+    ----------
+    levels : (n, 2) probabilities; NaN where the outcome is not known
+    """
     return levels[~np.isnan(levels).any(axis=1)]
 
 

@@ -12,6 +12,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_cli.commands.observation_source import PATH_HELP, progress_to
 
 OBSERVED_HORIZONS = (0.1, 0.2, 0.4, 0.6)
+"""s ahead at which predictions of observations are scored, unless others are given."""
 
 
 def add_to(commands: Any) -> None:

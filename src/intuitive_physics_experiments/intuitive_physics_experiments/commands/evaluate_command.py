@@ -29,12 +29,15 @@ BALL_DEFAULTS = {
     "iterations": ITERATIONS,
     "train_fraction": 0.8,
 }
+"""Options that are not given, for everything but cube tosses."""
+
 TOSS_DEFAULTS = {
     "engine": ["stepped"],
     "method": "cma_es",
     "iterations": 120,
     "train_fraction": 0.25,
 }
+"""Options that are not given, for cube tosses."""
 
 
 def add_to(commands: Any) -> None:
@@ -177,8 +180,8 @@ def _table_tennis(options: argparse.Namespace) -> tuple[str, Any]:
         how = "learned "
     air = AirCoefficients(drag, options.magnus)
     title, observations = load_table_tennis(options.path, air)
-    told = f"in air with {how}drag {air.drag:.3g} and Magnus coefficient {air.magnus:g}"
-    return f"{title}, {told}", observations
+    air_note = f"in air with {how}drag {air.drag:.3g} and Magnus coefficient {air.magnus:g}"
+    return f"{title}, {air_note}", observations
 
 
 def _evaluate_with(
@@ -257,7 +260,7 @@ def evaluate_cube_tosses(options: argparse.Namespace) -> None:
     how = learning_options(options)
     factor = 1.0 if options.length_correction is None else options.length_correction
     tosses = load_cube_tosses(options.path, factor, options.measured_inertia)
-    print(f"{options.path}: cube tosses{_told(factor, options.measured_inertia)}")
+    print(f"{options.path}: cube tosses{_corrections(factor, options.measured_inertia)}")
     for fraction in _fractions(options, len(tosses)):
         with ProgressBar("fitting") as bar:
             evaluation = evaluate_tosses(
@@ -275,7 +278,7 @@ def evaluate_cube_tosses(options: argparse.Namespace) -> None:
         print(toss_table(evaluation), end="\n\n")
 
 
-def _told(factor: float, measured_inertia: bool) -> str:
+def _corrections(factor: float, measured_inertia: bool) -> str:
     lengths = "" if factor == 1.0 else f", lengths times {factor:g}"
     return lengths + (", moment of inertia as measured" if measured_inertia else "")
 

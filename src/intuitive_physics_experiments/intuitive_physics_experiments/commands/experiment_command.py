@@ -6,8 +6,10 @@ import argparse
 import shlex
 import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.settings import add_options, settings_from_options
@@ -23,7 +25,85 @@ from intuitive_physics_experiments.paper.settings import (
     SearchMethodsSettings,
 )
 
-_Settings = TypeVar("_Settings")
+
+@dataclass(frozen=True)
+class Experiment:
+    """A subcommand that makes one experiment.
+
+    Parameters
+    ----------
+    name : of the subcommand
+    help, description : as argparse shows them
+    module : that makes it; imported only when it is asked for, since that takes seconds
+    run : name of the module's function of folder, settings, command, cores and progress
+    settings : class of its settings
+    options : settings that can be given
+    quick : reduced settings
+    label : of the progress bar
+    """
+
+    name: str
+    help: str
+    description: str
+    module: str
+    run: str
+    settings: type[Any]
+    options: tuple[str, ...]
+    quick: Mapping[str, Any]
+    label: str
+
+
+EXPERIMENTS = (
+    Experiment(
+        "learning-curve",
+        "training and test error over numbers of objects and samples (Fig. 4)",
+        "Learn from sets of 1, 5, 10 objects with 10, 50, 100 samples of each, ten times, and "
+        "predict a fifth of the runs that is not learned from.",
+        "intuitive_physics_experiments.paper.learning_curve",
+        "run_learning_curve",
+        LearningCurveSettings,
+        ("objects", "samples", "repetitions", "iterations", "method", "engine", "seed"),
+        QUICK_LEARNING_CURVE,
+        "learning",
+    ),
+    Experiment(
+        "search-methods",
+        "J over iterations of the nine update rules (Fig. 6, Table I)",
+        "Search the static parameters of sets of 1, 10, 20 objects with 1, 10, 50 samples of each "
+        "by all nine update rules, ten times each.",
+        "intuitive_physics_experiments.paper.search_methods",
+        "run_search_methods",
+        SearchMethodsSettings,
+        ("objects", "samples", "runs", "iterations", "seed"),
+        QUICK_SEARCH_METHODS,
+        "searching",
+    ),
+    Experiment(
+        "prediction",
+        "noisy-Newton predictions of test runs (Figs. 1 and 5)",
+        "Learn from runs of random objects and predict others for 5 s from their first three "
+        "points.",
+        "intuitive_physics_experiments.paper.prediction",
+        "run_prediction",
+        PredictionExperimentSettings,
+        ("objects", "samples", "iterations", "seed"),
+        QUICK_PREDICTION,
+        "learning",
+    ),
+    Experiment(
+        "rgbd",
+        "thrown balls, rendered, perceived, learned, predicted (Sec. VI, Figs. 7 to 9)",
+        "Render throws of balls of 3, 5 and 7 cm radius, run the whole perception pipeline over "
+        "them, learn each ball alone and predict throws that were not learned from.",
+        "intuitive_physics_experiments.paper.rgbd",
+        "run_rgbd",
+        RgbdSettings,
+        ("throws", "iterations", "seed"),
+        QUICK_RGBD,
+        "working",
+    ),
+)
+"""The paper's experiments, in the order of the help."""
 
 
 def add_to(commands: Any) -> None:
@@ -36,10 +116,8 @@ def add_to(commands: Any) -> None:
     )
     experiments = parser.add_subparsers(title="experiments", required=True, metavar="EXPERIMENT")
     _add_dataset(experiments)
-    _add_learning_curve(experiments)
-    _add_search_methods(experiments)
-    _add_prediction(experiments)
-    _add_rgbd(experiments)
+    for experiment in EXPERIMENTS:
+        _add_experiment(experiments, experiment)
 
 
 def _add_dataset(experiments: Any) -> None:
@@ -86,122 +164,31 @@ def _run_dataset(options: argparse.Namespace) -> None:
     )
 
 
-def _add_learning_curve(experiments: Any) -> None:
+def _add_experiment(experiments: Any, experiment: Experiment) -> None:
     parser = experiments.add_parser(
-        "learning-curve",
-        help="training and test error over numbers of objects and samples (Fig. 4)",
-        description="Learn from sets of 1, 5, 10 objects with 10, 50, 100 samples of each, ten "
-        "times, and predict a fifth of the runs that is not learned from.",
+        experiment.name, help=experiment.help, description=experiment.description
     )
-    _add_common(parser)
-    add_options(
-        parser,
-        LearningCurveSettings,
-        ("objects", "samples", "repetitions", "iterations", "method", "engine", "seed"),
-    )
-    parser.set_defaults(run=_run_learning_curve)
-
-
-def _run_learning_curve(options: argparse.Namespace) -> None:
-    from intuitive_physics_experiments.paper.learning_curve import run_learning_curve
-
-    settings = _settings(LearningCurveSettings, options, QUICK_LEARNING_CURVE)
-    with _bar("learning") as bar:
-        run_learning_curve(options.output, settings, _command(), options.cores, _told(bar))
-    _print_page(options.output)
-
-
-def _add_search_methods(experiments: Any) -> None:
-    parser = experiments.add_parser(
-        "search-methods",
-        help="J over iterations of the nine update rules (Fig. 6, Table I)",
-        description="Search the static parameters of sets of 1, 10, 20 objects with 1, 10, 50 "
-        "samples of each by all nine update rules, ten times each.",
-    )
-    _add_common(parser)
-    add_options(parser, SearchMethodsSettings)
-    parser.set_defaults(run=_run_search_methods)
-
-
-def _run_search_methods(options: argparse.Namespace) -> None:
-    from intuitive_physics_experiments.paper.search_methods import run_search_methods
-
-    settings = _settings(SearchMethodsSettings, options, QUICK_SEARCH_METHODS)
-    with _bar("searching") as bar:
-        run_search_methods(options.output, settings, _command(), options.cores, _told(bar))
-    _print_page(options.output)
-
-
-def _add_prediction(experiments: Any) -> None:
-    parser = experiments.add_parser(
-        "prediction",
-        help="noisy-Newton predictions of test runs (Figs. 1 and 5)",
-        description="Learn from runs of random objects and predict others for 5 s from their "
-        "first three points.",
-    )
-    _add_common(parser)
-    add_options(parser, PredictionExperimentSettings, ("objects", "samples", "iterations", "seed"))
-    parser.set_defaults(run=_run_prediction)
-
-
-def _run_prediction(options: argparse.Namespace) -> None:
-    from intuitive_physics_experiments.paper.prediction import run_prediction
-
-    settings = _settings(PredictionExperimentSettings, options, QUICK_PREDICTION)
-    with _bar("learning") as bar:
-        run_prediction(options.output, settings, _command(), options.cores, _told(bar))
-    _print_page(options.output)
-
-
-def _add_rgbd(experiments: Any) -> None:
-    parser = experiments.add_parser(
-        "rgbd",
-        help="thrown balls, rendered, perceived, learned, predicted (Sec. VI, Figs. 7 to 9)",
-        description="Render throws of balls of 3, 5 and 7 cm radius, run the whole perception "
-        "pipeline over them, learn each ball alone and predict throws that were not learned from.",
-    )
-    _add_common(parser)
-    add_options(parser, RgbdSettings, ("throws", "iterations", "seed"))
-    parser.set_defaults(run=_run_rgbd)
-
-
-def _run_rgbd(options: argparse.Namespace) -> None:
-    from intuitive_physics_experiments.paper.rgbd import run_rgbd
-
-    settings = _settings(RgbdSettings, options, QUICK_RGBD)
-    with _bar("working") as bar:
-        run_rgbd(options.output, settings, _command(), options.cores, _told(bar))
-    _print_page(options.output)
-
-
-def _add_common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("output", type=Path, help="folder of tables and figures; goes on there")
     parser.add_argument("--quick", action="store_true", help="reduced settings: about two minutes")
     parser.add_argument("--cores", type=int, default=1, help="of this machine (default: 1)")
+    add_options(parser, experiment.settings, experiment.options)
+    parser.set_defaults(run=lambda options: _run_experiment(experiment, options))
 
 
-def _settings(
-    kind: type[_Settings], options: argparse.Namespace, quick: Mapping[str, Any]
-) -> _Settings:
-    """Return the settings of the command line, over the reduced ones where it asks for them."""
-    if options.cores < 1:
-        raise InvalidInputError(f"--cores is {options.cores}; expected 1 or more")
-    return settings_from_options(kind, options, **(quick if options.quick else {}))
-
-
-def _command() -> str:
-    return shlex.join(["intuitive-physics", *sys.argv[1:]])
-
-
-def _bar(label: str) -> Any:
+def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> None:
     from intuitive_physics_cli.terminal import ProgressBar
 
-    return ProgressBar(label)
-
-
-def _told(bar: Any) -> Any:
-    return lambda done, total, name: bar.update(done, total, name.replace("_", " "))
-
-
-def _print_page(folder: Path) -> None:
-    print((folder / "README.md").read_text(encoding="utf-8"), end="")
+    if options.cores < 1:
+        raise InvalidInputError(f"--cores is {options.cores}; expected 1 or more")
+    reduced = experiment.quick if options.quick else {}
+    settings = settings_from_options(experiment.settings, options, **reduced)
+    run = getattr(import_module(experiment.module), experiment.run)
+    with ProgressBar(experiment.label) as bar:
+        run(
+            options.output,
+            settings,
+            shlex.join(["intuitive-physics", *sys.argv[1:]]),
+            options.cores,
+            lambda done, total, name: bar.update(done, total, name.replace("_", " ")),
+        )
+    print((options.output / "README.md").read_text(encoding="utf-8"), end="")

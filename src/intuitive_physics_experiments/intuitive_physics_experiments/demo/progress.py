@@ -6,6 +6,7 @@ import sys
 import time
 
 WIDTH = 28
+"""Characters of the bar."""
 
 
 class Progress:

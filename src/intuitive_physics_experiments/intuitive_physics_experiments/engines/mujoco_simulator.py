@@ -25,7 +25,10 @@ from intuitive_physics.simulation.world_batch import BOX, CAPSULE, SPHERE
 from intuitive_physics.validation import positive_float
 
 SMALLEST_ARM = 1e-9
+"""m, the smallest arm of rolling and torsional friction that a contact is given."""
+
 NO_OTHER_CONTACT = 'contype="0" conaffinity="0"'
+"""Attributes of a geometry that touches only in the pairs that are listed."""
 
 
 def check_supported(worlds: WorldBatch) -> None:
@@ -112,7 +115,7 @@ def damping_ratio(restitution: float) -> float:
 
     It lets go when its force is zero, before it is back at its length: e = exp(-ζ φ / √(1 - ζ²))
     with φ = π - atan2(2 ζ √(1 - ζ²), 1 - 2 ζ²) (Schwager and Pöschel, Granular Matter 2007).
-    Springs of critical damping and more, which rebound with less than e⁻², are not told apart.
+    Springs of critical damping and more, which rebound with less than e⁻², cannot be distinguished.
     """
     if restitution >= 1.0:
         return 0.0
@@ -189,6 +192,8 @@ def _words(numbers: Any) -> str:
 
 
 DEFAULT_TIME_STEP = 1e-3
+"""s."""
+
 DEFAULT_CONTACT_TIME = 8e-3
 """s; eight steps: with fewer a spring misses its restitution, with more objects sink in deeper."""
 
@@ -260,7 +265,7 @@ class MujocoSimulator(Simulator):
         steps = math.ceil(float(np.nanmax(times)) / self.time_step) + 1
         data = self._mujoco.MjData(model)
         starts = np.array([self._state_vector(model, data, state) for state in states])
-        # MuJoCo stops a world that blows up and starts it anew; a warning tells.
+        # MuJoCo stops a world that diverges and restarts it, with a warning.
         rolled, _ = mujoco.rollout.rollout(model, data, starts, nstep=steps)
         poses = np.concatenate([starts[:, None], rolled], axis=1)[:, :, 1 : 1 + 7 * count]
         time = rolled[:, -1, 0]

@@ -14,7 +14,10 @@ from typing import Any
 from intuitive_physics.errors import InvalidInputError
 
 SETTINGS_NAME = "settings.json"
+"""File that says what a folder's cells were made with."""
+
 CELLS_NAME = "cells"
+"""Folder of the finished cells."""
 
 Cell = Callable[[], dict[str, Any]]
 """Computes one part: plain data that JSON holds."""
@@ -58,7 +61,7 @@ class CellStore:
         Parameters
         ----------
         cells : by name, which becomes a file name
-        on_progress : is told how many cells of how many are done, and which is next or was last
+        on_progress : called with the cells done, the cells in all, and the next or last one
         processes : that compute cells side by side
         """
         missing = {name: cell for name, cell in cells.items() if not self._path(name).exists()}

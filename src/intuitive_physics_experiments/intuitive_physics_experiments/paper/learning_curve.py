@@ -39,6 +39,7 @@ SOURCE_TITLES = {
     "flight": "initial states from all points before the first bounce",
     "true": "true initial states",
 }
+"""Titles of the figure's parts, by where initial states come from."""
 
 
 def draw_learning_curve(figure: Any, summary: Sequence[dict[str, Any]]) -> None:
@@ -86,6 +87,7 @@ def _draw_panel(axes: Any, lines: Sequence[dict[str, Any]]) -> None:
 
 
 ERRORS = ("learned", "oracle", "default")
+"""Whose errors are compared: learned, true and default parameters."""
 
 
 def run_learning_curve(

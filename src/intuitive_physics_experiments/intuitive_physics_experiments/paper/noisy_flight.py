@@ -10,6 +10,8 @@ from intuitive_physics.state import ERROR_SIZE, LINEAR_VELOCITY, POSITION
 from intuitive_physics.validation import finite_array, increasing_times, positive_float
 
 FEWEST_POINTS = 3
+"""That a flight is fitted to."""
+
 SURPRISE = 16.3
 """χ² of three degrees of freedom that free flight exceeds once in a thousand points."""
 
@@ -45,7 +47,10 @@ def fit_noisy_flight(
 
     Parameters
     ----------
-    As `flight_length`.
+    times : (n,) s, n ≥ 3, strictly increasing
+    positions : (n, 3) m
+    gravity : (3,) m/s²
+    noise : m, standard deviation of a point on each axis
 
     Returns
     -------

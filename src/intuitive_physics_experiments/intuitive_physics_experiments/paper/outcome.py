@@ -14,6 +14,7 @@ from intuitive_physics_cli.report.figure_style import STYLE
 from intuitive_physics_experiments.paper.cells import write_whole
 
 RESOLUTION = 130
+"""Dots per inch of a figure."""
 
 
 def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:

@@ -37,11 +37,17 @@ from intuitive_physics_experiments.paper.paper_room import (
 from intuitive_physics_recordings.observation_files import save_observations
 
 DURATION = 5.0
+"""s of a run (Sec. IV-B)."""
+
 SAMPLE_RATE = 30.0
+"""1/s (Sec. IV-B)."""
+
 POSITION_NOISE = 0.02
 """m, the standard deviation of N(0, 0.02) on each axis."""
 
 TRAINING_SHARE = 0.8
+"""Share of the runs that is learned from, as in the paper."""
+
 INITIAL_STATES = ("three_points", "flight", "true")
 """Where an observation's initial states come from: the paper's first three points, all points
 before the first surprise, or the truth (which no learner has)."""
@@ -141,7 +147,7 @@ def make_paper_dataset(
     engine : one of `dataset_engines.DATASET_ENGINES`
     initial_states : one of `INITIAL_STATES`
     kinds : of shapes in the pool, some of `paper_room.SHAPE_KINDS`
-    on_progress : is told how many trajectories of how many are there
+    on_progress : called with the trajectories made and the trajectories in all
 
     Raises
     ------
@@ -210,7 +216,7 @@ def _run(
 def _initial_state(
     trajectory: Trajectory, truth: ObjectState, environment: Environment, source: str
 ) -> ObjectState:
-    """Position and velocity as the points tell; spin as Eq. 10 draws it; orientation is known."""
+    """Position and velocity fitted to the points, spin as Eq. 10 draws it, orientation known."""
     if source == "true":
         return truth
     t, x, g = trajectory.times, trajectory.positions, environment.gravity
@@ -228,7 +234,10 @@ def _check_source(source: str) -> None:
 
 
 FORMAT = "intuitive_physics/paper_dataset/1"
+"""Name and version of the ground truth's file format."""
+
 TRUTH_NAME, TABLE_NAME = "ground_truth.json", "trajectories.csv"
+"""Files beside the observations."""
 
 
 def save_paper_dataset(dataset: PaperDataset, folder: Path) -> None:

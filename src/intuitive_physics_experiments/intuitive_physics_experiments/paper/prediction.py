@@ -40,7 +40,10 @@ from intuitive_physics_learner.search.parameter_search import ConvergenceCriteri
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 COLUMNS = 3
+"""Of the figure with an example each."""
+
 ERROR_LINES = 40
+"""Lines from predicted to observed points in one example."""
 
 
 def draw_predictions(figure: Any, cases: Sequence[PredictionCase]) -> None:
@@ -71,7 +74,7 @@ def draw_error_over_time(
     Parameters
     ----------
     cases : seen at the same times
-    shares : of `region_coverage`
+    shares : (19,) of `region_coverage`
     """
     left, right = figure.subplots(1, 2, width_ratios=(1.6, 1.0))
     times = cases[0].times
@@ -94,6 +97,7 @@ def draw_error_over_time(
 
 
 FIRST, EXAMPLES = "three_points", 6
+"""Where initial states come from, and how many predictions are drawn."""
 
 
 def run_prediction(

@@ -84,7 +84,10 @@ def draw_errors_by_size(figure: Any, rows: Sequence[dict[str, Any]]) -> None:
 
 
 TRAIN_FRACTION = 0.8
+"""Share of a ball's throws that is learned from."""
+
 BAG_NAME = "throws"
+"""Folder of the rendered bag."""
 
 
 def run_rgbd(

@@ -44,6 +44,7 @@ METHOD_COLORS = (
     "#d946ef",
     "#dc2626",
 )
+"""Of the update rules, in their order."""
 
 
 def draw_search_methods(

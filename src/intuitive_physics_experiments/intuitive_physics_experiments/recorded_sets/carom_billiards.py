@@ -21,6 +21,7 @@ from intuitive_physics_experiments.recorded_sets.initial_state import fit_initia
 from intuitive_physics_recordings.npz_file import Arrays
 
 BALL_MATERIAL, CLOTH_MATERIAL, CUSHION_MATERIAL = "ball", "cloth", "cushion"
+"""Names of the materials."""
 
 DURATION = 1.0
 """s of a shot that is observed."""
@@ -32,6 +33,7 @@ STILL = 0.002
 """m; a ball that stays so near its first place rests."""
 
 FEWEST_ROWS = 10
+"""Of a ball's motion that becomes an observation."""
 
 
 def carom_observations(arrays: Arrays) -> list[Observation]:

@@ -23,7 +23,10 @@ from intuitive_physics.validation import UNIT_QUATERNION_TOLERANCE, positive_flo
 from intuitive_physics_recordings.npz_file import Arrays, split_rows
 
 CUBE_MATERIAL, TABLE_MATERIAL = "cube", "table"
+"""Names of the materials."""
+
 MATERIALS = (CUBE_MATERIAL, TABLE_MATERIAL)
+"""All materials of the set, in the order of its parameters."""
 
 LENGTH_CORRECTION = 1.02
 """Lengths over recorded lengths: the cubes fall with 9.62 m/s² instead of 9.81 m/s² and rest

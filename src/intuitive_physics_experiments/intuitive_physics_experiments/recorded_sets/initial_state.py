@@ -61,7 +61,13 @@ def fit_initial_state(times: ArrayLike, positions: ArrayLike, gravity: ArrayLike
 
 
 def noise_variance(residuals: NDArray[np.float64], parameters: int) -> NDArray[np.float64]:
-    """Variance of a point on each axis, (3,) m², as if neighbours were independent."""
+    """Variance of a point on each axis, (3,) m², as if neighbours were independent.
+
+    Parameters
+    ----------
+    residuals : (n, 3) m, of points along one track
+    parameters : numbers that were fitted on each axis
+    """
     n = len(residuals)
     freedom = max(n - parameters, 1)
     variance = np.maximum((residuals**2).sum(axis=0) / freedom, SMALLEST_NOISE**2)

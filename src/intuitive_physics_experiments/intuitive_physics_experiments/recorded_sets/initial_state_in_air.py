@@ -23,7 +23,7 @@ from intuitive_physics.validation import finite_array, increasing_times, non_neg
 from intuitive_physics_experiments.recorded_sets.initial_state import noise_variance
 
 LIKELY_SPIN = 100.0
-"""rad/s, standard deviation of the spin of a shot ball before its flight tells more."""
+"""rad/s, standard deviation of the spin of a shot ball, before its flight is fitted."""
 
 CONVERGED = 1e-7
 """m; the fit ends when no point moves further than that."""
@@ -32,6 +32,7 @@ DIVERGED = 1e3
 """m; a fit whose points move as far as that finds no end."""
 
 MOST_ROUNDS = 60
+"""Iterations of the fit at most."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +68,8 @@ def fit_initial_state_in_air(
     Returns
     -------
     ObjectState
-        Holds at `times[0]`. Of the spin the flight tells only what is across it; of the rest the
-        covariance says `LIKELY_SPIN`.
+        Holds at `times[0]`. Of the spin the flight determines only the part across it; of the
+        rest the covariance says `LIKELY_SPIN`.
 
     Raises
     ------

@@ -56,26 +56,31 @@ CUBE_TOSSES = RecordedSet(
     ),
     cube_toss_observations,
 )
+"""Tosses of a cube onto a table (ContactNets)."""
 
 LAUNCHES = RecordedSet(
     "table-tennis launches",
     frozenset({"time", "position", "offsets", "radius"}),
     launch_observations,
 )
+"""Table-tennis balls from one setting of a launcher."""
 
 GUN_FLIGHTS = RecordedSet(
     "table-tennis gun flights",
     frozenset({"position", "velocity", "offsets", "dt_implied"}),
     gun_observations,
 )
+"""Table-tennis balls from a ball gun, with velocities."""
 
 CAROM_SHOTS = RecordedSet(
     "carom billiards",
     frozenset({"shot_ball_t_x_y", "ball_radius", "table"}),
     carom_observations,
 )
+"""Shots of carom billiards: three balls on a table."""
 
 RECORDED_SETS = (LAUNCHES, GUN_FLIGHTS, CUBE_TOSSES, CAROM_SHOTS)
+"""All kinds; a file is of the first whose arrays it has."""
 
 
 def load_recorded_set(path: Path) -> tuple[str, list[Observation]]:

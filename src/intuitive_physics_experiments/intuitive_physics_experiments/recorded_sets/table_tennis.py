@@ -28,12 +28,16 @@ from intuitive_physics_experiments.recorded_sets.initial_state_in_air import (
 from intuitive_physics_recordings.npz_file import Arrays, split_rows
 
 BALL_MATERIAL, TABLE_MATERIAL = "ball", "table"
+"""Names of the materials."""
+
 BALL_RADIUS = 0.020
 """m, by the rules of the sport."""
 BALL_MASS = 0.0027
 """kg, by the rules of the sport."""
 
 LAUNCH_BOUNCE_HEIGHT = 0.759
+"""m, height of the ball's centre at a bounce in the launches."""
+
 GUN_BOUNCE_HEIGHT = -0.44
 """m, of the ball's centre when it touches the table, in the frames of the two recordings."""
 
@@ -44,7 +48,10 @@ TURNING_HEIGHT = 0.15
 """m above the bounce height below which a ball that turns upward has bounced unseen."""
 
 FEWEST_FREE_POINTS = 6
+"""Before the first bounce, that an initial state is fitted to."""
+
 FEWEST_POINTS = 20
+"""Of a recording that becomes an observation."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +73,7 @@ class AirCoefficients:
 
 
 VACUUM = AirCoefficients()
+"""No drag and no Magnus force."""
 
 
 def ball_parameters() -> StaticParameters:
@@ -157,7 +165,7 @@ def _observation(
 ) -> Observation | None:
     above = environment.planes[0].signed_distances(positions) - ball.shape.bounding_radius
     free = rows_before_contact(above)
-    # A ball below the table has flown over its edge, which the set does not tell.
+    # A ball below the table has flown over its edge, which the set does not contain.
     gone = np.flatnonzero(above < -CLEARANCE)
     end = int(gone[0]) if gone.size else len(times)
     if free < FEWEST_FREE_POINTS or end < FEWEST_POINTS:
@@ -177,7 +185,15 @@ def fit_ball_state(
     environment: Environment,
     ball: SceneObject,
 ) -> ObjectState:
-    """Fit θ_d at the first of the rows (n,) s, (n, 3) m of a free flight, in the ball's air."""
+    """Fit θ_d at the first row of a free flight, in the ball's air.
+
+    Parameters
+    ----------
+    times : (n,) s
+    positions : (n, 3) m
+    environment : its gravity and air
+    ball : its radius and air coefficients
+    """
     if ball.drag_coefficient == ball.magnus_coefficient == 0.0:
         return fit_initial_state(times, positions, environment.gravity)
     radius = ball.shape.bounding_radius

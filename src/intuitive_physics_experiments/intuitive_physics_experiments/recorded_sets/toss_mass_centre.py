@@ -22,6 +22,7 @@ CLEARANCE = 0.05
 """Of the cube's width. Rows with a corner nearer than this to a plane may be no flight."""
 
 FEWEST_ROWS = 6
+"""Of a flight before the first touch that is fitted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +72,13 @@ def fit_mass_centre(tosses: Sequence[CubeToss]) -> MassCentreFit:
 
 
 def with_mass_centre(toss: CubeToss, mass_centre: NDArray[np.float64]) -> CubeToss:
-    """Return the toss of a cube whose centre of mass (3,) m is there."""
+    """Return the toss of a cube with a centre-of-mass offset.
+
+    Parameters
+    ----------
+    toss : of a cube with or without an offset
+    mass_centre : (3,) m in the cube's frame
+    """
     (seen,) = toss.observation.objects
     x, y, z = mass_centre.tolist()
     cube = replace(seen.object, mass_centre=(x, y, z))

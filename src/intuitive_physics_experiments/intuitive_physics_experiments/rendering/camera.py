@@ -13,7 +13,10 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.validation import finite_array, positive_float, unit_vector
 
 OPTICAL_FRAME = "camera_depth_optical_frame"
+"""Name of the camera's frame: x right, y down, z forward (REP 103)."""
+
 UP = np.array([0.0, 0.0, 1.0])
+"""Unit vector in the world."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +61,12 @@ class Camera:
         focal_length: float = 460.0,
     ) -> Camera:
         """Return an upright camera at `position` that sees `target` in its image's centre.
+
+        Parameters
+        ----------
+        position, target : (3,) m in the world
+        width, height : pixels
+        focal_length : pixels
 
         Raises
         ------

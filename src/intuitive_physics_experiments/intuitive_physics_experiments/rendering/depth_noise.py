@@ -16,7 +16,10 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_experiments.rendering.depth_renderer import DepthImage, ImageRegion
 
 _JITTER_REACH = 2
+"""Pixels by which an edge is moved at most."""
+
 _RANDOM_LEVELS = 1 << 16
+"""Values of a random 16-bit number."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,12 @@ class DepthNoise:
             )
 
     def sigma(self, depth: NDArray) -> NDArray:
-        """Axial standard deviation in m at depths in m."""
+        """Axial standard deviation of each depth, (...) m.
+
+        Parameters
+        ----------
+        depth : (...) m
+        """
         return self.axial_constant + self.axial_quadratic * depth**2
 
 
@@ -146,7 +154,7 @@ class NoisyDepthCamera:
         return self._rng.integers(0, _RANDOM_LEVELS, size=shape, dtype=np.uint16)
 
     def _with_region(self, part: DepthImage, region: ImageRegion) -> tuple[NDArray, ...]:
-        """Faults of the whole image, computed anew around a region that differs."""
+        """Faults of the whole image, computed again around a region that differs."""
         background = self._background
         height, width = background.depth.shape
         # The shadow falls to the left of what casts it; an edge reaches one pixel further.

@@ -132,7 +132,13 @@ class DepthRenderer:
         return RenderedBalls(DepthImage(depth, cosine), region, owner)
 
     def full_image(self, center: ArrayLike, radius: float) -> DepthImage:
-        """Return the whole image with a ball in it."""
+        """Return the whole image with a ball in it.
+
+        Parameters
+        ----------
+        center : (3,) m in the world
+        radius : m
+        """
         part, region = self.render(center, radius)
         depth, cosine = self.background.depth.copy(), self.background.incidence_cosine.copy()
         depth[region.rows, region.columns] = part.depth

@@ -16,6 +16,8 @@ from intuitive_physics_experiments.rendering.corner_room import BALL_RADII, ROOM
 from intuitive_physics_experiments.rendering.thrown_ball import BallContact, BallMotion, move_ball
 
 MOST_ATTEMPTS = 500
+"""Draws of a throw that stays in view before it is given up."""
+
 IMAGE_MARGIN = 4.0
 """Pixels kept free between a ball and the image's edge."""
 

@@ -25,9 +25,16 @@ from intuitive_physics_ros.parameters import Parameter, declare_parameters
 from intuitive_physics_ros.run_node import run_node
 
 CLOCK_TOPIC = "/clock"
+"""Where ROS nodes that use simulated time look for it."""
+
 QUEUE_DEPTH = 10
+"""Messages kept for a slow subscriber of a replayed topic."""
+
 POLL_PERIOD = 0.05
+"""s between two checks for subscribers."""
+
 ACKNOWLEDGE_TIMEOUT = 2.0
+"""s that subscribers have at the end to acknowledge the last messages."""
 
 PARAMETERS = (
     Parameter("bag", "", "folder of the bag, or one .mcap or .db3 file"),
@@ -42,6 +49,7 @@ PARAMETERS = (
     ),
     Parameter("wait_timeout", 30.0, "s to wait for those subscribers at most", range=(0.0, 3600.0)),
 )
+"""Of the node."""
 
 
 class ReplayNode(Node):

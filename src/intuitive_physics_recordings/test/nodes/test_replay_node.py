@@ -24,14 +24,14 @@ from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import Image  # noqa: E402
 from std_msgs.msg import Int32  # noqa: E402
 
-from intuitive_physics_experiments.rendering.camera import Camera  # noqa: E402
 from intuitive_physics_recordings.depth_bag_writer import (  # noqa: E402
     DEPTH_TOPIC,
     DepthBagWriter,
 )
 
+from ..small_camera import SMALL  # noqa: E402
+
 TIMEOUT = 20.0
-SMALL = Camera.looking_at((0, 0, 1), (1, 1, 0), width=8, height=6, focal_length=6.0)
 
 
 @pytest.fixture(scope="module")

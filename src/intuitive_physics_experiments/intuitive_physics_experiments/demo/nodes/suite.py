@@ -42,7 +42,7 @@ class Suite:
     Parameters
     ----------
     database : file in which the learner keeps what it hears
-    horizon : s the predictor looks ahead
+    horizon : s that the predictor predicts ahead
     log_folder : where each node's output is written when they end
     """
 

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics.state import ObjectState
 from intuitive_physics_cli.evaluation.evaluation import free_flight
-from intuitive_physics_experiments.rendering.corner_room import corner_environment
+
+from .bouncing_balls import CORNER
 
 R = 0.05
 inside = st.floats(-1.0, 1.0 - R)
@@ -26,7 +27,7 @@ def test_without_planes_it_is_a_parabola() -> None:
 def test_it_stops_at_the_floor_when_it_gets_there() -> None:
     # From height h at rest: t = √(2 h / g).
     state = ObjectState((0.0, 0.0, 1.0 + R), linear_velocity=(1.0, 0.0, 0.0))
-    path = free_flight(corner_environment(), R, state, [0.0, 0.3, 0.6])
+    path = free_flight(CORNER, R, state, [0.0, 0.3, 0.6])
     assert path[2] == pytest.approx([np.sqrt(2.0 / 9.81), 0.0, R])
 
 
@@ -36,7 +37,7 @@ def test_it_stops_at_the_floor_when_it_gets_there() -> None:
 def test_it_never_leaves_the_room_and_only_stops_at_a_plane(
     x: float, y: float, z: float, vx: float, vy: float, vz: float
 ) -> None:
-    environment = corner_environment()
+    environment = CORNER
     state = ObjectState((x, y, z), linear_velocity=(vx, vy, vz))
     path = free_flight(environment, R, state, np.linspace(0.0, 3.0, 60))
     gaps = np.array([plane.signed_distances(path) - R for plane in environment.planes])

@@ -6,33 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.materials import StaticParameters
-from intuitive_physics.observation import Observation, ObservedObject
-from intuitive_physics.scene import Scene, SceneObject
-from intuitive_physics.shapes import Sphere
-from intuitive_physics.simulation import make_simulator
-from intuitive_physics.state import ObjectState
-from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_cli.evaluation.evaluation import evaluate, split
-from intuitive_physics_experiments.rendering.corner_room import corner_environment
 from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 
-TRUE = StaticParameters.uniform(("rubber", "room"), restitution=0.85)
-
-
-def bounces(count: int) -> list[Observation]:
-    """Balls dropped at different speeds under `TRUE`, seen without noise."""
-    times = np.arange(1, 31) / 30.0
-    observations = []
-    for i in range(count):
-        thing = SceneObject("ball", "rubber", Sphere(0.05))
-        state = ObjectState((0.0, 0.0, 0.6), linear_velocity=(0.1 * i, 0.0, 0.0))
-        scene = Scene(corner_environment(), (thing,), (state,))
-        path = make_simulator("event_driven").rollout([scene], TRUE, times).positions[0, 0]
-        seen = ObservedObject(thing, Trajectory(5.0 + times, path), state)
-        observations.append(Observation(scene.environment, (seen,), 5.0))
-    return observations
+from .bouncing_balls import TRUE, bounces
 
 
 def test_the_parameters_that_made_the_data_are_learned_and_predict_the_rest() -> None:

@@ -8,32 +8,26 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics_cli.command_line import main
-from intuitive_physics_experiments.recorded_sets.recorded_data import load_recorded_set
 from intuitive_physics_learner import ObservationStore
 from intuitive_physics_recordings.observation_files import save_observations
 from intuitive_physics_recordings.parameter_files import load_parameters, save_parameters
+
+from .bouncing_balls import bounces
 
 COMMAND = [sys.executable, "-m", "intuitive_physics_cli.command_line"]
 
 
 @pytest.fixture
-def folder(
-    tmp_path: Path,
-    launch_arrays: Callable[[int], dict[str, Any]],
-    monkeypatch: pytest.MonkeyPatch,
-) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Stand in a folder with four observations as JSON."""
-    np.savez(tmp_path / "launches.npz", **launch_arrays(4))
-    save_observations(load_recorded_set(tmp_path / "launches.npz")[1], tmp_path / "saved")
+    save_observations(bounces(4), tmp_path / "saved")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -14,8 +14,6 @@ import numpy as np
 import pytest
 
 from intuitive_physics_cli.command_line import main
-from intuitive_physics_cli.commands.observation_source import METHOD
-from intuitive_physics_learner.methods import DEFAULT_METHOD
 
 COMMAND = [sys.executable, "-m", "intuitive_physics_cli.command_line"]
 
@@ -52,21 +50,6 @@ def test_evaluate_prints_parameters_and_errors(launch_set: Path) -> None:
     assert errors["learned parameters"] < errors["default parameters"] < errors["free flight"]
 
 
-def test_learn_then_predict(launch_set: Path, tmp_path: Path) -> None:
-    from intuitive_physics_experiments.recorded_sets.recorded_data import load_recorded_set
-    from intuitive_physics_recordings.observation_files import save_observations
-
-    folder, parameters = tmp_path / "observations", tmp_path / "parameters.json"
-    save_observations(load_recorded_set(launch_set)[1], folder)
-    learned = run("learn", folder, parameters, "--iterations", 300, "--method", "adaptive_random")
-    assert learned.returncode == 0, learned.stderr
-    assert "saved in" in learned.stdout
-    observation = sorted(folder.glob("*.json"))[0]
-    predicted = run("predict", observation, parameters, "--samples", 10)
-    assert predicted.returncode == 0, predicted.stderr
-    assert "ball (ball), 10 samples" in predicted.stdout
-
-
 def test_render_and_perceive(tmp_path: Path, needs_open3d: None) -> None:
     bag, saved = tmp_path / "bag", tmp_path / "saved"
     rendered = run("render", bag, "--throws", 1, "--seed", 4)
@@ -80,16 +63,6 @@ def test_render_and_perceive(tmp_path: Path, needs_open3d: None) -> None:
     assert "observations: 1" in perceived.stdout
     assert "foam" in perceived.stdout
     assert len(list(saved.glob("*.json"))) == 1
-
-
-def test_perceive_a_lidar_scan(recording: Callable[[str], Path]) -> None:
-    # README of the data: an exercise ball of 0.28 to 0.30 m radius on a chair.
-    result = run("perceive", recording("lidar_ball_1.npz"))
-    assert result.returncode == 0, result.stderr
-    assert "balls: 1" in result.stdout
-    height, radius = (result.stdout.splitlines()[-1].replace(")", " ").split()[k] for k in (2, 3))
-    assert 0.28 < float(radius) < 0.31
-    assert 0.5 < float(height) < 1.2
 
 
 @pytest.mark.parametrize(
@@ -171,10 +144,6 @@ def test_drag_is_learned_from_the_recording(recording: Callable[[str], Path]) ->
     assert means["learned parameters"] < spread < means["default parameters"]
 
 
-def test_the_default_method_is_the_librarys() -> None:
-    assert METHOD == DEFAULT_METHOD
-
-
 def test_tosses_by_the_number_learned_from(
     tmp_path: Path, toss_arrays: Callable[..., dict[str, Any]]
 ) -> None:
@@ -236,19 +205,6 @@ def write(path: Path, text: str = "") -> Path:
         (["evaluate", "set.npz", "--drag", "-1"], "drag coefficient is -1"),
         (["evaluate", "other.npz", "--magnus", "1"], "has the arrays a; expected"),
         (["evaluate", "tosses.npz", "--engine", "event_driven"], "event_driven"),
-        (["learn", "set.npz", "no/such/folder/out.json", "--iterations", "5"], "cannot write"),
-        (["perceive", "nowhere"], "there is no nowhere"),
-        (["perceive", "other.npz"], "expected xyz"),
-        (["perceive", "nan.npz"], "points"),
-        (["perceive", "notes.txt"], "bag"),
-        (["perceive", "."], "metadata.yaml"),
-        (["perceive", "other.npz", "--save", "x"], "no motion to save"),
-        (["perceive", "cloud.npz", "--rerun", "x.rrd"], "expected --rerun with a bag"),
-        (["perceive", "cloud.npz", "--ball", "foam"], "expected MATERIAL=RADIUS"),
-        (["predict", "nowhere.json", "nowhere.json"], "cannot read nowhere.json"),
-        (["predict", "some.json", "some.json", "--tilt-noise", "2"], "contact noise tilt is 2 rad"),
-        (["report", "nowhere.npz", "out.html"], "there is no nowhere.npz"),
-        (["report", "set.npz", "notes.txt/out.html", "--iterations", "5"], "cannot write"),
         (["render", "bag", "--throws", "0"], "expected at least 1"),
         (["render", "notes.txt"], "exists already"),
         (["render", "bag", "--seed", "-3"], "seed is -3"),
@@ -269,8 +225,6 @@ def test_mistakes_are_one_line_and_exit_code_1(
     (tmp_path / "bad_observations").mkdir()
     write(tmp_path / "bad_observations" / "0.json", "{")
     np.savez("other.npz", a=np.zeros(3))
-    np.savez("nan.npz", xyz=np.full((100, 3), np.nan))
-    np.savez("cloud.npz", xyz=np.random.default_rng(0).normal(size=(500, 3)))
     np.savez("set.npz", **launch_arrays(3))
     np.savez("tosses.npz", **toss_arrays(2))
     capsys.readouterr()
@@ -279,13 +233,6 @@ def test_mistakes_are_one_line_and_exit_code_1(
     assert message in captured.err
     assert captured.err.startswith("intuitive-physics: error: ")
     assert len(captured.err.strip().splitlines()) == 1
-
-
-def test_wrong_usage_and_errors_as_a_process(tmp_path: Path) -> None:
-    assert run("fly").returncode == 2
-    result = run("perceive", tmp_path / "nowhere")
-    assert (result.returncode, result.stdout) == (1, "")
-    assert len(result.stderr.strip().splitlines()) == 1
 
 
 def test_ctrl_c_ends_with_130(launch_set: Path) -> None:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from intuitive_physics_cli.evaluation.prediction_case import LEVELS, PredictionCase, region_coverage
-from intuitive_physics_experiments.rendering.corner_room import corner_environment
+
+from .bouncing_balls import CORNER
 
 POINTS, SAMPLES, CASES = 30, 60, 40
 
@@ -19,7 +20,7 @@ def cases(claimed: float, true: float, rng: np.random.Generator) -> list[Predict
 def one_case(claimed: float, true: float, rng: np.random.Generator) -> PredictionCase:
     return PredictionCase(
         "case",
-        corner_environment(),
+        CORNER,
         0.05,
         np.arange(POINTS) / 30.0,
         rng.normal(0.0, claimed, (SAMPLES, POINTS, 3)),

@@ -1,0 +1,42 @@
+"""Fixtures that tests of several packages use."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+REAL = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
+"""Recordings of others, where they are on this machine."""
+
+
+@pytest.fixture(scope="session")
+def recording() -> Callable[[str], Path]:
+    """Path of a recording of others by its name; skips where it is not on this machine."""
+
+    def find(name: str) -> Path:
+        path = REAL / name
+        if not path.exists():
+            pytest.skip(f"the recording {path} is not on this machine")
+        return path
+
+    return find
+
+
+@pytest.fixture(scope="session")
+def write_chatter() -> Callable[[Path], None]:
+    """Writes an SQLite bag of 200 strings on /chatter."""
+
+    def write(path: Path) -> None:
+        typestore = get_typestore(Stores.ROS2_JAZZY)
+        string = typestore.types["std_msgs/msg/String"]
+        with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+            connection = writer.add_connection("/chatter", string.__msgtype__, typestore=typestore)
+            for i in range(200):
+                data = typestore.serialize_cdr(string(data=f"hello {i}" * 50), string.__msgtype__)
+                writer.write(connection, 10**18 + i, data)
+
+    return write

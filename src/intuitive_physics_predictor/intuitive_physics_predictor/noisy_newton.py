@@ -57,7 +57,8 @@ def predict(
     Returns
     -------
     TrajectoryDistribution
-        Of all samples that could be simulated to the end, with equal weights.
+        Of all samples that could be simulated to the end, with equal weights, and the number of
+        those that could not.
 
     Raises
     ------
@@ -160,4 +161,5 @@ def predict_sampled(
         positions=positions,
         weights=np.full(len(positions), 1.0 / len(positions)),
         orientations=turned,
+        failed_count=int(worlds.size - len(positions)),
     )

@@ -22,15 +22,17 @@ from intuitive_physics_predictor.live.live_prediction import (
     Inputs,
     NothingToPredictError,
     SeenStates,
-    predict_now,
     predict_scene,
 )
-from intuitive_physics_predictor.live.options import PredictionOptions
-from intuitive_physics_predictor.live.prediction_settings import PredictionSettings, output_times
+from intuitive_physics_predictor.live.predictor import Predictor
 from intuitive_physics_predictor.live.question import Event, Question, answer
+from intuitive_physics_predictor.live.settings import (
+    PredictionOptions,
+    PredictionSettings,
+    output_times,
+)
 from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
-from intuitive_physics_predictor.noisy_newton import PreparedScene
 
 ROOM = Environment([Plane("floor", "wood", (0, 0, 1), 0.0)], frame_id="room")
 COVARIANCE = np.diag([1e-6] * 3 + [0.0] * 3 + [1e-4] * 3 + [1e-2] * 3)
@@ -58,8 +60,9 @@ INPUTS = Inputs(ROOM, 7, learned(), SEEN)
 
 
 def now(age, inputs=INPUTS, options=SETTINGS, seed=1):
-    """Predict when the states are so old."""
-    return predict_now(inputs, options, seed=seed, now=1000.0 + age, monotonic=50.0 + age)
+    """Predict from states of this age in s."""
+    predictor = Predictor(options, seed, inputs)
+    return predictor.predict(now=1000.0 + age, monotonic=50.0 + age)
 
 
 @given(st.floats(0.0, 0.5))
@@ -69,9 +72,7 @@ def test_carrying_forward_is_looking_later_at_the_same_samples(age):
     # depend on when it was predicted: the engine's closed form is evaluated elsewhere, to rounding.
     made = now(age)
     assert made.start == pytest.approx(1000.0 + age, abs=1e-9)
-    at_stamp = SETTINGS.predict(
-        now(0.0).scene, INPUTS.learned, age + SETTINGS.times, seed=1, sample_count=20
-    )
+    at_stamp = SETTINGS.predict(now(0.0).prepared, age + SETTINGS.times, seed=1, sample_count=20)
     # Stamps of 1000 s hold 1e-13 s, and nothing is faster than 10 m/s.
     np.testing.assert_allclose(made.distribution.positions, at_stamp.positions, atol=1e-9)
     np.testing.assert_array_equal(made.distribution.times, SETTINGS.times)
@@ -112,9 +113,9 @@ def test_nothing_is_predicted_from_what_is_missing_or_old(inputs, age, reason):
 def test_a_clock_that_stands_still_makes_nothing_stale_before_its_time():
     # A paused bag: no new states, and its clock does not go on.
     for silent in (0.0, 0.2, 0.45):
-        predict_now(INPUTS, SETTINGS, seed=0, now=1000.0, monotonic=50.0 + silent)
+        Predictor(SETTINGS, 0, INPUTS).predict(now=1000.0, monotonic=50.0 + silent)
     with pytest.raises(NothingToPredictError, match=r"are 0\.6 s old"):
-        predict_now(INPUTS, SETTINGS, seed=0, now=1000.0, monotonic=50.6)
+        Predictor(SETTINGS, 0, INPUTS).predict(now=1000.0, monotonic=50.6)
 
 
 def test_another_frame_is_refused():
@@ -134,50 +135,15 @@ def test_materials_nobody_learned_of_may_be_anything():
 def test_asked_again_the_samples_are_the_very_same(shape):
     seen = replace(SEEN, objects=(SceneObject("ball", "rubber", shape),))
     made = now(0.1, replace(INPUTS, seen=seen))
-    again = made.again(made.distribution.times, 20)
+    again = made.repeat(made.distribution.times, 20)
     np.testing.assert_array_equal(again.positions, made.distribution.positions)
     assert again.orientations.shape == (*made.distribution.positions.shape[:-1], 4)
-    more = made.again(made.distribution.times, 500)
+    more = made.repeat(made.distribution.times, 500)
     assert more.positions.shape[0] == 500
     # Both are of the same distribution: σ = 2 cm after 0.2 s and less, 20 samples.
     np.testing.assert_allclose(
         more.mean[0, :20], made.distribution.mean[0, :20], atol=5 * 0.003 / np.sqrt(20)
     )
-
-
-@given(st.integers(0, 3), st.integers(0, 3), st.integers(1, 3), st.booleans(), st.booleans())
-@settings(max_examples=30)
-def test_what_was_drawn_ahead_changes_no_prediction(seed, ahead, count, other_scene, noisy):
-    # Drawn ahead or not, and of whatever: the same question has the same answer, to the bit.
-    options = PredictionOptions(
-        horizon=0.5, sample_count=2, size_scale=0.1 * noisy, impact_tilt_noise=0.1 * noisy
-    )
-    higher = ObjectState((0, 0, 1.5), covariance=COVARIANCE)
-    scene = INPUTS.scene
-    elsewhere = replace(INPUTS, seen=replace(SEEN, states=(higher,))).scene
-
-    def predicted(settings):
-        return settings.predict(
-            scene, INPUTS.learned, settings.times, seed=seed, sample_count=count
-        ).positions
-
-    alone, after = PredictionSettings(options), PredictionSettings(options)
-    after.draw_ahead(elsewhere if other_scene else scene, INPUTS.learned, ahead)
-    np.testing.assert_array_equal(predicted(after), predicted(alone))
-
-
-def test_what_was_drawn_ahead_is_not_drawn_again(monkeypatch):
-    options = PredictionSettings(PredictionOptions(horizon=1.0))
-    options.draw_ahead(INPUTS.scene, INPUTS.learned, 1)
-    drawn = []
-    draw = PreparedScene.sampled
-    monkeypatch.setattr(
-        PreparedScene, "sampled", lambda *arguments: drawn.append(1) or draw(*arguments)
-    )
-    now(0.0, options=options, seed=1)
-    assert not drawn
-    now(0.0, options=options, seed=2)
-    assert len(drawn) == 1
 
 
 def test_no_prediction_is_of_a_kind_that_was_not_compiled():
@@ -187,7 +153,7 @@ def test_no_prediction_is_of_a_kind_that_was_not_compiled():
     options = PredictionOptions(horizon=1.0, size_scale=0.01, contact_scale=0.05)
     now(0.1, options=PredictionSettings(options))
     now(0.1, replace(INPUTS, learned=None))
-    now(0.1).again(SETTINGS.times, 5)
+    now(0.1).repeat(SETTINGS.times, 5)
     assert len(roll_worlds.signatures) == compiled
 
 

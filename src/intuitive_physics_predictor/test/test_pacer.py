@@ -99,58 +99,78 @@ def test_it_stops_at_once_though_the_next_tick_is_far(paced):
     assert len(ticks.due) == 1
 
 
-def test_who_waits_for_the_gap_begins_early_in_it(paced):
-    # Ticks of 30 ms that begin every 60 ms, and a wish for 20 ms before the next one.
+def test_posted_work_begins_early_in_the_gap(paced):
+    # Ticks of 30 ms that begin every 60 ms, and work that wants 5 ms before the next one.
     ticks = Ticks(15, lambda number: time.sleep(0.03))
     pacer = paced(ticks, 1.0 / 0.06)
     begun = []
     while not ticks.is_done():
-        pacer.wait_for_gap(0.02, 1.0)
-        begun.append((time.monotonic() - ticks.due[0]) % 0.06)
+        done = threading.Event()
+
+        def work(done=done):
+            begun.append((time.monotonic() - ticks.due[0]) % 0.06)
+            done.set()
+
+        pacer.post(work)
+        assert done.wait(20.0)
         time.sleep(0.007)
-    # From the end of a tick up to 20 ms before the next one; a busy machine may wake it late.
+    # From the end of a tick up to 5 ms before the next one; a busy machine may wake it late.
     assert len(begun) > 15
-    in_time = (np.array(begun) > 0.025) & (np.array(begun) < 0.045)
+    in_time = (np.array(begun) > 0.025) & (np.array(begun) < 0.06)
     assert in_time.mean() > 0.8
 
 
-def test_who_waits_for_the_gap_waits_no_longer_than_told(paced):
-    begun, end = threading.Event(), threading.Event()
-
-    def work(number):
-        begun.set()
-        end.wait(20.0)
-
-    pacer = paced(Ticks(1, work), 20.0)
-    assert begun.wait(20.0)
-    start = time.monotonic()
-    pacer.wait_for_gap(0.001, 0.05)
-    assert 0.04 < time.monotonic() - start < 10.0
-    end.set()
-
-
-def test_a_tick_can_tell_whether_somebody_waits_for_its_end():
-    begun, told = threading.Event(), []
-
-    def work(number):
-        told.append(pacer.is_awaited)
-        begun.set()
-        deadline = time.monotonic() + 20.0
-        while not pacer.is_awaited and time.monotonic() < deadline:
-            time.sleep(0.001)
-        told.append(pacer.is_awaited)
-
-    pacer = Pacer(Ticks(1, work), 1.0)
+def test_ticks_work_and_rest_share_one_thread_in_order(paced):
+    threads, done = [], []
+    ticks = Ticks(1000, lambda number: threads.append(threading.get_ident()))
+    pacer = Pacer(ticks, 500.0, lambda: threads.append(threading.get_ident()))
     pacer.start()
-    assert begun.wait(20.0)
-    pacer.wait_for_gap(0.001, 20.0)
+
+    def post(poster):
+        for number in range(200):
+            pacer.post(lambda number=number: done.append((poster, number, threading.get_ident())))
+            time.sleep(1e-4)
+
+    posters = [threading.Thread(target=post, args=(k,)) for k in range(4)]
+    for poster in posters:
+        poster.start()
+    for poster in posters:
+        poster.join()
+    deadline = time.monotonic() + 20.0
+    while len(done) < 800 and time.monotonic() < deadline:
+        time.sleep(0.01)
     pacer.stop()
-    assert told == [False, True]
-    assert not pacer.is_awaited
+    assert len({*threads, *(thread for *_, thread in done)}) == 1
+    for k in range(4):
+        assert [number for poster, number, _ in done if poster == k] == list(range(200))
 
 
-def test_without_ticks_all_is_gap():
-    Pacer(Ticks(1), 20.0).wait_for_gap(0.01, 1e6)
+def test_work_is_done_after_each_tick_though_ticks_fill_all_time(paced):
+    # Each tick takes more than a period: there is no gap but right after it.
+    ticks = Ticks(8, lambda number: time.sleep(0.03))
+    pacer = paced(ticks, 50.0)
+    done = threading.Event()
+    pacer.post(done.set)
+    assert done.wait(20.0)
+
+
+def test_rest_follows_each_tick_and_posted_work():
+    calls = []
+    rested = threading.Event()
+
+    def rest():
+        calls.append("rest")
+        if "work" in calls:
+            rested.set()
+
+    pacer = Pacer(lambda late, left_out: calls.append("tick"), 0.1, rest)
+    pacer.start()
+    while "rest" not in calls:
+        time.sleep(0.01)
+    pacer.post(lambda: calls.append("work"))
+    assert rested.wait(20.0)
+    pacer.stop()
+    assert calls[:4] == ["tick", "rest", "work", "rest"]
 
 
 def test_what_never_started_can_be_stopped():

@@ -1,4 +1,4 @@
-"""The prediction that is due now, from the newest of everything."""
+"""Inputs of live prediction, and a prediction with all it was made from."""
 
 from __future__ import annotations
 
@@ -17,18 +17,20 @@ from intuitive_physics.simulation.overlap_check import check_overlaps
 from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import increasing_times
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
-from intuitive_physics_predictor.live.prediction_settings import PredictionSettings
+from intuitive_physics_predictor.live.settings import PredictionOptions, PredictionSettings
+from intuitive_physics_predictor.noisy_newton import PreparedScene
 
 CLOCK_TOLERANCE = 0.1
-"""s that states may be stamped ahead of this machine's clock: cameras keep a time of their own."""
+"""Largest lead, in s, of the states' stamp over this machine's clock: cameras may have clocks of
+their own. Our choice."""
 
 
 class NothingToPredictError(IntuitivePhysicsError):
-    """What a prediction is made from is not there, or too old."""
+    """Inputs of a prediction are missing or too old."""
 
 
 class NoObjectsError(NothingToPredictError):
-    """Nothing moves, or nothing is there, which is nobody's fault."""
+    """No objects tracked; not an error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +40,9 @@ class SeenStates:
     Parameters
     ----------
     stamp : s, when they were seen
-    arrived : s on a clock that always goes on (`time.monotonic`)
-    delay : s, how old they were by their stamp when they arrived
-    frame_id : frame they are in
+    arrived : s, on a clock that never stops (`time.monotonic`)
+    delay : s, their age by their stamp when they arrived
+    frame_id : frame of the states
     """
 
     objects: tuple[SceneObject, ...]
@@ -53,7 +55,7 @@ class SeenStates:
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """The newest of each input; None is what has not come yet.
+    """The newest of each input; None while it has not arrived.
 
     Parameters
     ----------
@@ -71,7 +73,7 @@ class Inputs:
         Raises
         ------
         NothingToPredictError
-            When one of them has not come yet.
+            When one of them has not arrived.
         """
         if self.environment is None or self.seen is None:
             missing = "environment" if self.environment is None else "object states"
@@ -80,14 +82,14 @@ class Inputs:
 
     @cached_property
     def scene(self) -> Scene:
-        """What is to be predicted.
+        """Scene to predict.
 
         Raises
         ------
         NothingToPredictError
-            When environment or states have not come yet, or hold no objects.
+            When environment or states have not arrived, or there are no objects.
         InvalidInputError
-            When they are in different frames or do not go together.
+            When they are in different frames or do not match.
         """
         environment, seen = self.perceived()
         if not seen.objects:
@@ -102,7 +104,7 @@ class Inputs:
 
 @dataclass(frozen=True, eq=False)
 class LivePrediction:
-    """A prediction and what it was made from.
+    """A prediction and what it was made from; immutable, so that threads may share it.
 
     Parameters
     ----------
@@ -110,11 +112,11 @@ class LivePrediction:
     start : s, on the clock of the states' stamp
     states_stamp : s, when the states were seen
     seed : of the noise
-    scene, learned, settings, environment_version : what it was made from
+    prepared, learned, settings, environment_version : what it was made from
     """
 
     distribution: TrajectoryDistribution
-    scene: Scene
+    prepared: PreparedScene
     learned: LearnedParameters | None
     settings: PredictionSettings
     start: float
@@ -123,72 +125,30 @@ class LivePrediction:
     environment_version: int
 
     @property
+    def scene(self) -> Scene:
+        """Scene that was predicted."""
+        return self.prepared.scene
+
+    @property
     def static_parameters_version(self) -> int:
-        """Version of θ_s; 0: nothing was learned."""
+        """Version of θ_s; 0 without learned parameters."""
         return 0 if self.learned is None else self.learned.version
 
-    def again(self, times: NDArray[np.float64], sample_count: int) -> TrajectoryDistribution:
-        """Predict from the same inputs, with orientations; as many samples are the same ones.
+    def repeat(self, times: NDArray[np.float64], sample_count: int) -> TrajectoryDistribution:
+        """Predict from the same inputs, with orientations; the same count gives the same samples.
 
         Parameters
         ----------
         times : (n_times,) s after `start`
         """
         distribution = self.settings.predict(
-            self.scene,
-            self.learned,
+            self.prepared,
             self.start - self.states_stamp + times,
             seed=self.seed,
             sample_count=sample_count,
             orientations=True,
         )
         return replace(distribution, times=times)
-
-
-def predict_now(
-    inputs: Inputs, settings: PredictionSettings, *, seed: int, now: float, monotonic: float
-) -> LivePrediction:
-    """Carry the newest states forward to now and predict from there.
-
-    Both are one simulation: of the samples, from the states' stamp on, that is written down from
-    now on.
-
-    Parameters
-    ----------
-    seed : of the noise
-    now : s, on the clock of the stamps
-    monotonic : s, now on the clock of `SeenStates.arrived`
-
-    Raises
-    ------
-    NothingToPredictError
-        When there is no environment, no states, they are too old or have no objects.
-    InvalidInputError
-        When states and environment are in different frames or the scene or settings cannot be.
-    PredictionFailedError, UnsupportedSceneError
-        As `noisy_newton.predict`.
-    """
-    _, seen = inputs.perceived()
-    check_fresh(seen, settings, now, monotonic)
-    scene = inputs.scene
-    start = max(now, seen.stamp) if settings.options.carry_forward else seen.stamp
-    distribution = settings.predict(
-        scene,
-        inputs.learned,
-        start - seen.stamp + settings.times,
-        seed=seed,
-        sample_count=settings.options.sample_count,
-    )
-    return LivePrediction(
-        distribution=replace(distribution, times=settings.times),
-        scene=scene,
-        learned=inputs.learned,
-        settings=settings,
-        start=start,
-        states_stamp=seen.stamp,
-        seed=seed,
-        environment_version=inputs.environment_version,
-    )
 
 
 def predict_scene(
@@ -202,32 +162,32 @@ def predict_scene(
     start: float,
     environment_version: int = 0,
 ) -> LivePrediction:
-    """Predict a scene that somebody asks about, from its states on.
+    """Predict any scene, from its states on.
 
     Parameters
     ----------
     times : (n_times,) s after `start`, strictly increasing, none negative
-    start : s, which the states are taken to be of
+    start : s, time of the states
 
     Raises
     ------
     InvalidInputError
-        When objects are in one another, or a number is not what it must be.
+        When objects overlap, or a number is invalid.
     PredictionFailedError, UnsupportedSceneError
         As `noisy_newton.predict`.
     """
-    # What is perceived may overlap by its noise; a scene that is made up should not.
+    # Noise makes perceived objects overlap; a requested scene should not.
     check_overlaps([scene], pack_worlds([scene], StaticParameters.uniform(scene.materials)))
+    prepared = settings.prepare(scene, settings.uncertain_parameters(learned, scene.materials))
     distribution = settings.predict(
-        scene,
-        learned,
+        prepared,
         increasing_times(times, "times"),
         seed=seed,
         sample_count=sample_count,
     )
     return LivePrediction(
         distribution=distribution,
-        scene=scene,
+        prepared=prepared,
         learned=learned,
         settings=settings,
         start=start,
@@ -237,19 +197,22 @@ def predict_scene(
     )
 
 
-def check_fresh(
-    seen: SeenStates, settings: PredictionSettings, now: float, monotonic: float
-) -> None:
-    """Check that states are new enough, by when they arrived and by their stamp.
+def check_fresh(seen: SeenStates, options: PredictionOptions, now: float, monotonic: float) -> None:
+    """Check the age of states, by their arrival and by their stamp.
+
+    Parameters
+    ----------
+    now : s, on the clock of the stamps
+    monotonic : s, now on the clock of `SeenStates.arrived`
 
     Raises
     ------
     NothingToPredictError
-        When they are not, or are stamped ahead of the clock.
+        When they are too old, or stamped ahead of the clock.
     """
-    limit = settings.options.stale_after
+    limit = options.stale_after
     age = monotonic - seen.arrived
-    if settings.options.carry_forward:
+    if options.carry_forward:
         if not -CLOCK_TOLERANCE <= seen.delay <= limit:
             when = "old" if seen.delay > 0.0 else "in the future"
             raise NothingToPredictError(

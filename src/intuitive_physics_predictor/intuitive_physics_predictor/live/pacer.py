@@ -1,4 +1,4 @@
-"""A thread that does something at a steady rate and leaves out what it comes too late for."""
+"""A thread that ticks at a steady rate, and does posted work in the gaps between its ticks."""
 
 from __future__ import annotations
 
@@ -8,100 +8,109 @@ import time
 from collections.abc import Callable
 
 LATEST = 0.5
-"""Of a period, that a tick may begin late: one that took a little too long costs none of those that
-take less."""
+"""Largest delay of a tick, in periods: a tick that took slightly too long makes the next one late
+instead of leaving it out. Our choice."""
+
+WORK_TIME = 5e-3
+"""s before the next tick in which no posted work is begun any more; decoding an input takes less.
+Measured with the predictor's inputs."""
 
 
 class Pacer:
-    """Calls `tick` at whole periods, in a thread of its own.
+    """Calls `tick` at whole periods and posted work between two ticks, all in one thread.
 
-    An executor's timer costs several times as much, and waits for every other callback.
+    After each tick the work posted until then is done, then `rest` is called. Work posted later is
+    done at once where the next tick is at least `WORK_TIME` away, else after that tick; `rest`
+    follows. So whatever ticks, work and `rest` share needs no lock. An executor's timer costs
+    several times as much, and waits for every other callback.
 
     Parameters
     ----------
-    tick : called with the s it comes late, up to half a period, and how many periods were left out
-        before it because the one before took too long; must not raise
+    tick : called with the delay of this tick, in s, up to half a period, and the number of periods
+        left out before it because other calls took too long; must not raise
     rate : 1/s
+    rest : called when all posted work is done; must not raise
     """
 
-    def __init__(self, tick: Callable[[float, int], None], rate: float) -> None:
+    def __init__(
+        self,
+        tick: Callable[[float, int], None],
+        rate: float,
+        rest: Callable[[], None] = lambda: None,
+    ) -> None:
         self._tick = tick
+        self._rest = rest
         self._rate = rate
-        self._changed = threading.Condition()
+        self._posted: list[Callable[[], None]] = []
         self._stopping = False
-        self._gap = threading.Condition()
-        self._ended = self._waiting = 0
-        self._free_until = math.inf
+        self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="pacer", daemon=True)
 
     def start(self) -> None:
         """Begin, with the first tick at once."""
         self._thread.start()
 
+    def post(self, work: Callable[[], None]) -> None:
+        """Have work done in the next gap, in the order of the posts; any thread may call this.
+
+        Parameters
+        ----------
+        work : must not raise
+        """
+        with self._changed:
+            self._posted.append(work)
+            self._changed.notify()
+
     def set_rate(self, rate: float) -> None:
-        """Go on at another rate (1/s), with a tick at once."""
+        """Continue at another rate (1/s), with a tick at once; any thread may call this."""
         with self._changed:
             self._rate = rate
             self._changed.notify()
 
     def stop(self) -> None:
-        """End the thread once the tick under way is done."""
+        """End the thread once the call under way is done."""
         with self._changed:
             self._stopping = True
             self._changed.notify()
         if self._thread.is_alive():
             self._thread.join()
 
-    def wait_for_gap(self, length: float, most: float) -> None:
-        """Wait until a tick has just ended; not at all where the next one is far.
-
-        Python runs one thread at a time: what another one does meanwhile delays a tick.
-
-        Parameters
-        ----------
-        length : s before the next tick that make it far
-        most : s to wait
-        """
-        with self._gap:
-            ended = self._ended
-            self._waiting += 1
-            self._gap.wait_for(
-                lambda: self._ended != ended or self._free_until - time.monotonic() >= length, most
-            )
-            self._waiting -= 1
-
-    @property
-    def is_awaited(self) -> bool:
-        """Whether somebody waits for the tick under way to end."""
-        return self._waiting > 0
-
     def _run(self) -> None:
         while not self._stopping:
             self._run_at(1.0 / self._rate)
 
     def _run_at(self, period: float) -> None:
-        """Tick until the rate is changed or all is over."""
+        """Tick and work until the rate is changed or the thread stops."""
         start = time.monotonic()
-        number = 0
-        left_out = 0
-        while not self._waited_until(start + number * period, period):
-            self._free_until = -math.inf
-            self._tick(time.monotonic() - start - number * period, left_out)
-            behind = time.monotonic() - start - (number + 1) * period
-            left_out = max(0, math.floor(behind / period - LATEST) + 1)
-            number += 1 + left_out
-            self._end_tick(start + number * period)
+        number = left_out = 0
+        while not self._is_over(period):
+            if self._wait_until(start + number * period, period):
+                self._tick(time.monotonic() - start - number * period, left_out)
+                number, left_out = number + 1, 0
+            self._work()
+            behind = time.monotonic() - start - number * period
+            missed = max(0, math.floor(behind / period - LATEST) + 1)
+            number, left_out = number + missed, left_out + missed
 
-    def _end_tick(self, due: float) -> None:
-        with self._gap:
-            self._free_until = due
-            self._ended += 1
-            self._gap.notify_all()
-
-    def _waited_until(self, due: float, period: float) -> bool:
-        """Wait; answer whether something changed, so that what was waited for is not due."""
+    def _wait_until(self, due: float, period: float) -> bool:
+        """Wait for the tick; False where something else is to be done before it."""
         with self._changed:
-            return self._changed.wait_for(
-                lambda: self._stopping or period != 1.0 / self._rate,
+            return not self._changed.wait_for(
+                lambda: self._is_over(period) or self._may_work(due),
                 max(0.0, due - time.monotonic()),
             )
+
+    def _is_over(self, period: float) -> bool:
+        return self._stopping or period != 1.0 / self._rate
+
+    def _may_work(self, due: float) -> bool:
+        return bool(self._posted) and due - time.monotonic() >= WORK_TIME
+
+    def _work(self) -> None:
+        with self._changed:
+            posted, self._posted = self._posted, []
+        for work in posted:
+            if self._stopping:
+                return
+            work()
+        self._rest()

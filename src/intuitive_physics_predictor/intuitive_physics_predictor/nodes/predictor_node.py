@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import gc
 import sys
+import time
 from collections.abc import Sequence
+from dataclasses import fields
 from functools import partial
 from typing import Any
 
@@ -19,28 +21,52 @@ from visualization_msgs.msg import MarkerArray
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_predictor.compile import warm_up
+from intuitive_physics_predictor.live.predictor import Predictor
+from intuitive_physics_predictor.live.settings import PredictionOptions, PredictionSettings
 from intuitive_physics_predictor.nodes.messages import (
+    Arrival,
     environment_inputs,
     header_of,
     parameters_inputs,
     states_inputs,
-)
-from intuitive_physics_predictor.nodes.parameters import (
-    OPTIONS,
-    PARAMETERS,
-    settings_from_parameters,
 )
 from intuitive_physics_predictor.nodes.services import PredictionServices
 from intuitive_physics_predictor.nodes.ticks import PredictionTicks
 from intuitive_physics_ros.diagnostics import Diagnostics
 from intuitive_physics_ros.input_monitor import InputMonitor
 from intuitive_physics_ros.markers import distribution_markers
-from intuitive_physics_ros.parameters import declare_parameters
+from intuitive_physics_ros.parameters import Parameter, declare_parameters, setting_parameters
 from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
 from intuitive_physics_ros.run_node import run_node
 
 SWITCH_INTERVAL = 5e-4
-"""s after which a thread that wants to go on gets Python. Making markers takes several ms."""
+"""s after which a waiting thread gets Python; the default is 5 ms. Making markers takes several
+ms, a tick must not wait for it. Our choice."""
+
+
+OPTIONS = frozenset(option.name for option in fields(PredictionOptions))
+"""Names of the parameters that are options of the library."""
+
+PARAMETERS = [
+    Parameter("rate", 100.0, "predictions a second", (0.1, 1000.0), read_only=False),
+    Parameter(
+        "published_samples",
+        200,
+        "samples in a message at most; mean and covariance are of all",
+        (1, 10_000),
+        read_only=False,
+    ),
+    Parameter(
+        "seed",
+        0,
+        "seed of the next prediction's noise, one more each time",
+        (0, 2**31 - 1),
+        read_only=False,
+    ),
+    Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0), read_only=False),
+    *setting_parameters(PredictionOptions, read_only=False),
+]
+"""Parameters of the node: the library's options, and those that only a node needs."""
 
 
 class PredictorNode(Node):
@@ -56,14 +82,10 @@ class PredictorNode(Node):
             values["seed"],
             values["published_samples"],
         )
-        self._answers = PredictionServices(
-            self,
-            lambda: (self._ticks.inputs, self._ticks.settings),
-            lambda: self._ticks.newest,
-        )
+        self._answers = PredictionServices(self, lambda: self._ticks.snapshot)
         self._marker_publisher = self.create_publisher(MarkerArray, "~/markers", 1)
         self._marker_timer = self.create_timer(1.0 / values["marker_rate"], self._on_marker_tick)
-        self._hear()
+        self._subscribe()
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
         warm_up()
@@ -75,32 +97,37 @@ class PredictorNode(Node):
         self._answers.stop()
         super().destroy_node()
 
-    def _hear(self) -> None:
+    def _subscribe(self) -> None:
         diagnostics = Diagnostics(self)
-        for name, kind, take, qos, expected in (
+        for name, kind, read, qos, expected in (
             ("environment", EnvironmentMessage, environment_inputs, LATCHED, None),
             ("object_states", ObjectStates, states_inputs, SENSOR_DATA, 2.0),
             ("static_parameters", StaticParametersMessage, parameters_inputs, LATCHED, None),
         ):
             monitor = InputMonitor(self, f"~/{name}", expected)
-            heard = partial(self._on_input, monitor, kind, take)
+            heard = partial(self._on_input, monitor, kind, read)
             self.create_subscription(kind, f"~/{name}", heard, qos, raw=True)
             diagnostics.add(name, monitor.check)
         diagnostics.add("prediction", self._ticks.monitor.check)
 
-    def _on_input(self, monitor: InputMonitor, kind: Any, take: Any, message: bytes) -> None:
-        """Take over an input between two ticks, from reading its bytes on."""
-        now = 1e-9 * self.get_clock().now().nanoseconds
-        self._ticks.wait_for_gap()
-        try:
-            self._ticks.take(**take(deserialize_message(message, kind), now))
-        except IntuitivePhysicsError as error:
-            monitor.rejected(error)
-        else:
-            monitor.accepted()
+    def _on_input(self, monitor: InputMonitor, kind: Any, read: Any, message: bytes) -> None:
+        """Post an input, to be decoded and taken over between two ticks."""
+        arrival = Arrival(1e-9 * self.get_clock().now().nanoseconds, time.monotonic())
+
+        def take(predictor: Predictor) -> None:
+            try:
+                predictor.take(**read(deserialize_message(message, kind), arrival))
+            except IntuitivePhysicsError as error:
+                monitor.rejected(error)
+            except Exception as error:
+                monitor.rejected(f"internal error, please report: {error!r}")
+            else:
+                monitor.accepted()
+
+        self._ticks.post(take)
 
     def _on_marker_tick(self) -> None:
-        made = self._ticks.newest
+        made = self._ticks.snapshot.newest
         if made is not None and self._marker_publisher.get_subscription_count() > 0:
             distribution = made.distribution
             self._marker_publisher.publish(
@@ -114,7 +141,7 @@ class PredictorNode(Node):
             )
 
     def _check_parameters(self, new: Sequence[RosParameter]) -> SetParametersResult:
-        """Refuse parameters that are each what they may be, but not together."""
+        """Refuse parameters that are valid each, but not together."""
         try:
             settings_from_parameters(self._values() | {one.name: one.value for one in new})
         except IntuitivePhysicsError as error:
@@ -123,16 +150,27 @@ class PredictorNode(Node):
 
     def _on_parameters_set(self, new: Sequence[RosParameter]) -> None:
         values, names = self._values(), {one.name for one in new}
-        if names & OPTIONS:
-            self._ticks.settings = settings_from_parameters(values)
-        if "seed" in names:
-            self._ticks.seed = values["seed"]
-        self._ticks.published_samples = values["published_samples"]
-        self._ticks.set_rate(values["rate"])
+        self._ticks.set(
+            rate=values["rate"],
+            published_samples=values["published_samples"],
+            settings=settings_from_parameters(values) if names & OPTIONS else None,
+            seed=values["seed"] if "seed" in names else None,
+        )
         self._marker_timer.timer_period_ns = round(1e9 / values["marker_rate"])
 
     def _values(self) -> dict[str, Any]:
         return {known.name: self.get_parameter(known.name).value for known in PARAMETERS}
+
+
+def settings_from_parameters(values: dict[str, Any]) -> PredictionSettings:
+    """Return the library's settings from the node's parameters by name.
+
+    Raises
+    ------
+    InvalidInputError
+        When horizon, time step and number of samples do not go together.
+    """
+    return PredictionSettings(PredictionOptions(**{name: values[name] for name in OPTIONS}))
 
 
 def main() -> int:
@@ -142,7 +180,7 @@ def main() -> int:
 
 
 def make_node() -> PredictorNode:
-    """Make the node, and keep the garbage collector from looking at all that lives as long."""
+    """Make the node, and exempt all that exists by then from garbage collection."""
     node = PredictorNode()
     gc.collect()
     gc.freeze()

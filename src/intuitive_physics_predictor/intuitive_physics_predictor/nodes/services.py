@@ -13,9 +13,10 @@ from rclpy.node import Node
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.scene import Scene
-from intuitive_physics_predictor.live.live_prediction import Inputs, LivePrediction, predict_scene
-from intuitive_physics_predictor.live.prediction_settings import PredictionSettings, output_times
+from intuitive_physics_predictor.live.live_prediction import LivePrediction, predict_scene
+from intuitive_physics_predictor.live.predictor import Snapshot
 from intuitive_physics_predictor.live.question import Answer, Event, Question, answer
+from intuitive_physics_predictor.live.settings import output_times
 from intuitive_physics_predictor.nodes.messages import distribution_message, header_of
 from intuitive_physics_predictor.noisy_newton import PredictionFailedError
 from intuitive_physics_ros.background import Background
@@ -33,10 +34,12 @@ from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_re
 CODES: dict[type[BaseException], int] = {
     PredictionFailedError: ResultCode.PREDICTION_FAILED,
 }
+"""Result codes of the predictor's own errors."""
 
 EVENTS = {getattr(Query.Request, event.name): event for event in Event}
 """Events by their number in a request."""
 WITH_REGION = (Event.ENTERS_REGION, Event.INTERCEPTS)
+"""Events that take the region of a request."""
 
 
 class PredictionServices:
@@ -45,19 +48,16 @@ class PredictionServices:
     Parameters
     ----------
     node : offers them
-    inputs : tells the newest inputs and settings
-    newest : tells the newest prediction, None while there is none
+    snapshot : returns the newest inputs, settings and prediction
     """
 
     def __init__(
         self,
         node: Node,
-        inputs: Callable[[], tuple[Inputs, PredictionSettings]],
-        newest: Callable[[], LivePrediction | None],
+        snapshot: Callable[[], Snapshot],
     ) -> None:
         self._node = node
-        self._inputs = inputs
-        self._newest = newest
+        self._snapshot = snapshot
         self._background = Background(node)
         # While an answer is simulated in the background, others must go on.
         together = ReentrantCallbackGroup()
@@ -65,18 +65,18 @@ class PredictionServices:
         node.create_service(Query, "~/query", self._on_query, callback_group=together)
 
     def stop(self) -> None:
-        """Wait for the answer under way; what waits is left out."""
+        """Wait for the answer under way; waiting requests are dropped."""
         self._background.stop()
 
     async def _on_predict(
         self, request: Predict.Request, response: Predict.Response
     ) -> Predict.Response:
         started, now = time.perf_counter(), 1e-9 * self._node.get_clock().now().nanoseconds
-        inputs, settings = self._inputs()
+        snapshot = self._snapshot()
         try:
             response.distribution = await self._background.run(
                 lambda: distribution_message(
-                    DistributionWriter(), predict_request(request, inputs, settings, now)
+                    DistributionWriter(), predict_request(request, snapshot, now)
                 )
             )
             response.distribution.computation_time = time.perf_counter() - started
@@ -86,7 +86,7 @@ class PredictionServices:
         return response
 
     async def _on_query(self, request: Query.Request, response: Query.Response) -> Query.Response:
-        made = self._newest()
+        made = self._snapshot().newest
         try:
             if made is None:
                 raise RefusedError(
@@ -113,15 +113,14 @@ class PredictionServices:
         return error_result(error, CODES)
 
 
-def predict_request(
-    request: Predict.Request, inputs: Inputs, settings: PredictionSettings, now: float
-) -> LivePrediction:
-    """Predict the scene of a request; what it leaves out is the node's.
+def predict_request(request: Predict.Request, snapshot: Snapshot, now: float) -> LivePrediction:
+    """Predict the scene of a request; the snapshot supplies what it leaves out.
 
     Parameters
     ----------
-    now : s, the time its states are taken to be of
+    now : s, time of its states
     """
+    inputs, settings = snapshot.inputs, snapshot.settings
     objects, states = object_states_from_messages(request.objects)
     environment, version = inputs.environment, inputs.environment_version
     given, gravity = request.environment, request.environment.gravity
@@ -154,12 +153,12 @@ def predict_request(
 
 
 def question_from_request(request: Query.Request) -> Question:
-    """Return what a request asks.
+    """Return the question of a request.
 
     Raises
     ------
     InvalidInputError
-        When the event or the region is none that is known.
+        When the event or the region is unknown.
     """
     if request.event not in EVENTS:
         known = ", ".join(f"{code} ({event.name})" for code, event in EVENTS.items())

@@ -1,46 +1,44 @@
-"""What the predictor node does at each tick: predict from the newest of everything, and publish."""
+"""The thread that owns the predictor: takes inputs over, predicts at each tick and publishes."""
 
 from __future__ import annotations
 
 import time
-from contextlib import suppress
-from dataclasses import replace
-from typing import Any
+from collections.abc import Callable
 
 from intuitive_physics_msgs.msg import TrajectoryDistribution as DistributionMessage
 from rclpy.node import Node
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_predictor.live.live_prediction import (
-    Inputs,
     LivePrediction,
     NoObjectsError,
     NothingToPredictError,
-    predict_now,
 )
 from intuitive_physics_predictor.live.pacer import Pacer
-from intuitive_physics_predictor.live.prediction_settings import PredictionSettings
+from intuitive_physics_predictor.live.predictor import Predictor, Snapshot
+from intuitive_physics_predictor.live.settings import PredictionSettings
 from intuitive_physics_predictor.nodes.messages import distribution_message
 from intuitive_physics_ros.conversions import DistributionWriter
 from intuitive_physics_ros.qos import SENSOR_DATA
 from intuitive_physics_ros.rate_monitor import RateMonitor
 
-INPUT_TIME, LONGEST_WAIT = 5e-3, 0.02
-"""s that an input takes to be taken over, and that it waits for a tick to end."""
+FAILURES_LOGGED_EVERY = 10.0
+"""s between two log lines about samples that failed. Our choice."""
 
 
 class PredictionTicks:
     """Publishes predictions at a steady rate, from a thread of its own.
 
-    Attributes may be set at any time; they count from the next tick on.
+    Only that thread touches the predictor. Others post work to it, which is done in the gaps
+    between two ticks, and read the newest snapshot.
 
     Parameters
     ----------
-    node : publishes them
+    node : publishes the predictions
     settings : how to predict
     rate : 1/s
-    seed : of the next prediction's noise, one more each time
-    published_samples : in a message at most
+    seed : of the next prediction's noise, one more after each prediction
+    published_samples : largest number in a message
     """
 
     def __init__(
@@ -51,28 +49,44 @@ class PredictionTicks:
         seed: int,
         published_samples: int,
     ) -> None:
-        self.inputs = Inputs()
-        self.settings = settings
-        self.seed = seed
-        self.published_samples = published_samples
-        self.newest: LivePrediction | None = None
         self.monitor = RateMonitor("predicts", rate)
         self._node = node
+        self._predictor = Predictor(settings, seed)
+        self._published_samples = published_samples
         self._writer = DistributionWriter()
         self._paused_for = ""
         self._publisher = node.create_publisher(
             DistributionMessage, "~/trajectory_distribution", SENSOR_DATA
         )
-        self._pacer = Pacer(self._on_tick, rate)
+        self._pacer = Pacer(self._on_tick, rate, self._predictor.draw_ahead)
 
-    def take(self, **newer: Any) -> None:
-        """Take over inputs that are newer, and draw the samples of the next tick from them."""
-        self.inputs = replace(self.inputs, **newer)
-        self._draw_ahead()
+    @property
+    def snapshot(self) -> Snapshot:
+        """Newest inputs, settings and prediction."""
+        return self._predictor.snapshot
 
-    def wait_for_gap(self) -> None:
-        """Wait until no tick is under way, so that what follows takes none of its time."""
-        self._pacer.wait_for_gap(INPUT_TIME, LONGEST_WAIT)
+    def post(self, work: Callable[[Predictor], None]) -> None:
+        """Have work done with the predictor between two ticks; it must not raise."""
+        self._pacer.post(lambda: work(self._predictor))
+
+    def set(
+        self,
+        *,
+        rate: float,
+        published_samples: int,
+        settings: PredictionSettings | None = None,
+        seed: int | None = None,
+    ) -> None:
+        """Set how the next predictions are made; None leaves settings or seed as they are."""
+
+        def work() -> None:
+            self._predictor.set(settings=settings, seed=seed)
+            self._published_samples = published_samples
+            if rate != self.monitor.rate:
+                self.monitor.rate = rate
+                self._pacer.set_rate(rate)
+
+        self._pacer.post(work)
 
     def start(self) -> None:
         """Begin, with the first tick at once."""
@@ -82,54 +96,45 @@ class PredictionTicks:
         """End once the tick under way is done."""
         self._pacer.stop()
 
-    def set_rate(self, rate: float) -> None:
-        """Go on at another rate (1/s)."""
-        if rate != self.monitor.rate:
-            self.monitor.rate = rate
-            self._pacer.set_rate(rate)
-
     def _on_tick(self, late: float, left_out: int) -> None:
-        """Predict from the newest input and publish; runs in the pacer's thread."""
+        """Predict from the newest inputs and publish."""
         due = time.perf_counter() - late
         now = 1e-9 * self._node.get_clock().now().nanoseconds - late
+        had_prediction = self.snapshot.newest is not None
         try:
-            made = predict_now(
-                self.inputs, self.settings, seed=self.seed, now=now, monotonic=time.monotonic()
-            )
-            message = distribution_message(self._writer, made, self.published_samples)
+            made = self._predictor.predict(now=now, monotonic=time.monotonic())
+            message = distribution_message(self._writer, made, self._published_samples)
             message.computation_time = time.perf_counter() - due
             self._publisher.publish(message)
         except Exception as error:
-            # A thread that dies would take all prediction with it.
-            self._pause(error)
+            # An exception that ended this thread would end all prediction.
+            self._pause(error, had_prediction)
             return
-        self.newest = made
-        self.seed += 1
         self.monitor.left_out(left_out)
         self.monitor.done(time.perf_counter() - due)
         if self._paused_for:
             self._node.get_logger().info("predicts again")
             self._paused_for = ""
-        # What waits is an input, after which they are drawn anyway.
-        if not self._pacer.is_awaited:
-            self._draw_ahead()
+        if made.distribution.failed_count:
+            self._log_failures(made)
 
-    def _draw_ahead(self) -> None:
-        """Draw the samples of the next tick while nothing waits for them."""
-        # What goes wrong goes wrong again in the tick, which tells it.
-        with suppress(Exception):
-            self.settings.draw_ahead(self.inputs.scene, self.inputs.learned, self.seed)
+    def _log_failures(self, made: LivePrediction) -> None:
+        failed = made.distribution.failed_count
+        self._node.get_logger().warning(
+            f"{failed} of {failed + made.distribution.weights.size} samples could not be simulated "
+            "to the end and are left out; check the objects' states, their speeds above all",
+            throttle_duration_sec=FAILURES_LOGGED_EVERY,
+        )
 
-    def _pause(self, error: Exception) -> None:
-        """Say why nothing is predicted now: on /diagnostics, and in the log when it is news."""
+    def _pause(self, error: Exception, had_prediction: bool) -> None:
+        """Report why nothing is predicted: on /diagnostics, and a new reason in the log."""
         known = isinstance(error, IntuitivePhysicsError)
         reason = str(error) if known else f"internal error, please report: {error!r}"
         self.monitor.idle(reason)
-        # That states get older is told once; that there are none yet, or no objects, is no news.
+        # The age of the states in the reason grows: it is one reason. No states yet is no news.
         waits = isinstance(error, NothingToPredictError)
         news = type(error).__name__ if waits else reason
-        quiet = isinstance(error, NoObjectsError) or (waits and self.newest is None)
+        quiet = isinstance(error, NoObjectsError) or (waits and not had_prediction)
         if not quiet and news != self._paused_for:
             self._node.get_logger().warning(f"predicts no more: {reason}")
             self._paused_for = news
-        self.newest = None

@@ -41,8 +41,8 @@ from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics_predictor.live.live_prediction import Inputs
-from intuitive_physics_predictor.live.options import PredictionOptions
-from intuitive_physics_predictor.live.prediction_settings import PredictionSettings
+from intuitive_physics_predictor.live.predictor import Snapshot
+from intuitive_physics_predictor.live.settings import PredictionOptions, PredictionSettings
 from intuitive_physics_predictor.nodes.services import PredictionServices
 from intuitive_physics_ros.conversions import (
     environment_to_message,
@@ -573,7 +573,7 @@ def test_a_defect_of_ours_is_an_internal_error_and_the_service_goes_on(peer):
     # the node's, in this process.
     newest = [object(), None]
     services = PredictionServices(
-        peer.node, lambda: (Inputs(), SETTINGS), lambda: newest.pop(0) if newest else None
+        peer.node, lambda: Snapshot(Inputs(), SETTINGS, newest.pop(0) if newest else None)
     )
     try:
         broken = peer.call(Query, "/tester/query", Query.Request(object_id="ball", event=3))

@@ -1,0 +1,172 @@
+"""What predicts live: the newest inputs, and all that is kept from one prediction to the next."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.scene import Scene
+from intuitive_physics.simulation.world_batch import WorldBatch
+from intuitive_physics_predictor.live.live_prediction import Inputs, LivePrediction, check_fresh
+from intuitive_physics_predictor.live.settings import PredictionSettings
+from intuitive_physics_predictor.noisy_newton import PreparedScene
+from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """State of a predictor at one time; immutable, so that other threads may use it.
+
+    Parameters
+    ----------
+    newest : prediction; None while nothing can be predicted
+    """
+
+    inputs: Inputs
+    settings: PredictionSettings
+    newest: LivePrediction | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _DrawnAhead:
+    """Samples of a scene, and what they were drawn with."""
+
+    prepared: PreparedScene
+    seed: int
+    worlds: WorldBatch
+
+
+class Predictor:
+    """Predicts from the newest inputs, one prediction after the other.
+
+    One thread owns it: only `snapshot` may be read by others. The distribution of θ_s, the prepared
+    scene and the samples drawn ahead are kept while what they are made from stays; they change no
+    prediction.
+
+    Parameters
+    ----------
+    settings : how to predict
+    seed : of the next prediction's noise, one more after each prediction
+    inputs : default: none yet
+    """
+
+    def __init__(
+        self, settings: PredictionSettings, seed: int = 0, inputs: Inputs | None = None
+    ) -> None:
+        self.snapshot = Snapshot(inputs or Inputs(), settings)
+        self._seed = seed
+        self._uncertain: (
+            tuple[LearnedParameters | None, tuple[str, ...], UncertainParameters] | None
+        )
+        self._prepared: tuple[Scene, LearnedParameters | None, PreparedScene] | None
+        self._drawn: _DrawnAhead | None
+        self._forget()
+
+    def take(self, **newer: Any) -> None:
+        """Take over newer inputs, given by the names of the fields of `Inputs`."""
+        inputs = replace(self.snapshot.inputs, **newer)
+        self.snapshot = replace(self.snapshot, inputs=inputs)
+
+    def set(self, *, settings: PredictionSettings | None = None, seed: int | None = None) -> None:
+        """Set how, or with which seed, the next prediction is made."""
+        if settings is not None:
+            self.snapshot = replace(self.snapshot, settings=settings)
+            self._forget()
+        if seed is not None:
+            self._seed = seed
+
+    def draw_ahead(self) -> None:
+        """Draw the samples of the next prediction, which depend on no time.
+
+        Where they cannot be drawn, `predict` raises the reason.
+        """
+        with suppress(Exception):
+            self._samples(self._prepare())
+
+    def predict(self, *, now: float, monotonic: float) -> LivePrediction:
+        """Predict from now on, from states carried forward to now.
+
+        Both are one simulation: of the samples, from the states' stamp on, whose output begins now.
+
+        Parameters
+        ----------
+        now : s, on the clock of the stamps
+        monotonic : s, now on the clock of `SeenStates.arrived`
+
+        Raises
+        ------
+        NothingToPredictError
+            When environment or states are missing, or the states are too old or have no objects.
+        InvalidInputError
+            When states and environment are in different frames or the scene or settings are
+            invalid.
+        PredictionFailedError, UnsupportedSceneError
+            As `noisy_newton.predict`.
+        """
+        try:
+            made = self._predict(now, monotonic)
+        except Exception:
+            self.snapshot = replace(self.snapshot, newest=None)
+            raise
+        self.snapshot = replace(self.snapshot, newest=made)
+        self._seed += 1
+        return made
+
+    def _predict(self, now: float, monotonic: float) -> LivePrediction:
+        inputs, settings = self.snapshot.inputs, self.snapshot.settings
+        _, seen = inputs.perceived()
+        check_fresh(seen, settings.options, now, monotonic)
+        prepared = self._prepare()
+        start = max(now, seen.stamp) if settings.options.carry_forward else seen.stamp
+        distribution = settings.predict(
+            prepared,
+            start - seen.stamp + settings.times,
+            seed=self._seed,
+            sample_count=settings.options.sample_count,
+            drawn=self._samples(prepared),
+        )
+        return LivePrediction(
+            distribution=replace(distribution, times=settings.times),
+            prepared=prepared,
+            learned=inputs.learned,
+            settings=settings,
+            start=start,
+            states_stamp=seen.stamp,
+            seed=self._seed,
+            environment_version=inputs.environment_version,
+        )
+
+    def _prepare(self) -> PreparedScene:
+        """Return the prepared scene of the newest inputs; the newest one is kept."""
+        inputs, settings = self.snapshot.inputs, self.snapshot.settings
+        scene, learned = inputs.scene, inputs.learned
+        kept = self._prepared
+        if kept is None or kept[0] is not scene or kept[1] is not learned:
+            prepared = settings.prepare(scene, self._parameters(learned, scene.materials))
+            self._prepared = kept = (scene, learned, prepared)
+        return kept[2]
+
+    def _parameters(
+        self, learned: LearnedParameters | None, materials: tuple[str, ...]
+    ) -> UncertainParameters:
+        """Return the distribution of θ_s; the newest one is kept."""
+        kept = self._uncertain
+        if kept is None or kept[0] is not learned or kept[1] != materials:
+            uncertain = self.snapshot.settings.uncertain_parameters(learned, materials)
+            self._uncertain = kept = (learned, materials, uncertain)
+        return kept[2]
+
+    def _samples(self, prepared: PreparedScene) -> WorldBatch:
+        """Return the samples of the next prediction, the ones drawn ahead if they match."""
+        drawn = self._drawn
+        if drawn is None or drawn.prepared is not prepared or drawn.seed != self._seed:
+            settings = self.snapshot.settings
+            worlds = settings.draw(prepared, self._seed, settings.options.sample_count)
+            self._drawn = drawn = _DrawnAhead(prepared, self._seed, worlds)
+        return drawn.worlds
+
+    def _forget(self) -> None:
+        """Drop what was made with other settings."""
+        self._uncertain = self._prepared = self._drawn = None

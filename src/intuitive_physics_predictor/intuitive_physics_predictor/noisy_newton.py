@@ -75,7 +75,7 @@ def predict(
 
 @dataclass(frozen=True, eq=False)
 class PreparedScene:
-    """What all samples of a scene have in common, to predict it again and again.
+    """What all samples of a scene have in common, for many predictions.
 
     Parameters
     ----------
@@ -144,7 +144,13 @@ def predict_sampled(
     simulator: Simulator,
     orientations: bool = False,
 ) -> TrajectoryDistribution:
-    """Predict as `predict` does, the same to the bit, from samples that were drawn of a scene."""
+    """Predict from samples that were drawn of a scene, the same to the bit as `predict`.
+
+    Parameters
+    ----------
+    worlds : samples of the scene
+    times : (n_times,) s after the states, strictly increasing, none negative
+    """
     rollout = simulator.rollout_batch(worlds, times, orientations=orientations)
     ended = rollout.status == WorldStatus.OK
     if not ended.any():

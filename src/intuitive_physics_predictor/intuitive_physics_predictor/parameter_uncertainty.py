@@ -14,7 +14,11 @@ from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_
 from intuitive_physics.validation import non_negative_float
 
 STATIC = PAIR_COEFFICIENTS.index("static_friction")
+"""Index of μ_s among the coefficients of a pair."""
+
 DYNAMIC = PAIR_COEFFICIENTS.index("dynamic_friction")
+"""Index of μ_d among the coefficients of a pair."""
+
 AT_CONTACT = ("static_friction", "dynamic_friction", "restitution")
 """Coefficients that contact noise moves: what acts in an impact."""
 
@@ -53,6 +57,10 @@ class TruncatedNormal:
         Parameters
         ----------
         shares : (…, n) probabilities below them
+
+        Returns
+        -------
+        (…, n), in the unit of the mean
         """
         return self._quantiles(shares, self._between, self._lower, self._upper)
 
@@ -65,6 +73,10 @@ class TruncatedNormal:
         ----------
         most : (…, n) ends; where one is below the lower end it is the quantile
         shares : (…, n) probabilities below the quantiles
+
+        Returns
+        -------
+        (…, n), in the unit of the mean
         """
         upper = np.minimum(self._upper, most)
         below_most = ndtr((most - self._mean) / self._deviation)
@@ -86,11 +98,11 @@ class TruncatedNormal:
 class UncertainParameters:
     """A distribution of θ_s about what was learned.
 
-    A parameter that the observations could tell has a normal distribution with the learner's
+    A parameter that the observations identify has a normal distribution with the learner's
     standard deviation (of its logarithm where its scale is logarithmic), cut off at its bounds; or
-    is anywhere between the ends that the learner gives it. One that they could not tell is anywhere
-    within its bounds, as the search supposed before it began: a value that nobody learned must not
-    make a prediction look sure. Of the two frictions of a pair the better known is drawn first and
+    is uniform in the interval that the learner gives it. One that they do not identify is uniform
+    within its bounds, as before the search: a value that was not learned must not make a prediction
+    look sure. Of the two frictions of a pair the better known is drawn first and
     the other one then where μ_d ≤ μ_s leaves room.
 
     Parameters
@@ -130,12 +142,12 @@ class UncertainParameters:
         )
         # d ln x = dx / x
         slopes = np.where(self._logarithmic, np.maximum(mean, np.finfo(float).tiny), 1.0)
-        told = learned.identified & ~np.isnan(deviation)
-        self._deviation = np.where(told, deviation, np.inf) / slopes
-        reach = np.where(told, 1.0, min(share, 1.0))
+        identified = learned.identified & ~np.isnan(deviation)
+        self._deviation = np.where(identified, deviation, np.inf) / slopes
+        reach = np.where(identified, 1.0, min(share, 1.0))
         self._lower = self._mean + reach * (self._lower - self._mean)
         self._upper = self._mean + reach * (self._upper - self._mean)
-        self._draw_between(told & (scale > 0.0) & ~np.isnan(learned.intervals[:, 0]), mean)
+        self._draw_between(identified & (scale > 0.0) & ~np.isnan(learned.intervals[:, 0]), mean)
         self._all = TruncatedNormal(self._mean, self._deviation, self._lower, self._upper)
         self._elements = _elements_of_coefficients(len(learned.materials))
         self._pair_frictions()
@@ -167,7 +179,7 @@ class UncertainParameters:
         high = np.clip(self._to_scale(ends[:, 1]), self._mean, self._upper)
         self._lower = np.where(chosen, low, self._lower)
         self._upper = np.where(chosen, high, self._upper)
-        # They are drawn before what nobody learned.
+        # They are drawn before what was not identified.
         self._unsure = np.where(chosen, high - low, self._deviation)
         self._deviation = np.where(chosen, np.inf, self._deviation)
 

@@ -26,8 +26,9 @@ class Pacer:
 
     Parameters
     ----------
-    tick : called with the delay of this tick, in s, up to half a period, and the number of periods
-        left out before it because other calls took too long; must not raise
+    tick : called with the delay of this tick, in s, up to half a period unless work delays it more,
+        and the number of periods left out before it because the tick before took too long; must
+        not raise
     rate : 1/s
     rest : called when all posted work is done; must not raise
     """
@@ -86,11 +87,10 @@ class Pacer:
         while not self._is_over(period):
             if self._wait_until(start + number * period, period):
                 self._tick(time.monotonic() - start - number * period, left_out)
-                number, left_out = number + 1, 0
+                behind = time.monotonic() - start - (number + 1) * period
+                left_out = max(0, math.floor(behind / period - LATEST) + 1)
+                number += 1 + left_out
             self._work()
-            behind = time.monotonic() - start - number * period
-            missed = max(0, math.floor(behind / period - LATEST) + 1)
-            number, left_out = number + missed, left_out + missed
 
     def _wait_until(self, due: float, period: float) -> bool:
         """Wait for the tick; False where something else is to be done before it."""

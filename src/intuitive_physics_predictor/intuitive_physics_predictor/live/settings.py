@@ -61,7 +61,7 @@ class PredictionOptions:
         1.0, 0.0, 1000.0, "factor on the standard deviations of learned static parameters"
     )
     unidentified_scale: float = number(
-        1.0, 0.0, 1.0, "share of the way to its bounds that a parameter nobody could tell may go"
+        1.0, 0.0, 1.0, "share of the way to its bounds that an unidentified parameter may go"
     )
     contact_scale: float = number(
         0.0, 0.0, 1000.0, "standard deviation of frictions and restitution about their pair's"

@@ -174,7 +174,7 @@ def settings_from_parameters(values: dict[str, Any]) -> PredictionSettings:
 
 
 def main() -> int:
-    """Run the node until it is told to stop."""
+    """Run the node until a signal stops it."""
     sys.setswitchinterval(SWITCH_INTERVAL)
     return run_node(make_node)
 

@@ -39,12 +39,14 @@ from intuitive_physics_predictor.scores.outcomes import (
 from intuitive_physics_predictor.scores.proper_scores import energy_scores
 
 FITTED_SCALES = ("state", "static_parameters", "unidentified")
-"""Scales that observations of any kind can tell."""
+"""Scales that observations of any kind identify."""
 
 FIRST_STEP = np.log(0.5)
 """A scale is first tried at half its value."""
 
 SMALLEST_SCALE, LARGEST_SCALE = 1e-3, 1e3
+"""Bounds of a scale. Our choice."""
+
 SMALLEST_SPREAD = 1e-3
 """m; a prediction surer than that is not weighed more."""
 
@@ -161,7 +163,7 @@ def _shares_beyond_chance(
 ) -> NDArray[np.float64]:
     """Share of the way from `start` to `found` (k,) that each number is worth by itself, (k,).
 
-    One that tells must not carry others along that do not, so each is put back alone.
+    One that is informative must not carry along others that are not, so each is put back alone.
 
     Parameters
     ----------
@@ -192,7 +194,12 @@ def weighted_energy_scores(
     weights: Sequence[NDArray[np.float64]],
     seed: int,
 ) -> NDArray[np.float64]:
-    """Mean of the energy scores of all objects, each with its weight, (n_times,)."""
+    """Return the mean of the energy scores of all objects, each with its weight, (n_times,).
+
+    Parameters
+    ----------
+    weights : of each outcome (n_objects, n_times) 1/m
+    """
     scores = _weighted_scores(outcomes, prediction, weights, seed)
     return np.asarray(np.nanmean(np.concatenate(scores), axis=0))
 
@@ -253,7 +260,7 @@ def share_beyond_chance(gains: ArrayLike, numbers: int) -> float:
     Returns
     -------
     float
-        In [0, 1]; 0 where nothing was gained, or a single outcome cannot tell.
+        In [0, 1]; 0 where nothing was gained, or there is a single outcome.
 
     Raises
     ------

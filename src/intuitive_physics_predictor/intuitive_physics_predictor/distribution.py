@@ -27,6 +27,7 @@ class TrajectoryDistribution:
     weights : (n_samples,), summing to one
     orientations : (n_samples, n_objects, n_times, 4) unit quaternions (x, y, z, w); None when
         they were not asked for
+    failed_count : samples that could not be simulated to the end; they are left out of the others
     """
 
     object_ids: tuple[str, ...]
@@ -34,6 +35,7 @@ class TrajectoryDistribution:
     positions: NDArray[np.float64]
     weights: NDArray[np.float64]
     orientations: NDArray[np.float64] | None = None
+    failed_count: int = 0
 
     def __post_init__(self) -> None:
         expected = (self.weights.size, len(self.object_ids), self.times.size, 3)

@@ -64,7 +64,7 @@ def _add_up(points: Any, origin: Any, weight: Any, room: Any) -> None:
     """Add one sample's block of numbers to the sums of them and of their products.
 
     Number j is coordinate j % 3 of point j // 3. Each times itself, the next and the one after make
-    all products of a point's coordinates, and some of two points' that nobody asks for: so every
+    all products of a point's coordinates, and some of two points' that are not needed: so every
     loop runs over numbers that lie side by side, which the compiler takes several at a time.
     """
     apart, total, own, next_one, after_next = room[0], room[1], room[2], room[3], room[4]

@@ -112,6 +112,10 @@ def draw_sizes(
     ----------
     shape : (count, n_objects)
     deviation : relative standard deviation of a dimension
+
+    Returns
+    -------
+    (count, n_objects)
     """
     return np.exp(non_negative_float(deviation, "size noise") * rng.standard_normal(shape))
 

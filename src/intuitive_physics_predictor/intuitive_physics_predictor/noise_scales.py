@@ -13,6 +13,7 @@ from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 FORMAT = "intuitive_physics/noise_scales/1"
+"""Format and version that a file of scales names."""
 
 SCALES_KEY = "noise_scales"
 """Key of the scales in a file of θ_s; those who want θ_s alone pass over it."""

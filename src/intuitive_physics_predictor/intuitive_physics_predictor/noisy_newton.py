@@ -57,7 +57,8 @@ def predict(
     Returns
     -------
     TrajectoryDistribution
-        Of all samples that could be simulated to the end, with equal weights.
+        Of all samples that could be simulated to the end, with equal weights, and the number of
+        those that could not.
 
     Raises
     ------
@@ -74,7 +75,7 @@ def predict(
 
 @dataclass(frozen=True, eq=False)
 class PreparedScene:
-    """What all samples of a scene have in common, to predict it again and again.
+    """What all samples of a scene have in common, for many predictions.
 
     Parameters
     ----------
@@ -143,7 +144,13 @@ def predict_sampled(
     simulator: Simulator,
     orientations: bool = False,
 ) -> TrajectoryDistribution:
-    """Predict as `predict` does, the same to the bit, from samples that were drawn of a scene."""
+    """Predict from samples that were drawn of a scene, the same to the bit as `predict`.
+
+    Parameters
+    ----------
+    worlds : samples of the scene
+    times : (n_times,) s after the states, strictly increasing, none negative
+    """
     rollout = simulator.rollout_batch(worlds, times, orientations=orientations)
     ended = rollout.status == WorldStatus.OK
     if not ended.any():
@@ -160,4 +167,5 @@ def predict_sampled(
         positions=positions,
         weights=np.full(len(positions), 1.0 / len(positions)),
         orientations=turned,
+        failed_count=int(worlds.size - len(positions)),
     )

@@ -6,27 +6,103 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
 
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import PAIR_COEFFICIENTS
 from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
 from intuitive_physics.validation import non_negative_float
-from intuitive_physics_predictor.truncated_normal import TruncatedNormal
 
 STATIC = PAIR_COEFFICIENTS.index("static_friction")
+"""Index of μ_s among the coefficients of a pair."""
+
 DYNAMIC = PAIR_COEFFICIENTS.index("dynamic_friction")
+"""Index of μ_d among the coefficients of a pair."""
+
 AT_CONTACT = ("static_friction", "dynamic_friction", "restitution")
 """Coefficients that contact noise moves: what acts in an impact."""
+
+
+EXACT = 1e-30
+"""Smallest standard deviation; smaller ones count as this, which is nothing beside any mean."""
+
+
+class TruncatedNormal:
+    """Independent normal distributions, each cut off at two ends.
+
+    Parameters
+    ----------
+    mean : (n,) of any unit, as all below
+    deviation : (n,) ≥ 0; where it is infinite, the distribution is uniform between the ends
+    lower, upper : (n,) ends, on either side of the mean or at it
+    """
+
+    def __init__(
+        self,
+        mean: NDArray[np.float64],
+        deviation: NDArray[np.float64],
+        lower: NDArray[np.float64],
+        upper: NDArray[np.float64],
+    ) -> None:
+        self._mean, self._lower, self._upper = mean, lower, upper
+        self._uniform = np.isinf(deviation)
+        self._deviation = np.where(self._uniform, 1.0, np.maximum(deviation, EXACT))
+        # Shares of the whole normal distribution that are below the lower end and between both.
+        self._below = ndtr((lower - mean) / self._deviation)
+        self._between = ndtr((upper - mean) / self._deviation) - self._below
+
+    def quantiles(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the quantiles of the distributions.
+
+        Parameters
+        ----------
+        shares : (…, n) probabilities below them
+
+        Returns
+        -------
+        (…, n), in the unit of the mean
+        """
+        return self._quantiles(shares, self._between, self._lower, self._upper)
+
+    def quantiles_up_to(
+        self, most: NDArray[np.float64], shares: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return `quantiles` of the distributions cut off at `most` too.
+
+        Parameters
+        ----------
+        most : (…, n) ends; where one is below the lower end it is the quantile
+        shares : (…, n) probabilities below the quantiles
+
+        Returns
+        -------
+        (…, n), in the unit of the mean
+        """
+        upper = np.minimum(self._upper, most)
+        below_most = ndtr((most - self._mean) / self._deviation)
+        between = np.minimum(self._between, below_most - self._below)
+        return self._quantiles(shares, between, np.minimum(self._lower, upper), upper)
+
+    def _quantiles(
+        self,
+        shares: NDArray[np.float64],
+        between: NDArray[np.float64],
+        lower: NDArray[np.float64],
+        upper: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        normal = self._mean + self._deviation * ndtri(self._below + shares * between)
+        drawn = np.where(self._uniform, lower + shares * (upper - lower), normal)
+        return np.asarray(np.minimum(np.maximum(drawn, lower), upper))
 
 
 class UncertainParameters:
     """A distribution of θ_s about what was learned.
 
-    A parameter that the observations could tell has a normal distribution with the learner's
+    A parameter that the observations identify has a normal distribution with the learner's
     standard deviation (of its logarithm where its scale is logarithmic), cut off at its bounds; or
-    is anywhere between the ends that the learner gives it. One that they could not tell is anywhere
-    within its bounds, as the search supposed before it began: a value that nobody learned must not
-    make a prediction look sure. Of the two frictions of a pair the better known is drawn first and
+    is uniform in the interval that the learner gives it. One that they do not identify is uniform
+    within its bounds, as before the search: a value that was not learned must not make a prediction
+    look sure. Of the two frictions of a pair the better known is drawn first and
     the other one then where μ_d ≤ μ_s leaves room.
 
     Parameters
@@ -66,12 +142,12 @@ class UncertainParameters:
         )
         # d ln x = dx / x
         slopes = np.where(self._logarithmic, np.maximum(mean, np.finfo(float).tiny), 1.0)
-        told = learned.identified & ~np.isnan(deviation)
-        self._deviation = np.where(told, deviation, np.inf) / slopes
-        reach = np.where(told, 1.0, min(share, 1.0))
+        identified = learned.identified & ~np.isnan(deviation)
+        self._deviation = np.where(identified, deviation, np.inf) / slopes
+        reach = np.where(identified, 1.0, min(share, 1.0))
         self._lower = self._mean + reach * (self._lower - self._mean)
         self._upper = self._mean + reach * (self._upper - self._mean)
-        self._draw_between(told & (scale > 0.0) & ~np.isnan(learned.intervals[:, 0]), mean)
+        self._draw_between(identified & (scale > 0.0) & ~np.isnan(learned.intervals[:, 0]), mean)
         self._all = TruncatedNormal(self._mean, self._deviation, self._lower, self._upper)
         self._elements = _elements_of_coefficients(len(learned.materials))
         self._pair_frictions()
@@ -103,7 +179,7 @@ class UncertainParameters:
         high = np.clip(self._to_scale(ends[:, 1]), self._mean, self._upper)
         self._lower = np.where(chosen, low, self._lower)
         self._upper = np.where(chosen, high, self._upper)
-        # They are drawn before what nobody learned.
+        # They are drawn before what was not identified.
         self._unsure = np.where(chosen, high - low, self._deviation)
         self._deviation = np.where(chosen, np.inf, self._deviation)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -22,15 +22,17 @@ from intuitive_physics_predictor.live.live_prediction import (
     Inputs,
     NothingToPredictError,
     SeenStates,
-    predict_prepared,
     predict_scene,
 )
 from intuitive_physics_predictor.live.predictor import Predictor
 from intuitive_physics_predictor.live.question import Event, Question, answer
-from intuitive_physics_predictor.live.settings import PredictionSettings, output_times
+from intuitive_physics_predictor.live.settings import (
+    PredictionOptions,
+    PredictionSettings,
+    output_times,
+)
 from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
-from intuitive_physics_predictor.noisy_newton import PreparedScene
 
 ROOM = Environment([Plane("floor", "wood", (0, 0, 1), 0.0)], frame_id="room")
 COVARIANCE = np.diag([1e-6] * 3 + [0.0] * 3 + [1e-4] * 3 + [1e-2] * 3)
@@ -38,7 +40,7 @@ STATE = ObjectState((0, 0, 1.0), (0, 0, 0, 1), (2.0, 0, 0), (0, 0, 0), COVARIANC
 SEEN = SeenStates(
     (SceneObject("ball", "rubber", Sphere(0.05)),), (STATE,), 1000.0, 50.0, 0.0, "room"
 )
-SETTINGS = PredictionSettings(horizon=1.0)
+SETTINGS = PredictionSettings(PredictionOptions(horizon=1.0))
 
 
 def learned(materials=("rubber", "wood"), deviation=0.01):
@@ -58,14 +60,9 @@ INPUTS = Inputs(ROOM, 7, learned(), SEEN)
 
 
 def now(age, inputs=INPUTS, options=SETTINGS, seed=1):
-    """Predict when the states are `age` s old."""
-    return predictor(inputs, options, seed).predict(1000.0 + age, 50.0 + age)
-
-
-def predictor(inputs=INPUTS, options=SETTINGS, seed=1):
-    made = Predictor(options, seed)
-    made.take(**{field.name: getattr(inputs, field.name) for field in fields(inputs)})
-    return made
+    """Predict from states of this age in s."""
+    predictor = Predictor(options, seed, inputs)
+    return predictor.predict(now=1000.0 + age, monotonic=50.0 + age)
 
 
 @given(st.floats(0.0, 0.5))
@@ -75,18 +72,7 @@ def test_carrying_forward_is_looking_later_at_the_same_samples(age):
     # depend on when it was predicted: the engine's closed form is evaluated elsewhere, to rounding.
     made = now(age)
     assert made.start == pytest.approx(1000.0 + age, abs=1e-9)
-    prepared = made.prepared
-    at_stamp = predict_prepared(
-        prepared,
-        SETTINGS.draw(prepared, 20, np.random.default_rng(1)),
-        SETTINGS,
-        learned=INPUTS.learned,
-        times=age + SETTINGS.times,
-        start=1000.0,
-        states_stamp=1000.0,
-        seed=1,
-        environment_version=7,
-    ).distribution
+    at_stamp = SETTINGS.predict(now(0.0).prepared, age + SETTINGS.times, seed=1, sample_count=20)
     # Stamps of 1000 s hold 1e-13 s, and nothing is faster than 10 m/s.
     np.testing.assert_allclose(made.distribution.positions, at_stamp.positions, atol=1e-9)
     np.testing.assert_array_equal(made.distribution.times, SETTINGS.times)
@@ -102,7 +88,7 @@ def test_states_from_just_ahead_of_the_clock_are_begun_from():
 
 def test_it_can_begin_at_a_stamp_of_another_clock():
     strange = replace(INPUTS, seen=replace(SEEN, stamp=5.0, delay=995.0))
-    options = PredictionSettings(horizon=1.0, carry_forward=False)
+    options = PredictionSettings(PredictionOptions(horizon=1.0, carry_forward=False))
     assert now(0.3, strange, options).start == 5.0
     with pytest.raises(NothingToPredictError, match="carry_forward"):
         now(0.3, strange)
@@ -127,9 +113,9 @@ def test_nothing_is_predicted_from_what_is_missing_or_old(inputs, age, reason):
 def test_a_clock_that_stands_still_makes_nothing_stale_before_its_time():
     # A paused bag: no new states, and its clock does not go on.
     for silent in (0.0, 0.2, 0.45):
-        predictor().predict(1000.0, 50.0 + silent)
+        Predictor(SETTINGS, 0, INPUTS).predict(now=1000.0, monotonic=50.0 + silent)
     with pytest.raises(NothingToPredictError, match=r"are 0\.6 s old"):
-        predictor().predict(1000.0, 50.6)
+        Predictor(SETTINGS, 0, INPUTS).predict(now=1000.0, monotonic=50.6)
 
 
 def test_another_frame_is_refused():
@@ -149,10 +135,10 @@ def test_materials_nobody_learned_of_may_be_anything():
 def test_asked_again_the_samples_are_the_very_same(shape):
     seen = replace(SEEN, objects=(SceneObject("ball", "rubber", shape),))
     made = now(0.1, replace(INPUTS, seen=seen))
-    again = made.again(made.distribution.times, 20)
+    again = made.repeat(made.distribution.times, 20)
     np.testing.assert_array_equal(again.positions, made.distribution.positions)
     assert again.orientations.shape == (*made.distribution.positions.shape[:-1], 4)
-    more = made.again(made.distribution.times, 500)
+    more = made.repeat(made.distribution.times, 500)
     assert more.positions.shape[0] == 500
     # Both are of the same distribution: σ = 2 cm after 0.2 s and less, 20 samples.
     np.testing.assert_allclose(
@@ -160,95 +146,14 @@ def test_asked_again_the_samples_are_the_very_same(shape):
     )
 
 
-@given(
-    st.lists(st.sampled_from(["prefetch", "elsewhere", "settings", "seed", "query", "scene"])),
-    st.integers(0, 3),
-    st.booleans(),
-)
-@settings(max_examples=40)
-def test_what_was_drawn_ahead_changes_no_prediction(steps, seed, noisy):
-    # Drawn ahead or not, of whatever, with whatever asked in between: from the same inputs,
-    # settings and seed comes the same prediction, to the bit.
-    options = PredictionSettings(
-        horizon=0.5, sample_count=2, size_scale=0.1 * noisy, impact_tilt_noise=0.1 * noisy
-    )
-    other = PredictionSettings(horizon=0.2, sample_count=3)
-    higher = ObjectState((0, 0, 1.5), covariance=COVARIANCE)
-    elsewhere = replace(SEEN, states=(higher,))
-    after = predictor(options=options, seed=seed)
-    for step in steps:
-        match step:
-            case "prefetch":
-                after.prefetch()
-            case "elsewhere":
-                after.take(seen=elsewhere)
-                after.prefetch()
-                after.take(seen=SEEN)
-            case "settings":
-                after.settings = other
-                after.prefetch()
-                after.settings = options
-            case "seed":
-                after.seed = seed + 1
-                after.prefetch()
-                after.seed = seed
-            case "query":
-                made = now(0.1, options=options)
-                answer(Question(Event.FALLS_BELOW, "ball", height=0.5, sample_count=5), made)
-            case "scene":
-                predict_scene(
-                    INPUTS.scene, None, options, [0.1], seed=seed, sample_count=2, start=0.0
-                )
-    alone = predictor(options=options, seed=seed)
-    np.testing.assert_array_equal(
-        after.predict(1000.0, 50.0).distribution.positions,
-        alone.predict(1000.0, 50.0).distribution.positions,
-    )
-
-
-def test_what_was_drawn_ahead_is_not_drawn_again(monkeypatch):
-    ready = predictor()
-    ready.prefetch()
-    drawn = []
-    draw = PreparedScene.sampled
-    monkeypatch.setattr(
-        PreparedScene, "sampled", lambda *arguments: drawn.append(1) or draw(*arguments)
-    )
-    asked = ready.predict(1000.0, 50.0)
-    assert not drawn
-    ready.prefetch()
-    assert len(drawn) == 1
-    # A question draws samples of its own and leaves those of the next tick alone.
-    answer(Question(Event.FALLS_BELOW, "ball", height=0.5), asked)
-    assert len(drawn) == 2
-    ready.predict(1000.01, 50.01)
-    assert len(drawn) == 2
-    # Of another seed nothing is ready.
-    ready.seed = 77
-    ready.predict(1000.02, 50.02)
-    assert len(drawn) == 3
-
-
-def test_each_prediction_has_a_seed_of_its_own_and_one_that_failed_takes_none():
-    live = predictor(seed=5)
-    assert [live.predict(1000.0, 50.0).seed for _ in range(3)] == [5, 6, 7]
-    live.take(seen=None)
-    with pytest.raises(NothingToPredictError):
-        live.predict(1000.0, 50.0)
-    assert live.newest is None
-    live.take(seen=SEEN)
-    assert live.predict(1000.0, 50.0).seed == 8
-    assert live.newest.seed == 8
-
-
 def test_no_prediction_is_of_a_kind_that_was_not_compiled():
-    # Another type of array would have the kernels compiled again, for seconds, at a tick.
+    # Another type of array would have the kernels compiled anew, for seconds, at a tick.
     warm_up()
     compiled = len(roll_worlds.signatures)
-    options = PredictionSettings(horizon=1.0, size_scale=0.01, contact_scale=0.05)
-    now(0.1, options=options)
+    options = PredictionOptions(horizon=1.0, size_scale=0.01, contact_scale=0.05)
+    now(0.1, options=PredictionSettings(options))
     now(0.1, replace(INPUTS, learned=None))
-    now(0.1).again(SETTINGS.times, 5)
+    now(0.1).repeat(SETTINGS.times, 5)
     assert len(roll_worlds.signatures) == compiled
 
 
@@ -261,12 +166,12 @@ def test_no_prediction_is_of_a_kind_that_was_not_compiled():
 )
 def test_options_that_do_not_go_together(options, word):
     with pytest.raises(InvalidInputError, match=word):
-        PredictionSettings(**options)
+        PredictionSettings(PredictionOptions(**options))
 
 
 def test_every_noise_scale_is_an_option_and_reaches_the_noise():
     values = {name: 0.25 + 0.1 * k for k, name in enumerate(NOISE_SCALES)}
-    options = PredictionSettings(**{f"{name}_scale": value for name, value in values.items()})
+    options = PredictionOptions(**{f"{name}_scale": value for name, value in values.items()})
     assert asdict(options.noise_scales) == values
     assert (options.state_noise.scale, options.state_noise.spin_scale) == (
         values["state"],
@@ -275,8 +180,8 @@ def test_every_noise_scale_is_an_option_and_reaches_the_noise():
 
 
 def test_the_defaults_believe_perception_and_learner():
-    assert PredictionSettings().noise_scales == NoiseScales()
-    assert PredictionSettings().state_noise == StateNoise()
+    assert PredictionOptions().noise_scales == NoiseScales()
+    assert PredictionOptions().state_noise == StateNoise()
 
 
 @given(st.floats(0.01, 60.0), st.floats(0.001, 1.0))
@@ -349,7 +254,7 @@ def test_the_options_of_noise_at_impacts_reach_the_samples():
     # The perceived spread is cut to none, so that what is left is of the bounce at 0.44 s.
     exact = {"state_scale": 0.0, "spin_scale": 0.0, "static_parameters_scale": 0.0}
     for option in ("impact_restitution_noise", "impact_tilt_noise"):
-        settings = PredictionSettings(horizon=1.0, **exact, **{option: 0.05})
+        settings = PredictionSettings(PredictionOptions(horizon=1.0, **exact, **{option: 0.05}))
         made = now(0.0, options=settings)
         spread = made.distribution.positions[:, 0].std(axis=0).max(axis=1)
         fallen = settings.times < 0.4

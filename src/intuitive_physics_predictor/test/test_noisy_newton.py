@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,7 +15,7 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_count
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Sphere
-from intuitive_physics.simulation import make_simulator
+from intuitive_physics.simulation import WorldStatus, make_simulator
 from intuitive_physics.simulation.contact_noise import ContactNoise
 from intuitive_physics.state import ObjectState
 from intuitive_physics_predictor.noise import StateNoise, StateSpread
@@ -190,6 +192,33 @@ def test_what_cannot_be_predicted_is_refused():
         StateNoise(linear_velocity=float("nan"))
     with pytest.raises(UnsupportedSceneError, match="not a sphere"):
         predict(box_scene(), THETA, [1.0], rng=rng, simulator=make_simulator("event_driven"))
+
+
+class HalfFails:
+    """Simulator in which every second world fails."""
+
+    def rollout_batch(self, worlds, times, *, orientations=False):
+        rollout = make_simulator("auto").rollout_batch(worlds, times, orientations=orientations)
+        status = rollout.status.copy()
+        status[::2] = WorldStatus.NOT_FINITE
+        return replace(rollout, status=status)
+
+
+def test_samples_that_fail_are_left_out_and_counted():
+    whole, half = (
+        predict(
+            flying_scene(np.eye(12) * 1e-4),
+            THETA,
+            [0.1],
+            rng=np.random.default_rng(1),
+            sample_count=5,
+            simulator=simulator,
+        )
+        for simulator in (None, HalfFails())
+    )
+    assert (whole.failed_count, half.failed_count) == (0, 3)
+    np.testing.assert_array_equal(half.positions, whole.positions[1::2])
+    np.testing.assert_allclose(half.weights, 0.5)
 
 
 def box_scene():

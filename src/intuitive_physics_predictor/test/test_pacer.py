@@ -38,8 +38,8 @@ class Ticks:
 def paced():
     pacers = []
 
-    def start(ticks, rate, job_time=0.0):
-        pacers.append(Pacer(ticks, rate, job_time))
+    def start(ticks, rate):
+        pacers.append(Pacer(ticks, rate))
         pacers[-1].start()
         return pacers[-1]
 
@@ -99,123 +99,124 @@ def test_it_stops_at_once_though_the_next_tick_is_far(paced):
     assert len(ticks.due) == 1
 
 
-def test_jobs_are_done_early_in_the_gap(paced):
-    # Ticks of 30 ms that begin every 60 ms, and jobs that need 20 ms before the next one.
+def test_posted_work_begins_early_in_the_gap(paced):
+    # Ticks of 30 ms that begin every 60 ms, and work that wants 5 ms before the next one.
     ticks = Ticks(15, lambda number: time.sleep(0.03))
-    pacer = paced(ticks, 1.0 / 0.06, job_time=0.02)
+    pacer = paced(ticks, 1.0 / 0.06)
     begun = []
-
-    def job():
-        begun.append((time.monotonic() - ticks.due[0]) % 0.06)
-
     while not ticks.is_done():
-        pacer.submit("job", job)
-        assert pacer.wait_for_jobs(1.0)
-        time.sleep(0.003)
-    # From the end of a tick up to 20 ms before the next one; a busy machine may wake it late.
+        done = threading.Event()
+
+        def work(done=done):
+            begun.append((time.monotonic() - ticks.due[0]) % 0.06)
+            done.set()
+
+        pacer.post(work)
+        assert done.wait(20.0)
+        time.sleep(0.007)
+    # From the end of a tick up to 5 ms before the next one; a busy machine may wake it late.
     assert len(begun) > 15
-    in_time = (np.array(begun) > 0.025) & (np.array(begun) < 0.045)
+    in_time = (np.array(begun) > 0.025) & (np.array(begun) < 0.06)
     assert in_time.mean() > 0.8
 
 
-def test_jobs_are_done_where_ticks_leave_no_room(paced):
-    # A tick every 5 ms; a job wants 20 ms before the next one, so it is done right after a tick.
-    pacer = paced(Ticks(1000), 200.0, job_time=0.02)
-    done = []
-    pacer.submit("job", lambda: done.append(True))
-    assert pacer.wait_for_jobs(10.0)
-    assert done == [True]
-
-
-def test_waiting_for_jobs_is_limited(paced):
-    begun, end = threading.Event(), threading.Event()
-
-    def work(number):
-        begun.set()
-        end.wait(20.0)
-
-    pacer = paced(Ticks(1, work), 20.0)
-    assert begun.wait(20.0)
-    pacer.submit("job", lambda: None)
-    start = time.monotonic()
-    assert not pacer.wait_for_jobs(0.05)
-    assert 0.04 < time.monotonic() - start < 10.0
-    end.set()
-    assert pacer.wait_for_jobs(10.0)
-
-
-def test_only_the_newest_job_of_a_key_is_done_and_a_tick_knows_that_it_waits():
-    begun, waiting, done = threading.Event(), [], []
-
-    def work(number):
-        waiting.append(pacer.has_jobs)
-        begun.set()
-        deadline = time.monotonic() + 20.0
-        while not submitted.is_set() and time.monotonic() < deadline:
-            time.sleep(0.001)
-        waiting.append(pacer.has_jobs)
-
-    submitted = threading.Event()
-    pacer = Pacer(Ticks(1, work), 1.0)
+def test_ticks_work_and_rest_share_one_thread_in_order(paced):
+    threads, done = [], []
+    ticks = Ticks(1000, lambda number: threads.append(threading.get_ident()))
+    pacer = Pacer(ticks, 500.0, lambda: threads.append(threading.get_ident()))
     pacer.start()
-    assert begun.wait(20.0)
-    for number in range(3):
-        pacer.submit("a", lambda number=number: done.append(("a", number)))
-    pacer.submit("b", lambda: done.append(("b", 0)))
-    submitted.set()
-    assert pacer.wait_for_jobs(20.0)
-    pacer.stop()
-    assert waiting == [False, True]
-    assert done == [("a", 2), ("b", 0)]
-    assert not pacer.has_jobs
 
-
-def test_ticks_that_a_long_job_covers_are_left_out(paced):
-    # At 20 a second, a job of 0.14 s right after the second tick covers the two after it.
-    def work(number):
-        if number == 2:
-            pacer.submit("long", lambda: time.sleep(0.14))
-
-    ticks = Ticks(4, work)
-    pacer = paced(ticks, 20.0)
-    ticks.wait()
-    assert ticks.left_out[:2] == [0, 0]
-    assert ticks.left_out[2] >= 2
-    assert ticks.due[2] - ticks.due[1] == pytest.approx((1 + ticks.left_out[2]) / 20.0, abs=0.005)
-
-
-def test_jobs_given_before_the_start_are_done_before_the_first_tick():
-    order = []
-    ticks = Ticks(1, lambda number: order.append("tick"))
-    pacer = Pacer(ticks, 1.0)
-    pacer.submit("job", lambda: order.append("job"))
-    assert not pacer.wait_for_jobs(0.01)
-    pacer.start()
-    ticks.wait()
-    pacer.stop()
-    assert order == ["job", "tick"]
-
-
-def test_many_threads_lose_no_newest_job(paced):
-    # Each of eight threads submits 200 numbered jobs under its own key: the last of each is done,
-    # and those done of a key are in order.
-    done = {key: [] for key in range(8)}
-    pacer = paced(Ticks(10**6), 1000.0)
-
-    def submit(key):
+    def post(poster):
         for number in range(200):
-            pacer.submit(key, lambda number=number: done[key].append(number))
+            pacer.post(lambda number=number: done.append((poster, number, threading.get_ident())))
+            time.sleep(1e-4)
 
-    threads = [threading.Thread(target=submit, args=(key,)) for key in done]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert pacer.wait_for_jobs(20.0)
-    for numbers in done.values():
-        assert numbers[-1] == 199
-        assert numbers == sorted(numbers)
+    posters = [threading.Thread(target=post, args=(k,)) for k in range(4)]
+    for poster in posters:
+        poster.start()
+    for poster in posters:
+        poster.join()
+    deadline = time.monotonic() + 20.0
+    while len(done) < 800 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    pacer.stop()
+    assert len({*threads, *(thread for *_, thread in done)}) == 1
+    for k in range(4):
+        assert [number for poster, number, _ in done if poster == k] == list(range(200))
+
+
+def test_work_is_done_after_each_tick_though_ticks_fill_all_time(paced):
+    # Each tick takes more than a period: there is no gap but right after it.
+    ticks = Ticks(8, lambda number: time.sleep(0.03))
+    pacer = paced(ticks, 50.0)
+    done = threading.Event()
+    pacer.post(done.set)
+    assert done.wait(20.0)
+
+
+def test_rest_follows_each_tick_and_posted_work():
+    calls = []
+    rested = threading.Event()
+
+    def rest():
+        calls.append("rest")
+        if "work" in calls:
+            rested.set()
+
+    pacer = Pacer(lambda late, left_out: calls.append("tick"), 0.1, rest)
+    pacer.start()
+    while "rest" not in calls:
+        time.sleep(0.01)
+    pacer.post(lambda: calls.append("work"))
+    assert rested.wait(20.0)
+    pacer.stop()
+    assert calls[:4] == ["tick", "rest", "work", "rest"]
 
 
 def test_what_never_started_can_be_stopped():
     Pacer(Ticks(1), 1.0).stop()
+
+
+def test_posted_work_of_one_key_does_not_pile_up():
+    begun, posted, done = threading.Event(), threading.Event(), []
+
+    def work(number):
+        begun.set()
+        assert posted.wait(20.0)
+
+    pacer = Pacer(Ticks(1, work), 1.0)
+    pacer.start()
+    assert begun.wait(20.0)
+    for number in range(1000):
+        pacer.post(lambda number=number: done.append(("states", number)), key="states")
+    pacer.post(lambda: done.append("first"))
+    pacer.post(lambda: done.append("second"))
+    finished = threading.Event()
+    pacer.post(finished.set)
+    posted.set()
+    assert finished.wait(20.0)
+    pacer.stop()
+    assert done == [("states", 999), "first", "second"]
+
+
+def test_many_threads_lose_no_newest_work(paced):
+    # Eight threads post 200 numbers each under a key of their own: the last of each is done, and
+    # those done of one key are in order.
+    done = {key: [] for key in range(8)}
+    pacer = paced(Ticks(10**6), 1000.0)
+
+    def post(key):
+        for number in range(200):
+            pacer.post(lambda number=number: done[key].append(number), key=key)
+
+    threads = [threading.Thread(target=post, args=(key,)) for key in done]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    finished = threading.Event()
+    pacer.post(finished.set)
+    assert finished.wait(20.0)
+    for numbers in done.values():
+        assert numbers[-1] == 199
+        assert numbers == sorted(numbers)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_predictor.scores.shrinkage import share_beyond_chance
+from intuitive_physics_predictor.scores.noise_fit import share_beyond_chance
 
 GAINS = arrays(np.float64, st.integers(2, 30), elements=st.floats(-1e3, 1e3))
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import truncnorm
 
-from intuitive_physics_predictor.truncated_normal import TruncatedNormal
+from intuitive_physics_predictor.parameter_uncertainty import TruncatedNormal
 
 SHARES = np.linspace(0.0, 1.0, 21)[:, None]
 reach = st.floats(0.01, 5.0)

@@ -243,7 +243,7 @@ def test_distribution_comes_back(data, n_samples, n_objects, n_times):
         "seed": 2**64 - 1,
         "computation_time": 0.25,
     }
-    message = over_the_wire(to.trajectory_distribution_to_message(**sent))
+    message = over_the_wire(to.trajectory_distribution_to_message(to.DistributionFields(**sent)))
     got = to.trajectory_distribution_from_message(message)
     for name, value in sent.items():
         if isinstance(value, np.ndarray):
@@ -254,14 +254,14 @@ def test_distribution_comes_back(data, n_samples, n_objects, n_times):
 
 def test_a_writer_uses_its_memory_again_and_leaves_nothing_of_before():
     writer = to.DistributionWriter()
-    first = writer.write(**distribution_fields(positions=np.ones((2, 1, 2, 3)), seed=1))
+    first = writer.write(distribution_fields(positions=np.ones((2, 1, 2, 3)), seed=1))
     memory = first.objects[0].samples.buffer_info()
-    second = writer.write(**distribution_fields(positions=np.full((2, 1, 2, 3), 2.0), seed=2))
+    second = writer.write(distribution_fields(positions=np.full((2, 1, 2, 3), 2.0), seed=2))
     assert second.objects[0].samples.buffer_info() == memory
     assert second == distribution_message(positions=np.full((2, 1, 2, 3), 2.0), seed=2)
     # Another number of samples takes another message.
     more = {"positions": np.zeros((3, 1, 2, 3)), "weights": [0.5, 0.25, 0.25]}
-    assert writer.write(**distribution_fields(**more)) == distribution_message(**more)
+    assert writer.write(distribution_fields(**more)) == distribution_message(**more)
 
 
 @given(st.floats(0.0, 2**31 - 1))
@@ -434,7 +434,7 @@ def test_wrong_bounds(message, complaint):
 
 
 def distribution_fields(**changes):
-    return {
+    fields = {
         "frame_id": "world",
         "stamp": Time(),
         "states_stamp": Time(),
@@ -451,10 +451,11 @@ def distribution_fields(**changes):
         "computation_time": 0.0,
         **changes,
     }
+    return to.DistributionFields(**fields)
 
 
 def distribution_message(**changes):
-    return to.trajectory_distribution_to_message(**distribution_fields(**changes))
+    return to.trajectory_distribution_to_message(distribution_fields(**changes))
 
 
 @pytest.mark.parametrize(

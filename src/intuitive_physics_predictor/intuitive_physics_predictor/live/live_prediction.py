@@ -1,4 +1,4 @@
-"""Inputs of live prediction, and predictions with what they were made from."""
+"""Inputs of live prediction, and a prediction with all it was made from."""
 
 from __future__ import annotations
 
@@ -14,24 +14,23 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.simulation import pack_worlds
 from intuitive_physics.simulation.overlap_check import check_overlaps
-from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import increasing_times
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
-from intuitive_physics_predictor.live.settings import PredictionSettings, check_size
-from intuitive_physics_predictor.noisy_newton import PreparedScene, predict_sampled
-from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
+from intuitive_physics_predictor.live.settings import PredictionOptions, PredictionSettings
+from intuitive_physics_predictor.noisy_newton import PreparedScene
 
 CLOCK_TOLERANCE = 0.1
-"""s that states may be stamped ahead of this machine's clock: cameras keep a time of their own."""
+"""Largest lead, in s, of the states' stamp over this machine's clock: cameras may have clocks of
+their own. Our choice."""
 
 
 class NothingToPredictError(IntuitivePhysicsError):
-    """What a prediction is made from is not there, or too old."""
+    """Inputs of a prediction are missing or too old."""
 
 
 class NoObjectsError(NothingToPredictError):
-    """No objects are tracked; not a fault."""
+    """No objects tracked; not an error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +40,9 @@ class SeenStates:
     Parameters
     ----------
     stamp : s, when they were seen
-    arrived : s on a clock that always goes on (`time.monotonic`)
-    delay : s, how old they were by their stamp when they arrived
-    frame_id : frame they are in
+    arrived : s, on a clock that never stops (`time.monotonic`)
+    delay : s, their age by their stamp when they arrived
+    frame_id : frame of the states
     """
 
     objects: tuple[SceneObject, ...]
@@ -56,7 +55,7 @@ class SeenStates:
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """The newest of each input; None is what has not come yet.
+    """The newest of each input; None while it has not arrived.
 
     Parameters
     ----------
@@ -74,7 +73,7 @@ class Inputs:
         Raises
         ------
         NothingToPredictError
-            When one of them has not come yet.
+            When one of them has not arrived.
         """
         if self.environment is None or self.seen is None:
             missing = "environment" if self.environment is None else "object states"
@@ -83,14 +82,14 @@ class Inputs:
 
     @cached_property
     def scene(self) -> Scene:
-        """What is to be predicted.
+        """Scene to predict.
 
         Raises
         ------
         NothingToPredictError
-            When environment or states have not come yet, or hold no objects.
+            When environment or states have not arrived, or there are no objects.
         InvalidInputError
-            When they are in different frames or do not go together.
+            When they are in different frames or do not match.
         """
         environment, seen = self.perceived()
         if not seen.objects:
@@ -105,24 +104,21 @@ class Inputs:
 
 @dataclass(frozen=True, eq=False)
 class LivePrediction:
-    """A prediction and what it was made from.
+    """A prediction and what it was made from; immutable, so that threads may share it.
 
     Parameters
     ----------
     distribution : its times count from `start`
-    prepared : the scene, from which the same samples are drawn again
-    settings : how it was predicted
-    learned : θ_s; None: nothing was learned
     start : s, on the clock of the states' stamp
     states_stamp : s, when the states were seen
     seed : of the noise
-    environment_version : of the message that brought it
+    prepared, learned, settings, environment_version : what it was made from
     """
 
     distribution: TrajectoryDistribution
     prepared: PreparedScene
-    settings: PredictionSettings
     learned: LearnedParameters | None
+    settings: PredictionSettings
     start: float
     states_stamp: float
     seed: int
@@ -130,99 +126,29 @@ class LivePrediction:
 
     @property
     def scene(self) -> Scene:
-        """What was predicted, as perceived."""
+        """Scene that was predicted."""
         return self.prepared.scene
 
     @property
     def static_parameters_version(self) -> int:
-        """Version of θ_s; 0: nothing was learned."""
+        """Version of θ_s; 0 without learned parameters."""
         return 0 if self.learned is None else self.learned.version
 
-    def again(self, times: NDArray[np.float64], sample_count: int) -> TrajectoryDistribution:
-        """Predict from the same inputs, with orientations; as many samples are the same ones.
+    def repeat(self, times: NDArray[np.float64], sample_count: int) -> TrajectoryDistribution:
+        """Predict from the same inputs, with orientations; the same count gives the same samples.
 
         Parameters
         ----------
         times : (n_times,) s after `start`
         """
-        settings = self.settings
-        check_size(sample_count, len(self.scene.objects), times.size)
-        distribution = predict_sampled(
-            self.scene,
-            settings.draw(self.prepared, sample_count, np.random.default_rng(self.seed)),
+        distribution = self.settings.predict(
+            self.prepared,
             self.start - self.states_stamp + times,
-            simulator=settings.engine,
+            seed=self.seed,
+            sample_count=sample_count,
             orientations=True,
         )
         return replace(distribution, times=times)
-
-
-def uncertain_parameters(
-    learned: LearnedParameters | None, materials: tuple[str, ...], settings: PredictionSettings
-) -> UncertainParameters:
-    """Return the distribution of θ_s over what was learned and these materials.
-
-    A material nobody has learned of may be anything.
-    """
-    known = learned or LearnedParameters.defaults(materials)
-    all_of_them = tuple(dict.fromkeys((*known.materials, *materials)))
-    return settings.noise_scales.parameters(known.extended(all_of_them))
-
-
-def prepare(
-    scene: Scene, parameters: UncertainParameters, settings: PredictionSettings
-) -> PreparedScene:
-    """Return a scene prepared to be predicted again and again.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
-        As `PreparedScene.of`.
-    """
-    return PreparedScene.of(scene, parameters, settings.state_noise)
-
-
-def predict_prepared(
-    prepared: PreparedScene,
-    worlds: WorldBatch,
-    settings: PredictionSettings,
-    *,
-    learned: LearnedParameters | None,
-    times: NDArray[np.float64],
-    start: float,
-    states_stamp: float,
-    seed: int,
-    environment_version: int,
-) -> LivePrediction:
-    """Simulate samples of a scene from its states' stamp on; record from `start` on.
-
-    Parameters
-    ----------
-    worlds : the samples
-    times : (n_times,) s after `start`
-    seed : that the samples were drawn with
-
-    Raises
-    ------
-    InvalidInputError
-        When the prediction would be too large.
-    PredictionFailedError, UnsupportedSceneError
-        As `noisy_newton.predict`.
-    """
-    check_size(worlds.size, len(prepared.scene.objects), times.size)
-    distribution = predict_sampled(
-        prepared.scene, worlds, start - states_stamp + times, simulator=settings.engine
-    )
-    return LivePrediction(
-        distribution=replace(distribution, times=times),
-        prepared=prepared,
-        settings=settings,
-        learned=learned,
-        start=start,
-        states_stamp=states_stamp,
-        seed=seed,
-        environment_version=environment_version,
-    )
 
 
 def predict_scene(
@@ -236,31 +162,34 @@ def predict_scene(
     start: float,
     environment_version: int = 0,
 ) -> LivePrediction:
-    """Predict a scene that somebody asks about, from its states on.
+    """Predict any scene, from its states on.
 
     Parameters
     ----------
     times : (n_times,) s after `start`, strictly increasing, none negative
-    start : s, which the states are taken to be of
+    start : s, time of the states
 
     Raises
     ------
     InvalidInputError
-        When objects overlap, or a number is not what it must be.
+        When objects overlap, or a number is invalid.
     PredictionFailedError, UnsupportedSceneError
         As `noisy_newton.predict`.
     """
-    # What is perceived may overlap by its noise; a scene that is made up should not.
+    # Noise makes perceived objects overlap; a requested scene should not.
     check_overlaps([scene], pack_worlds([scene], StaticParameters.uniform(scene.materials)))
-    checked = increasing_times(times, "times")
-    check_size(sample_count, len(scene.objects), checked.size)
-    prepared = prepare(scene, uncertain_parameters(learned, scene.materials, settings), settings)
-    return predict_prepared(
+    prepared = settings.prepare(scene, settings.uncertain_parameters(learned, scene.materials))
+    distribution = settings.predict(
         prepared,
-        settings.draw(prepared, sample_count, np.random.default_rng(seed)),
-        settings,
+        increasing_times(times, "times"),
+        seed=seed,
+        sample_count=sample_count,
+    )
+    return LivePrediction(
+        distribution=distribution,
+        prepared=prepared,
         learned=learned,
-        times=checked,
+        settings=settings,
         start=start,
         states_stamp=start,
         seed=seed,
@@ -268,19 +197,22 @@ def predict_scene(
     )
 
 
-def check_fresh(
-    seen: SeenStates, settings: PredictionSettings, now: float, monotonic: float
-) -> None:
-    """Check that states are new enough, by when they arrived and by their stamp.
+def check_fresh(seen: SeenStates, options: PredictionOptions, now: float, monotonic: float) -> None:
+    """Check the age of states, by their arrival and by their stamp.
+
+    Parameters
+    ----------
+    now : s, on the clock of the stamps
+    monotonic : s, now on the clock of `SeenStates.arrived`
 
     Raises
     ------
     NothingToPredictError
-        When they are not, or are stamped ahead of the clock.
+        When they are too old, or stamped ahead of the clock.
     """
-    limit = settings.stale_after
+    limit = options.stale_after
     age = monotonic - seen.arrived
-    if settings.carry_forward:
+    if options.carry_forward:
         if not -CLOCK_TOLERANCE <= seen.delay <= limit:
             when = "old" if seen.delay > 0.0 else "in the future"
             raise NothingToPredictError(

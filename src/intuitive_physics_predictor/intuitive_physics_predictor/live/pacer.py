@@ -1,4 +1,4 @@
-"""A thread that ticks at a steady rate, skips what it is late for, and works in between."""
+"""A thread that ticks at a steady rate, and does posted work in the gaps between its ticks."""
 
 from __future__ import annotations
 
@@ -7,124 +7,114 @@ import threading
 import time
 from collections.abc import Callable, Hashable
 
-LATEST_START = 0.5
-"""Of a period, that a tick may begin late: one that took a little too long costs no later ones."""
+LATEST = 0.5
+"""Largest delay of a tick, in periods: a tick that took slightly too long makes the next one late
+instead of leaving it out. Our choice."""
 
-Job = Callable[[], None]
+WORK_TIME = 5e-3
+"""s before the next tick in which no posted work is begun any more; decoding an input takes less.
+Measured with the predictor's inputs."""
 
 
 class Pacer:
-    """Calls `tick` at whole periods in a thread of its own, and does jobs in the gaps between.
+    """Calls `tick` at whole periods and posted work between two ticks, all in one thread.
 
-    Python runs one thread at a time, so what another thread does delays a tick. A job given to
-    this thread is done right after a tick, or before the next one where enough time is left.
-    An executor's timer costs several times as much, and waits for every other callback.
+    After each tick the work posted until then is done, then `rest` is called. Work posted later is
+    done at once where the next tick is at least `WORK_TIME` away, else after that tick; `rest`
+    follows. So whatever ticks, work and `rest` share needs no lock. An executor's timer costs
+    several times as much, and waits for every other callback.
 
     Parameters
     ----------
-    tick : called with the s it comes late, up to half a period, and how many periods were left out
-        before it because the work before took too long; must not raise
+    tick : called with the delay of this tick, in s, up to half a period unless work delays it more,
+        and the number of periods left out before it because the tick before took too long; must
+        not raise
     rate : 1/s
-    job_time : s before the next tick in which no job is begun
+    rest : called when all posted work is done; must not raise
     """
 
     def __init__(
-        self, tick: Callable[[float, int], None], rate: float, job_time: float = 0.0
+        self,
+        tick: Callable[[float, int], None],
+        rate: float,
+        rest: Callable[[], None] = lambda: None,
     ) -> None:
         self._tick = tick
+        self._rest = rest
         self._rate = rate
-        self._job_time = job_time
-        self._changed = threading.Condition()
+        self._posted: dict[Hashable, Callable[[], None]] = {}
         self._stopping = False
-        self._jobs: dict[Hashable, Job] = {}
-        self._working = False
+        self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="pacer", daemon=True)
 
     def start(self) -> None:
-        """Begin: jobs that wait, then the first tick at once."""
+        """Begin, with the first tick at once."""
         self._thread.start()
 
-    def set_rate(self, rate: float) -> None:
-        """Go on at another rate (1/s), with a tick at once."""
-        with self._changed:
-            self._rate = rate
-            self._changed.notify_all()
-
-    def stop(self) -> None:
-        """End the thread once the tick or job under way is done; jobs that wait are left out."""
-        with self._changed:
-            self._stopping = True
-            self._changed.notify_all()
-        if self._thread.is_alive():
-            self._thread.join()
-
-    def submit(self, key: Hashable, job: Job) -> None:
-        """Have a job done in the next gap, instead of one of the same key that was not begun yet.
+    def post(self, work: Callable[[], None], key: Hashable = None) -> None:
+        """Have work done in the next gap, in the order of the posts; any thread may call this.
 
         Parameters
         ----------
-        job : must not raise
+        work : must not raise
+        key : work of the same key that was not begun yet is dropped, so that what comes faster
+            than it can be done does not pile up; None: nothing is dropped
         """
+        key = object() if key is None else key
         with self._changed:
-            self._jobs[key] = job
-            self._changed.notify_all()
+            self._posted.pop(key, None)
+            self._posted[key] = work
+            self._changed.notify()
 
-    def wait_for_jobs(self, longest: float) -> bool:
-        """Wait until no job waits or is under way, `longest` s at most; whether it is so."""
+    def set_rate(self, rate: float) -> None:
+        """Continue at another rate (1/s), with a tick at once; any thread may call this."""
         with self._changed:
-            return self._changed.wait_for(lambda: not (self._jobs or self._working), longest)
+            self._rate = rate
+            self._changed.notify()
 
-    @property
-    def has_jobs(self) -> bool:
-        """Whether a job waits."""
-        return bool(self._jobs)
+    def stop(self) -> None:
+        """End the thread once the call under way is done."""
+        with self._changed:
+            self._stopping = True
+            self._changed.notify()
+        if self._thread.is_alive():
+            self._thread.join()
 
     def _run(self) -> None:
-        self._do_jobs()
         while not self._stopping:
             self._run_at(1.0 / self._rate)
 
     def _run_at(self, period: float) -> None:
-        """Tick until the rate is changed or the thread is to end."""
-        due = time.monotonic()
-        left_out = 0
-        while not self._stopping and period == 1.0 / self._rate:
-            # Work that ended long after the next tick was due covers the ticks in between.
-            missed = max(0, math.floor((time.monotonic() - due) / period - LATEST_START) + 1)
-            left_out += missed
-            due += missed * period
-            if self._gap_ended(due, period):
-                self._tick(time.monotonic() - due, left_out)
-                left_out = 0
-                due += period
-                self._do_jobs()
+        """Tick and work until the rate is changed or the thread stops."""
+        start = time.monotonic()
+        number = left_out = 0
+        while not self._is_over(period):
+            if self._wait_until(start + number * period, period):
+                self._tick(time.monotonic() - start - number * period, left_out)
+                behind = time.monotonic() - start - (number + 1) * period
+                left_out = max(0, math.floor(behind / period - LATEST) + 1)
+                number += 1 + left_out
+            self._work()
 
-    def _gap_ended(self, due: float, period: float) -> bool:
-        """Wait for a tick; False: something else was done first, so look at the clock again."""
+    def _wait_until(self, due: float, period: float) -> bool:
+        """Wait for the tick; False where something else is to be done before it."""
         with self._changed:
-            while not (self._stopping or period != 1.0 / self._rate):
-                left = due - time.monotonic()
-                if left <= 0.0:
-                    return True
-                may_work = left > self._job_time
-                if self._jobs and may_work:
-                    break
-                # A job may be begun until shortly before the tick.
-                self._changed.wait(left - self._job_time if may_work else left)
-            else:
-                return False
-        self._do_jobs()
-        return False
+            return not self._changed.wait_for(
+                lambda: self._is_over(period) or self._may_work(due),
+                max(0.0, due - time.monotonic()),
+            )
 
-    def _do_jobs(self) -> None:
-        """Do each job that waits now; what comes meanwhile waits for the next gap."""
+    def _is_over(self, period: float) -> bool:
+        return self._stopping or period != 1.0 / self._rate
+
+    def _may_work(self, due: float) -> bool:
+        return bool(self._posted) and due - time.monotonic() >= WORK_TIME
+
+    def _work(self) -> None:
         with self._changed:
-            jobs, self._jobs = self._jobs, {}
-            self._working = bool(jobs)
-        for job in jobs.values():
-            if not self._stopping:
-                job()
-        if jobs:
-            with self._changed:
-                self._working = False
-                self._changed.notify_all()
+            posted, self._posted = self._posted, {}
+        for work in posted.values():
+            if self._stopping:
+                return
+            work()
+        self._rest()

@@ -1,4 +1,4 @@
-"""The live predictor: the newest inputs, what is prepared of them, and the newest prediction."""
+"""What predicts live: the newest inputs, and all that is kept from one prediction to the next."""
 
 from __future__ import annotations
 
@@ -6,80 +6,89 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
-from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation.world_batch import WorldBatch
-from intuitive_physics_predictor.live.live_prediction import (
-    Inputs,
-    LivePrediction,
-    check_fresh,
-    predict_prepared,
-    prepare,
-    uncertain_parameters,
-)
+from intuitive_physics_predictor.live.live_prediction import Inputs, LivePrediction, check_fresh
 from intuitive_physics_predictor.live.settings import PredictionSettings
 from intuitive_physics_predictor.noisy_newton import PreparedScene
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 
 @dataclass(frozen=True, eq=False)
-class PrefetchedSamples:
-    """Samples of a scene that were drawn before they were due, and what they were drawn from.
+class Snapshot:
+    """State of a predictor at one time; immutable, so that other threads may use it.
 
     Parameters
     ----------
-    seed : of the noise
-    worlds : one a sample
+    newest : prediction; None while nothing can be predicted
     """
 
-    prepared: PreparedScene
+    inputs: Inputs
     settings: PredictionSettings
+    newest: LivePrediction | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _DrawnAhead:
+    """Samples of a scene, and what they were drawn with."""
+
+    prepared: PreparedScene
     seed: int
     worlds: WorldBatch
 
 
 class Predictor:
-    """Predicts from the newest inputs, again and again.
+    """Predicts from the newest inputs, one prediction after the other.
 
-    Everything that changes is here and belongs to one thread, which calls all methods. Other
-    threads may read `inputs`, `settings` and `newest`: each is an immutable object that is replaced
-    as a whole, and a `LivePrediction` can be questioned without this object.
+    One thread owns it: only `snapshot` may be read by others. The distribution of θ_s, the prepared
+    scene and the samples drawn ahead are kept while what they are made from stays; they change no
+    prediction.
 
     Parameters
     ----------
-    settings : how to predict; may be replaced
-    seed : of the next prediction's noise, one more after each
+    settings : how to predict
+    seed : of the next prediction's noise, one more after each prediction
+    inputs : default: none yet
     """
 
-    def __init__(self, settings: PredictionSettings, seed: int = 0) -> None:
-        self.settings = settings
-        self.seed = seed
-        self.inputs = Inputs()
-        self.newest: LivePrediction | None = None
-        self._uncertain: tuple[Any, UncertainParameters] | None = None
-        self._prepared: tuple[Any, PreparedScene] | None = None
-        self._prefetched: PrefetchedSamples | None = None
+    def __init__(
+        self, settings: PredictionSettings, seed: int = 0, inputs: Inputs | None = None
+    ) -> None:
+        self.snapshot = Snapshot(inputs or Inputs(), settings)
+        self._seed = seed
+        self._uncertain: (
+            tuple[LearnedParameters | None, tuple[str, ...], UncertainParameters] | None
+        )
+        self._prepared: tuple[Scene, LearnedParameters | None, PreparedScene] | None
+        self._drawn: _DrawnAhead | None
+        self._forget()
 
     def take(self, **newer: Any) -> None:
-        """Take inputs that are newer, fields of `Inputs` by name."""
-        self.inputs = replace(self.inputs, **newer)
+        """Take over newer inputs, given by the names of the fields of `Inputs`."""
+        inputs = replace(self.snapshot.inputs, **newer)
+        self.snapshot = replace(self.snapshot, inputs=inputs)
 
-    def prefetch(self) -> None:
-        """Draw the samples of the next prediction before it is due.
+    def set(self, *, settings: PredictionSettings | None = None, seed: int | None = None) -> None:
+        """Set how, or with which seed, the next prediction is made."""
+        if settings is not None:
+            self.snapshot = replace(self.snapshot, settings=settings)
+            self._forget()
+        if seed is not None:
+            self._seed = seed
 
-        What is drawn depends on no time, and the prediction is the same to the bit without it.
-        Inputs that nothing can be drawn from are left to `predict`, which reports them.
+    def draw_ahead(self) -> None:
+        """Draw the samples of the next prediction, which depend on no time.
+
+        Where they cannot be drawn, `predict` raises the reason.
         """
-        with suppress(IntuitivePhysicsError):
-            self._prefetched = self._samples(self._prepare(self.inputs.scene, self.inputs.learned))
+        with suppress(Exception):
+            self._samples(self._prepare())
 
-    def predict(self, now: float, monotonic: float) -> LivePrediction:
-        """Carry the newest states forward to now and predict from there.
+    def predict(self, *, now: float, monotonic: float) -> LivePrediction:
+        """Predict from now on, from states carried forward to now.
 
-        Both are one simulation of the samples: from the states' stamp on, recorded from now on.
+        Both are one simulation: of the samples, from the states' stamp on, whose output begins now.
 
         Parameters
         ----------
@@ -89,74 +98,75 @@ class Predictor:
         Raises
         ------
         NothingToPredictError
-            When there is no environment, no states, they are too old or have no objects.
+            When environment or states are missing, or the states are too old or have no objects.
         InvalidInputError
-            When states and environment are in different frames or cannot be simulated.
+            When states and environment are in different frames or the scene or settings are
+            invalid.
         PredictionFailedError, UnsupportedSceneError
             As `noisy_newton.predict`.
         """
         try:
-            self.newest = self._predict(now, monotonic)
+            made = self._predict(now, monotonic)
         except Exception:
-            self.newest = None
+            self.snapshot = replace(self.snapshot, newest=None)
             raise
-        self.seed += 1
-        return self.newest
+        self.snapshot = replace(self.snapshot, newest=made)
+        self._seed += 1
+        return made
 
     def _predict(self, now: float, monotonic: float) -> LivePrediction:
-        inputs, settings = self.inputs, self.settings
+        inputs, settings = self.snapshot.inputs, self.snapshot.settings
         _, seen = inputs.perceived()
-        check_fresh(seen, settings, now, monotonic)
-        samples = self._samples(self._prepare(inputs.scene, inputs.learned))
-        start = max(now, seen.stamp) if settings.carry_forward else seen.stamp
-        return predict_prepared(
-            samples.prepared,
-            samples.worlds,
-            settings,
+        check_fresh(seen, settings.options, now, monotonic)
+        prepared = self._prepare()
+        start = max(now, seen.stamp) if settings.options.carry_forward else seen.stamp
+        distribution = settings.predict(
+            prepared,
+            start - seen.stamp + settings.times,
+            seed=self._seed,
+            sample_count=settings.options.sample_count,
+            drawn=self._samples(prepared),
+        )
+        return LivePrediction(
+            distribution=replace(distribution, times=settings.times),
+            prepared=prepared,
             learned=inputs.learned,
-            times=settings.times,
+            settings=settings,
             start=start,
             states_stamp=seen.stamp,
-            seed=samples.seed,
+            seed=self._seed,
             environment_version=inputs.environment_version,
         )
 
-    def _samples(self, prepared: PreparedScene) -> PrefetchedSamples:
-        """Return samples of a scene; reuse the prefetched ones if they match."""
-        settings, ready = self.settings, self._prefetched
-        if (
-            ready is not None
-            and ready.prepared is prepared
-            and ready.settings is settings
-            and ready.seed == self.seed
-        ):
-            return ready
-        worlds = settings.draw(prepared, settings.sample_count, np.random.default_rng(self.seed))
-        return PrefetchedSamples(prepared, settings, self.seed, worlds)
-
-    def _prepare(self, scene: Scene, learned: LearnedParameters | None) -> PreparedScene:
-        """Return the scene prepared; the newest answer is reused while its inputs are the same."""
-        made_from = (scene, learned, self.settings)
-        if self._prepared is None or not _same(self._prepared[0], made_from):
-            uncertain = self._parameters(learned, scene.materials)
-            self._prepared = made_from, prepare(scene, uncertain, self.settings)
-        return self._prepared[1]
+    def _prepare(self) -> PreparedScene:
+        """Return the prepared scene of the newest inputs; the newest one is kept."""
+        inputs, settings = self.snapshot.inputs, self.snapshot.settings
+        scene, learned = inputs.scene, inputs.learned
+        kept = self._prepared
+        if kept is None or kept[0] is not scene or kept[1] is not learned:
+            prepared = settings.prepare(scene, self._parameters(learned, scene.materials))
+            self._prepared = kept = (scene, learned, prepared)
+        return kept[2]
 
     def _parameters(
         self, learned: LearnedParameters | None, materials: tuple[str, ...]
     ) -> UncertainParameters:
-        """Return the distribution of θ_s; the newest answer is reused while it holds."""
-        made_from = (learned, self.settings)
-        if (
-            self._uncertain is None
-            or not _same(self._uncertain[0][:2], made_from)
-            or self._uncertain[0][2] != materials
-        ):
-            uncertain = uncertain_parameters(learned, materials, self.settings)
-            self._uncertain = (*made_from, materials), uncertain
-        return self._uncertain[1]
+        """Return the distribution of θ_s; the newest one is kept."""
+        kept = self._uncertain
+        if kept is None or kept[0] is not learned or kept[1] != materials:
+            uncertain = self.snapshot.settings.uncertain_parameters(learned, materials)
+            self._uncertain = kept = (learned, materials, uncertain)
+        return kept[2]
 
+    def _samples(self, prepared: PreparedScene) -> WorldBatch:
+        """Return the samples of the next prediction, the ones drawn ahead if they match."""
+        drawn = self._drawn
+        if drawn is None or drawn.prepared is not prepared or drawn.seed != self._seed:
+            settings = self.snapshot.settings
+            worlds = settings.draw(prepared, self._seed, settings.options.sample_count)
+            self._drawn = drawn = _DrawnAhead(prepared, self._seed, worlds)
+        return drawn.worlds
 
-def _same(made_from: tuple[Any, ...], wanted: tuple[Any, ...]) -> bool:
-    """Whether two tuples hold the very same objects: equal ones are compared by nobody."""
-    return all(a is b for a, b in zip(made_from, wanted, strict=True))
+    def _forget(self) -> None:
+        """Drop what was made with other settings."""
+        self._uncertain = self._prepared = self._drawn = None

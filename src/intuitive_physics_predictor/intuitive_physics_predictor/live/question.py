@@ -23,11 +23,11 @@ from intuitive_physics_predictor.queries.events import (
 from intuitive_physics_predictor.queries.interception import best_interception
 
 LARGEST_TIME_STEP = 0.01
-"""s between the points that are looked at, however far apart those published are."""
+"""Largest step, in s, between the times at which events are searched. Our choice."""
 
 
 class Event(Enum):
-    """What is asked for."""
+    """Event that a question asks for."""
 
     ENTERS_REGION = "enters_region"
     TOUCHES = "touches"
@@ -44,8 +44,12 @@ class Question:
     ----------
     event : each takes those of the fields below that its function in `queries` or
         `interception` has
-    object_id : that it is about
-    sample_count, horizon : 0: as the prediction that is asked
+    object_id : object of the event
+    region : region of `ENTERS_REGION` and `INTERCEPTS`
+    other_id : object, plane or box of `TOUCHES`
+    height : m, of `FALLS_BELOW`
+    reach, earliest : m and s, of `INTERCEPTS`, as in `best_interception`
+    sample_count, horizon : number and s; 0: as in the prediction
     """
 
     event: Event
@@ -61,7 +65,13 @@ class Question:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Chance and times of the event; where it is an interception, also its place and time."""
+    """Probability and times of an event.
+
+    Parameters
+    ----------
+    position : (3,) m, of an interception; None for other events
+    time : s, of an interception
+    """
 
     forecast: EventForecast
     position: NDArray[np.float64] | None = None
@@ -69,23 +79,23 @@ class Answer:
 
 
 def answer(question: Question, made: LivePrediction) -> Answer:
-    """Answer from the samples of a prediction, simulated again with orientations.
+    """Answer from the samples of a prediction, repeated with orientations.
 
     Raises
     ------
     UnknownNameError
-        When no object, plane or box has a name that is asked about.
+        When no object, plane or box has a name in the question.
     InvalidInputError
-        When a number or the region is not what it must be.
+        When a number or the region is invalid.
     PredictionFailedError
         When no sample could be simulated to the end.
     """
-    settings = made.settings
-    horizon = question.horizon or settings.horizon
+    options = made.settings.options
+    horizon = question.horizon or options.horizon
     made.distribution.index(question.object_id)
-    distribution = made.again(
-        output_times(horizon, min(settings.time_step, LARGEST_TIME_STEP, horizon)),
-        question.sample_count or settings.sample_count,
+    distribution = made.repeat(
+        output_times(horizon, min(options.time_step, LARGEST_TIME_STEP, horizon)),
+        question.sample_count or options.sample_count,
     )
     if question.event is Event.INTERCEPTS:
         return _interception(question, distribution)

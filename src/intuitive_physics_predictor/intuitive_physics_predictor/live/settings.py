@@ -1,40 +1,38 @@
-"""Settings of live prediction, frozen: the library's and the node's parameters."""
+"""Settings of live prediction: the user's options, checked, and what follows from them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.scene import Scene
 from intuitive_physics.settings import choice, number, other
-from intuitive_physics.simulation import (
-    ENGINE_GUIDE,
-    SIMULATORS,
-    Simulator,
-    make_simulator,
-)
+from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS, Simulator, make_simulator
 from intuitive_physics.simulation.contact_noise import LARGEST_TILT, ContactNoise
 from intuitive_physics.simulation.world_batch import WorldBatch
+from intuitive_physics.state import ERROR_SIZE
+from intuitive_physics_predictor.distribution import TrajectoryDistribution
 from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
-from intuitive_physics_predictor.noisy_newton import DEFAULT_SAMPLE_COUNT, PreparedScene
+from intuitive_physics_predictor.noisy_newton import (
+    DEFAULT_SAMPLE_COUNT,
+    PreparedScene,
+    predict_sampled,
+)
+from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 LARGEST_PREDICTION = 50_000_000
-"""Numbers in one predicted distribution: 400 MB, and what takes some seconds."""
+"""Largest count of float64 numbers in one prediction, or in the samples it is made from: 400 MB and
+some seconds of simulation. Our choice."""
 
 
 @dataclass(frozen=True)
-class PredictionSettings:
-    """How to predict. Every field has its meaning, unit and range in its metadata.
-
-    Raises
-    ------
-    InvalidInputError
-        When horizon, time step and number of samples do not go together.
-    """
+class PredictionOptions:
+    """How to predict. Every field says its meaning, unit and range in its metadata."""
 
     horizon: float = number(5.0, 0.01, 60.0, "s predicted ahead")
     time_step: float = number(0.01, 0.001, 1.0, "s between predicted points")
@@ -63,7 +61,7 @@ class PredictionSettings:
         1.0, 0.0, 1000.0, "factor on the standard deviations of learned static parameters"
     )
     unidentified_scale: float = number(
-        1.0, 0.0, 1.0, "share of the way to its bounds that a parameter nobody could tell may go"
+        1.0, 0.0, 1.0, "share of the way to its bounds that an unidentified parameter may go"
     )
     contact_scale: float = number(
         0.0, 0.0, 1000.0, "standard deviation of frictions and restitution about their pair's"
@@ -77,23 +75,6 @@ class PredictionSettings:
     impact_tilt_noise: float = number(
         0.0, 0.0, LARGEST_TILT, "rad, standard deviation of the surface's normal at an impact"
     )
-
-    def __post_init__(self) -> None:
-        check_size(self.sample_count, 1, self.times.size)
-
-    @cached_property
-    def times(self) -> NDArray[np.float64]:
-        """Predicted times, (n_times,) s from the start of a prediction."""
-        return output_times(self.horizon, self.time_step)
-
-    @cached_property
-    def engine(self) -> Simulator:
-        """The simulator of that name, which threads may share."""
-        return make_simulator(self.simulator, self.threads)
-
-    def draw(self, prepared: PreparedScene, count: int, rng: np.random.Generator) -> WorldBatch:
-        """Return `count` samples of a scene, each with its own draw of all that is uncertain."""
-        return prepared.sampled(count, rng, self.noise_scales.size, self.contact_noise)
 
     @property
     def noise_scales(self) -> NoiseScales:
@@ -119,6 +100,107 @@ class PredictionSettings:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class PredictionSettings:
+    """Options and what follows from them; immutable, so that threads may share them.
+
+    Parameters
+    ----------
+    options : as the user gave them
+
+    Attributes
+    ----------
+    times : (n_times,) s, output times of a prediction
+    simulator : engine with its threads
+
+    Raises
+    ------
+    InvalidInputError
+        When horizon, time step and sample count do not go together.
+    """
+
+    options: PredictionOptions
+    times: NDArray[np.float64] = field(init=False)
+    simulator: Simulator = field(init=False)
+
+    def __post_init__(self) -> None:
+        options = self.options
+        times = output_times(options.horizon, options.time_step)
+        check_size(options.sample_count, 1, times.size)
+        times.flags.writeable = False
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "simulator", make_simulator(options.simulator, options.threads))
+
+    def uncertain_parameters(
+        self, learned: LearnedParameters | None, materials: tuple[str, ...]
+    ) -> UncertainParameters:
+        """Return the distribution of θ_s of what was learned and of these materials.
+
+        A material without learned parameters may have any.
+        """
+        known = learned or LearnedParameters.defaults(materials)
+        union = tuple(dict.fromkeys((*known.materials, *materials)))
+        return self.options.noise_scales.parameters(known.extended(union))
+
+    def prepare(self, scene: Scene, parameters: UncertainParameters) -> PreparedScene:
+        """Prepare a scene to be sampled.
+
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+            As `PreparedScene.of`.
+        """
+        return PreparedScene.of(scene, parameters, self.options.state_noise)
+
+    def draw(self, prepared: PreparedScene, seed: int, sample_count: int) -> WorldBatch:
+        """Draw samples; the same seed gives the same ones.
+
+        Raises
+        ------
+        InvalidInputError
+            When they have more than `LARGEST_PREDICTION` numbers.
+        """
+        objects, parameters = len(prepared.scene.objects), prepared.world.coefficients.size
+        check_size(sample_count, objects, 1, parameters)
+        options = self.options
+        return prepared.sampled(
+            sample_count,
+            np.random.default_rng(seed),
+            options.noise_scales.size,
+            options.contact_noise,
+        )
+
+    def predict(
+        self,
+        prepared: PreparedScene,
+        times: NDArray[np.float64],
+        *,
+        seed: int,
+        sample_count: int,
+        orientations: bool = False,
+        drawn: WorldBatch | None = None,
+    ) -> TrajectoryDistribution:
+        """Predict a prepared scene, as `noisy_newton.predict`.
+
+        Parameters
+        ----------
+        times : (n_times,) s after the states
+        drawn : samples of `draw` with this scene, seed and count; default: they are drawn
+
+        Raises
+        ------
+        InvalidInputError
+            When the prediction would have more than `LARGEST_PREDICTION` numbers.
+        PredictionFailedError, UnsupportedSceneError
+            As `noisy_newton.predict`.
+        """
+        check_size(sample_count, len(prepared.scene.objects), times.size)
+        worlds = self.draw(prepared, seed, sample_count) if drawn is None else drawn
+        return predict_sampled(
+            prepared.scene, worlds, times, simulator=self.simulator, orientations=orientations
+        )
+
+
 def output_times(horizon: float, time_step: float) -> NDArray[np.float64]:
     """Return times from 0 to `horizon` (s) every `time_step` (s), shape (n_times,).
 
@@ -135,15 +217,21 @@ def output_times(horizon: float, time_step: float) -> NDArray[np.float64]:
     return time_step * np.arange(int(horizon / time_step + 1e-9) + 1, dtype=np.float64)
 
 
-def check_size(sample_count: int, objects: int, times: int) -> None:
-    """Check that a prediction is not larger than can be answered.
+def check_size(sample_count: int, objects: int, times: int, parameters: int = 0) -> None:
+    """Check that a prediction is not too large to be computed.
+
+    Parameters
+    ----------
+    parameters : material parameters drawn for each sample
 
     Raises
     ------
     InvalidInputError
-        When it would have more than `LARGEST_PREDICTION` numbers.
+        When it, or the samples it is made from, would have more than `LARGEST_PREDICTION` numbers.
     """
-    if sample_count * objects * times * 3 > LARGEST_PREDICTION:
+    # Of each object the 13 numbers of its state, and the 12 normal ones they are drawn from.
+    drawn = objects * (2 * ERROR_SIZE + 1) + parameters
+    if sample_count * max(objects * times * 3, drawn) > LARGEST_PREDICTION:
         raise InvalidInputError(
             f"{sample_count} samples of {objects} objects at {times} times were asked for; "
             f"expected at most {LARGEST_PREDICTION:,} numbers, ask for fewer"

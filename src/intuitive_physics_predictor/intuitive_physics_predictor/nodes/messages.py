@@ -1,7 +1,8 @@
-"""Messages to the predictor node as the library's inputs, and predictions as messages."""
+"""The predictor node's messages as the library's inputs, and predictions as messages."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
@@ -12,6 +13,7 @@ from std_msgs.msg import Header
 
 from intuitive_physics_predictor.live.live_prediction import LivePrediction, SeenStates
 from intuitive_physics_ros.conversions import (
+    DistributionFields,
     DistributionWriter,
     environment_from_message,
     object_states_from_messages,
@@ -21,55 +23,63 @@ from intuitive_physics_ros.conversions import (
 )
 
 
-def environment_inputs(message: EnvironmentMessage, *_: float) -> dict[str, Any]:
-    """Return what an environment changes of the inputs."""
+@dataclass(frozen=True)
+class Arrival:
+    """When a message arrived.
+
+    Parameters
+    ----------
+    stamp : s, on the node's clock
+    monotonic : s, on a clock that never stops (`time.monotonic`)
+    """
+
+    stamp: float
+    monotonic: float
+
+
+def environment_inputs(message: EnvironmentMessage, _: Arrival) -> dict[str, Any]:
+    """Return the fields of the inputs that an environment changes."""
     return {
         "environment": environment_from_message(message),
         "environment_version": message.version,
     }
 
 
-def parameters_inputs(message: StaticParametersMessage, *_: float) -> dict[str, Any]:
-    """Return what static parameters change of the inputs."""
+def parameters_inputs(message: StaticParametersMessage, _: Arrival) -> dict[str, Any]:
+    """Return the fields of the inputs that static parameters change."""
     return {"learned": static_parameters_from_message(message)}
 
 
-def states_inputs(message: ObjectStates, now: float, arrived: float) -> dict[str, Any]:
-    """Return what object states change of the inputs.
-
-    Parameters
-    ----------
-    now : s by the node's clock, when the message arrived
-    arrived : s, the same on the clock of `time.monotonic`
-    """
+def states_inputs(message: ObjectStates, arrival: Arrival) -> dict[str, Any]:
+    """Return the fields of the inputs that object states change."""
     objects, states = object_states_from_messages(message.objects)
     stamp = seconds_from_stamp(message.header.stamp)
     seen = SeenStates(
         tuple(objects),
         tuple(states),
         stamp,
-        arrived=arrived,
-        delay=now - stamp,
+        arrived=arrival.monotonic,
+        delay=arrival.stamp - stamp,
         frame_id=message.header.frame_id,
     )
     return {"seen": seen}
 
 
 def header_of(made: LivePrediction) -> Header:
-    """Return the time that a prediction begins at, and its frame."""
+    """Return the start of a prediction, and its frame."""
     return Header(stamp=stamp_from_seconds(made.start), frame_id=made.scene.environment.frame_id)
 
 
 def distribution_message(
     writer: DistributionWriter, made: LivePrediction, most_samples: int | None = None
 ) -> DistributionMessage:
-    """Write a prediction as a message with `most_samples` of its samples at most.
+    """Write a prediction as a message with `most_samples` of its samples; default: all.
 
-    Samples are drawn independently of one another, so the first ones are a fair choice.
+    Samples are independent of one another, so the first ones are a fair choice.
     """
     distribution, header = made.distribution, header_of(made)
     weights = distribution.weights[:most_samples]
-    return writer.write(
+    fields = DistributionFields(
         frame_id=header.frame_id,
         stamp=header.stamp,
         states_stamp=stamp_from_seconds(made.states_stamp),
@@ -85,3 +95,4 @@ def distribution_message(
         seed=made.seed,
         computation_time=0.0,
     )
+    return writer.write(fields)

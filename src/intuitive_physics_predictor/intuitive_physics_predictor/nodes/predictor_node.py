@@ -21,15 +21,17 @@ from visualization_msgs.msg import MarkerArray
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_predictor.compile import warm_up
-from intuitive_physics_predictor.live.settings import PredictionSettings
+from intuitive_physics_predictor.live.predictor import Predictor
+from intuitive_physics_predictor.live.settings import PredictionOptions, PredictionSettings
 from intuitive_physics_predictor.nodes.messages import (
+    Arrival,
     environment_inputs,
     header_of,
     parameters_inputs,
     states_inputs,
 )
-from intuitive_physics_predictor.nodes.prediction_loop import PredictionLoop
 from intuitive_physics_predictor.nodes.services import PredictionServices
+from intuitive_physics_predictor.nodes.ticks import PredictionTicks
 from intuitive_physics_ros.diagnostics import Diagnostics
 from intuitive_physics_ros.input_monitor import InputMonitor
 from intuitive_physics_ros.markers import distribution_markers
@@ -38,11 +40,12 @@ from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
 from intuitive_physics_ros.run_node import run_node
 
 SWITCH_INTERVAL = 5e-4
-"""s after which a thread that wants to go on gets Python. Making markers takes several ms."""
+"""s after which a waiting thread gets Python; the default is 5 ms. Making markers takes several
+ms, a tick must not wait for it. Our choice."""
 
 
-OPTIONS = frozenset(option.name for option in fields(PredictionSettings))
-"""Names of the parameters that are settings of the library."""
+OPTIONS = frozenset(option.name for option in fields(PredictionOptions))
+"""Names of the parameters that are options of the library."""
 
 PARAMETERS = [
     Parameter("rate", 100.0, "predictions a second", (0.1, 1000.0), read_only=False),
@@ -61,62 +64,71 @@ PARAMETERS = [
         read_only=False,
     ),
     Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0), read_only=False),
-    *setting_parameters(PredictionSettings, read_only=False),
+    *setting_parameters(PredictionOptions, read_only=False),
 ]
-"""All parameters of the node."""
+"""Parameters of the node: the library's options, and those that only a node needs."""
 
 
 class PredictorNode(Node):
-    """Parameters and topics in, around a `PredictionLoop` and `PredictionServices`.
-
-    Callbacks hand over what they get; the loop's thread does the rest.
-    """
+    """Parameters and topics in, around `PredictionTicks` and `PredictionServices`."""
 
     def __init__(self) -> None:
         super().__init__("predictor_node")
         values = declare_parameters(self, PARAMETERS)
-        self._settings = settings_from_parameters(values)
-        self._loop = PredictionLoop(
+        self._ticks = PredictionTicks(
             self,
-            self._settings,
-            rate=values["rate"],
-            seed=values["seed"],
-            published_samples=values["published_samples"],
+            settings_from_parameters(values),
+            values["rate"],
+            values["seed"],
+            values["published_samples"],
         )
-        self._answers = PredictionServices(self, self._loop, lambda: self._settings)
+        self._answers = PredictionServices(self, self._ticks)
         self._marker_publisher = self.create_publisher(MarkerArray, "~/markers", 1)
         self._marker_timer = self.create_timer(1.0 / values["marker_rate"], self._on_marker_tick)
         self._subscribe()
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
         warm_up()
-        self._loop.start()
+        self._ticks.start()
 
     def destroy_node(self) -> None:
         """Stop predicting."""
-        self._loop.stop()
+        self._ticks.stop()
         self._answers.stop()
         super().destroy_node()
 
     def _subscribe(self) -> None:
         diagnostics = Diagnostics(self)
-        for name, kind, decode, qos, expected in (
+        for name, kind, read, qos, expected in (
             ("environment", EnvironmentMessage, environment_inputs, LATCHED, None),
             ("object_states", ObjectStates, states_inputs, SENSOR_DATA, 2.0),
             ("static_parameters", StaticParametersMessage, parameters_inputs, LATCHED, None),
         ):
             monitor = InputMonitor(self, f"~/{name}", expected)
-            on_message = partial(self._on_input, monitor, kind, decode)
-            self.create_subscription(kind, f"~/{name}", on_message, qos, raw=True)
+            heard = partial(self._on_input, monitor, kind, read)
+            self.create_subscription(kind, f"~/{name}", heard, qos, raw=True)
             diagnostics.add(name, monitor.check)
-        diagnostics.add("prediction", self._loop.monitor.check)
+        diagnostics.add("prediction", self._ticks.monitor.check)
 
-    def _on_input(self, monitor: InputMonitor, kind: Any, decode: Any, message: bytes) -> None:
-        now, arrived = 1e-9 * self.get_clock().now().nanoseconds, time.monotonic()
-        self._loop.take(monitor, lambda: decode(deserialize_message(message, kind), now, arrived))
+    def _on_input(self, monitor: InputMonitor, kind: Any, read: Any, message: bytes) -> None:
+        """Post an input, to be decoded and taken over between two ticks."""
+        arrival = Arrival(1e-9 * self.get_clock().now().nanoseconds, time.monotonic())
+
+        def take(predictor: Predictor) -> None:
+            try:
+                predictor.take(**read(deserialize_message(message, kind), arrival))
+            except IntuitivePhysicsError as error:
+                monitor.rejected(error)
+            except Exception as error:
+                monitor.rejected(f"internal error, please report: {error!r}")
+            else:
+                monitor.accepted()
+
+        # Of messages that come faster than they can be decoded the newest counts.
+        self._ticks.post(take, key=monitor)
 
     def _on_marker_tick(self) -> None:
-        made = self._loop.newest
+        made = self._ticks.snapshot.newest
         if made is not None and self._marker_publisher.get_subscription_count() > 0:
             distribution = made.distribution
             self._marker_publisher.publish(
@@ -130,7 +142,7 @@ class PredictorNode(Node):
             )
 
     def _check_parameters(self, new: Sequence[RosParameter]) -> SetParametersResult:
-        """Refuse parameters that are each what they may be, but not together."""
+        """Refuse parameters that are valid each, but not together."""
         try:
             settings_from_parameters(self._values() | {one.name: one.value for one in new})
         except IntuitivePhysicsError as error:
@@ -139,13 +151,12 @@ class PredictorNode(Node):
 
     def _on_parameters_set(self, new: Sequence[RosParameter]) -> None:
         values, names = self._values(), {one.name for one in new}
-        if names & OPTIONS:
-            self._settings = settings_from_parameters(values)
-            self._loop.set_settings(self._settings)
-        if "seed" in names:
-            self._loop.set_seed(values["seed"])
-        self._loop.set_published_samples(values["published_samples"])
-        self._loop.set_rate(values["rate"])
+        self._ticks.set(
+            rate=values["rate"],
+            published_samples=values["published_samples"],
+            settings=settings_from_parameters(values) if names & OPTIONS else None,
+            seed=values["seed"] if "seed" in names else None,
+        )
         self._marker_timer.timer_period_ns = round(1e9 / values["marker_rate"])
 
     def _values(self) -> dict[str, Any]:
@@ -160,17 +171,17 @@ def settings_from_parameters(values: dict[str, Any]) -> PredictionSettings:
     InvalidInputError
         When horizon, time step and number of samples do not go together.
     """
-    return PredictionSettings(**{name: values[name] for name in OPTIONS})
+    return PredictionSettings(PredictionOptions(**{name: values[name] for name in OPTIONS}))
 
 
 def main() -> int:
-    """Run the node until it is stopped."""
+    """Run the node until a signal stops it."""
     sys.setswitchinterval(SWITCH_INTERVAL)
     return run_node(make_node)
 
 
 def make_node() -> PredictorNode:
-    """Make the node, and keep the garbage collector from looking at all that lives as long."""
+    """Make the node, and exempt all that exists by then from garbage collection."""
     node = PredictorNode()
     gc.collect()
     gc.freeze()

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 
 from intuitive_physics_msgs.msg import ResultCode
+from intuitive_physics_msgs.msg import TrajectoryDistribution as DistributionMessage
 from intuitive_physics_msgs.srv import Predict, Query
 from numpy.typing import ArrayLike
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -13,11 +13,12 @@ from rclpy.node import Node
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.scene import Scene
-from intuitive_physics_predictor.live.live_prediction import Inputs, LivePrediction, predict_scene
+from intuitive_physics_predictor.live.live_prediction import LivePrediction, predict_scene
+from intuitive_physics_predictor.live.predictor import Snapshot
 from intuitive_physics_predictor.live.question import Answer, Event, Question, answer
-from intuitive_physics_predictor.live.settings import PredictionSettings, output_times
+from intuitive_physics_predictor.live.settings import output_times
 from intuitive_physics_predictor.nodes.messages import distribution_message, header_of
-from intuitive_physics_predictor.nodes.prediction_loop import PredictionLoop
+from intuitive_physics_predictor.nodes.ticks import PredictionTicks
 from intuitive_physics_predictor.noisy_newton import PredictionFailedError
 from intuitive_physics_ros.background import Background
 from intuitive_physics_ros.conversions import (
@@ -34,16 +35,16 @@ from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_re
 CODES: dict[type[BaseException], int] = {
     PredictionFailedError: ResultCode.PREDICTION_FAILED,
 }
-"""Numbers of errors that only the predictor answers."""
+"""Result codes of the predictor's own errors."""
 
 EVENTS = {getattr(Query.Request, event.name): event for event in Event}
 """Events by their number in a request."""
 
 WITH_REGION = (Event.ENTERS_REGION, Event.INTERCEPTS)
-"""Events that are asked about with a region."""
+"""Events that take the region of a request."""
 
 LONGEST_WAIT = 0.1
-"""s that a request waits for inputs that are being decoded."""
+"""s that a request waits for inputs and parameters that arrived before it; decoding takes 5 ms."""
 
 
 class PredictionServices:
@@ -52,16 +53,12 @@ class PredictionServices:
     Parameters
     ----------
     node : offers them
-    loop : has the newest inputs and the newest prediction
-    settings : returns how to predict
+    ticks : has the newest inputs, settings and prediction
     """
 
-    def __init__(
-        self, node: Node, loop: PredictionLoop, settings: Callable[[], PredictionSettings]
-    ) -> None:
+    def __init__(self, node: Node, ticks: PredictionTicks) -> None:
         self._node = node
-        self._loop = loop
-        self._settings = settings
+        self._ticks = ticks
         self._background = Background(node)
         # While an answer is simulated in the background, others must go on.
         together = ReentrantCallbackGroup()
@@ -69,20 +66,15 @@ class PredictionServices:
         node.create_service(Query, "~/query", self._on_query, callback_group=together)
 
     def stop(self) -> None:
-        """Wait for the answer under way; what waits is left out."""
+        """Wait for the answer under way; waiting requests are dropped."""
         self._background.stop()
 
     async def _on_predict(
         self, request: Predict.Request, response: Predict.Response
     ) -> Predict.Response:
         started, now = time.perf_counter(), 1e-9 * self._node.get_clock().now().nanoseconds
-        settings = self._settings()
         try:
-            response.distribution = await self._background.run(
-                lambda: distribution_message(
-                    DistributionWriter(), predict_request(request, self._inputs(), settings, now)
-                )
-            )
+            response.distribution = await self._background.run(lambda: self._predict(request, now))
             response.distribution.computation_time = time.perf_counter() - started
             response.result = ok_result()
         except Exception as error:
@@ -90,7 +82,7 @@ class PredictionServices:
         return response
 
     async def _on_query(self, request: Query.Request, response: Query.Response) -> Query.Response:
-        made = self._loop.newest
+        made = self._ticks.snapshot.newest
         try:
             if made is None:
                 raise RefusedError(
@@ -111,10 +103,10 @@ class PredictionServices:
             response.result = self._refusal(error)
         return response
 
-    def _inputs(self) -> Inputs:
-        """Return the newest inputs, with those that arrived before the request."""
-        self._loop.wait_for_inputs(LONGEST_WAIT)
-        return self._loop.inputs
+    def _predict(self, request: Predict.Request, now: float) -> DistributionMessage:
+        # What was heard and set before the request counts.
+        snapshot = self._ticks.settled_snapshot(LONGEST_WAIT)
+        return distribution_message(DistributionWriter(), predict_request(request, snapshot, now))
 
     def _refusal(self, error: Exception) -> ResultCode:
         if not isinstance(error, IntuitivePhysicsError):
@@ -122,15 +114,14 @@ class PredictionServices:
         return error_result(error, CODES)
 
 
-def predict_request(
-    request: Predict.Request, inputs: Inputs, settings: PredictionSettings, now: float
-) -> LivePrediction:
-    """Predict the scene of a request; what it leaves out is the node's.
+def predict_request(request: Predict.Request, snapshot: Snapshot, now: float) -> LivePrediction:
+    """Predict the scene of a request; the snapshot supplies what it leaves out.
 
     Parameters
     ----------
-    now : s, the time its states are taken to be of
+    now : s, time of its states
     """
+    inputs, settings = snapshot.inputs, snapshot.settings
     objects, states = object_states_from_messages(request.objects)
     environment, version = inputs.environment, inputs.environment_version
     given, gravity = request.environment, request.environment.gravity
@@ -144,10 +135,11 @@ def predict_request(
     learned = inputs.learned
     if request.static_parameters:
         learned = static_parameters_from_message(request.static_parameters[0])
+    options = settings.options
     times: ArrayLike = request.times
     if not len(request.times):
         times = output_times(
-            request.horizon or settings.horizon, request.time_step or settings.time_step
+            request.horizon or options.horizon, request.time_step or options.time_step
         )
     return predict_scene(
         Scene(environment, tuple(objects), tuple(states)),
@@ -155,19 +147,19 @@ def predict_request(
         settings,
         times,
         seed=request.seed,
-        sample_count=request.sample_count or settings.sample_count,
+        sample_count=request.sample_count or options.sample_count,
         start=now,
         environment_version=version,
     )
 
 
 def question_from_request(request: Query.Request) -> Question:
-    """Return what a request asks.
+    """Return the question of a request.
 
     Raises
     ------
     InvalidInputError
-        When the event or the region is none that is known.
+        When the event or the region is unknown.
     """
     if request.event not in EVENTS:
         known = ", ".join(f"{code} ({event.name})" for code, event in EVENTS.items())

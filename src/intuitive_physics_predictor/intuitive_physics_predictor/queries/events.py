@@ -2,25 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.geometry.gaps import Body, gap_between, gap_to_plane
 from intuitive_physics.regions import HalfSpaceRegion, Region
-from intuitive_physics.scene import Scene
-from intuitive_physics.shapes import Sphere
+from intuitive_physics.scene import Plane, Scene
+from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.validation import finite_float, unit_vector
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
-from intuitive_physics_predictor.queries.touching import touching
 
 PARTS = 8
-"""Into which the way between two output times is cut: a fast object crosses a small region."""
+"""Parts of the path between two output times: a fast object crosses a small region. Our choice."""
 
 REST_DISTANCE = 1e-3
 """m that an object at rest, its surface included, stays within of where it ends."""
+
 REST_TIME = 0.2
 """s for which it has to, else it is only just slow, as at the top of a throw."""
+
+TOUCH_TOLERANCE = 1e-3
+"""m. Nearer than this is touching: what gravity bends a path by within a time step of 10 ms."""
+
+TOUCH_PARTS = 8
+"""Parts of the time between two outputs where a touch is possible. Our choice."""
+
+Gap = Callable[[list[Body]], NDArray[np.float64]]
+"""Gap between bodies at the poses they are given with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +90,7 @@ def comes_to_rest(
 ) -> EventForecast:
     """Forecast when an object begins to lie still until the horizon.
 
-    A sphere may spin on the spot, which nobody sees.
+    A sphere may spin on the spot, which changes nothing that is seen.
 
     Parameters
     ----------
@@ -115,3 +127,131 @@ def _first(
     order = np.argsort(when, kind="stable")
     weights = distribution.weights[ever][order]
     return EventForecast(float(weights.sum()), when[order], weights)
+
+
+def touching(
+    distribution: TrajectoryDistribution, scene: Scene, object_id: str, other_id: str
+) -> NDArray[np.bool_]:
+    """Whether an object touches another body since the output time before.
+
+    Two that bounce off each other between two output times are apart at both. So where they are
+    near enough, the motion before an interval is also carried on through it, as if nothing were in
+    the way.
+
+    Parameters
+    ----------
+    distribution : with orientations
+    scene : it was predicted from
+    other_id : of an object, or of a plane or static box of the environment
+
+    Returns
+    -------
+    (n_samples, n_times)
+
+    Raises
+    ------
+    UnknownNameError
+        When there is nothing of that name.
+    InvalidInputError
+        When both are the same.
+    """
+    if object_id == other_id:
+        raise InvalidInputError(f"both objects are {object_id!r}; expected two different ones")
+    bodies = [_path(distribution, scene, object_id)]
+    if other_id in distribution.object_ids:
+        bodies.append(_path(distribution, scene, other_id))
+        return _near(bodies, lambda moved: gap_between(*moved))
+    primitive = _primitive(scene, other_id)
+    if isinstance(primitive, Plane):
+        plane = primitive
+        return _near(bodies, lambda moved: gap_to_plane(moved[0], plane))
+    return _near(bodies, lambda moved: gap_between(moved[0], primitive))
+
+
+def _path(distribution: TrajectoryDistribution, scene: Scene, object_id: str) -> Body:
+    i = distribution.index(object_id)
+    if distribution.orientations is None:
+        raise InvalidInputError("distribution has no orientations; expected a prediction of them")
+    return Body(
+        scene.objects[i].shape, distribution.positions[:, i], distribution.orientations[:, i]
+    )
+
+
+def _primitive(scene: Scene, name: str) -> Plane | Body:
+    environment = scene.environment
+    for plane in environment.planes:
+        if plane.id == name:
+            return plane
+    for box in environment.boxes:
+        if box.id == name:
+            return Body(Box(tuple(box.edge_lengths.tolist())), box.center, box.orientation)
+    names = [
+        *(thing.id for thing in scene.objects),
+        *(plane.id for plane in environment.planes),
+        *(box.id for box in environment.boxes),
+    ]
+    raise UnknownNameError(f"other is {name!r}; expected one of {', '.join(names)}")
+
+
+def _near(bodies: list[Body], gap: Gap) -> NDArray[np.bool_]:
+    """Whether the gap of moving bodies is closed since the output time before."""
+    gaps = gap(bodies)
+    near = gaps <= TOUCH_TOLERANCE
+    times = gaps.shape[1]
+    if times < 2:
+        return near
+    steps = sum(
+        np.linalg.norm(np.diff(body.positions, axis=1), axis=-1)
+        + body.shape.bounding_radius * _turns(body.orientations)
+        for body in bodies
+    )
+    # What was as fast before or after as in between may come so near to the other and back.
+    most = np.maximum(steps, np.maximum(np.roll(steps, 1, axis=1), np.roll(steps, -1, axis=1)))
+    smallest = np.minimum(gaps[:, 1:], gaps[:, :-1])
+    sample, k = np.nonzero((smallest <= most + TOUCH_TOLERANCE) & ~near[:, 1:])
+    closed = np.zeros(sample.size, dtype=bool)
+    for part in np.arange(1, TOUCH_PARTS) / TOUCH_PARTS:
+        closed |= gap([_between(b, sample, k, k + 1, part) for b in bodies]) <= TOUCH_TOLERANCE
+        for before, after, share in _carried_on(k, times, part):
+            moved = [_between(body, sample, before, after, share) for body in bodies]
+            closed |= gap(moved) <= TOUCH_TOLERANCE
+    near[sample[closed], k[closed] + 1] = True
+    return near
+
+
+def _carried_on(
+    k: NDArray[np.int64], times: int, part: float
+) -> list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]]:
+    """Output times between which motion is known, and where on it an interval's part would be.
+
+    The motion of the interval before is carried on; into the first one that of the next, back.
+    """
+    if times < 3:
+        return []
+    first = k == 0
+    before = np.where(first, 1, k - 1)
+    share = np.where(first, part - 1.0, 1.0 + part)
+    return [(before, before + 1, share)]
+
+
+def _between(
+    body: Body,
+    sample: NDArray[np.int64],
+    before: NDArray[np.int64],
+    after: NDArray[np.int64],
+    share: NDArray[np.float64] | float,
+) -> Body:
+    """Poses on the straight way from one output time to another; a share above 1 is beyond it."""
+    u = np.broadcast_to(share, sample.shape)[:, None]
+    start, end = body.positions[sample, before], body.positions[sample, after]
+    q, p = body.orientations[sample, before], body.orientations[sample, after]
+    p = p * np.where((q * p).sum(axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
+    turned = q + u * (p - q)
+    turned = turned / np.linalg.norm(turned, axis=-1, keepdims=True)
+    return Body(body.shape, start + u * (end - start), turned)
+
+
+def _turns(orientations: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Angles in rad between neighbours along axis 1."""
+    cosine = np.abs((orientations[:, 1:] * orientations[:, :-1]).sum(axis=-1))
+    return np.asarray(2.0 * np.arccos(np.minimum(cosine, 1.0)))

@@ -13,7 +13,7 @@ from intuitive_physics.validation import non_negative_float, positive_float
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
 
 MOST_PLACES = 64
-"""Samples whose positions are tried as places: enough to tell chances that differ by a few %."""
+"""Samples whose positions are tried as places: probabilities a few % apart are distinguished."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,8 @@
 
 The region of probability p is the smallest that holds it (Hyndman: Computing and graphing highest
 density regions, The American Statistician 50, 1996), so two futures are two pieces with nothing
-between them. Density is told by the distance to the k-th nearest neighbour, k = √n (Loftsgaarden,
-Quesenberry 1965).
+between them. Density is estimated from the distance to the k-th nearest neighbour, k = √n
+(Loftsgaarden, Quesenberry 1965).
 
 Whether an outcome lies in it is read from the rank of its density among those of the samples, all
 of them estimated in the pool of outcome and samples. If the outcome is one more draw from the
@@ -22,6 +22,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.validation import finite_array
 
 FEWEST_SAMPLES = 2
+"""Samples that a density needs at least: one has no neighbour."""
 
 
 def highest_density_levels(samples: ArrayLike, outcome: ArrayLike) -> tuple[float, float]:

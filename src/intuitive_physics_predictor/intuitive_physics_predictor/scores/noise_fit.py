@@ -1,7 +1,19 @@
 """Fit noise scales to the past: those whose predictions of it have the best energy score.
 
 The best scales of a short past are partly chance, so their logarithms are shrunk towards those of
-the start, which believe what perception and learner say (`shrinkage`).
+the start, which take what perception and learner publish as it is.
+
+Numbers fitted to few outcomes are partly chance, and what was believed before is the better guess
+where the outcomes do not contradict it. So a fit is shrunk towards where it began, by as much as
+chance alone would have moved it: k numbers, found δ away with the covariance C, keep the share
+1 - k / (δᵀ C⁻¹ δ), or nothing (James, Stein: Estimation with quadratic loss, 1961; positive part).
+
+What chance does is read from how the gain in score differs from outcome to outcome. Near its best
+the mean score of n outcomes is a parabola with the Hessian H, and C = H⁻¹ G H⁻¹ / n, where G is the
+covariance of the single outcomes' slopes (Godambe: An optimum property of regular maximum
+likelihood estimation, 1960). The gain over the start is δᵀ H δ / 2 on average, and its standard
+error √(δᵀ G δ / n). Of one number, δᵀ C⁻¹ δ is so the square of twice the gain over its standard
+error; for several it is taken to be the same.
 """
 
 from __future__ import annotations
@@ -10,12 +22,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.simulation import Simulator, make_simulator
+from intuitive_physics.validation import finite_array
 from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
 from intuitive_physics_predictor.scores.outcomes import (
     Outcome,
@@ -24,15 +37,16 @@ from intuitive_physics_predictor.scores.outcomes import (
     predict_outcomes,
 )
 from intuitive_physics_predictor.scores.proper_scores import energy_scores
-from intuitive_physics_predictor.scores.shrinkage import share_beyond_chance
 
 FITTED_SCALES = ("state", "static_parameters", "unidentified")
-"""Scales that observations of any kind can tell."""
+"""Scales that observations of any kind identify."""
 
 FIRST_STEP = np.log(0.5)
 """A scale is first tried at half its value."""
 
 SMALLEST_SCALE, LARGEST_SCALE = 1e-3, 1e3
+"""Bounds of a scale. Our choice."""
+
 SMALLEST_SPREAD = 1e-3
 """m; a prediction surer than that is not weighed more."""
 
@@ -149,7 +163,7 @@ def _shares_beyond_chance(
 ) -> NDArray[np.float64]:
     """Share of the way from `start` to `found` (k,) that each number is worth by itself, (k,).
 
-    One that tells must not carry others along that do not, so each is put back alone.
+    One that is informative must not carry along others that are not, so each is put back alone.
 
     Parameters
     ----------
@@ -180,7 +194,12 @@ def weighted_energy_scores(
     weights: Sequence[NDArray[np.float64]],
     seed: int,
 ) -> NDArray[np.float64]:
-    """Mean of the energy scores of all objects, each with its weight, (n_times,)."""
+    """Return the mean of the energy scores of all objects, each with its weight, (n_times,).
+
+    Parameters
+    ----------
+    weights : of each outcome (n_objects, n_times) 1/m
+    """
     scores = _weighted_scores(outcomes, prediction, weights, seed)
     return np.asarray(np.nanmean(np.concatenate(scores), axis=0))
 
@@ -228,3 +247,34 @@ def _checked_start(start: NoiseScales, names: Sequence[str]) -> NDArray[np.float
             "expected all that are fitted above zero"
         )
     return np.log(values)
+
+
+def share_beyond_chance(gains: ArrayLike, numbers: int) -> float:
+    """Share of the way from where a fit began to what it found that is to be gone.
+
+    Parameters
+    ----------
+    gains : (n,) by how much the score of each outcome, independent of the others, became better
+    numbers : that were fitted
+
+    Returns
+    -------
+    float
+        In [0, 1]; 0 where nothing was gained, or there is a single outcome.
+
+    Raises
+    ------
+    InvalidInputError
+        When there is no outcome, a gain is not finite, or no number was fitted.
+    """
+    gained = finite_array(gains, "gains", (None,))
+    if numbers < 1 or not len(gained):
+        raise InvalidInputError(
+            f"{numbers} numbers were fitted to {len(gained)} outcomes; expected at least one each"
+        )
+    mean = float(gained.mean())
+    if len(gained) < 2 or mean <= 0.0:
+        return 0.0
+    by_chance = numbers * float(gained.var(ddof=1)) / len(gained)
+    found = 4.0 * mean**2
+    return 1.0 - by_chance / found if by_chance < found else 0.0

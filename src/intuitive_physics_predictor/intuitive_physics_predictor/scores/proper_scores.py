@@ -41,11 +41,12 @@ def crps(samples: ArrayLike, outcomes: ArrayLike) -> NDArray[np.float64]:
 
     Parameters
     ----------
-    As `energy_scores`.
+    samples : (n_samples, ..., 3) m
+    outcomes : (..., 3) m
 
     Returns
     -------
-    (..., 3)
+    (..., 3) m
     """
     x, y = _checked(samples, outcomes)
     if len(x) == 1:

@@ -41,7 +41,9 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.state import ObjectState
-from intuitive_physics_predictor.live.settings import PredictionSettings
+from intuitive_physics_predictor.live.live_prediction import Inputs
+from intuitive_physics_predictor.live.predictor import Snapshot
+from intuitive_physics_predictor.live.settings import PredictionOptions, PredictionSettings
 from intuitive_physics_predictor.nodes.services import PredictionServices
 from intuitive_physics_ros.conversions import (
     environment_to_message,
@@ -59,7 +61,7 @@ MODULE = "intuitive_physics_predictor.nodes.predictor_node"
 NODE = "/predictor_node"
 ENVIRONMENT = Environment([Plane("floor", "room", (0, 0, 1), 0.0)], frame_id="lab")
 BALL = SceneObject("ball", "rubber", Sphere(0.05))
-SETTINGS = PredictionSettings()
+SETTINGS = PredictionSettings(PredictionOptions())
 COVARIANCE = np.diag([1e-6] * 3 + [0.0] * 3 + [1e-4] * 3 + [1.0] * 3)
 FLYING = ObjectState((0, 0, 1.0), (0, 0, 0, 1), (2.0, 0, 0), (0, 0, 0), COVARIANCE)
 
@@ -570,13 +572,13 @@ def test_a_question_beyond_what_can_be_simulated_is_told(peer, inputs):
 def test_a_defect_of_ours_is_an_internal_error_and_the_service_goes_on(peer):
     # No request should lead to it. A prediction that is none stands for a defect; the service is
     # the node's, in this process.
-    loop = SimpleNamespace(newest=object())
-    services = PredictionServices(peer.node, loop, lambda: SETTINGS)
+    ticks = SimpleNamespace(snapshot=Snapshot(Inputs(), SETTINGS, object()))
+    services = PredictionServices(peer.node, ticks)
     try:
         broken = peer.call(Query, "/tester/query", Query.Request(object_id="ball", event=3))
         assert broken.result.value == ResultCode.INTERNAL_ERROR
         assert broken.result.message.startswith("AttributeError: ")
-        loop.newest = None
+        ticks.snapshot = Snapshot(Inputs(), SETTINGS)
         after = peer.call(Query, "/tester/query", Query.Request(object_id="ball", event=3))
         assert after.result.value == ResultCode.NOT_READY
     finally:

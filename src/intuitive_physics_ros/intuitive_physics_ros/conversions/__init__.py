@@ -34,16 +34,16 @@ from intuitive_physics_ros.conversions.static_parameters import (
     static_parameters_to_message,
 )
 from intuitive_physics_ros.conversions.trajectory_distribution import (
+    DistributionFields,
     DistributionWriter,
-    ReceivedDistribution,
     trajectory_distribution_from_message,
     trajectory_distribution_to_message,
 )
 
 __all__ = [
+    "DistributionFields",
     "DistributionWriter",
     "InvalidFieldError",
-    "ReceivedDistribution",
     "bounds_from_messages",
     "bounds_to_messages",
     "environment_from_message",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,8 +22,8 @@ ROWS, COLUMNS = np.triu_indices(3)
 
 
 @dataclass(frozen=True, eq=False)
-class ReceivedDistribution:
-    """A distribution as a message brings it, in the precision of float32.
+class DistributionFields:
+    """What a message says of a distribution; received numbers have the precision of float32.
 
     Parameters
     ----------
@@ -70,64 +69,47 @@ class DistributionWriter:
     def __init__(self) -> None:
         self._room = _Room(0, 0, 0)
 
-    def write(
-        self,
-        *,
-        frame_id: str,
-        stamp: Time,
-        states_stamp: Time,
-        object_ids: Sequence[str],
-        times: ArrayLike,
-        positions: ArrayLike,
-        weights: ArrayLike,
-        simulated_count: int,
-        mean: ArrayLike,
-        covariance: ArrayLike,
-        static_parameters_version: int,
-        environment_version: int,
-        seed: int,
-        computation_time: float,
-    ) -> TrajectoryDistributionMessage:
-        """Return a distribution as a message; the arrays are those of `ReceivedDistribution`.
+    def write(self, fields: DistributionFields) -> TrajectoryDistributionMessage:
+        """Return a distribution as a message.
 
         Raises
         ------
         InvalidInputError
             When the shapes of the arrays do not fit together.
         """
-        shape = (np.size(weights), len(object_ids), np.size(times))
+        shape = (np.size(fields.weights), len(fields.object_ids), np.size(fields.times))
         n_samples, n_objects, n_times = shape
-        samples = _shaped(positions, "positions", (n_samples, n_objects, n_times, 3))
-        means = _shaped(mean, "mean", (n_objects, n_times, 3))
-        covariances = _shaped(covariance, "covariance", (n_objects, n_times, 3, 3))
+        samples = _shaped(fields.positions, "positions", (n_samples, n_objects, n_times, 3))
+        means = _shaped(fields.mean, "mean", (n_objects, n_times, 3))
+        covariances = _shaped(fields.covariance, "covariance", (n_objects, n_times, 3, 3))
         if shape != self._room.shape:
             self._room = _Room(*shape)
         room, message = self._room, self._room.message
-        message.header = Header(stamp=stamp, frame_id=frame_id)
-        message.states_stamp = states_stamp
-        message.simulated_count = simulated_count
-        room.times[...] = times
-        room.weights[...] = weights
+        message.header = Header(stamp=fields.stamp, frame_id=fields.frame_id)
+        message.states_stamp = fields.states_stamp
+        message.simulated_count = fields.simulated_count
+        room.times[...] = fields.times
+        room.weights[...] = fields.weights
         for i, predicted in enumerate(message.objects):
-            predicted.object_id = object_ids[i]
+            predicted.object_id = fields.object_ids[i]
             room.means[i][...] = means[i]
             room.covariances[i][...] = covariances[i][:, ROWS, COLUMNS]
             room.samples[i][...] = samples[:, i]
-        message.static_parameters_version = static_parameters_version
-        message.environment_version = environment_version
-        message.seed = seed
-        message.computation_time = float(computation_time)
+        message.static_parameters_version = fields.static_parameters_version
+        message.environment_version = fields.environment_version
+        message.seed = fields.seed
+        message.computation_time = float(fields.computation_time)
         return message
 
 
-def trajectory_distribution_to_message(**fields: Any) -> TrajectoryDistributionMessage:
+def trajectory_distribution_to_message(fields: DistributionFields) -> TrajectoryDistributionMessage:
     """Return a distribution as a message of its own, as `DistributionWriter.write` does."""
-    return DistributionWriter().write(**fields)
+    return DistributionWriter().write(fields)
 
 
 def trajectory_distribution_from_message(
     message: TrajectoryDistributionMessage,
-) -> ReceivedDistribution:
+) -> DistributionFields:
     """Return the distribution that a message carries.
 
     Raises
@@ -152,7 +134,7 @@ def trajectory_distribution_from_message(
         covariance[i][:, ROWS, COLUMNS] = covariance[i][:, COLUMNS, ROWS] = triangle
         with in_field(f"objects[{i}].samples"):
             positions[:, i] = flat_array(predicted.samples, (n_samples, n_times, 3))
-    return ReceivedDistribution(
+    return DistributionFields(
         frame_id=message.header.frame_id,
         stamp=message.header.stamp,
         states_stamp=message.states_stamp,

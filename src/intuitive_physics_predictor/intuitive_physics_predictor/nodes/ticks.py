@@ -1,0 +1,148 @@
+"""The thread that owns the predictor: takes inputs over, predicts at each tick and publishes."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Hashable
+
+from intuitive_physics_msgs.msg import TrajectoryDistribution as DistributionMessage
+from rclpy.node import Node
+
+from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics_predictor.live.live_prediction import (
+    LivePrediction,
+    NoObjectsError,
+    NothingToPredictError,
+)
+from intuitive_physics_predictor.live.pacer import Pacer
+from intuitive_physics_predictor.live.predictor import Predictor, Snapshot
+from intuitive_physics_predictor.live.settings import PredictionSettings
+from intuitive_physics_predictor.nodes.messages import distribution_message
+from intuitive_physics_ros.conversions import DistributionWriter
+from intuitive_physics_ros.qos import SENSOR_DATA
+from intuitive_physics_ros.rate_monitor import RateMonitor
+
+FAILURES_LOGGED_EVERY = 10.0
+"""s between two log lines about samples that failed. Our choice."""
+
+
+class PredictionTicks:
+    """Publishes predictions at a steady rate, from a thread of its own.
+
+    Only that thread touches the predictor. Others post work to it, which is done in the gaps
+    between two ticks, and read the newest snapshot.
+
+    Parameters
+    ----------
+    node : publishes the predictions
+    settings : how to predict
+    rate : 1/s
+    seed : of the next prediction's noise, one more after each prediction
+    published_samples : largest number in a message
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        settings: PredictionSettings,
+        rate: float,
+        seed: int,
+        published_samples: int,
+    ) -> None:
+        self.monitor = RateMonitor("predicts", rate)
+        self._node = node
+        self._predictor = Predictor(settings, seed)
+        self._published_samples = published_samples
+        self._writer = DistributionWriter()
+        self._paused_for = ""
+        self._publisher = node.create_publisher(
+            DistributionMessage, "~/trajectory_distribution", SENSOR_DATA
+        )
+        self._pacer = Pacer(self._on_tick, rate, self._predictor.draw_ahead)
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """Newest inputs, settings and prediction."""
+        return self._predictor.snapshot
+
+    def post(self, work: Callable[[Predictor], None], key: Hashable = None) -> None:
+        """Have work done with the predictor between two ticks, as `Pacer.post`."""
+        self._pacer.post(lambda: work(self._predictor), key)
+
+    def settled_snapshot(self, longest: float) -> Snapshot:
+        """Return the snapshot once all that was posted is done, after `longest` s at most."""
+        done = threading.Event()
+        self._pacer.post(done.set)
+        done.wait(longest)
+        return self.snapshot
+
+    def set(
+        self,
+        *,
+        rate: float,
+        published_samples: int,
+        settings: PredictionSettings | None = None,
+        seed: int | None = None,
+    ) -> None:
+        """Set how the next predictions are made; None leaves settings or seed as they are."""
+
+        def work() -> None:
+            self._predictor.set(settings=settings, seed=seed)
+            self._published_samples = published_samples
+            if rate != self.monitor.rate:
+                self.monitor.rate = rate
+                self._pacer.set_rate(rate)
+
+        self._pacer.post(work)
+
+    def start(self) -> None:
+        """Begin, with the first tick at once."""
+        self._pacer.start()
+
+    def stop(self) -> None:
+        """End once the tick under way is done."""
+        self._pacer.stop()
+
+    def _on_tick(self, late: float, left_out: int) -> None:
+        """Predict from the newest inputs and publish."""
+        due = time.perf_counter() - late
+        now = 1e-9 * self._node.get_clock().now().nanoseconds - late
+        had_prediction = self.snapshot.newest is not None
+        try:
+            made = self._predictor.predict(now=now, monotonic=time.monotonic())
+            message = distribution_message(self._writer, made, self._published_samples)
+            message.computation_time = time.perf_counter() - due
+            self._publisher.publish(message)
+        except Exception as error:
+            # An exception that ended this thread would end all prediction.
+            self._pause(error, had_prediction)
+            return
+        self.monitor.left_out(left_out)
+        self.monitor.done(time.perf_counter() - due)
+        if self._paused_for:
+            self._node.get_logger().info("predicts again")
+            self._paused_for = ""
+        if made.distribution.failed_count:
+            self._log_failures(made)
+
+    def _log_failures(self, made: LivePrediction) -> None:
+        failed = made.distribution.failed_count
+        self._node.get_logger().warning(
+            f"{failed} of {failed + made.distribution.weights.size} samples could not be simulated "
+            "to the end and are left out; check the objects' states, their speeds above all",
+            throttle_duration_sec=FAILURES_LOGGED_EVERY,
+        )
+
+    def _pause(self, error: Exception, had_prediction: bool) -> None:
+        """Report why nothing is predicted: on /diagnostics, and a new reason in the log."""
+        known = isinstance(error, IntuitivePhysicsError)
+        reason = str(error) if known else f"internal error, please report: {error!r}"
+        self.monitor.idle(reason)
+        # The age of the states in the reason grows: it is one reason. No states yet is no news.
+        waits = isinstance(error, NothingToPredictError)
+        news = type(error).__name__ if waits else reason
+        quiet = isinstance(error, NoObjectsError) or (waits and not had_prediction)
+        if not quiet and news != self._paused_for:
+            self._node.get_logger().warning(f"predicts no more: {reason}")
+            self._paused_for = news

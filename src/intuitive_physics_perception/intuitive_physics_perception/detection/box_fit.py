@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from intuitive_physics.kernels import allocating_entry
 from intuitive_physics.shapes import Box
 from intuitive_physics_perception.detection.detections import DetectedSolid
 from intuitive_physics_perception.detection.settings import SolidDetectionSettings
@@ -279,7 +279,7 @@ def _scaled(
     return (along - planes[..., 3:]) / spread
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_entry
 def _near_counts(
     points: Any, deviations: Any, planes: Any, sigmas2: float, surface_variance: float
 ) -> Any:

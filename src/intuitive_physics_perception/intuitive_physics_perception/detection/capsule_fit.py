@@ -6,9 +6,9 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from intuitive_physics.kernels import allocating_entry, allocating_kernel
 from intuitive_physics.shapes import Capsule
 from intuitive_physics_perception.detection.detections import DetectedSolid
 from intuitive_physics_perception.detection.settings import SolidDetectionSettings
@@ -154,7 +154,7 @@ def _is_capsule(
     return bool(np.ptp(np.quantile(angles, [0.03, 0.97])) > np.radians(settings.capsule_arc))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_entry
 def refine_capsule(
     points: Any, deviations: Any, lateral: float, start: Any
 ) -> tuple[Any, Any, Any]:
@@ -207,7 +207,7 @@ def refine_capsule(
     return parameters, normal, errors
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_kernel
 def _equations(
     points: Any,
     deviations: Any,

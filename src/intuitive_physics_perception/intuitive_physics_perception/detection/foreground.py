@@ -8,9 +8,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from intuitive_physics.kernels import allocating_entry, allocating_kernel, kernel
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.planes import DetectedPlane
@@ -147,7 +147,7 @@ def free_ranges(
     return free
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_entry
 def _foreground(points: Any, free: Any, limits: Any) -> tuple[Any, int]:
     """Mark points in range and before all planes, which begin at the squared range `free`.
 
@@ -201,7 +201,7 @@ def neighbour_labels(
     return connected_components(graph, directed=False)[1][cell_of.ravel()].astype(np.int64)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_entry
 def grid_clusters(
     points: Any, mask: Any, limits: Any, constant: float, sigmas: float, min_points: int
 ) -> tuple[Any, Any]:
@@ -260,7 +260,7 @@ def grid_clusters(
     return _gathered(label, parent, count, min_points)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel
 def _root(parent: Any, i: int) -> int:
     while parent[i] != i:
         parent[i] = parent[parent[i]]
@@ -268,7 +268,7 @@ def _root(parent: Any, i: int) -> int:
     return i
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_kernel
 def _gathered(label: Any, parent: Any, count: int, min_points: int) -> tuple[Any, Any]:
     """Sort pixels by cluster and leave out clusters of fewer than `min_points`."""
     flat = label.ravel()

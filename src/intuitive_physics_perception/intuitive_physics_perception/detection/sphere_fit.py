@@ -14,7 +14,8 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from intuitive_physics.kernels import allocating_entry, allocating_kernel, inlined, kernel
 
 BEHIND_SIGMAS = 3.0
 """Standard deviations behind a sphere's centre from which on a reading is not on its near side."""
@@ -49,7 +50,7 @@ OCCLUDER_DEPTH = 0.5
 contradicting it. Set by hand."""
 
 
-@njit(nogil=True, cache=True, error_model="numpy", inline="always")
+@inlined
 def surface_error(
     x: float,
     y: float,
@@ -89,7 +90,7 @@ def surface_error(
     return off - r - second, spread, sqrt(variance), ahead, sqrt(sine2)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_entry
 def refine_sphere(
     points: Any,
     beyond: Any,
@@ -173,7 +174,7 @@ def refine_sphere(
     return sphere, covariance, misfit, inliers
 
 
-@njit(nogil=True, cache=True, error_model="numpy", inline="always")
+@inlined
 def _add_equation(normal: Any, right: Any, row: Any, error: float, weight: float) -> None:
     """Add one weighted equation row · change = error to the lower half of the normal equations."""
     for a in range(4):
@@ -182,7 +183,7 @@ def _add_equation(normal: Any, right: Any, row: Any, error: float, weight: float
             normal[a, b] += weight * row[a] * row[b]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_entry
 def readings_beyond(points: Any, sphere: Any, noise: Any) -> Any:
     """Readings (m, 3) of (n, 3) clearly behind a sphere's centre whose rays pass near its outline.
 
@@ -204,7 +205,7 @@ def readings_beyond(points: Any, sphere: Any, noise: Any) -> Any:
     return kept[:count]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_kernel
 def _inverted(matrix: Any, inverse: Any) -> bool:
     """Write the inverse of a symmetric 4 x 4 matrix, of which only the lower half is read, by
     Cholesky's factors; False where it is not positive definite."""
@@ -235,7 +236,7 @@ def _inverted(matrix: Any, inverse: Any) -> bool:
     return True
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_entry
 def inspect_sphere(
     points: Any, sphere: Any, sigmas: float, noise: Any
 ) -> tuple[int, int, float, float]:
@@ -286,7 +287,7 @@ def inspect_sphere(
     return on, against, visible, density
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_kernel
 def _across(sphere: Any) -> tuple[Any, Any]:
     """Two unit vectors across the line of sight to a sphere."""
     toward = sphere[:3] / sqrt(np.sum(sphere[:3] ** 2))
@@ -297,7 +298,7 @@ def _across(sphere: Any) -> tuple[Any, Any]:
     return across, np.cross(toward, across)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel
 def _mark(seen: Any, a: float, b: float) -> None:
     """Mark what of the lattice over the unit disc lies within LATTICE of (a, b)."""
     i, j = round(a / LATTICE), round(b / LATTICE)
@@ -307,7 +308,7 @@ def _mark(seen: Any, a: float, b: float) -> None:
                 seen[k + LATTICE_REACH, m + LATTICE_REACH] = True
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_kernel
 def _marked_parts(seen: Any, read: Any) -> tuple[float, float]:
     """Part of the disc that is seen, and part of what lies between seen places that is read."""
     marked, total, filled, enclosed = 0, 0, 0, 0

@@ -10,9 +10,9 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from intuitive_physics.kernels import allocating_entry, allocating_kernel
 from intuitive_physics_perception.detection.sphere_fit import BEHIND_SIGMAS, surface_error
 
 NEIGHBOUR_DRAWS = 12
@@ -95,7 +95,7 @@ def spheres_of_radius(
     return [np.append(near * (1.0 + radius / distance), radius) for radius in radii]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_entry
 def score_spheres(points: Any, spheres: Any, sigmas: float, noise: Any) -> Any:
     """MSAC score of each sphere (n, 4): what its inliers lie nearer than the tolerance, in its
     squares; the larger the better."""
@@ -111,7 +111,7 @@ def score_spheres(points: Any, spheres: Any, sigmas: float, noise: Any) -> Any:
     return scores
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_entry
 def random_spheres(points: Any, draws: Any, min_radius: float, max_radius: float) -> Any:
     """Spheres (m, 4) through four points each, m ≤ n: those of a possible size and bulging
     towards the sensor.
@@ -143,7 +143,7 @@ def random_spheres(points: Any, draws: Any, min_radius: float, max_radius: float
     return spheres[:found]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_kernel
 def _through(corners: Any, sphere: Any) -> bool:
     """Write the sphere through four points; False where they lie in a plane or see its inside."""
     # |p - c|² equal for all: 2 (p_i - p_0) · (c - p_0) = |p_i - p_0|², by Cramer's rule.

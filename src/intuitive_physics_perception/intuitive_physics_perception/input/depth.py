@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.kernels import allocating_entry
 from intuitive_physics_perception.input.raw_data import RawData, checked_bytes
 
 MILLIMETRES = 0.001
@@ -101,7 +101,7 @@ def depth_from_image_data(
     return np.ndarray((height, width), dtype, view.data, strides=(step, dtype.itemsize))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@allocating_entry
 def _scaled_rays(depth: Any, rays: Any, scale: Any) -> Any:
     height, width = depth.shape
     points = np.empty((height, width, 3), dtype=np.float32)

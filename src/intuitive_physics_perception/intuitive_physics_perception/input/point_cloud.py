@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.kernels import entry
 from intuitive_physics_perception.input.raw_data import RawData, checked_bytes
 
 FIELD_TYPES: dict[int, np.dtype[Any]] = {7: np.dtype("<f4"), 8: np.dtype("<f8")}
@@ -106,7 +106,7 @@ def _coordinates(fields: Sequence[Field], point_step: int) -> list[Field]:
     return [known[name] for name in "xyz"]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@entry
 def _gather(words: Any, row_step: int, point_step: int, offsets: Any, points: Any) -> None:
     """Take x, y, z of every point; steps and offsets in words of four bytes."""
     height, width = points.shape[:2]
@@ -120,7 +120,7 @@ def _gather(words: Any, row_step: int, point_step: int, offsets: Any, points: An
             points[v, u, 0], points[v, u, 1], points[v, u, 2] = x, y, z
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@entry
 def _blank_unreadable(points: Any) -> None:
     for i in range(points.shape[0]):
         if not np.isfinite(points[i, 0] + points[i, 1] + points[i, 2]):

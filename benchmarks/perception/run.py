@@ -18,7 +18,7 @@ from intuitive_physics.observation import ObservedObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
-from intuitive_physics_perception.frame_result import Perceived
+from intuitive_physics_perception.frame_result import FrameResult
 from intuitive_physics_perception.input.frame_decoder import FrameDecoder
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
@@ -159,7 +159,7 @@ def some_frames(path: Path, recording: TrueRecording, stamps: Sequence[float]) -
 
 def _perceived(
     path: Path, recording: TrueRecording, pipeline: PerceptionPipeline, timing: Timing
-) -> Iterator[tuple[Frame, Perceived]]:
+) -> Iterator[tuple[Frame, FrameResult]]:
     with BagReader(path) as bag:
         decoder = _decoder(bag)
         for message in bag.messages([DEPTH_TOPIC]):
@@ -185,7 +185,7 @@ def _perceived(
 
 def _add_frame(
     frame: Frame,
-    perceived: Perceived,
+    perceived: FrameResult,
     model: EnvironmentModel,
     findings: Findings,
     velocities: _FirstVelocities,

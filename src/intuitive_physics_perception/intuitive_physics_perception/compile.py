@@ -15,7 +15,10 @@ from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
 WIDTH, HEIGHT, FOCAL_LENGTH = 80, 60, 60.0
+"""Camera of the frames, in pixels: small, so that only compiling takes time."""
+
 FIELD_DATATYPES = {"<f4": 7, "<f8": 8}
+"""Datatypes of sensor_msgs/PointField by NumPy's name."""
 
 
 def warm_up() -> None:

@@ -1,4 +1,4 @@
-"""What one frame told."""
+"""Perception result of one frame."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from intuitive_physics_perception.tracking.episodes import Episode
 
 @dataclass(frozen=True)
 class PerceivedObject:
-    """An object that is followed now.
+    """An object that is tracked now.
 
     Parameters
     ----------
     object : what it is
     state : in the environment's frame
-    color : (3,) mean red, green and blue of late, 0 to 1; None where it is not told
+    color : (3,) recent mean of red, green and blue, 0 to 1; None where unknown
     """
 
     object: SceneObject
@@ -41,7 +41,7 @@ class FrameDiagnostics:
     problem : one sentence on why the frame could not be used, empty when it could
     readings : points in range
     foreground : points off all planes
-    clusters : groups of foreground points looked at
+    clusters : groups of foreground points
     spheres, solids : how many were found; solids are boxes and capsules
     seconds : time each stage took, by its name
     """
@@ -56,20 +56,20 @@ class FrameDiagnostics:
 
 
 @dataclass(frozen=True)
-class Perceived:
-    """What one frame told.
+class FrameResult:
+    """Perception result of one frame.
 
     Parameters
     ----------
     time : s
     model : the environment; None while it is not known
     is_new_model : whether this frame completed it
-    restarted : whether time went back, so that what was followed is followed anew
-    moved : one sentence when the sensor was moved, so that the environment is modelled anew from
+    restarted : whether time went back, so that tracking has started again
+    moved : one sentence when the sensor was moved, so that the environment is modelled again from
         the frames that follow; else empty
     detections : what was found in this frame alone, in the environment's frame
-    objects : what is followed, in the environment's frame
-    episodes : those that this frame ended
+    objects : what is tracked, in the environment's frame
+    episodes : those that ended with this frame
     diagnostics : how it went
     """
 
@@ -85,6 +85,5 @@ class Perceived:
 
     @cached_property
     def observations(self) -> tuple[Observation, ...]:
-        """What can be learned from the episodes, worked out when first asked for: objects are known
-        before."""
+        """Observations of the episodes, computed when first asked for: objects are known before."""
         return tuple(found for episode in self.episodes for found in episode.observations())

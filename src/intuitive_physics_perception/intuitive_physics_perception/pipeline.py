@@ -28,7 +28,7 @@ from intuitive_physics_perception.environment.environment_model import (
     model_environment,
 )
 from intuitive_physics_perception.environment.static_boxes import StaticBoxFilter, with_static_boxes
-from intuitive_physics_perception.frame_result import FrameDiagnostics, Perceived, PerceivedObject
+from intuitive_physics_perception.frame_result import FrameDiagnostics, FrameResult, PerceivedObject
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import Episode, EpisodeRecorder
 from intuitive_physics_perception.tracking.tracker import Tracker
@@ -39,7 +39,7 @@ class PerceptionPipeline:
 
     Parameters
     ----------
-    settings : see there
+    settings : of all stages
     rng : source of all random choices
     clock : seconds, by which stages are timed
     """
@@ -60,14 +60,18 @@ class PerceptionPipeline:
         self._up: NDArray[np.float64] | None = None
 
     def take_up(self, up: ArrayLike) -> None:
-        """Take the measured direction against gravity, (3,) in the sensor's frame.
+        """Take the measured direction against gravity.
 
         With `gravity_source` "imu" the environment is modelled once it is known.
+
+        Parameters
+        ----------
+        up : (3,) in the sensor's frame, of any length
         """
         self._up = unit_vector(up, "up")
 
     def rebuild_environment(self) -> tuple[Observation, ...]:
-        """Forget the environment, which the next frames model anew; return what was under way."""
+        """Forget the environment, which the next frames model again; return what was under way."""
         return _observations(self._forget_environment())
 
     def process(
@@ -75,13 +79,13 @@ class PerceptionPipeline:
         points: NDArray[np.float32],
         time: float,
         colors: NDArray[np.uint8] | None = None,
-    ) -> Perceived:
+    ) -> FrameResult:
         """Perceive one frame.
 
         Parameters
         ----------
         points : (height, width, 3) float32 m in the sensor's frame, NaN where nothing was read
-        time : s. An earlier time than that of the last frame restarts tracking.
+        time : s. An earlier time than that of the last frame restarts tracking
         colors : (height, width, 3) red, green and blue of the points, where they are known
         """
         if colors is not None and colors.shape != points.shape:
@@ -97,14 +101,14 @@ class PerceptionPipeline:
         self._last_time = time
         if not _has_readings(points):
             problem = "the frame has no reading at all; expected points: is the sensor covered?"
-            perceived = self._unused(time, problem)
+            result = self._unused(time, problem)
         elif self._scene is None:
-            perceived = self._model(points, time)
+            result = self._model(points, time)
         else:
-            perceived = self._perceive(self._scene, points, time, colors)
+            result = self._perceive(self._scene, points, time, colors)
         return replace(
-            perceived,
-            episodes=(*episodes, *perceived.episodes),
+            result,
+            episodes=(*episodes, *result.episodes),
             restarted=restarted,
         )
 
@@ -112,13 +116,13 @@ class PerceptionPipeline:
         """Return the observations of what still moves, as at the end of a recording."""
         return _observations(self._restarted())
 
-    def _model(self, points: NDArray[np.float32], time: float) -> Perceived:
+    def _model(self, points: NDArray[np.float32], time: float) -> FrameResult:
         """Collect the first frames, then model the environment."""
         if self.settings.gravity_source == "imu" and self._up is None:
             return self._unused(time, "up is not known yet; expected an IMU that has rested")
         self._first_frames.append(points)
         if len(self._first_frames) < self.settings.environment_frames:
-            return Perceived(time, None)
+            return FrameResult(time, None)
         started = self._clock()
         frames, self._first_frames = self._first_frames, []
         try:
@@ -130,7 +134,7 @@ class PerceptionPipeline:
         self._scene = ModelledScene(model, self.settings, self._rng, self._next_track)
         self._scene.prepare(points)
         seconds = {"environment": self._clock() - started}
-        return Perceived(
+        return FrameResult(
             time, model, is_new_model=True, diagnostics=FrameDiagnostics(seconds=seconds)
         )
 
@@ -140,8 +144,8 @@ class PerceptionPipeline:
         points: NDArray[np.float32],
         time: float,
         colors: NDArray[np.uint8] | None,
-    ) -> Perceived:
-        """Take the planes out, find objects, follow them, see which episodes are over."""
+    ) -> FrameResult:
+        """Remove the planes, detect objects, track them, see which episodes are over."""
         instants = [self._clock()]
         moved = scene.check.moved(points, time)
         if moved:
@@ -177,7 +181,7 @@ class PerceptionPipeline:
             solids=sum(isinstance(detection, DetectedSolid) for detection in found),
             seconds=dict(zip(stages, map(float, np.diff(instants)), strict=True)),
         )
-        return Perceived(
+        return FrameResult(
             time,
             scene.model,
             detections=tuple(detections),
@@ -193,7 +197,7 @@ class PerceptionPipeline:
         return episodes
 
     def _restarted(self) -> tuple[Episode, ...]:
-        """Begin to follow anew in the same environment; return what was under way."""
+        """Restart tracking in the same environment; return what was under way."""
         if self._scene is None:
             return ()
         episodes = self._scene.episodes.finish(self._scene.tracker.tracks)
@@ -201,9 +205,9 @@ class PerceptionPipeline:
         self._scene.restart_tracking(self._next_track)
         return episodes
 
-    def _unused(self, time: float, problem: str) -> Perceived:
+    def _unused(self, time: float, problem: str) -> FrameResult:
         model = self._scene.model if self._scene else None
-        return Perceived(time, model, diagnostics=FrameDiagnostics(problem=problem))
+        return FrameResult(time, model, diagnostics=FrameDiagnostics(problem=problem))
 
 
 def _has_readings(points: NDArray[np.float32]) -> bool:
@@ -234,7 +238,12 @@ class ModelledScene:
         self.restart_tracking(first_track)
 
     def clusters(self, points: NDArray[np.float32]) -> Clusters:
-        """What is neither a plane nor a static box, in clusters."""
+        """Return clusters of what is neither a plane nor a static box.
+
+        Parameters
+        ----------
+        points : (height, width, 3) m, of a frame
+        """
         return self.static_boxes.without(points, self.foreground.find(points))
 
     def prepare(self, points: NDArray[np.float32]) -> None:

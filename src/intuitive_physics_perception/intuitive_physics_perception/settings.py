@@ -27,6 +27,7 @@ from intuitive_physics_perception.tracking.settings import (
 )
 
 GRAVITY_SOURCES = ("plane", "up_hint", "imu")
+"""Values of the setting `gravity_source`."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class KnownObject:
 
 @dataclass(frozen=True)
 class PerceptionSettings:
-    """What perception may be told. Every field says its meaning, unit and range in its metadata.
+    """Settings of perception. Every field has its meaning, unit and range in its metadata.
 
     Raises
     ------
@@ -92,13 +93,14 @@ class PerceptionSettings:
         0.005, 0.0, 1.0, "unevenness of a plane that is no object on it, m"
     )
     plane_sigmas: float = number(
-        4.0, 1.0, 10.0, "points nearer to a plane than so many standard deviations belong to it"
+        4.0, 1.0, 10.0, "standard deviations of the noise within which a point belongs to a plane"
     )
     gravity: float = number(9.81, 0.0, 100.0, "strength of gravity, m/s^2")
     gravity_source: str = choice(
         "plane",
         GRAVITY_SOURCES,
-        "what tells where down is: the normal of the support, up_hint taken as exact, or an IMU",
+        "source of the direction of gravity: the normal of the support, up_hint taken as exact, or "
+        "an IMU",
     )
     up_hint: tuple[float, float, float] | None = other(
         None,
@@ -115,7 +117,9 @@ class PerceptionSettings:
         "the sensor was moved when less than this part of the readings that should lie on planes "
         "does; 0: never",
     )
-    moved_time: float = number(0.5, 0.0, 60.0, "for so long, s, until planes are modelled anew")
+    moved_time: float = number(
+        0.5, 0.0, 60.0, "time for which that must last until planes are modelled again, s"
+    )
     plane_material: str = other("environment", "material of the planes")
     static_boxes: bool = other(
         True,
@@ -188,9 +192,11 @@ class PerceptionSettings:
     min_observed_points: int = number(
         6, 3, 10000, "points an object needs to be part of an observation"
     )
-    max_duration: float = number(10.0, 0.1, 3600.0, "an observation is closed after so long, s")
+    max_duration: float = number(
+        10.0, 0.1, 3600.0, "duration after which an observation is closed, s"
+    )
     angular_velocity_deviation: float = number(
-        10.0, 0.0, 10000.0, "standard deviation of the unknown spin, rad/s"
+        10.0, 0.0, 10000.0, "standard deviation of an unknown angular velocity, rad/s"
     )
 
     plane_detection: PlaneDetectionSettings = other(
@@ -241,10 +247,10 @@ class PerceptionSettings:
 
 def _checked_objects(objects: Iterable[Any]) -> tuple[KnownObject, ...]:
     known = tuple(objects)
-    for thing in known:
-        if not isinstance(thing, KnownObject):
-            raise InvalidInputError(f"known object is {thing!r}; expected a KnownObject")
-    names = [thing.name for thing in known]
+    for one in known:
+        if not isinstance(one, KnownObject):
+            raise InvalidInputError(f"known object is {one!r}; expected a KnownObject")
+    names = [one.name for one in known]
     if len(set(names)) != len(names):
         raise InvalidInputError(f"known objects are named {names}; expected each name once")
     return known
@@ -254,6 +260,7 @@ NO_OBJECT = KnownObject("none", 1.0, "none")
 """Stands in the lists of known objects, which ROS cannot have empty, when there are none."""
 
 NO_DIRECTION = (0.0, 0.0, 0.0)
+"""Value of the parameter `up_hint` that stands for none: ROS parameters have a value."""
 
 
 def settings_from_values(values: Mapping[str, Any]) -> PerceptionSettings:

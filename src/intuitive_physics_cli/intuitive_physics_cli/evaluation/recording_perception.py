@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
-from intuitive_physics_perception.frame_result import Perceived
+from intuitive_physics_perception.frame_result import FrameResult
 from intuitive_physics_perception.input.depth import IMAGE_TYPES
 from intuitive_physics_perception.input.frame_decoder import FrameDecoder
 from intuitive_physics_perception.pipeline import PerceptionPipeline
@@ -151,7 +151,7 @@ def perceive_recording(
     *,
     topic: str | None = None,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
-    on_frame: Callable[[NDArray[np.float32], Perceived], None] = lambda points, perceived: None,
+    on_frame: Callable[[NDArray[np.float32], FrameResult], None] = lambda points, perceived: None,
 ) -> PerceivedRecording:
     """Perceive every frame of a bag.
 

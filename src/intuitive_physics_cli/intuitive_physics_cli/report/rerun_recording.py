@@ -17,7 +17,7 @@ from intuitive_physics.geometry.polygons import plane_square
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Environment
 from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
-from intuitive_physics_perception.frame_result import Perceived
+from intuitive_physics_perception.frame_result import FrameResult
 
 TIMELINE = "time"
 PLANE_REACH = 3.0
@@ -90,7 +90,7 @@ class RerunRecording:
         )
         self._stream.log("environment/gravity", arrow)
 
-    def perceived(self, points: NDArray[np.float32], found: Perceived) -> None:
+    def perceived(self, points: NDArray[np.float32], found: FrameResult) -> None:
         """Log one frame: its cloud (..., 3) m in the sensor's frame, and what was found in it."""
         if found.model is None:
             return

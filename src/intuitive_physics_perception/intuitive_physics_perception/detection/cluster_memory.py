@@ -62,7 +62,12 @@ class ClusterMemory(Generic[Found]):
         self._next: list[RememberedCluster[Found]] = []
 
     def recall(self, own: NDArray[np.float64]) -> RememberedCluster[Found]:
-        """Return what is known of a cluster of points (n, 3)."""
+        """Return what is known of a cluster.
+
+        Parameters
+        ----------
+        own : (n, 3) m, its points
+        """
         centre, count = own.mean(axis=0), len(own)
         for k, old in enumerate(self._last):
             if (

@@ -21,7 +21,7 @@ class DetectedSphere:
     covariance : (4, 4) of centre and radius, m²
     points : readings on its surface
     range : m from the sensor to the centre
-    color : (3,) mean red, green and blue, 0 to 1; None where it is not told
+    color : (3,) mean red, green and blue, 0 to 1; None where unknown
     """
 
     center: NDArray[np.float64]
@@ -34,7 +34,13 @@ class DetectedSphere:
     def moved(
         self, rotation: NDArray[np.float64], translation: NDArray[np.float64]
     ) -> DetectedSphere:
-        """Return it in another frame, p_other = rotation p + translation."""
+        """Return it in another frame, p_other = rotation p + translation.
+
+        Parameters
+        ----------
+        rotation : (3, 3)
+        translation : (3,) m
+        """
         turn = np.eye(4)
         turn[:3, :3] = rotation
         return replace(
@@ -70,7 +76,7 @@ class DetectedSolid:
     size_variance : m², of each dimension
     points : readings on its surface
     misfit : mean squared distance from the surface, in variances of the noise
-    color : (3,) mean red, green and blue, 0 to 1; None where it is not told
+    color : (3,) mean red, green and blue, 0 to 1; None where unknown
     """
 
     shape: Box | Capsule
@@ -101,7 +107,13 @@ class DetectedSolid:
     def moved(
         self, rotation: NDArray[np.float64], translation: NDArray[np.float64]
     ) -> DetectedSolid:
-        """Return it in another frame, p_other = rotation p + translation."""
+        """Return it in another frame, p_other = rotation p + translation.
+
+        Parameters
+        ----------
+        rotation : (3, 3)
+        translation : (3,) m
+        """
         return replace(
             self,
             center=rotation @ self.center + translation,
@@ -111,7 +123,7 @@ class DetectedSolid:
         )
 
     def doubted(self, factor: float, points: int) -> DetectedSolid:
-        """Return it with all variances `factor` times as large, told by so many points."""
+        """Return it with all variances `factor` times as large, and its number of points."""
         return replace(
             self,
             position_covariance=factor * self.position_covariance,

@@ -70,7 +70,7 @@ class ForegroundFinder:
     def _free_of(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
         """Squared range at which each ray comes to a plane, (height, width) m².
 
-        A pixel of an organised cloud always looks the same way, so it is asked only once.
+        A pixel of an organised cloud always has the same ray, so it is computed only once.
         """
         organised = points.shape[0] > 1
         if not organised or self._free.shape != points.shape[:2]:

@@ -102,10 +102,10 @@ class SphereDetectionSettings:
         unit="m",
     )
     window_radii: float = number(
-        1.8, 1.0, 100.0, "distance from its centre that is looked at around a sphere, in radii"
+        1.8, 1.0, 100.0, "distance from its centre that is inspected around a sphere, in radii"
     )
     window_readings: int = number(
-        32768, 100, 100000000, "readings around a sphere that are looked at: bounds the time"
+        32768, 100, 100000000, "readings around a sphere that are inspected: bounds the time"
     )
     known_radius_sigmas: float = number(
         3.0, 0.1, 100.0, "standard deviations by which a radius may differ from a known one"

@@ -54,7 +54,13 @@ class SolidFinder:
     def find(
         self, points: NDArray[np.float32], clusters: Sequence[NDArray[np.int64]]
     ) -> list[DetectedSolid | None]:
-        """Return the solid of each cluster of a frame of points (height, width, 3)."""
+        """Return the solid of each cluster of a frame, None where there is none.
+
+        Parameters
+        ----------
+        points : (height, width, 3) m, of the frame
+        clusters : each (n,) indices of its points
+        """
         found = [self._solid_of(points, cluster) for cluster in clusters]
         self._memory.end_frame()
         return found
@@ -105,7 +111,7 @@ class SolidFinder:
         if not fits:
             return None
         best = min(fits, key=lambda fit: fit.misfit)
-        # The fit took part of the points: the rest tells as much again.
+        # The fit took part of the points: the rest is as informative.
         doubt = self._settings.correlated_readings * len(own) / total
         return best.doubted(doubt, total)
 

@@ -254,7 +254,7 @@ def inspect_sphere(
     on : readings on the surface
     against : readings that contradict it
     visible : part of the outline's disc that has a reading on the surface within LATTICE radii.
-        Two scan lines of a LiDAR, which fit a sphere on any round thing, make at most 0.4
+        Two scan lines of a LiDAR, which fit a sphere on anything round, make at most 0.4
     density : part of the disc between readings on the surface that has any reading so near. Two
         scan lines make at most 0.7; a sphere cut off by the image's edge makes one
     """

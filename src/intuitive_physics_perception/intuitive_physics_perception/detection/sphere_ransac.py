@@ -19,7 +19,7 @@ NEIGHBOUR_DRAWS = 12
 """Draws for each of the three points beside the first: enough to find near ones mostly."""
 
 BATCH = 32
-"""Hypotheses between two looks at whether enough were tried."""
+"""Hypotheses after which it is checked whether enough were tried."""
 
 MISSED = 1e-3
 """Chance of having tried no four points of the best sphere, at which one stops."""
@@ -43,6 +43,7 @@ def ransac_spheres(
     points : (n, 3) m
     limits : smallest and largest radius, m
     sigmas : standard deviations within which a point counts
+    noise : (4,) of `RangeNoise`, as in `sphere_fit`
     most : hypotheses at most
     """
     spheres, scores = [np.empty((0, 4))], [np.empty(0)]
@@ -72,6 +73,10 @@ def outline_sphere(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
     A sphere of radius r at distance l is seen under the half angle α, sin α = r / l, and its
     nearest point at l - r: r = nearest sin α / (1 - sin α).
+
+    Parameters
+    ----------
+    points : (n, 3) m, of the cluster
     """
     ranges = np.linalg.norm(points, axis=1)
     directions = points / ranges[:, None]
@@ -88,7 +93,13 @@ def outline_sphere(points: NDArray[np.float64]) -> NDArray[np.float64]:
 def spheres_of_radius(
     points: NDArray[np.float64], radii: Sequence[float]
 ) -> list[NDArray[np.float64]]:
-    """Return (x, y, z, r) for each of some radii: as far behind the nearest points as r says."""
+    """Return (x, y, z, r) for each of some radii: as far behind the nearest points as r says.
+
+    Parameters
+    ----------
+    points : (n, 3) m, of the cluster
+    radii : m
+    """
     ranges = np.linalg.norm(points, axis=1)
     near = points[ranges <= np.quantile(ranges, 0.2)].mean(axis=0)
     distance = float(np.linalg.norm(near))

@@ -65,7 +65,7 @@ class SphereFinder:
         self._memory: ClusterMemory[None] = ClusterMemory(
             settings.clusters.movement * settings.min_radius, settings.clusters
         )
-        self._known_radii = [thing.radius for thing in settings.known_objects]
+        self._known_radii = [one.radius for one in settings.known_objects]
         self._deviation = noise.deviation
         self._noise = np.square([noise.constant, noise.quadratic, noise.limit, noise.lateral])
 
@@ -134,7 +134,7 @@ class SphereFinder:
             if len(own) < self._fewest(view, hypothesis):
                 continue
             sphere, covariance, misfit = self._refined(view, fitted, hypothesis)
-            # The fit took part of the points: the rest tells as much again.
+            # The fit took part of the points: the rest is as informative.
             covariance = covariance * self._settings.correlated_readings * len(fitted) / len(own)
             sphere, covariance = with_known_radius(
                 sphere,
@@ -150,8 +150,8 @@ class SphereFinder:
         return None
 
     def _fewest(self, view: ClusterView, sphere: NDArray[np.float64]) -> float:
-        """Points below which a cluster is far too little of a sphere to be seen as one: cheaper to
-        tell than by a fit."""
+        """Points below which a cluster is far too little of a sphere to be seen as one: a cheap
+        test before the fit."""
         least = min(self._settings.min_visible_fraction, self._settings.min_partly_visible)
         return self._search.roughly_seen * least * view.readings_in_outline(sphere)
 
@@ -161,7 +161,7 @@ class SphereFinder:
         fitted: NDArray[np.float64],
         sphere: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-        """Fit twice: only the first fit tells well where the outline is."""
+        """Fit twice: the outline is known well only after the first fit."""
         limits = self._settings.min_radius, self._settings.max_radius
         for _ in range(2):
             around, _ = view.around(sphere)
@@ -210,7 +210,7 @@ class SphereFinder:
         return points[self._rng.choice(len(points), count, replace=False)]
 
     def _is_plausible(self, sphere: NDArray[np.float64], covariance: NDArray[np.float64]) -> bool:
-        """Size in the limits and told by the points, centre beyond the surface that is seen."""
+        """Size in the limits and known well, centre beyond the surface that is seen."""
         settings, radius = self._settings, sphere[3]
         deviation = np.sqrt(covariance[3, 3])
         return bool(

@@ -167,9 +167,9 @@ def _support_first(
     for k, plane in enumerate(planes):
         if plane.normal @ np.asarray(up) >= cosine:
             return [plane, *planes[:k], *planes[k + 1 :]]
-    told = ", ".join(f"{x:.2f}" for x in np.asarray(up))
+    direction = ", ".join(f"{x:.2f}" for x in np.asarray(up))
     raise NoEnvironmentError(
-        f"none of {len(planes)} planes faces up, ({told}) in the sensor's frame, within "
+        f"none of {len(planes)} planes faces up, ({direction}) in the sensor's frame, within "
         f"{settings.up_hint_tolerance:g}°; expected a floor or table: correct up_hint, or the "
         "orientation of the IMU"
     )
@@ -194,7 +194,7 @@ def _measured_noise(
     nearest = np.abs(errors).argmin(axis=1)
     rows = np.arange(len(points))
     error, cosine = errors[rows, nearest], along[rows, nearest] / ranges
-    # Grazing rays tell of the plane's unevenness, not of the noise along the ray.
+    # Grazing rays measure the plane's unevenness, not of the noise along the ray.
     frontal = np.abs(cosine) > 0.25
     near = np.abs(error) < settings.plane_tolerance + settings.plane_sigmas * np.abs(
         cosine
@@ -253,7 +253,7 @@ class EnvironmentCheck:
             return ""
         return (
             f"for {lasting:.1f} s {fraction:.0%} of the readings that should lie on the planes do; "
-            "the sensor was moved: they are modelled anew"
+            "the sensor was moved: they are modelled again"
         )
 
     def _explained(self, points: NDArray[np.float32]) -> float:

@@ -23,7 +23,12 @@ def fuse(
     rng: np.random.Generator,
     most: int = MAX_FUSED_POINTS,
 ) -> NDArray[np.float64]:
-    """Return points in range (n, 3), at most `most`, of all frames; see `fused_frame`."""
+    """Return points in range (n, 3) m, at most `most`, of all frames; see `fused_frame`.
+
+    Parameters
+    ----------
+    frames : each (height, width, 3) m
+    """
     points = fused_frame(frames, most).reshape(-1, 3)
     points = points[_in_range(points, settings)]
     if len(points) > most:
@@ -34,7 +39,7 @@ def fuse(
 def fused_frame(
     frames: Sequence[NDArray[np.float32]], most: int = MAX_FUSED_POINTS
 ) -> NDArray[np.float64]:
-    """Return one frame of points (height, width, 3) of many.
+    """Return one frame of points (height, width, 3) m, fused from many.
 
     Frames of one organised size are fused by the median of each pixel, which averages noise and
     drops what moves, and thinned to `most` pixels; others are thrown together to a height of 1.

@@ -1,4 +1,4 @@
-"""How much the readings of a range sensor scatter."""
+"""Noise of the readings of a range sensor."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class RangeNoise:
         )
 
     def deviation(self, ranges: ArrayLike) -> NDArray[np.float64]:
-        """Return the standard deviation along the ray, in m, of readings at `ranges` in m."""
+        """Return the standard deviation (...,) m, along the ray, at `ranges` (...,) m."""
         r2 = np.square(np.asarray(ranges, dtype=np.float64))
         return np.minimum(np.hypot(self.constant, self.quadratic * r2), self.limit)
 
@@ -62,7 +62,7 @@ class RangeNoise:
         """Return the noise that explains the errors along the ray of readings on known planes.
 
         The scatter in bins of range is matched by least squares in its square; what too few
-        readings tell is left as it was.
+        readings determine is left as it was.
 
         Parameters
         ----------

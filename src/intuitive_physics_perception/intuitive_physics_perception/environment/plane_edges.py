@@ -232,7 +232,7 @@ def _end_of_surface(
     """Where the plane ends in one slot across its outline, all in m outward from it.
 
     Half way between the last reading on the plane and the first one through it; None where they
-    are more than `gap` apart, nothing tells that they are not one surface, or something hides it.
+    are more than `gap` apart, nothing shows that they are not one surface, or something hides it.
     """
     on = np.sort(on[on > -2.0 * gap])
     if not on.size:

@@ -264,12 +264,12 @@ def surfaces(
     needed: int,
     search: PlaneDetectionSettings,
 ) -> list[NDArray[np.intp]]:
-    """Return the indices of the points of each surface that lies in a plane, largest first.
+    """Return the indices (n,) of the points of each surface in a plane, largest first.
 
     Parameters
     ----------
     plane : (4,) normal and offset in m
-    others : the other planes
+    others : (4,) each, the other planes
     needed : points that a part must have
     """
     axes = np.column_stack(plane_axes(plane[:3]))

@@ -41,10 +41,15 @@ class RangeCloud:
     def scaled_distances(
         self, plane: NDArray[np.float64], which: NDArray[np.intp] | slice = slice(None)
     ) -> NDArray[np.float64]:
-        """Distances from planes (..., 4), (..., n), in units of what noise makes likely.
+        """Return distances from planes, (..., n), in units of what noise makes likely.
 
         Noise acts along the ray, so a grazing ray moves a point little away from the plane. Below
         zero beyond the plane, seen from where its normal points.
+
+        Parameters
+        ----------
+        plane : (..., 4) normal and offset in m
+        which : (n,) indices of the points; all of them if not given
         """
         along = plane[..., :3] @ self.points[which].T
         cosine = along / self.ranges[which]
@@ -54,22 +59,39 @@ class RangeCloud:
     def near(
         self, plane: NDArray[np.float64], which: NDArray[np.intp] | slice = slice(None)
     ) -> NDArray[np.bool_]:
-        """Which points noise and unevenness let be on a plane (4,)."""
+        """Which points, (n,), noise and unevenness let be on a plane.
+
+        Parameters
+        ----------
+        plane : (4,) normal and offset in m
+        which : (n,) indices of the points; all of them if not given
+        """
         return np.abs(self.scaled_distances(plane, which)) < 1.0
 
     def connected(
         self, plane: NDArray[np.float64], others: Sequence[NDArray[np.float64]] = ()
     ) -> NDArray[np.intp]:
-        """Indices of the points near a plane that are seen as one part, the largest."""
+        """Indices (n,) of the points near a plane that are seen as one part, the largest.
+
+        Parameters
+        ----------
+        plane : (4,) normal and offset in m
+        others : (4,) each, as in `connected_parts`
+        """
         return self.connected_parts(plane, others)[0]
 
     def connected_parts(
         self, plane: NDArray[np.float64], others: Sequence[NDArray[np.float64]] = ()
     ) -> list[NDArray[np.intp]]:
-        """Indices of the points near a plane, those seen as one part together, largest part first.
+        """Indices (n,) of the points of each part of a plane that is seen as one, largest first.
 
         Those near one of the other planes too are left out: where two planes cross, a strip of the
         one lies near the other without being part of it.
+
+        Parameters
+        ----------
+        plane : (4,) normal and offset in m
+        others : (4,) each, the other planes
         """
         near = self.near(plane)
         for other in others:
@@ -84,7 +106,14 @@ class RangeCloud:
     def feet(
         self, plane: NDArray[np.float64], axes: NDArray[np.float64], which: NDArray[np.intp]
     ) -> NDArray[np.float64]:
-        """Where the rays of readings meet a plane, (n, 2) m in two axes (3, 2) of it."""
+        """Where the rays of readings meet a plane, (n, 2) m in two axes of it.
+
+        Parameters
+        ----------
+        plane : (4,) normal and offset in m
+        axes : (3, 2), of the plane
+        which : (n,) indices of the readings
+        """
         points = self.points[which]
         return np.asarray((points @ axes) * (plane[3] / (points @ plane[:3]))[:, None])
 
@@ -106,7 +135,7 @@ def _connected_labels(directions: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def plane_axes(normal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Two unit vectors that make a right-handed frame with a unit normal as the third."""
+    """Two unit vectors, (3,) each: with `normal` (3,) as the third a right-handed frame."""
     helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
     first = np.cross(helper, normal)
     first /= np.linalg.norm(first)
@@ -114,7 +143,7 @@ def plane_axes(normal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
 
 
 def convex_hull(places: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Corners (k, 2) of the hull of (n, 2), counter-clockwise; None where they lie on a line."""
+    """Corners (k, 2) of the hull of `places` (n, 2), counter-clockwise; None if on a line."""
     from scipy.spatial import ConvexHull, QhullError
 
     try:

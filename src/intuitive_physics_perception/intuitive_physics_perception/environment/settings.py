@@ -14,7 +14,7 @@ from intuitive_physics.settings import check_settings, number
 
 @dataclass(frozen=True)
 class PlaneDetectionSettings:
-    """How planes are searched for by RANSAC, merged, and told from what is no plane.
+    """How planes are searched for by RANSAC, merged, and distinguished from what is no plane.
 
     `scaled distance` is a distance in units of what noise and unevenness allow (`RangeCloud`).
     """

@@ -26,11 +26,11 @@ def with_static_boxes(
     settings: PerceptionSettings,
     rng: np.random.Generator,
 ) -> EnvironmentModel:
-    """Return a model with a box around each thing that stands still and is no object.
+    """Return a model with a box around all that stands still and is no object.
 
     Parameters
     ----------
-    frames : those the model was made from
+    frames : each (height, width, 3) m, those the model was made from
     """
     frame = np.ascontiguousarray(fused_frame(frames, MAX_EDGE_POINTS), dtype=np.float32)
     clusters = ForegroundFinder(model, settings).find(frame)
@@ -60,7 +60,7 @@ def _without_objects(
 ) -> list[StaticBox]:
     """Boxes in which no frame shows the centre of a box or capsule.
 
-    The fused frame is too coarse to tell: a single one has all its readings.
+    The fused frame is too coarse for that: a single one has all its readings.
     """
     foreground, finder = ForegroundFinder(model, settings), SolidFinder(model, settings, rng)
     solids = [
@@ -79,7 +79,7 @@ def _box_around(
     points: NDArray[np.float32],
     settings: PerceptionSettings,
 ) -> StaticBox | None:
-    """Return the smallest upright box around what is seen of a thing, down to what it stands on.
+    """Return the smallest upright box around a cluster, down to what it stands on.
 
     None where it is too small or too large. The far side is not seen: a box ends where the readings
     do.
@@ -158,7 +158,7 @@ class StaticBoxFilter:
 
     def _is_box(self, points: NDArray[np.float32], cluster: NDArray[np.int64]) -> bool:
         """Whether too few of a cluster's points for an object lie out of boxes of which it fills
-        one: those of things that touch make one cluster."""
+        one: boxes that touch make one cluster."""
         limits = self._settings.static_box_fit
         every = len(cluster) // limits.checked_points + 1
         own = points[cluster[::every]].astype(np.float64)

@@ -1,4 +1,4 @@
-"""A pinhole camera: where each pixel looks, the bending of its lens taken out.
+"""A pinhole camera: the ray of each pixel, lens distortion removed.
 
 Lens distortion is Brown-Conrady with a rational radial part, as in OpenCV.
 """
@@ -19,12 +19,18 @@ DISTORTION_TERMS = {"plumb_bob": (4, 5), "rational_polynomial": (8,)}
 """Distortion models of sensor_msgs/CameraInfo that are known, with how many terms they have."""
 
 STEPS = 60
+"""Fixed-point iterations at most: numerical."""
+
 CONVERGED = 1e-7
+"""Error at z = 1 below which an iteration has converged: numerical, far below a pixel."""
+
 MAX_LOST = 0.1
+"""Part of the image in which a distortion may lack an inverse, at the rim of wide lenses. Set by
+hand."""
 
 
 CHECKED = 24
-"""Rows and columns of points at which a distortion is tried out."""
+"""Rows and columns of points at which a distortion is checked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +41,7 @@ class Intrinsics:
     ----------
     width, height : pixels
     matrix : (3, 3) or (9,) camera matrix K, in pixels
-    distortion : coefficients in OpenCV's order; empty means none
+    distortion : (n,) coefficients in OpenCV's order; empty means none
     distortion_model : "plumb_bob" or "rational_polynomial"
 
     Raises
@@ -104,7 +110,7 @@ class Intrinsics:
         )
 
     def rays(self) -> NDArray[np.float32]:
-        """Return (height, width, 3): where each pixel looks, scaled to z = 1.
+        """Return the ray of each pixel, (height, width, 3), scaled to z = 1.
 
         NaN in all three where the distortion cannot be inverted.
         """
@@ -129,8 +135,8 @@ def check_invertible(x: NDArray[np.float64], y: NDArray[np.float64], terms: Arra
 
     Parameters
     ----------
-    x, y : distorted points all over the image, at z = 1
-    terms : as of `undistorted`
+    x, y : (...,) distorted points all over the image, at z = 1
+    terms : (n,) as of `undistorted`
 
     Raises
     ------
@@ -148,13 +154,14 @@ def check_invertible(x: NDArray[np.float64], y: NDArray[np.float64], terms: Arra
 def undistorted(
     x_distorted: NDArray[np.float64], y_distorted: NDArray[np.float64], terms: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Invert the distortion by fixed-point iteration; inputs and outputs are at z = 1.
+    """Return undistorted x and y, (...,) each, by fixed-point iteration; all at z = 1.
 
     Where the lens model cannot be inverted, at the rim of wide lenses if at all, both are NaN.
 
     Parameters
     ----------
-    terms : k1, k2, p1, p2 and, where there are more, k3, k4, k5, k6
+    x_distorted, y_distorted : (...,) points of the image at z = 1
+    terms : (n,) k1, k2, p1, p2 and, where there are more, k3, k4, k5, k6
     """
     k = np.zeros(8)
     k[: np.size(terms)] = terms

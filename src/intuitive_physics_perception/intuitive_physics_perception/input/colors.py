@@ -1,4 +1,4 @@
-"""Colours of readings, where the sensor tells them, and of what is detected."""
+"""Colours of readings, where the sensor has them, and of detections."""
 
 from __future__ import annotations
 

@@ -17,6 +17,8 @@ from intuitive_physics.kernels import allocating_entry
 from intuitive_physics_perception.input.raw_data import RawData, checked_bytes
 
 MILLIMETRES = 0.001
+"""Metres in the unit of a uint16 depth image (REP 118)."""
+
 IMAGE_TYPES: dict[str, np.dtype[Any]] = {
     "16UC1": np.dtype("<u2"),
     "mono16": np.dtype("<u2"),
@@ -26,7 +28,7 @@ IMAGE_TYPES: dict[str, np.dtype[Any]] = {
 
 
 def points_from_depth(depth: NDArray[Any], rays: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the frame of points of a depth image.
+    """Return the frame of points (height, width, 3) of a depth image.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the raw data of depth images and clouds have in common: rows of pixels of some bytes."""
+"""Raw data of images and clouds: rows of pixels of some bytes each."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def checked_bytes(
     is_bigendian: bool,
     what: str,
 ) -> NDArray[np.uint8]:
-    """Return data as read-only bytes after checking that they hold what the header tells.
+    """Return data as read-only bytes (n,) after checking that they hold what the header says.
 
     Parameters
     ----------

@@ -26,7 +26,10 @@ Frame: TypeAlias = Image | PointCloud2
 UseFrame: TypeAlias = Callable[[Header, NDArray[np.float32], NDArray[np.uint8] | None], str]
 
 TOPICS: dict[type[Frame], str] = {Image: "~/depth/image", PointCloud2: "~/points"}
+"""Topic of each kind of frame."""
+
 CAMERA_INFO = "~/depth/camera_info"
+"""Topic of the depth camera's calibration."""
 
 INPUTS: dict[str, tuple[type[Frame], ...]] = {
     "auto": (Image, PointCloud2),
@@ -36,17 +39,20 @@ INPUTS: dict[str, tuple[type[Frame], ...]] = {
 """Messages that each value of the parameter `input` subscribes to."""
 
 TIMEOUT = 2.0
+"""Time in s without a message after which an input counts as lost. Set by hand."""
 
 COLOR_TOPIC = "~/color/image"
+"""Topic of colour images registered to the depth images."""
+
 SAME_TIME = 0.01
-"""s between stamps of a depth and a colour image of one frame: what is fast is elsewhere later."""
+"""Maximum difference in s between the stamps of a depth and a colour image of one frame."""
 
 KEPT = 4
-"""Newest colour images: those of frames that wait to be perceived."""
+"""Newest colour images that are kept: those of frames that wait to be processed."""
 
 
 class FrameInput:
-    """Subscribes to frames, decodes them in a thread of its own and says how they do.
+    """Subscribes to frames, decodes them in a thread of its own and reports their health.
 
     A frame that cannot be used is named in the log, not more than every 10 s for one reason, and
     on /diagnostics; the next one is tried again.
@@ -58,7 +64,7 @@ class FrameInput:
     kinds : messages that are subscribed to; of several the one that is good first stays, as both
         show the same scene
     rectified : whether images are without distortion already
-    color : whether to hear colour images registered to the depth images
+    color : whether to subscribe to colour images registered to the depth images
     use : called in the thread with header, points and colours of each frame, None for no colours;
         returns why it could not be used, empty when it could
     """
@@ -127,7 +133,7 @@ class FrameInput:
             monitor.accepted()
 
     def _decoded(self, message: Frame) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
-        """Points of a frame, and their colours where they are told."""
+        """Points of a frame, and their colours where they are known."""
         if not isinstance(message, Image):
             return self._decoder.cloud_points(message), self._decoder.cloud_colors(message)
         points = self._decoder.image_points(message)
@@ -177,7 +183,7 @@ class FrameWorker(Generic[Item]):
             self._changed.notify()
 
     def stop(self) -> None:
-        """End the thread once the item under way is done; those that wait are left out."""
+        """End the thread once the item under way is done; those that wait are dropped."""
         with self._changed:
             self._stopping = True
             self._changed.notify()
@@ -195,9 +201,9 @@ class FrameWorker(Generic[Item]):
 
 
 class ColorInput:
-    """Hears colour images that are registered to the depth images: pixel by pixel the same rays.
+    """Subscribes to colour images that are registered to the depth images pixel by pixel.
 
-    A frame whose colour image comes later than itself, or never, is perceived without colour.
+    A frame whose colour image comes later than itself, or never, is processed without colour.
     """
 
     def __init__(self, node: Node, diagnostics: Diagnostics) -> None:
@@ -207,7 +213,13 @@ class ColorInput:
         node.create_subscription(Image, COLOR_TOPIC, self._on_image, SENSOR_DATA)
 
     def of_frame(self, header: Header, points: NDArray[np.float32]) -> NDArray[np.uint8] | None:
-        """Return the colours (height, width, 3) of a frame of points, None where there are none."""
+        """Return the colours (height, width, 3) of a frame, None where there are none.
+
+        Parameters
+        ----------
+        header : of the frame
+        points : (height, width, 3) m
+        """
         time = seconds_from_stamp(header.stamp)
         for stamp, colors in list(self._newest):
             if abs(stamp - time) > SAME_TIME:

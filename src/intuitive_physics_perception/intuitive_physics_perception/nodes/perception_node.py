@@ -16,7 +16,7 @@ from intuitive_physics.observation import Observation
 from intuitive_physics.validation import unit_quaternion
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.environment.gravity import RestingAccelerometer
-from intuitive_physics_perception.frame_result import FrameDiagnostics, Perceived
+from intuitive_physics_perception.frame_result import FrameDiagnostics, FrameResult
 from intuitive_physics_perception.nodes.frame_input import INPUTS, FrameInput
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import (
@@ -44,6 +44,7 @@ from intuitive_physics_ros.qos import OBSERVATIONS, SENSOR_DATA
 from intuitive_physics_ros.run_node import run_node
 
 NO_ORIENTATION = [0.0, 0.0, 0.0, 0.0]
+"""Value of the parameter `imu_orientation` that stands for none: ROS parameters have a value."""
 
 PARAMETERS = [
     Parameter("input", "auto", "what is subscribed to", choices=tuple(INPUTS)),
@@ -56,7 +57,7 @@ PARAMETERS = [
     Parameter(
         "use_color",
         False,
-        "hear ~/color/image, registered to the depth image, to tell things apart that cross",
+        "subscribe to ~/color/image, registered to the depth image, to keep crossing objects apart",
     ),
     Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0)),
     Parameter("up_hint", list(NO_DIRECTION), "roughly upward in the sensor's frame; zeros: none"),
@@ -70,6 +71,7 @@ PARAMETERS = [
     Parameter("known_object_materials", [NO_OBJECT.material], "their materials"),
     *setting_parameters(PerceptionSettings),
 ]
+"""All parameters of the node."""
 
 
 class PerceptionNode(Node):
@@ -82,7 +84,7 @@ class PerceptionNode(Node):
         self._pipeline = PerceptionPipeline(settings, np.random.default_rng(values["seed"]))
         self._rebuild = False
         self._sensor_frame = ""
-        self._newest: tuple[Header, Perceived] | None = None
+        self._newest: tuple[Header, FrameResult] | None = None
         self._frames = self._restarts = self._moves = 0
 
         self._environment = EnvironmentPublisher(self, "~/environment")
@@ -137,7 +139,7 @@ class PerceptionNode(Node):
         self._rebuild = True
         response.success = True
         response.message = (
-            "the environment is modelled anew from the next "
+            "the environment is modelled again from the next "
             f"{self._pipeline.settings.environment_frames} frames"
         )
         return response
@@ -150,22 +152,22 @@ class PerceptionNode(Node):
         if self._rebuild:
             self._rebuild = False
             self._publish_observations(self._pipeline.rebuild_environment())
-        perceived = self._pipeline.process(points, seconds_from_stamp(header.stamp), colors)
+        result = self._pipeline.process(points, seconds_from_stamp(header.stamp), colors)
         self._frames += 1
-        if perceived.restarted:
+        if result.restarted:
             self._restarts += 1
-            self.get_logger().warning("time went back: what was followed is followed anew")
-        if perceived.moved:
+            self.get_logger().warning("time went back: tracking starts again")
+        if result.moved:
             self._moves += 1
-            self.get_logger().warning(perceived.moved)
-        if perceived.is_new_model and perceived.model is not None:
-            self._publish_environment(header, perceived.model)
-        if perceived.model is not None and not perceived.diagnostics.problem:
-            self._publish_states(header, perceived, perceived.model)
+            self.get_logger().warning(result.moved)
+        if result.is_new_model and result.model is not None:
+            self._publish_environment(header, result.model)
+        if result.model is not None and not result.diagnostics.problem:
+            self._publish_states(header, result, result.model)
         # Observations take longer than a frame, and nobody waits for them as for the states.
-        self._publish_observations(perceived.observations)
-        self._newest = (header, perceived)
-        return perceived.diagnostics.problem
+        self._publish_observations(result.observations)
+        self._newest = (header, result)
+        return result.diagnostics.problem
 
     def _publish_environment(self, header: Header, model: EnvironmentModel) -> None:
         self._environment.publish(
@@ -179,13 +181,11 @@ class PerceptionNode(Node):
             f"and {len(model.environment.boxes)} boxes"
         )
 
-    def _publish_states(
-        self, header: Header, perceived: Perceived, model: EnvironmentModel
-    ) -> None:
+    def _publish_states(self, header: Header, result: FrameResult, model: EnvironmentModel) -> None:
         self._states.publish(
             object_states_to_message(
-                [seen.object for seen in perceived.objects],
-                [seen.state for seen in perceived.objects],
+                [seen.object for seen in result.objects],
+                [seen.state for seen in result.objects],
                 frame_id=model.environment.frame_id,
                 stamp=header.stamp,
             )
@@ -200,14 +200,14 @@ class PerceptionNode(Node):
     def _on_marker_tick(self) -> None:
         if self._newest is None or self._markers.get_subscription_count() == 0:
             return
-        header, perceived = self._newest
-        model = perceived.model
+        header, result = self._newest
+        model = result.model
         if model is None:
             return
         own = Header(stamp=header.stamp, frame_id=model.environment.frame_id)
-        objects = [seen.object for seen in perceived.objects]
-        states = [seen.state for seen in perceived.objects]
-        colors = [seen.color for seen in perceived.objects]
+        objects = [seen.object for seen in result.objects]
+        states = [seen.state for seen in result.objects]
+        colors = [seen.color for seen in result.objects]
         self._markers.publish(
             MarkerArray(
                 markers=[
@@ -220,14 +220,14 @@ class PerceptionNode(Node):
         )
 
     def _check_environment(self) -> Status:
-        perceived = self._newest[1] if self._newest else None
-        model = perceived.model if perceived else None
+        result = self._newest[1] if self._newest else None
+        model = result.model if result else None
         values: dict[str, object] = {
             "version": self._environment.version,
             "times the sensor was moved": self._moves,
         }
         if model is None:
-            problem = perceived.diagnostics.problem if perceived else ""
+            problem = result.diagnostics.problem if result else ""
             return Status(Level.WARN, problem or "not modelled yet", values)
         values |= {
             "planes": len(model.detected),
@@ -256,5 +256,5 @@ class PerceptionNode(Node):
 
 
 def main() -> int:
-    """Run the node until it is told to stop."""
+    """Run the node until it is stopped."""
     return run_node(PerceptionNode)

@@ -93,7 +93,7 @@ class EpisodeRecorder:
 def record_of(track: Track, settings: PerceptionSettings) -> Record:
     """Return what was seen of a track, given the radius its average found.
 
-    Each sphere told centre and radius with their covariance; knowing the radius better moves the
+    Each detection has centre and radius with their covariance; knowing the radius better moves the
     centre: c' = c + C_cr / C_rr (r̄ - r).
     """
     steps = [step for step in track.steps if step.seen is not None]

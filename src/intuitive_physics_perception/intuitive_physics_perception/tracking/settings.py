@@ -141,7 +141,7 @@ class TrackingSettings:
         1,
         1000,
         "multiple of `confirming_hits` after which a track is confirmed though its radius does not "
-        "yet tell known objects apart",
+        "yet distinguish known objects",
     )
 
     def __post_init__(self) -> None:

@@ -56,7 +56,7 @@ class Track:
     prediction : what the frame before made expect
     known : the known object it turned out to be
     resting : whether it did not move for `rest_time`
-    color : (3,) mean red, green and blue of late, 0 to 1; None while it is not told
+    color : (3,) mean red, green and blue, a recent mean, 0 to 1; None while unknown
     moving_since : s, when it was first seen or left its rest
     steps : all frames since it was first seen
     """
@@ -91,7 +91,7 @@ class Track:
         self.color = color if self.color is None else self.color + weight * (color - self.color)
 
     def close_step(self, seen: Detection | None) -> None:
-        """Keep what is believed after a frame in which `seen` was seen of it."""
+        """Append the state after a frame in which `seen` was detected of it."""
         self.steps.append(
             FilterStep(self.time, self.prediction, self.mean, self.covariance, seen, self.attitude)
         )
@@ -252,7 +252,7 @@ class TrackFilter:
         track.hits, track.misses, track.last_seen = track.hits + 1, 0, track.time
 
     def _forget_velocity(self, track: Track, innovation: NDArray[np.float64]) -> None:
-        """Something unmodelled moved it: what was believed of its velocity is void."""
+        """Something unmodelled moved it: the estimate of its velocity is void."""
         if track.resting:
             track.resting, track.moving_since = False, track.last_seen
         duration = max(track.time - track.last_seen, 1e-3)
@@ -270,7 +270,7 @@ def innovation_of(
     """Measured less predicted centre and radius (4,), and its covariance (4, 4)."""
     innovation = np.append(detection.center, detection.radius) - track.mean[MEASURED]
     if track.attitude is not None:
-        # Its radius stands for a height that the attitude tells.
+        # Its radius stands for a height that follows from the attitude.
         innovation[3] = 0.0
     return innovation, track.covariance[np.ix_(MEASURED, MEASURED)] + detection.covariance
 

@@ -162,8 +162,8 @@ def cheapest_pairs(costs: NDArray[np.float64]) -> list[tuple[int, int]]:
     if not possible.any():
         return []
     # One impossible pair costs more than all possible ones, so none is chosen without need.
-    dear = 1.0 + 2.0 * min(costs.shape) * float(costs[possible].max())
-    rows, columns = linear_sum_assignment(np.where(possible, costs, dear))
+    impossible = 1.0 + 2.0 * min(costs.shape) * float(costs[possible].max())
+    rows, columns = linear_sum_assignment(np.where(possible, costs, impossible))
     return [(int(r), int(c)) for r, c in zip(rows, columns, strict=True) if possible[r, c]]
 
 
@@ -195,7 +195,7 @@ def settle(track: Track, settings: PerceptionSettings) -> None:
 
 
 def _is_settled(track: Track, settings: PerceptionSettings) -> bool:
-    """Whether it was seen often enough, and its radius tells known objects apart."""
+    """Whether it was seen often enough, and its radius distinguishes known objects."""
     deviation = np.sqrt(track.covariance[RADIUS, RADIUS])
     return track.hits >= settings.confirming_hits and (
         not settings.known_objects
@@ -209,7 +209,7 @@ def _recognise(track: Track, settings: PerceptionSettings) -> None:
     """Give the track the known object nearest in radius, whose radius then holds."""
     known = min(
         settings.known_objects,
-        key=lambda thing: abs(thing.radius - track.mean[RADIUS]),
+        key=lambda one: abs(one.radius - track.mean[RADIUS]),
         default=None,
     )
     if known is None or track.attitude is not None:
@@ -228,7 +228,7 @@ def _recognise(track: Track, settings: PerceptionSettings) -> None:
 def is_in_capsule(place: NDArray[np.float64], tracks: Iterable[Track]) -> bool:
     """Return whether a place (3,) is in one of the capsules that are followed.
 
-    No other thing has its centre there, as two share no space.
+    No other object has its centre there, as two share no space.
     """
     for track in tracks:
         if track.attitude is None or not isinstance(track.attitude.shape, Capsule):

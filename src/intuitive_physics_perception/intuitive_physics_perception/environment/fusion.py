@@ -42,7 +42,12 @@ def fused_frame(
     """Return one frame of points (height, width, 3) m, fused from many.
 
     Frames of one organised size are fused by the median of each pixel, which averages noise and
-    drops what moves, and thinned to `most` pixels; others are thrown together to a height of 1.
+    drops what moves, and thinned to `most` pixels; others are joined to a height of 1.
+
+    Parameters
+    ----------
+    frames : each (height, width, 3) m
+    most : pixels of the fused frame at most
     """
     if len({frame.shape for frame in frames}) > 1 or frames[0].shape[0] == 1:
         return np.concatenate([frame.reshape(1, -1, 3) for frame in frames], axis=1).astype(

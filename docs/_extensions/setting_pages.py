@@ -53,6 +53,8 @@ def words(value: Any) -> str:
         return str(value).lower()
     if isinstance(value, tuple):
         return ", ".join(words(one) for one in value)
+    if is_dataclass(value):
+        return code(type(value).__name__)
     return f"{value:g}" if isinstance(value, int | float) else str(value)
 
 

@@ -100,7 +100,8 @@ class WorldBatch:
 
         Numba recognises the type of a plain tuple at once, and that of a named one only slowly.
         """
-        return tuple(getattr(self, name) for name in WorldArrays._fields)
+        names: tuple[str, ...] = WorldArrays._fields
+        return tuple(getattr(self, name) for name in names)
 
     def crossed(self, parameter_sets: Sequence[StaticParameters]) -> WorldBatch:
         """Return every world under every θ_s: world `c * W + w` is world w under set c."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.scene import Scene
-from intuitive_physics.simulation.stepped.overlaps import OVERLAP, find_overlaps
-from intuitive_physics.simulation.stepped.scratch import Scratch, scratch_sizes
+from intuitive_physics.simulation.rigid_bodies.overlaps import OVERLAP, find_overlaps
+from intuitive_physics.simulation.rigid_bodies.world import Scratch, scratch_sizes
 from intuitive_physics.simulation.world_batch import WorldBatch
 
 LARGEST_OVERLAP = 0.25
@@ -36,11 +36,11 @@ def check_overlaps(scenes: Sequence[Scene], worlds: WorldBatch) -> None:
     if overlaps["found"].any():
         world = int(overlaps["found"].argmax())
         where = f"scene {world}: " if len(scenes) > 1 else ""
-        raise InvalidInputError(where + _told(scenes[world], overlaps[world]))
+        raise InvalidInputError(where + _message(scenes[world], overlaps[world]))
 
 
-def _told(scene: Scene, overlap: np.void) -> str:
-    thing = scene.objects[overlap["first"]]
+def _message(scene: Scene, overlap: np.void) -> str:
+    first = scene.objects[overlap["first"]]
     second = int(overlap["second"])
     moving = len(scene.objects)
     if second < 0:
@@ -51,7 +51,7 @@ def _told(scene: Scene, overlap: np.void) -> str:
         other = f"static box {scene.environment.boxes[second - moving].id!r}"
     inradius = "smaller one's" if 0 <= second < moving else "object's"
     return (
-        f"object {thing.id!r} overlaps {other} by {1e3 * overlap['depth']:.3g} mm at the start; "
+        f"object {first.id!r} overlaps {other} by {1e3 * overlap['depth']:.3g} mm at the start; "
         f"expected at most {1e3 * overlap['limit']:.3g} mm, a quarter of the {inradius} inradius: "
         "move them apart"
     )

@@ -11,11 +11,34 @@ from numpy.typing import NDArray
 
 
 class WorldStatus(IntEnum):
-    """How one world of a rollout ended."""
+    """How one world of a rollout ended.
+
+    - OK: it was simulated to the end.
+    - NOT_FINITE: a position or velocity has become infinite or NaN.
+    - TOO_MANY_EVENTS: event_driven has met more events than `max_events`.
+    - TOO_MANY_CONTACTS: an object touches more at once than an engine has room for: 12 planes and
+      boxes in event_driven; in stepped 48 contact points for each object, in all.
+    - TOO_FAST: stepped would need more than 512 samples of a pair's gap in a step to be sure that
+      the two do not pass through each other.
+    """
 
     OK = 0
     NOT_FINITE = 1
     TOO_MANY_EVENTS = 2
+    TOO_MANY_CONTACTS = 3
+    TOO_FAST = 4
+
+
+OK = int(WorldStatus.OK)
+"""As kernels write it."""
+NOT_FINITE = int(WorldStatus.NOT_FINITE)
+"""As kernels write it."""
+TOO_MANY_EVENTS = int(WorldStatus.TOO_MANY_EVENTS)
+"""As kernels write it."""
+TOO_MANY_CONTACTS = int(WorldStatus.TOO_MANY_CONTACTS)
+"""As kernels write it."""
+TOO_FAST = int(WorldStatus.TOO_FAST)
+"""As kernels write it."""
 
 
 @dataclass(frozen=True, eq=False)

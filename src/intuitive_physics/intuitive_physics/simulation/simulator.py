@@ -50,7 +50,7 @@ class Simulator(ABC):
         UnsupportedSceneError
             When this engine cannot express a scene.
         """
-        # Imported late: it is built on an engine, which is built on this module.
+        # Imported late: Numba takes a moment.
         from intuitive_physics.simulation.overlap_check import check_overlaps
 
         worlds = pack_worlds(scenes, static_parameters)

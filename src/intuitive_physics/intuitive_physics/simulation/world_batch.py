@@ -6,6 +6,7 @@ import math
 from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -100,7 +101,8 @@ class WorldBatch:
 
         Numba recognises the type of a plain tuple at once, and that of a named one only slowly.
         """
-        return tuple(getattr(self, name) for name in WorldArrays._fields)
+        arrays: tuple[NDArray, ...] = _arrays_of(self)
+        return arrays
 
     def crossed(self, parameter_sets: Sequence[StaticParameters]) -> WorldBatch:
         """Return every world under every θ_s: world `c * W + w` is world w under set c."""
@@ -170,6 +172,8 @@ WorldArrays = namedtuple(  # type: ignore[misc]
     "WorldArrays", [one.name for one in fields(WorldBatch) if str(one.type).startswith("NDArray")]
 )
 """The arrays of a `WorldBatch` as one record for kernels: `WorldArrays(*batch.arrays)`."""
+
+_arrays_of = attrgetter(*WorldArrays._fields)  # type: ignore[call-overload]
 
 
 def pack_worlds(

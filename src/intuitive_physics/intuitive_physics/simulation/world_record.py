@@ -8,8 +8,10 @@ from intuitive_physics.geometry.vectors import load, store
 from intuitive_physics.kernels import inlined
 from intuitive_physics.kernels.pointers import float_at
 from intuitive_physics.simulation.noisy_impacts import NOISE_FIELDS, set_noise
+from intuitive_physics.simulation.rollout import OK
 
 COMMON_FIELDS = [
+    ("status", "i8"),  # `WorldStatus`
     ("coefficients", "i8"),  # address of (4, m, m) float64
     ("material_count", "i8"),  # m
     ("gravity", "f8", 3),  # m/s²
@@ -30,6 +32,7 @@ def start_world(world, worlds, w):
     world : record with `COMMON_FIELDS`
     worlds : `WorldArrays`
     """
+    world.status = OK
     table = worlds.coefficients[worlds.parameter_index[w]]
     world.coefficients = table.ctypes.data
     world.material_count = table.shape[1]

@@ -23,6 +23,7 @@ _PYBULLET_LOCK = threading.Lock()
 """PyBullet crashes when two threads use it, each with a client of its own."""
 
 DEFAULT_TIME_STEP = 1e-3
+"""s. Bullet sees impacts at the ends of its steps only, so that these have to be short."""
 
 
 class BulletSimulator(Simulator):

@@ -14,6 +14,7 @@ from intuitive_physics.simulation.event_driven.solids import most_features
 from intuitive_physics.simulation.event_driven.world import (
     CONTACT,
     FEATURE,
+    MEMBER,
     OBJECT,
     PAIR,
     SOLID,
@@ -36,10 +37,11 @@ class Scratch:
         self.objects = np.empty(objects, OBJECT)
         self.solids = np.empty(solids, SOLID)
         self.features = np.empty(features, FEATURE)
+        self.members = np.empty(objects, MEMBER)
         self.contacts = np.empty(most_contacts(objects, solids), CONTACT)
         self.pairs = np.empty(objects * objects, PAIR)
         self.world = np.zeros(1, WORLD)
-        for name in ("objects", "solids", "features", "contacts", "pairs"):
+        for name in ("objects", "solids", "features", "members", "contacts", "pairs"):
             self.world[name] = getattr(self, name).ctypes.data
         self.world["contact_room"] = len(self.contacts)
 

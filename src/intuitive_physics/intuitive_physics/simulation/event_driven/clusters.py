@@ -29,20 +29,22 @@ from intuitive_physics.simulation.event_driven.contact_geometry import nearest
 from intuitive_physics.simulation.event_driven.world import (
     MOST_TOUCHED,
     contact_at,
+    member_at,
     object_at,
     object_coefficient,
     pair_at,
     pair_index,
+    set_member,
     solid_at,
     solid_coefficient,
 )
 from intuitive_physics.simulation.world_record import DYNAMIC, ROLLING, STATIC
 
 STEP = 1e-3
-"""s."""
+"""s. Over one of these the accelerations of a cluster hold."""
 
 SWEEPS = 60
-"""At most; fewer where a sweep changes no velocity by more than `CONVERGED`."""
+"""Most sweeps over the contacts of a cluster, which end once none changes by `CONVERGED`."""
 
 CONVERGED = 1e-7
 """m/s, of the 1e-2 m/s that a step of falling gives."""
@@ -55,26 +57,26 @@ STICKS = 1e-3
 
 
 def most_contacts(objects: int, solids: int) -> int:
-    """Contacts that a cluster can have among so many objects and solids."""
+    """Contacts that a cluster can have among the objects and solids."""
     return objects * min(MOST_TOUCHED, solids) + objects * (objects - 1) // 2
 
 
 @kernel
 def gather(world, i):
     """Write i and all objects it touches, directly or through others; return how many."""
-    object_at(world, 0).member = i
+    set_member(world, 0, i)
     count = 1
     at = 0
     while at < count:
-        member = object_at(world, at).member
+        member = member_at(world, at)
         at += 1
         for other in range(world.object_count):
             if other != member and pair_at(world, pair_index(member, other)).touches:
                 known = False
                 for k in range(count):
-                    known = known or object_at(world, k).member == other
+                    known = known or member_at(world, k) == other
                 if not known:
-                    object_at(world, count).member = other
+                    set_member(world, count, other)
                     count += 1
     return count
 
@@ -82,14 +84,14 @@ def gather(world, i):
 @kernel
 def plan_cluster(world, count):
     """Set the accelerations of the first `count` members for the next step."""
-    end = object_at(world, object_at(world, 0).member).time + STEP
+    end = object_at(world, member_at(world, 0)).time + STEP
     _solve(world, count, STEP)
     moves = False
     for k in range(count):
-        body = object_at(world, object_at(world, k).member)
+        body = object_at(world, member_at(world, k))
         velocity, spin = load(body.velocity), load(body.spin)
-        change = sub(load(body.acceleration), velocity)
-        turn = sub(load(body.spin_acceleration), spin)
+        change = sub(load(body.solved_velocity), velocity)
+        turn = sub(load(body.solved_spin), spin)
         speed = norm(velocity) + norm(change) + body.radius * (norm(spin) + norm(turn))
         moves = moves or speed > STILL_SPEED
         store(body.acceleration, scaled(change, 1.0 / STEP))
@@ -99,7 +101,7 @@ def plan_cluster(world, count):
         body.turning = 0
     if not moves:
         for k in range(count):
-            _rest(object_at(world, object_at(world, k).member))
+            _rest(object_at(world, member_at(world, k)))
 
 
 @kernel
@@ -110,28 +112,27 @@ def stop_jam(world, count):
     """
     _solve(world, count, 0.0)
     for k in range(count):
-        body = object_at(world, object_at(world, k).member)
-        store(body.velocity, load(body.acceleration))
-        store(body.spin, load(body.spin_acceleration))
+        body = object_at(world, member_at(world, k))
+        store(body.velocity, load(body.solved_velocity))
+        store(body.spin, load(body.solved_spin))
         body.clustered = 1
 
 
 @kernel
 def _solve(world, count, falling):
-    """Find the members' velocities after all contact impulses and `falling` (s) of gravity.
+    """Find the members' solved velocities: after all contact impulses and `falling` (s) of gravity.
 
-    While the impulses are sought, and afterwards, the accelerations hold those velocities: at
-    first the present ones, by which the contacts stick or slip.
+    They begin as the present ones, by which the contacts stick or slip.
     """
     for k in range(count):
-        body = object_at(world, object_at(world, k).member)
-        store(body.acceleration, load(body.velocity))
-        store(body.spin_acceleration, load(body.spin))
+        body = object_at(world, member_at(world, k))
+        store(body.solved_velocity, load(body.velocity))
+        store(body.solved_spin, load(body.spin))
     contacts = _list_contacts(world, count, falling)
     for k in range(count):
-        body = object_at(world, object_at(world, k).member)
-        fallen = add_scaled(load(body.acceleration), load(world.gravity), falling)
-        store(body.acceleration, fallen)
+        body = object_at(world, member_at(world, k))
+        fallen = add_scaled(load(body.solved_velocity), load(world.gravity), falling)
+        store(body.solved_velocity, fallen)
     for c in range(contacts):
         _begin(world, contact_at(world, c))
     for _ in range(SWEEPS):
@@ -156,7 +157,7 @@ def _rest(body):
 def _list_contacts(world, count, falling):
     contacts = int64(0)
     for k in range(count):
-        i = object_at(world, k).member
+        i = member_at(world, k)
         body = object_at(world, i)
         for t in range(body.touched_count):
             s = body.touched[t]
@@ -206,18 +207,15 @@ def _begin(world, contact):
 
 @kernel
 def _speed_at_contact(world, contact):
-    """Velocity of the first's material at the contact relative to the other's, at the step's end.
-
-    While the impulses are sought, the accelerations hold the velocities at the step's end.
-    """
+    """Solved velocity of the first's material at the contact relative to the other's."""
     n = load(contact.normal)
     body = object_at(world, contact.first)
-    arm = cross(load(body.spin_acceleration), n)
-    speed = add_scaled(load(body.acceleration), arm, -body.radius)
+    arm = cross(load(body.solved_spin), n)
+    speed = add_scaled(load(body.solved_velocity), arm, -body.radius)
     if contact.second >= 0:
         body = object_at(world, contact.second)
-        arm = cross(load(body.spin_acceleration), n)
-        speed = sub(speed, add_scaled(load(body.acceleration), arm, body.radius))
+        arm = cross(load(body.solved_spin), n)
+        speed = sub(speed, add_scaled(load(body.solved_velocity), arm, body.radius))
     return speed
 
 
@@ -232,9 +230,9 @@ def _push(world, contact, impulse):
 
 @kernel
 def _push_one(body, impulse, arm):
-    store(body.acceleration, add_scaled(load(body.acceleration), impulse, 1.0 / body.mass))
-    turned = add_scaled(load(body.spin_acceleration), arm, -body.radius / body.inertia)
-    store(body.spin_acceleration, turned)
+    store(body.solved_velocity, add_scaled(load(body.solved_velocity), impulse, 1.0 / body.mass))
+    turned = add_scaled(load(body.solved_spin), arm, -body.radius / body.inertia)
+    store(body.solved_spin, turned)
 
 
 @kernel
@@ -282,20 +280,20 @@ def _solve_rolling(world, contact, limit_per_radius):
     Returns the change in m/s at the surface.
     """
     body = object_at(world, contact.first)
-    relative = load(body.spin_acceleration)
-    softness = 1.0 / body.inertia
+    relative = load(body.solved_spin)
+    inverse_inertia = 1.0 / body.inertia
     radius = body.radius
     if contact.second >= 0:
         other = object_at(world, contact.second)
-        relative = sub(relative, load(other.spin_acceleration))
-        softness += 1.0 / other.inertia
+        relative = sub(relative, load(other.solved_spin))
+        inverse_inertia += 1.0 / other.inertia
         radius = min(radius, other.radius)
     old = load(contact.torque)
-    new = clamped(add_scaled(old, relative, -1.0 / softness), limit_per_radius * radius)
+    new = clamped(add_scaled(old, relative, -1.0 / inverse_inertia), limit_per_radius * radius)
     store(contact.torque, new)
     change = sub(new, old)
     _twist(world, contact, change)
-    return norm(change) * softness * radius
+    return norm(change) * inverse_inertia * radius
 
 
 @kernel
@@ -308,5 +306,5 @@ def _twist(world, contact, torque):
 
 @kernel
 def _twist_one(body, torque):
-    turned = add_scaled(load(body.spin_acceleration), torque, 1.0 / body.inertia)
-    store(body.spin_acceleration, turned)
+    turned = add_scaled(load(body.solved_spin), torque, 1.0 / body.inertia)
+    store(body.solved_spin, turned)

@@ -20,6 +20,7 @@ ON_FACE, ON_EDGE, ON_CORNER = range(3)
 """Part of a solid that is nearest."""
 
 NO_AXIS = (0.0, 0.0, 0.0)
+"""In place of the direction of an edge."""
 
 
 @kernel

@@ -126,7 +126,9 @@ def _edge_at_brim(world, body, solid, n):
 def plan_alone(world, i):
     """Set the accelerations of object i and until when they hold, if one solid at most holds it.
 
-    Returns False, and leaves them undefined, where several solids press.
+    Returns
+    -------
+    Whether they are set; where several solids press they are undefined.
     """
     body = object_at(world, i)
     gravity = load(world.gravity)
@@ -148,26 +150,43 @@ def plan_alone(world, i):
     store(body.spin_acceleration, (0.0, 0.0, 0.0))
     if support >= 0:
         _plan_on_solid(world, i, support)
-    return not _presses_on_others(world, body, support, upward)
+    if _presses_on_others(world, body, support, upward):
+        return False
+    _leave_edges(world, body, support)
+    return True
 
 
 @kernel
 def _presses_on_others(world, body, support, upward):
-    """Whether a planned motion presses against more than its support; edges it leaves are left."""
-    acceleration = load(body.acceleration)
+    """Whether a planned motion presses against more than its support."""
+    for k in range(body.touched_count):
+        s = body.touched[k]
+        if s != support:
+            _, n, axis, part = contact_with(world, body, s)
+            beside = support >= 0 and dot(upward, n) >= SAME_NORMAL
+            if not beside and _parting(body, n, axis, part) < -PRESSES:
+                return True
+    return False
+
+
+@kernel
+def _leave_edges(world, body, support):
+    """End the contacts with edges and corners, other than the support, that the motion leaves."""
     for k in range(body.touched_count - 1, -1, -1):
         s = body.touched[k]
-        if s == support:
-            continue
-        gap, n, axis, part = contact_with(world, body, s)
-        apart = dot(acceleration, n) + arc_pull(load(body.velocity), axis, part, body.radius)
-        if apart < -PRESSES and not (support >= 0 and dot(upward, n) >= SAME_NORMAL):
-            return True
-        if part != ON_FACE and apart > PRESSES:
-            lift(body, n, gap - PARTED)
-            store(body.velocity, tangential(load(body.velocity), n))
-            forget_touched(body, k)
-    return False
+        if s != support:
+            gap, n, axis, part = contact_with(world, body, s)
+            if part != ON_FACE and _parting(body, n, axis, part) > PRESSES:
+                lift(body, n, gap - PARTED)
+                store(body.velocity, tangential(load(body.velocity), n))
+                forget_touched(body, k)
+
+
+@kernel
+def _parting(body, n, axis, part):
+    """Acceleration (m/s²) at which a planned motion leaves a contact, below zero if it presses."""
+    pull = arc_pull(load(body.velocity), axis, part, body.radius)
+    return dot(load(body.acceleration), n) + pull
 
 
 @kernel

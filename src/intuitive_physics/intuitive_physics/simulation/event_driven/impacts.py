@@ -78,7 +78,7 @@ def _rebound_from_solid(world, i, s, n, restitution):
     rebound = approach * restitution
     if rebound < REBOUND_SPEED:
         rebound = 0.0
-        touch(body, s)
+        touch(world, body, s)
         if approach < SOFT_SPEED:
             body.clustered = 1
     impulse = body.mass * max(0.0, approach + rebound)

@@ -20,17 +20,14 @@ from intuitive_physics.simulation.event_driven.transitions import (
 )
 from intuitive_physics.simulation.event_driven.world import (
     contact_at,
+    member_at,
     object_at,
     pair_at,
     pair_index,
 )
-from intuitive_physics.simulation.rollout import OutputArrays, WorldStatus
+from intuitive_physics.simulation.rollout import NOT_FINITE, OK, TOO_MANY_EVENTS, OutputArrays
 from intuitive_physics.simulation.world_batch import WorldArrays
 from intuitive_physics.simulation.world_record import start_world, wanted_outputs
-
-OK = int(WorldStatus.OK)
-NOT_FINITE = int(WorldStatus.NOT_FINITE)
-TOO_MANY_EVENTS = int(WorldStatus.TOO_MANY_EVENTS)
 
 INSTANT = 1e-7
 """s. Events nearer than this are at the same time …"""
@@ -77,9 +74,8 @@ def roll_worlds(first, last, batch, results, scratch, max_events):
         world.end = times[times.size - 1]
         for k in range(world.contact_room):
             contact_at(world, k).until = -1.0
-        outputs.status[w] = _roll_world(
-            world, times, max_events, outputs.positions[w], outputs.orientations[w]
-        )
+        _roll_world(world, times, max_events, outputs.positions[w], outputs.orientations[w])
+        outputs.status[w] = world.status
 
 
 @kernel
@@ -110,13 +106,14 @@ def _place(body, state, radius, inertia_ratio, material, rho):
 
 @kernel
 def _roll_world(world, times, max_events, positions, orientations):
-    """Roll out one world; return its status."""
+    """Roll out one world; its record tells how it ended."""
     objects = world.object_count
     _start(world)
-    status = OK if _all_finite(world) else NOT_FINITE
+    if not _all_finite(world):
+        world.status = NOT_FINITE
     events = 0
     instant, at_once = -1.0, 0
-    while status == OK:
+    while world.status == OK:
         t, i, j = _next_event(world)
         if t > world.end:
             break
@@ -124,7 +121,7 @@ def _roll_world(world, times, max_events, positions, orientations):
         at_once = at_once + 1 if t - instant < INSTANT else 0
         instant = t
         if events > max_events:
-            status = TOO_MANY_EVENTS
+            world.status = TOO_MANY_EVENTS
             break
         _advance(world, i, t, times, positions, orientations)
         if j >= 0:
@@ -143,15 +140,15 @@ def _roll_world(world, times, max_events, positions, orientations):
         elif object_at(world, i).impact_time <= t:
             hit_solid(world, i, object_at(world, i).impact_solid)
         if not _finite(object_at(world, i)):
-            status = NOT_FINITE
+            world.status = NOT_FINITE
             break
         _replan(world, i, times, positions, orientations)
-    if status == OK:
+    if world.status == OK:
         for i in range(objects):
             _advance(world, i, world.end, times, positions, orientations)
-        status = OK if _all_finite(world) else NOT_FINITE
-    _blank_rest(world, status, positions, orientations)
-    return status
+        if not _all_finite(world):
+            world.status = NOT_FINITE
+    _blank_rest(world, positions, orientations)
 
 
 @kernel
@@ -168,11 +165,11 @@ def _start(world):
 
 @kernel
 def _replan(world, i, times, positions, orientations):
-    """Plan object i and all that touch it anew, after these have been brought to its time."""
+    """Plan object i and all that touch it again, after these have been brought to its time."""
     count = gather(world, i)
     for k in range(1, count):
         now = object_at(world, i).time
-        _advance(world, object_at(world, k).member, now, times, positions, orientations)
+        _advance(world, member_at(world, k), now, times, positions, orientations)
     replan(world, i, count)
 
 
@@ -198,13 +195,13 @@ def _all_finite(world):
 
 
 @kernel
-def _blank_rest(world, status, positions, orientations):
+def _blank_rest(world, positions, orientations):
     """Write NaN where there is no output: after a stop, for unwanted times and absent objects."""
     for i in range(positions.shape[0]):
         first = 0
         if i < world.object_count:
             first = object_at(world, i).next_output
-            if status == NOT_FINITE:
+            if world.status == NOT_FINITE:
                 first = _first_not_finite(positions[i, :first])
         for k in range(first, positions.shape[1]):
             store(positions[i, k], (nan, nan, nan))

@@ -23,6 +23,7 @@ from intuitive_physics.simulation.event_driven.detection import (
 from intuitive_physics.simulation.event_driven.world import (
     forget_touched,
     lift,
+    member_at,
     object_at,
     pair_at,
     pair_index,
@@ -43,13 +44,13 @@ LOST = 1e-4
 
 @kernel
 def replan(world, i, count):
-    """Plan anew the motion of object i, and of all that touch it, from their present time on.
+    """Plan again the motion of object i, and of all that touch it, from their present time on.
 
     They are the first `count` members that `gather` found.
     """
     roughly = False
     for k in range(count):
-        body = object_at(world, object_at(world, k).member)
+        body = object_at(world, member_at(world, k))
         roughly = roughly or body.clustered == 1 or body.turning == 1
     _settle_contacts(world, count, CLUSTER_SPEED if roughly else STILL)
     if count > 1:
@@ -59,10 +60,10 @@ def replan(world, i, count):
     elif roughly:
         _leave_cluster(world, count)
     for k in range(count):
-        predict_solid_impacts(world, object_at(world, k).member)
+        predict_solid_impacts(world, member_at(world, k))
     if world.object_count > 1:
         for k in range(count):
-            predict_object_impacts(world, object_at(world, k).member)
+            predict_object_impacts(world, member_at(world, k))
 
 
 @kernel
@@ -70,13 +71,13 @@ def _leave_cluster(world, count):
     """Let members that can be planned by themselves go on with what lasts exactly."""
     clustered = False
     for k in range(count):
-        body = object_at(world, object_at(world, k).member)
+        body = object_at(world, member_at(world, k))
         clustered = clustered or body.clustered == 1
         body.clustered = 0
     if clustered:
         _settle_contacts(world, count, STILL)
         for k in range(count):
-            plan_alone(world, object_at(world, k).member)
+            plan_alone(world, member_at(world, k))
 
 
 @kernel
@@ -96,7 +97,7 @@ def find_touching(world, i, tolerance):
     for s in range(world.solid_count):
         gap, _, _, _ = nearest(world, solid_at(world, s), load(body.position), body.radius)
         if abs(gap) < tolerance:
-            touch(body, s)
+            touch(world, body, s)
     for j in range(world.object_count):
         if j != i:
             other = object_at(world, j)
@@ -109,12 +110,12 @@ def find_touching(world, i, tolerance):
 def _plan_apart(world, count):
     """Plan each member by itself; False where a contact between them or with a solid presses."""
     for k in range(count):
-        if not plan_alone(world, object_at(world, k).member):
+        if not plan_alone(world, member_at(world, k)):
             return False
     if count == 1:
         return True
     for k in range(count):
-        i = object_at(world, k).member
+        i = member_at(world, k)
         body = object_at(world, i)
         for j in range(i):
             if pair_at(world, pair_index(i, j)).touches:
@@ -130,7 +131,7 @@ def _plan_apart(world, count):
 def _settle_contacts(world, count, tolerance):
     """Keep contacts that neither part nor close; the others are for the detection again."""
     for k in range(count):
-        i = object_at(world, k).member
+        i = member_at(world, k)
         body = object_at(world, i)
         for t in range(body.touched_count - 1, -1, -1):
             solid = solid_at(world, body.touched[t])

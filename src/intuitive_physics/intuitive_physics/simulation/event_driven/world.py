@@ -17,10 +17,11 @@ from intuitive_physics.geometry.vectors import (
 )
 from intuitive_physics.kernels import inlined, kernel
 from intuitive_physics.kernels.pointers import record_getter
+from intuitive_physics.simulation.rollout import TOO_MANY_CONTACTS
 from intuitive_physics.simulation.world_record import COMMON_FIELDS, coefficient
 
 MOST_TOUCHED = 12
-"""Solids that one object can touch at once."""
+"""Solids that one object can touch at once; one more and the world stops, TOO_MANY_CONTACTS."""
 
 OBJECT = np.dtype(
     [
@@ -31,6 +32,9 @@ OBJECT = np.dtype(
         ("orientation", "f8", 4),  # (x, y, z, w)
         ("acceleration", "f8", 3),  # m/s²
         ("spin_acceleration", "f8", 3),  # rad/s²
+        # What `clusters` seeks while it solves: the motion at the end of its step.
+        ("solved_velocity", "f8", 3),  # m/s
+        ("solved_spin", "f8", 3),  # rad/s
         ("end_velocity", "f8", 3),  # m/s, at `phase_end` where `turning`
         ("time", "f8"),  # s
         ("phase_end", "f8"),  # s, until when the accelerations hold
@@ -52,13 +56,13 @@ OBJECT = np.dtype(
             "i8",
         ),  # 1 while it goes round an edge or corner, see `turning_contact`
         ("next_output", "i8"),  # index of the first output time not yet written
-        ("member", "i8"),  # scratch of `clusters.gather`: entry k is its k-th object
         # Solids it touches, in contacts that last: gap and normal velocity are zero.
         ("touched_count", "i8"),
         ("touched", "i8", MOST_TOUCHED),
     ],
     align=True,
 )
+"""A sphere, its motion in the present phase, and what it touches."""
 
 PLANE, SHEET, BOX = range(3)
 """Kinds of solids: without an edge, one-sided polygon, box."""
@@ -79,6 +83,7 @@ SOLID = np.dtype(
     ],
     align=True,
 )
+"""A plane, a sheet or a box that never moves."""
 
 FACE, SIDE, EDGE, CORNER = range(4)
 """Kinds of features. A side bounds a sheet: the plane through an edge that is normal to it."""
@@ -99,6 +104,10 @@ FEATURE = np.dtype(
     ],
     align=True,
 )
+"""A face, side, edge or corner of a sheet or box."""
+
+MEMBER = np.dtype([("object", "i8")])
+"""One object of those that `clusters.gather` has found."""
 
 CONTACT = np.dtype(
     [
@@ -114,6 +123,7 @@ CONTACT = np.dtype(
     ],
     align=True,
 )
+"""One contact of a cluster, and the impulses of the last step that it was in."""
 
 PAIR = np.dtype(
     [
@@ -122,6 +132,7 @@ PAIR = np.dtype(
     ],
     align=True,
 )
+"""Two objects."""
 
 WORLD = np.dtype(
     [
@@ -129,6 +140,7 @@ WORLD = np.dtype(
         ("objects", "i8"),  # (O,) OBJECT
         ("solids", "i8"),  # (S,) SOLID, planes first
         ("features", "i8"),  # (F,) FEATURE
+        ("members", "i8"),  # (O,) MEMBER, scratch of `clusters`
         ("contacts", "i8"),  # CONTACT, scratch of `clusters`
         ("pairs", "i8"),  # PAIR: that of objects i and j > i is j (j - 1) / 2 + i
         ("contact_room", "i8"),  # how many contacts there can be
@@ -141,14 +153,28 @@ WORLD = np.dtype(
     ],
     align=True,
 )
+"""A world while it is rolled out: addresses of its arrays, and what they have in common."""
 
 _object, _solid, _feature = record_getter(OBJECT), record_getter(SOLID), record_getter(FEATURE)
 _contact, _pair = record_getter(CONTACT), record_getter(PAIR)
+_member = record_getter(MEMBER)
 
 
 @inlined
 def object_at(world, i):
     return _object(world.objects, i)
+
+
+@inlined
+def member_at(world, k):
+    """Index of the k-th object of those that `clusters.gather` has found."""
+    return _member(world.members, k).object
+
+
+@inlined
+def set_member(world, k, i):
+    """Let object i be the k-th of those that `clusters.gather` has found."""
+    _member(world.members, k).object = i
 
 
 @inlined
@@ -199,9 +225,13 @@ def touches(body, s):
 
 
 @kernel
-def touch(body, s):
+def touch(world, body, s):
     """Take note that a body touches solid s."""
-    if not touches(body, s) and body.touched_count < MOST_TOUCHED:
+    if touches(body, s):
+        return
+    if body.touched_count == MOST_TOUCHED:
+        world.status = TOO_MANY_CONTACTS
+    else:
         body.touched[body.touched_count] = s
         body.touched_count += 1
 

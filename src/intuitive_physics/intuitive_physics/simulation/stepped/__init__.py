@@ -6,11 +6,11 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.errors import InvalidInputError, UnsupportedSceneError
 from intuitive_physics.simulation.kernel_simulator import KernelSimulator
+from intuitive_physics.simulation.rigid_bodies.world import MOST_PLANES, Scratch, scratch_sizes
 from intuitive_physics.simulation.shares import ThreadScratch
 from intuitive_physics.simulation.stepped.kernel import roll_worlds
-from intuitive_physics.simulation.stepped.scratch import Scratch, scratch_sizes
 from intuitive_physics.simulation.world_batch import WorldBatch
 
 DEFAULT_TIME_STEP = 0.01
@@ -37,7 +37,12 @@ class SteppedSimulator(KernelSimulator):
         self.time_step = float(time_step)
 
     def _check_supported(self, worlds: WorldBatch) -> None:
-        pass
+        if (worlds.corner_counts[:, MOST_PLANES:] > 0).any():
+            raise UnsupportedSceneError(
+                f"scene has {worlds.plane_counts.max()} planes with a bounded one among the last; "
+                f"stepped simulates bounded planes among the first {MOST_PLANES} only, put those "
+                "first or leave some out"
+            )
 
     def _scratch_sizes(self, worlds: WorldBatch) -> tuple[int, ...]:
         return scratch_sizes(worlds)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from intuitive_physics.geometry.vectors import add_scaled, dot, load, norm, store, sub
 from intuitive_physics.kernels import kernel
-from intuitive_physics.simulation.stepped.boxes import meet_boxes
-from intuitive_physics.simulation.stepped.manifolds import meet_box, meet_plane, meet_rounded
-from intuitive_physics.simulation.stepped.poses import set_inverse_inertia
-from intuitive_physics.simulation.stepped.world import body_at, contact_at, member_at, plane_at
-from intuitive_physics.simulation.world_batch import BOX
+from intuitive_physics.simulation.rigid_bodies.manifolds import (
+    GAP_ONLY,
+    meet_plane,
+)
+from intuitive_physics.simulation.rigid_bodies.pairs import meet
+from intuitive_physics.simulation.rigid_bodies.poses import set_inverse_inertia
+from intuitive_physics.simulation.rigid_bodies.world import body_at, contact_at, member_at, plane_at
 
 MARGIN = 2e-4
 """m. Features nearer than this are looked at: they may close during the step."""
@@ -17,17 +19,7 @@ OVERLAP = 2e-5
 """m. Overlaps smaller than this stay: so contacts that press stay contacts."""
 
 PARTING_SWEEPS = 8
-
-
-@kernel
-def meet(world, i, j, margin, count):
-    """Contacts of bodies i and j; see `manifolds`."""
-    first_box, second_box = body_at(world, i).kind == BOX, body_at(world, j).kind == BOX
-    if first_box and second_box:
-        return meet_boxes(world, i, j, margin, count)
-    if first_box or second_box:
-        return meet_box(world, i, j, i if first_box else j, margin, count)
-    return meet_rounded(world, i, j, margin, count)
+"""Most sweeps that move overlapping bodies apart."""
 
 
 @kernel
@@ -71,7 +63,7 @@ def _note_side(world, i, p):
         body.behind |= bit
     elif body.behind & bit:
         body.behind &= ~bit
-        _, gap = meet_plane(world, i, p, MARGIN, world.contact_room)
+        _, gap = meet_plane(world, i, p, MARGIN, GAP_ONLY)
         if gap < 0.0:
             body.behind |= bit
 
@@ -118,7 +110,7 @@ def _shift(world, i, direction, distance, count):
 
 @kernel
 def are_near(one, other, duration, fall):
-    """Whether two bodies may meet within so many seconds, in which they fall `fall` (m)."""
+    """Whether two bodies may meet within `duration` (s), in which they fall `fall` (m)."""
     way = duration * (norm(load(one.velocity)) + norm(load(other.velocity))) + fall
     reach = one.reach + other.reach + MARGIN + way
     apart = sub(load(one.position), load(other.position))

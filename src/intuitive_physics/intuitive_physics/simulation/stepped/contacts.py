@@ -17,7 +17,7 @@ from intuitive_physics.geometry.vectors import (
     tangential,
 )
 from intuitive_physics.kernels import fast_inlined, kernel
-from intuitive_physics.simulation.stepped.world import body_at, contact_at, plane_at, times
+from intuitive_physics.simulation.rigid_bodies.world import body_at, contact_at, plane_at, times
 from intuitive_physics.simulation.world_batch import BOX
 from intuitive_physics.simulation.world_record import (
     DYNAMIC,
@@ -54,16 +54,16 @@ def prepare(world, c):
         turn = times(body.inverse_inertia, lever)
         store(contact.lever[axis], lever)
         store(contact.turn[axis], turn)
-        softness = body.inverse_mass + dot(lever, turn)
+        inverse_mass = body.inverse_mass + dot(lever, turn)
         if contact.second >= 0:
             other = body_at(world, contact.second)
             lever = cross(load(contact.other_arm), direction)
             turn = times(other.inverse_inertia, lever)
             store(contact.other_lever[axis], lever)
             store(contact.other_turn[axis], turn)
-            softness += other.inverse_mass + dot(lever, turn)
-        contact.softness[axis] = softness
-        contact.stiffness[axis] = 1.0 / softness
+            inverse_mass += other.inverse_mass + dot(lever, turn)
+        contact.inverse_effective_mass[axis] = inverse_mass
+        contact.effective_mass[axis] = 1.0 / inverse_mass
     _look_up(world, contact)
 
 
@@ -71,13 +71,13 @@ def prepare(world, c):
 def _look_up(world, contact):
     body = body_at(world, contact.first)
     a = body.material
-    softness = _roll_softness(body)
+    response = _rolling_response(body)
     radius = body.radius
     if contact.second >= 0:
         other = body_at(world, contact.second)
         b = other.material
         if other.inverse_mass > 0.0:
-            softness += _roll_softness(other)
+            response += _rolling_response(other)
         if other.kind != BOX and (body.kind == BOX or other.radius < radius):
             radius = other.radius
     else:
@@ -86,12 +86,12 @@ def _look_up(world, contact):
     contact.dynamic = coefficient(world, DYNAMIC, a, b)
     contact.restitution = coefficient(world, RESTITUTION, a, b)
     contact.roll_radius = coefficient(world, ROLLING, a, b) * radius
-    contact.roll_softness = softness * radius
-    contact.roll_stiffness = 1.0 / softness
+    contact.rolling_response = response * radius
+    contact.rolling_inertia = 1.0 / response
 
 
 @fast_inlined
-def _roll_softness(body):
+def _rolling_response(body):
     inverse = body.own_inverse_inertia
     return max(max(inverse[0], inverse[1]), inverse[2])
 

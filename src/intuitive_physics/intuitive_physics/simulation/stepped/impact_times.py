@@ -6,24 +6,28 @@ from math import sqrt
 
 from intuitive_physics.geometry.vectors import dot, load, norm, sub
 from intuitive_physics.kernels import fast_inlined, kernel
-from intuitive_physics.simulation.stepped.collision import meet
+from intuitive_physics.simulation.rigid_bodies.manifolds import GAP_ONLY, meet_plane
+from intuitive_physics.simulation.rigid_bodies.pairs import meet
+from intuitive_physics.simulation.rigid_bodies.poses import support
+from intuitive_physics.simulation.rigid_bodies.world import body_at, column, member_at, plane_at
+from intuitive_physics.simulation.rollout import TOO_FAST
 from intuitive_physics.simulation.stepped.impacts import IMPACT_GAP
-from intuitive_physics.simulation.stepped.manifolds import meet_plane
 from intuitive_physics.simulation.stepped.motion import place
-from intuitive_physics.simulation.stepped.poses import support
-from intuitive_physics.simulation.stepped.world import body_at, column, member_at, plane_at
 from intuitive_physics.simulation.world_batch import SPHERE
 
 CLOSED = 1e-8
 """m. A gap this small is none."""
 
 ITERATIONS = 40
+"""Most steps of the search for a root of the gap."""
 
 SAMPLES = 512
-"""At most so many looks at a fast pair: each for a way of half its thinness."""
+"""Most samples of a pair's gap over a part of a step, one for each half of its thinness that its
+points move. A pair whose centres move farther than that stops the world, TOO_FAST: the two might
+pass through each other between samples. Turning alone cannot bring them through."""
 
 TOUCHING_SAMPLES = 8
-"""At least so many looks at a pair that touches already and turns."""
+"""Least samples of the gap of a pair that touches already and turns."""
 
 BARELY_APART = 1e-9
 """m. How far a pair that touches is taken to be above what counts as closing again."""
@@ -155,11 +159,12 @@ def _sampled(world, i, second, first, threshold):
     """First time that body i closes on a body, or a bounded plane -1 - p, by looking often."""
     body = body_at(world, i)
     thin = body.thinness
-    way = _way(body, first)
+    moved, way = _moved(body, first), _way(body, first)
     if second >= 0:
         other = body_at(world, second)
         thin += other.thinness
         if other.inverse_mass > 0.0:
+            moved += _moved(other, first)
             way += _way(other, first)
         apart = norm(sub(load(body.start_position), load(other.start_position)))
         if apart > body.reach + other.reach + 2.0 * way:
@@ -168,7 +173,10 @@ def _sampled(world, i, second, first, threshold):
         return first
     before = _gap_at(world, i, second, 0.0)
     level = 0.0
-    samples = min(SAMPLES, 1 + int(way / (0.5 * thin)))
+    if not moved < SAMPLES * 0.5 * thin:
+        world.status = TOO_FAST
+        return first
+    samples = 1 + int(min(way / (0.5 * thin), SAMPLES - 1.0))
     if before <= IMPACT_GAP:
         if _greatest_speed(world, i, second) < 2.0 * threshold:
             return first
@@ -191,8 +199,13 @@ def _sampled(world, i, second, first, threshold):
 @fast_inlined
 def _way(body, t):
     """A bound (m) on how far any point of a body moves."""
-    moved = norm(sub(_at(body, t), load(body.start_position)))
-    return moved + t * body.reach * norm(load(body.turning))
+    return _moved(body, t) + t * body.reach * norm(load(body.turning))
+
+
+@fast_inlined
+def _moved(body, t):
+    """How far (m) the centre of mass of a body moves."""
+    return norm(sub(_at(body, t), load(body.start_position)))
 
 
 @kernel
@@ -249,9 +262,8 @@ def _crosses(body, plane, first):
 @kernel
 def _gap_at(world, i, second, t):
     place(body_at(world, i), t)
-    nowhere = world.contact_room
     if second < 0:
-        return meet_plane(world, i, -1 - second, FAR, nowhere)[1]
+        return meet_plane(world, i, -1 - second, FAR, GAP_ONLY)[1]
     if body_at(world, second).inverse_mass > 0.0:
         place(body_at(world, second), t)
-    return meet(world, i, second, FAR, nowhere)[1]
+    return meet(world, i, second, FAR, GAP_ONLY)[1]

@@ -13,6 +13,7 @@ from math import sqrt
 from intuitive_physics.geometry.vectors import dot, load, norm, scaled, store
 from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.noisy_impacts import noisy_restitution, tilted
+from intuitive_physics.simulation.rigid_bodies.world import body_at, contact_at
 from intuitive_physics.simulation.stepped.contacts import (
     prepare,
     push,
@@ -21,18 +22,19 @@ from intuitive_physics.simulation.stepped.contacts import (
     twist,
 )
 from intuitive_physics.simulation.stepped.solver import solve
-from intuitive_physics.simulation.stepped.world import body_at, contact_at
 from intuitive_physics.simulation.world_batch import BOX, SPHERE
 
 IMPACT_GAP = 1e-5
 """m. Bodies farther apart have not hit each other yet."""
 
 SWEEPS = 40
+"""Most sweeps over the contacts of one impact."""
+
 PRECISION = 1e-5
-"""m/s."""
+"""m/s. A sweep that changes speeds by less is the last one."""
 
 ROUNDS_A_CONTACT = 4
-"""After so many impacts for each contact, what still approaches is left to the pressing solver."""
+"""Most impacts for each contact; what still approaches is left to the solver of what presses."""
 
 
 @kernel
@@ -175,10 +177,10 @@ def _limit_energy(world, first, last):
     at_end = _work(world, first, last)
     _apply(world, first, last, -1.0)
     at_start = _work(world, first, last)
-    stiffness = 0.5 * (at_end - at_start)
+    curvature = 0.5 * (at_end - at_start)
     share = 1.0
-    if at_start + stiffness > 0.0 and stiffness > 0.0:
-        share = max(0.0, -at_start / stiffness)
+    if at_start + curvature > 0.0 and curvature > 0.0:
+        share = max(0.0, -at_start / curvature)
     _apply(world, first, last, share)
 
 

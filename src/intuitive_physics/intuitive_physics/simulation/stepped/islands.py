@@ -1,25 +1,29 @@
-"""Which bodies may meet, and carrying them on together.
+"""Islands: bodies that may meet within a step, and their motion.
 
-Bodies that may meet within a step are one island. While no two may, each goes its own way over
-several steps, and then they are looked at again.
+While no two bodies may meet, each is an independent island for several steps, after which islands
+are looked for again. An island that has been still for long enough sleeps until something comes
+near.
 """
 
 from __future__ import annotations
 
 from math import sqrt
 
-from intuitive_physics.geometry.vectors import load, norm, sub
+from intuitive_physics.geometry.vectors import load, norm, store, sub
 from intuitive_physics.kernels import fast_inlined, kernel
+from intuitive_physics.simulation.rigid_bodies.world import body_at, member_at, set_member
+from intuitive_physics.simulation.rollout import OK
 from intuitive_physics.simulation.stepped.collision import MARGIN, are_near
-from intuitive_physics.simulation.stepped.leaps import may_leap
 from intuitive_physics.simulation.stepped.lone_body import step_lone_body
-from intuitive_physics.simulation.stepped.motion import write_rest
+from intuitive_physics.simulation.stepped.motion import is_still, write_rest
 from intuitive_physics.simulation.stepped.parts import step_island
-from intuitive_physics.simulation.stepped.sleep import put_to_sleep
-from intuitive_physics.simulation.stepped.world import body_at, member_at
+from intuitive_physics.simulation.world_batch import CAPSULE, SPHERE
 
 MOST_STEPS = 32
-"""In which bodies go their own ways."""
+"""Maximum steps of independent islands before they are looked for again."""
+
+QUIET_STEPS = 10
+"""Steps for which a body that something holds has to be still before it falls asleep."""
 
 
 @kernel
@@ -45,11 +49,11 @@ def mark_islands(world, moving, step):
                 for k in range(i + 1):
                     if body_at(world, k).island == old:
                         body_at(world, k).island = new
-    return _steps_apart(world, moving, step) if alone else 1
+    return _independent_steps(world, moving, step) if alone else 1
 
 
 @kernel
-def _steps_apart(world, moving, step):
+def _independent_steps(world, moving, step):
     """For how many steps no two bodies can meet, whatever planes and static boxes they hit."""
     least = MOST_STEPS * step
     for i in range(moving):
@@ -57,14 +61,14 @@ def _steps_apart(world, moving, step):
         for j in range(i):
             other = body_at(world, j)
             if one.asleep == 0 or other.asleep == 0:
-                least = min(least, _time_apart(one, other, world.gravity_size))
+                least = min(least, _independent_time(one, other, world.gravity_size))
                 if least < 2.0 * step:
                     return 1
     return int(least / step)
 
 
 @fast_inlined
-def _time_apart(one, other, gravity):
+def _independent_time(one, other, gravity):
     """A time (s) before which two bodies cannot meet: room = v t + g t².
 
     Each falls g t²/2 at most, and what it hits turns at most the speed of its rim into a speed.
@@ -84,27 +88,35 @@ def _fastest(body):
 def carry_island(world, moving, root, first, count, step, threshold):
     """Carry the island of a root over `count` steps from step `first` on; whether it is awake."""
     body = body_at(world, root)
-    done, leap = 0, count
-    while done < count:
+    done, advance = 0, count
+    while done < count and world.status == OK:
         start = (first + done) * step
-        leap = min(leap, count - done) if may_leap(body) else 1
-        if leap == 1:
+        advance = min(advance, count - done) if _may_advance_many(body) else 1
+        if advance == 1:
             if not _step_one(world, moving, root, start, step, threshold):
                 write_rest(world, root, (first + count) * step)
                 return False
             done += 1
-            leap = 2
-        elif _leap(world, moving, root, start, step, leap):
-            done += leap
-            leap *= 2
+            advance = 2
+        elif _advance_many(world, moving, root, start, step, advance):
+            done += advance
+            advance *= 2
         else:
-            leap //= 2
+            advance //= 2
     return True
 
 
+@fast_inlined
+def _may_advance_many(body):
+    """Whether it is worth asking: a box never rolls, and a capsule does not fly like this."""
+    if body.asleep == 1 or body.drag != 0.0 or body.magnus != 0.0:
+        return False
+    return body.kind == SPHERE or (body.kind == CAPSULE and body.pressed == 1)
+
+
 @kernel
-def _leap(world, moving, root, start, step, steps):
-    """Carry a body over so many steps at once, if they are alike; return whether they are."""
+def _advance_many(world, moving, root, start, step, steps):
+    """Carry a body over several steps at once, if they are alike; return whether they are."""
     body, duration = body_at(world, root), step * steps
     if _is_by_a_box(world, moving, body, duration):
         return False
@@ -130,7 +142,7 @@ def _step_one(world, moving, root, start, step, threshold):
     awake = False
     for i in range(root, moving):
         if body_at(world, i).island == root:
-            body_at(world, count).member = i
+            set_member(world, count, i)
             count += 1
             awake = awake or body_at(world, i).asleep == 0
     if not awake:
@@ -142,10 +154,27 @@ def _step_one(world, moving, root, start, step, threshold):
     for j in range(moving, world.body_count):
         for a in range(count):
             if are_near(body_at(world, member_at(world, a)), body_at(world, j), step, fall):
-                body_at(world, members).member = j
+                set_member(world, members, j)
                 members += 1
                 break
     if members > 1 or not step_lone_body(world, root, start, step, 1):
         step_island(world, count, members, start, step, threshold)
-    put_to_sleep(world, count)
+    _put_to_sleep(world, count)
     return True
+
+
+@kernel
+def _put_to_sleep(world, count):
+    """Let an island sleep when all of it has been quiet for long enough."""
+    quiet = True
+    for a in range(count):
+        body = body_at(world, member_at(world, a))
+        still = body.pressed == 1 and is_still(body, load(body.velocity), load(body.spin))
+        body.quiet_steps = body.quiet_steps + 1 if still else 0
+        quiet = quiet and body.quiet_steps >= QUIET_STEPS
+    for a in range(count):
+        body = body_at(world, member_at(world, a))
+        body.asleep = quiet
+        if quiet:
+            store(body.velocity, (0.0, 0.0, 0.0))
+            store(body.spin, (0.0, 0.0, 0.0))

@@ -6,18 +6,15 @@ from math import inf, isfinite, nan
 
 from intuitive_physics.geometry.vectors import load, norm
 from intuitive_physics.kernels import entry, fast_inlined, kernel
-from intuitive_physics.simulation.rollout import OutputArrays, WorldStatus
+from intuitive_physics.simulation.rigid_bodies.placing import place_environment, place_object
+from intuitive_physics.simulation.rigid_bodies.world import body_at, set_member
+from intuitive_physics.simulation.rollout import NOT_FINITE, OK, OutputArrays
 from intuitive_physics.simulation.stepped.collision import find_contacts, part_overlaps
 from intuitive_physics.simulation.stepped.islands import carry_island, mark_islands
 from intuitive_physics.simulation.stepped.motion import TIME_ROUNDING, output_time, write_rest
 from intuitive_physics.simulation.stepped.parts import rebound_threshold
-from intuitive_physics.simulation.stepped.set_up import place_environment, place_object
-from intuitive_physics.simulation.stepped.world import body_at
 from intuitive_physics.simulation.world_batch import WorldArrays
 from intuitive_physics.simulation.world_record import start_world, wanted_outputs
-
-OK = int(WorldStatus.OK)
-NOT_FINITE = int(WorldStatus.NOT_FINITE)
 
 
 @entry
@@ -63,23 +60,24 @@ def roll_worlds(first, last, batch, results, scratch, step):
         world.positions = outputs.positions[w].ctypes.data
         turns = outputs.orientations.shape[1] > 0
         world.orientations = outputs.orientations[w].ctypes.data if turns else 0
-        outputs.status[w] = _roll_world(world, world.moving, step)
+        _roll_world(world, world.moving, step)
+        outputs.status[w] = world.status
 
 
 @kernel
 def _roll_world(world, moving, step):
-    """Roll out one world from its bodies' initial states; return its status.
+    """Roll out one world from its bodies' initial states; its record tells how it ended.
 
     Parameters
     ----------
-    moving : so many of its bodies move, the others are static boxes
+    moving : number of its bodies that move; the others are static boxes
     step : s
     """
     threshold = rebound_threshold(world, step)
     _part_start(world, moving)
     end = output_time(world, world.output_count - 1)
     steps = 0
-    while steps * step < end - TIME_ROUNDING:
+    while world.status == OK and steps * step < end - TIME_ROUNDING:
         left = 1 + int((end - TIME_ROUNDING) / step) - steps
         count = max(1, min(left, mark_islands(world, moving, step)))
         awake = False
@@ -89,13 +87,14 @@ def _roll_world(world, moving, step):
         for i in range(moving):
             body = body_at(world, i)
             if not isfinite(_sum(load(body.position)) + _sum(load(body.velocity))):
-                return NOT_FINITE
+                world.status = NOT_FINITE
+                return
         steps += count
         if not awake:
             break
-    for i in range(moving):
-        write_rest(world, i, inf)
-    return OK
+    if world.status == OK:
+        for i in range(moving):
+            write_rest(world, i, inf)
 
 
 @fast_inlined
@@ -107,7 +106,7 @@ def _sum(a):
 def _part_start(world, moving):
     """Move what overlaps at the start apart: noisy states of touching things overlap a little."""
     for i in range(world.body_count):
-        body_at(world, i).member = i
+        set_member(world, i, i)
     part_overlaps(world, find_contacts(world, moving, world.body_count))
     for i in range(moving):
         write_rest(world, i, 0.0)

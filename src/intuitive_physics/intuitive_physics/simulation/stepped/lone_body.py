@@ -1,18 +1,17 @@
-"""A body that meets nothing, or a sphere or a lying capsule that stays on one plane.
+"""A body that meets nothing, or a sphere or a capsule in rolling contact that stays on one plane.
 
 Most of all steps are theirs. They do what the general way (`parts`) does with few contacts or none;
-but where a sphere or a rolling capsule lies on a plane, the impulses that `solver` searches can be
-written down (`lying_sphere`, `lying_capsule`), and where they stay the same, several steps are
-taken at once (`leaps`).
+but on a plane `rolling_contact` has the impulses that `solver` searches in closed form, and where
+they stay the same, several steps are one multi-step advance.
 """
 
 from __future__ import annotations
 
-from intuitive_physics.geometry.vectors import dot, load, norm, scaled
+from intuitive_physics.geometry.vectors import dot, load, norm, scaled, store
 from intuitive_physics.kernels import fast_inlined, kernel
+from intuitive_physics.simulation.rigid_bodies.poses import rotate, support
+from intuitive_physics.simulation.rigid_bodies.world import body_at, plane_at
 from intuitive_physics.simulation.stepped.collision import MARGIN, OVERLAP
-from intuitive_physics.simulation.stepped.lying_capsule import lies_on, roll_lying
-from intuitive_physics.simulation.stepped.lying_sphere import press_sphere
 from intuitive_physics.simulation.stepped.motion import (
     begin,
     finish,
@@ -21,16 +20,20 @@ from intuitive_physics.simulation.stepped.motion import (
     plan_pressed,
     write_outputs,
 )
-from intuitive_physics.simulation.stepped.poses import rotate, support
-from intuitive_physics.simulation.stepped.world import body_at, plane_at
+from intuitive_physics.simulation.stepped.rolling_contact import (
+    capsule_after,
+    capsule_lies_on,
+    sphere_after,
+)
 from intuitive_physics.simulation.world_batch import CAPSULE, SPHERE
 
 FLIES, MEETS_MORE = -1, -2
+"""In place of the index of the one plane that a body touches."""
 
 
 @kernel
 def step_lone_body(world, i, start, step, steps):
-    """Carry body i, near which no other body is, from time `start` (s) on over so many steps.
+    """Carry body i, near which no other body is, from time `start` (s) on over `steps` steps.
 
     Returns
     -------
@@ -46,12 +49,15 @@ def step_lone_body(world, i, start, step, steps):
     begin(body)
     if p == FLIES:
         plan_flight(world, body, duration)
-    elif _press(world, body, plane_at(world, p), step, steps):
+    else:
+        holds, velocity, spin = _after(world, body, plane_at(world, p), step, steps)
+        if not holds:
+            return False
+        store(body.velocity, velocity)
+        store(body.spin, spin)
         body.pressed = body.steady = 1
         plan_pressed(body, duration)
-    else:
-        return False
-    body.kept = 0
+    body.warm_starts = 0
     write_outputs(world, i, start, duration)
     place(body, duration)
     finish(body, duration)
@@ -108,12 +114,12 @@ def _turning_way(body, duration):
 
 @fast_inlined
 def _lies_on(body, plane, gap):
-    return gap >= -OVERLAP if body.kind == SPHERE else lies_on(body, plane)
+    return gap >= -OVERLAP if body.kind == SPHERE else capsule_lies_on(body, plane)
 
 
 @fast_inlined
-def _press(world, body, plane, step, steps):
-    """Give the body the velocities that it has after the steps; whether it stays."""
+def _after(world, body, plane, step, steps):
+    """Whether the body stays in contact with the plane, and its velocity and spin afterwards."""
     if body.kind == CAPSULE:
-        return roll_lying(world, body, plane, step, steps)
-    return press_sphere(world, body, plane, step, steps)
+        return capsule_after(world, body, plane, step, steps)
+    return sphere_after(world, body, plane, step, steps)

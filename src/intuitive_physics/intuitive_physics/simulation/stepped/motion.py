@@ -12,6 +12,7 @@ from intuitive_physics.geometry.vectors import (
     add,
     add_scaled,
     cross,
+    dot,
     load,
     norm,
     scaled,
@@ -20,18 +21,21 @@ from intuitive_physics.geometry.vectors import (
 )
 from intuitive_physics.kernels import fast_inlined, kernel
 from intuitive_physics.kernels.pointers import float_at, put_float
-from intuitive_physics.simulation.stepped.poses import (
+from intuitive_physics.simulation.rigid_bodies.poses import (
     angular_momentum,
-    mass_centre,
+    centre_of_mass,
     rotate,
     set_rotation,
     turned,
 )
-from intuitive_physics.simulation.stepped.world import body_at, transposed_times
+from intuitive_physics.simulation.rigid_bodies.world import body_at, transposed_times
 from intuitive_physics.simulation.world_batch import SPHERE
 
 TIME_ROUNDING = 1e-12
 """s. An output this little after a step's end belongs to it."""
+
+QUIET_SPEED = 2e-3
+"""m/s. A body no point of which moves faster is still, and may fall asleep."""
 
 
 @kernel
@@ -52,10 +56,17 @@ def _air(body, velocity):
     return scaled(force, body.inverse_mass)
 
 
+@fast_inlined
+def is_still(body, velocity, spin):
+    """Whether no point of the body moves faster than QUIET_SPEED."""
+    rim = scaled(spin, body.reach)
+    return dot(velocity, velocity) + dot(rim, rim) < QUIET_SPEED * QUIET_SPEED
+
+
 @kernel
 def begin(body):
     """Note the state at the start of a part of a step."""
-    store(body.start_position, mass_centre(body))
+    store(body.start_position, centre_of_mass(body))
     for k in range(3):
         body.start_velocity[k] = body.velocity[k]
         body.start_spin[k] = body.spin[k]
@@ -136,8 +147,8 @@ def place(body, after):
     if body.kind != SPHERE:
         rotate(body, body.start_orientation, scaled(load(body.turning), after))
         set_rotation(body)
-        if body.lopsided == 1:
-            store(body.position, sub(load(body.position), turned(body, load(body.lever))))
+        if body.off_centre == 1:
+            store(body.position, sub(load(body.position), turned(body, load(body.centre_offset))))
 
 
 @kernel
@@ -167,11 +178,11 @@ def write_outputs(world, i, start, after):
             tau = output_time(world, k) - start
             moved = add_scaled(position, velocity, tau)
             moved = add_scaled(moved, acceleration, 0.5 * tau * tau)
-            if world.orientations != 0 or body.lopsided == 1:
+            if world.orientations != 0 or body.off_centre == 1:
                 rotate(body, body.start_orientation, scaled(turning, tau))
-            if body.lopsided == 1:
+            if body.off_centre == 1:
                 set_rotation(body)
-                moved = sub(moved, turned(body, load(body.lever)))
+                moved = sub(moved, turned(body, load(body.centre_offset)))
             write_position(world, i, k, moved)
             if world.orientations != 0:
                 write_orientation(world, i, k)

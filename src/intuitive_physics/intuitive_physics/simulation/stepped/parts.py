@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from intuitive_physics.geometry.vectors import add_scaled, load, scaled, store
 from intuitive_physics.kernels import fast_inlined, kernel
+from intuitive_physics.simulation.rigid_bodies.poses import rotate
+from intuitive_physics.simulation.rigid_bodies.world import body_at, contact_at, member_at
 from intuitive_physics.simulation.stepped.collision import find_contacts, part_overlaps
 from intuitive_physics.simulation.stepped.contacts import STEADY, prepare, speed_along
 from intuitive_physics.simulation.stepped.impact_times import first_impact
@@ -18,18 +20,23 @@ from intuitive_physics.simulation.stepped.motion import (
     plan_pressed,
     write_outputs,
 )
-from intuitive_physics.simulation.stepped.poses import rotate
-from intuitive_physics.simulation.stepped.solver import keep, solve, start_from_kept
-from intuitive_physics.simulation.stepped.world import body_at, contact_at, member_at
+from intuitive_physics.simulation.stepped.solver import solve, store_warm_start, warm_start
 from intuitive_physics.simulation.world_batch import SPHERE
 
 PARTS = 16
-"""At most so many a step for each body; what hits in the last one rebounds in the next step."""
+"""Most parts of a step for each body; what hits in the last one rebounds in the next step."""
 
-SHORTEST, STALLS, LEAP = 1e-3, 4, 0.1
-"""So many parts in a row that are shorter than this share of a step are followed by such a leap."""
+SHORTEST = 1e-3
+"""Of a step. Shorter parts count as stalled."""
+
+STALLS = 4
+"""Stalled parts in a row after which the next part is as long as `STALL_ADVANCE`."""
+
+STALL_ADVANCE = 0.1
+"""Of a step."""
 
 SWEEPS = 150
+"""Most sweeps over the contacts that press in a part of a step; see `PRECISION`."""
 
 PRECISION = 5e-4
 """Of the speed that falling bodies gain in a step; less is too little to sweep once more."""
@@ -58,13 +65,13 @@ def step_island(world, moving, members, start, duration, threshold):
         count = _meet(world, moving, members, threshold)
         _plan(world, moving, count, left, threshold)
         if left > 0.5 * duration:
-            _keep_forces(world, moving, count, left, threshold)
+            _store_warm_starts(world, moving, count, left, threshold)
         after = left
         if part < PARTS * moving - 1:
             after = first_impact(world, moving, members, left, threshold)
             stalled = stalled + 1 if after < SHORTEST * duration else 0
             if stalled == STALLS:
-                after, stalled = min(left, LEAP * duration), 0
+                after, stalled = min(left, STALL_ADVANCE * duration), 0
         for a in range(moving):
             _move(world, member_at(world, a), start + done, after)
         done += after
@@ -178,7 +185,7 @@ def _press(world, moving, count, duration):
             store(body.velocity, add_scaled(load(body.velocity), falling, duration))
     for c in range(count):
         if contact_at(world, c).active == 1:
-            start_from_kept(world, c, duration)
+            warm_start(world, c, duration)
     solve(world, 0, count, SWEEPS, PRECISION * duration * world.gravity_size + 1e-9)
     _release(world, moving, count)
 
@@ -202,11 +209,11 @@ def _release(world, moving, count):
 
 
 @kernel
-def _keep_forces(world, moving, count, duration, threshold):
-    """Keep the forces of contacts that press, not the blows of those that closed."""
+def _store_warm_starts(world, moving, count, duration, threshold):
+    """Store the forces of contacts that press, not the blows of those that closed."""
     for a in range(moving):
-        body_at(world, member_at(world, a)).kept = 0
+        body_at(world, member_at(world, a)).warm_starts = 0
     for c in range(count):
         contact = contact_at(world, c)
         if contact.active == 1 and abs(contact.first_speed) < threshold:
-            keep(world, c, duration)
+            store_warm_start(world, c, duration)

@@ -18,15 +18,15 @@ from intuitive_physics.geometry.vectors import (
     sub,
 )
 from intuitive_physics.kernels import fast_inlined, kernel
+from intuitive_physics.simulation.rigid_bodies.world import WARM_STARTS, body_at, contact_at
 from intuitive_physics.simulation.stepped.contacts import (
     push,
     relative_spin,
     speed_along,
     twist,
 )
-from intuitive_physics.simulation.stepped.world import KEPT, body_at, contact_at
 
-KEPT_FOR = 0.3
+SAME_PLACE = 0.3
 """Of a body's reach. A contact that moved less in a step is taken for the same."""
 
 
@@ -36,7 +36,7 @@ def solve(world, first, last, sweeps, precision):
 
     Parameters
     ----------
-    sweeps : at most so many, fewer where one changes no speed by more than
+    sweeps : the most there are; fewer where one changes no speed by more than
     precision : m/s
     """
     alone = _only_active(world, first, last)
@@ -79,25 +79,25 @@ def _solve_alone(world, contact, sweeps, precision):
     """
     cross = _coupling(world, contact, 0, 1)
     tilt, skew = _coupling(world, contact, 0, 2), _coupling(world, contact, 1, 2)
-    softness, stiffness = load(contact.softness), load(contact.stiffness)
+    inverse, effective = load(contact.inverse_effective_mass), load(contact.effective_mass)
     normal = speed_along(world, contact, 0) - contact.least_speed
     slip, drift = speed_along(world, contact, 1), speed_along(world, contact, 2)
     pressing, along, across = load(contact.impulse)
     for _ in range(sweeps):
-        new = max(pressing - normal * stiffness[0], 0.0)
+        new = max(pressing - normal * effective[0], 0.0)
         change, pressing = new - pressing, new
-        normal += softness[0] * change
+        normal += inverse[0] * change
         slip += cross * change
         drift += tilt * change
         first, second = _held(
-            along - slip * stiffness[1], across - drift * stiffness[2], contact.friction * pressing
+            along - slip * effective[1], across - drift * effective[2], contact.friction * pressing
         )
-        largest = abs(change) * softness[0]
+        largest = abs(change) * inverse[0]
         change, further, along, across = first - along, second - across, first, second
-        largest = max(largest, abs(change) * softness[1], abs(further) * softness[2])
+        largest = max(largest, abs(change) * inverse[1], abs(further) * inverse[2])
         normal += cross * change + tilt * further
-        slip += softness[1] * change + skew * further
-        drift += skew * change + softness[2] * further
+        slip += inverse[1] * change + skew * further
+        drift += skew * change + inverse[2] * further
         if largest < precision:
             break
     old = load(contact.impulse)
@@ -139,10 +139,10 @@ def _solve_contact(world, contact):
     if paired:
         speed -= dot(ov, n) + dot(ow, load(contact.other_lever[0]))
     before = contact.impulse[0]
-    pressing = max(before + (contact.least_speed - speed) * contact.stiffness[0], 0.0)
+    pressing = max(before + (contact.least_speed - speed) * contact.effective_mass[0], 0.0)
     contact.impulse[0] = pressing
     change = pressing - before
-    largest = abs(change) * contact.softness[0]
+    largest = abs(change) * contact.inverse_effective_mass[0]
     v, w = _pushed(v, w, n, load(contact.turn[0]), change, body.inverse_mass)
     if paired:
         ov, ow = _pushed(ov, ow, n, load(contact.other_turn[0]), -change, other.inverse_mass)
@@ -153,13 +153,13 @@ def _solve_contact(world, contact):
     if paired:
         slip -= dot(ov, along) + dot(ow, load(contact.other_lever[1]))
         drift -= dot(ov, across) + dot(ow, load(contact.other_lever[2]))
-    first = contact.impulse[1] - slip * contact.stiffness[1]
-    second = contact.impulse[2] - drift * contact.stiffness[2]
+    first = contact.impulse[1] - slip * contact.effective_mass[1]
+    second = contact.impulse[2] - drift * contact.effective_mass[2]
     first, second = _held(first, second, contact.friction * pressing)
     change, change_across = first - contact.impulse[1], second - contact.impulse[2]
     contact.impulse[1], contact.impulse[2] = first, second
-    largest = max(largest, abs(change) * contact.softness[1])
-    largest = max(largest, abs(change_across) * contact.softness[2])
+    largest = max(largest, abs(change) * contact.inverse_effective_mass[1])
+    largest = max(largest, abs(change_across) * contact.inverse_effective_mass[2])
     v, w = _pushed(v, w, along, load(contact.turn[1]), change, body.inverse_mass)
     v, w = _pushed(v, w, across, load(contact.turn[2]), change_across, body.inverse_mass)
     store(body.velocity, v)
@@ -184,7 +184,7 @@ def _solve_rolling(world, contact):
     """Rolling and pivoting have a limit each."""
     n = load(contact.axes[0])
     old = load(contact.torque)
-    wanted = add_scaled(old, relative_spin(world, contact), -contact.roll_stiffness)
+    wanted = add_scaled(old, relative_spin(world, contact), -contact.rolling_inertia)
     limit = contact.roll_limit * contact.impulse[0]
     pivot = dot(wanted, n)
     rolling = add_scaled(wanted, n, -pivot)
@@ -195,46 +195,46 @@ def _solve_rolling(world, contact):
     store(contact.torque, new)
     change = sub(new, old)
     twist(world, contact, change)
-    return (abs(change[0]) + abs(change[1]) + abs(change[2])) * contact.roll_softness
+    return (abs(change[0]) + abs(change[1]) + abs(change[2])) * contact.rolling_response
 
 
 @kernel
-def start_from_kept(world, c, duration):
+def warm_start(world, c, duration):
     """Begin with what acted nearest to the same place in the last step."""
     contact = contact_at(world, c)
     body = body_at(world, contact.first)
-    nearest, least = -1, KEPT_FOR * KEPT_FOR * body.reach * body.reach
-    for k in range(body.kept):
-        if body.kept_seconds[k] == contact.second:
-            apart = sub(load(body.kept_arms[k]), load(contact.arm))
+    nearest, least = -1, SAME_PLACE * SAME_PLACE * body.reach * body.reach
+    for k in range(body.warm_starts):
+        if body.warm_seconds[k] == contact.second:
+            apart = sub(load(body.warm_arms[k]), load(contact.arm))
             if dot(apart, apart) < least:
                 nearest, least = k, dot(apart, apart)
     if nearest < 0:
         return
-    force = scaled(load(body.kept_forces[nearest]), duration)
+    force = scaled(load(body.warm_forces[nearest]), duration)
     contact.impulse[0] = max(dot(force, load(contact.axes[0])), 0.0)
     contact.impulse[1] = dot(force, load(contact.axes[1]))
     contact.impulse[2] = dot(force, load(contact.axes[2]))
     for axis in range(3):
         push(world, contact, axis, contact.impulse[axis])
     if contact.rolls == 1:
-        torque = scaled(load(body.kept_torques[nearest]), duration)
+        torque = scaled(load(body.warm_torques[nearest]), duration)
         store(contact.torque, torque)
         twist(world, contact, torque)
 
 
 @kernel
-def keep(world, c, duration):
+def store_warm_start(world, c, duration):
     """Keep a contact's forces for the next step."""
     contact = contact_at(world, c)
     body = body_at(world, contact.first)
-    k = body.kept
-    if k < KEPT:
-        body.kept = k + 1
-        body.kept_seconds[k] = contact.second
-        store(body.kept_arms[k], load(contact.arm))
+    k = body.warm_starts
+    if k < WARM_STARTS:
+        body.warm_starts = k + 1
+        body.warm_seconds[k] = contact.second
+        store(body.warm_arms[k], load(contact.arm))
         force = scaled(load(contact.axes[0]), contact.impulse[0] / duration)
         force = add_scaled(force, load(contact.axes[1]), contact.impulse[1] / duration)
         force = add_scaled(force, load(contact.axes[2]), contact.impulse[2] / duration)
-        store(body.kept_forces[k], force)
-        store(body.kept_torques[k], scaled(load(contact.torque), 1.0 / duration))
+        store(body.warm_forces[k], force)
+        store(body.warm_torques[k], scaled(load(contact.torque), 1.0 / duration))

@@ -10,13 +10,14 @@ import numpy as np
 
 from intuitive_physics.kernels import fast_inlined
 from intuitive_physics.kernels.pointers import record_getter
+from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics.simulation.world_record import COMMON_FIELDS
 
-KEPT = 16
-"""Contacts of one body whose impulses are kept to start the next step's search with."""
+WARM_STARTS = 16
+"""Contacts of one body whose forces the next step's search starts from; others start from none."""
 
-CLIPPED = 16
-"""Corners that the intersection of a face with a convex polygon may have."""
+MOST_PLANES = 64
+"""Planes of which some may be bounded: each of those has a bit in a body's `behind`."""
 
 BODY = np.dtype(
     [
@@ -30,8 +31,8 @@ BODY = np.dtype(
         ("half_extents", "f8", 3),  # m, of the core
         ("radius", "f8"),  # m, around the core
         ("reach", "f8"),  # m, from either centre no point is farther, however it turns
-        ("lever", "f8", 3),  # m, from the shape's centre to that of mass, in the body's axes
-        ("lopsided", "i8"),  # 1 where the two are not one
+        ("centre_offset", "f8", 3),  # m, of the centre of mass, in the body's axes
+        ("off_centre", "i8"),  # 1 where the two are not one
         ("thinness", "f8"),  # m, from the centre to the nearest point of the surface
         ("inverse_mass", "f8"),  # 1/kg
         ("inertia", "f8", 3),  # kg m², about the body's axes
@@ -63,17 +64,17 @@ BODY = np.dtype(
         ("quiet_steps", "i8"),
         ("asleep", "i8"),
         ("island", "i8"),
-        ("member", "i8"),  # scratch of `kernel`: entry a is the a-th body of an island
         ("next_output", "i8"),
         # The last step's contact forces (N, N, N and N m), in the world's axes.
-        ("kept", "i8"),
-        ("kept_seconds", "i8", KEPT),  # what it touched
-        ("kept_arms", "f8", (KEPT, 3)),  # m, and where
-        ("kept_forces", "f8", (KEPT, 3)),
-        ("kept_torques", "f8", (KEPT, 3)),
+        ("warm_starts", "i8"),
+        ("warm_seconds", "i8", WARM_STARTS),  # what it touched
+        ("warm_arms", "f8", (WARM_STARTS, 3)),  # m, and where
+        ("warm_forces", "f8", (WARM_STARTS, 3)),
+        ("warm_torques", "f8", (WARM_STARTS, 3)),
     ],
     align=True,
 )
+"""A body: what it is, its motion over a part of a step, its sleep and its warm starts."""
 
 PLANE = np.dtype(
     [
@@ -85,6 +86,7 @@ PLANE = np.dtype(
     ],
     align=True,
 )
+"""A plane that never moves, bounded where it has corners."""
 
 CONTACT = np.dtype(
     [
@@ -100,12 +102,12 @@ CONTACT = np.dtype(
         ("other_lever", "f8", (3, 3)),
         ("turn", "f8", (3, 3)),  # rad/s of the first for 1 N s along each axis
         ("other_turn", "f8", (3, 3)),
-        ("softness", "f8", 3),  # 1/kg: change of speed along each axis for 1 N s
-        ("stiffness", "f8", 3),  # kg: its inverse
+        ("inverse_effective_mass", "f8", 3),  # 1/kg: change of speed along each axis for 1 N s
+        ("effective_mass", "f8", 3),  # kg: its inverse
         ("impulse", "f8", 3),  # N s
         ("torque", "f8", 3),  # N m s of rolling friction, in the world's axes
-        ("roll_softness", "f8"),  # 1/(kg m): change of speed at the surface for 1 N m s
-        ("roll_stiffness", "f8"),  # kg m²
+        ("rolling_response", "f8"),  # 1/(kg m): change of speed at the surface for 1 N m s
+        ("rolling_inertia", "f8"),  # kg m²
         ("roll_radius", "f8"),  # m: μ_r r
         ("roll_limit", "f8"),  # m: what of it holds now
         ("first_speed", "f8"),  # m/s along the normal before
@@ -120,6 +122,10 @@ CONTACT = np.dtype(
     ],
     align=True,
 )
+"""One point of contact, with the rows of its impulses."""
+
+MEMBER = np.dtype([("body", "i8")])
+"""One body of the island that is being stepped."""
 
 WORLD = np.dtype(
     [
@@ -127,7 +133,9 @@ WORLD = np.dtype(
         ("bodies", "i8"),  # (n + b,) BODY: n that move, then the environment's boxes
         ("planes", "i8"),  # (P,) PLANE
         ("contacts", "i8"),  # (contact_room,) CONTACT, scratch
-        ("clipped", "i8"),  # (2, CLIPPED, 3) float64, m, scratch: two polygons
+        ("members", "i8"),  # (n + b,) MEMBER, of the island that is stepped
+        ("clipped", "i8"),  # (2, clipped_room, 3) float64, m, scratch: two polygons
+        ("clipped_room", "i8"),
         ("times", "i8"),  # (T,) float64, s
         ("positions", "i8"),  # (n, T, 3) float64 to be filled
         ("orientations", "i8"),  # (n, T, 4) float64 to be filled, 0 if not wanted
@@ -142,9 +150,11 @@ WORLD = np.dtype(
     ],
     align=True,
 )
+"""A world while it is stepped: addresses of its arrays, and what they have in common."""
 
 _body, _plane = record_getter(BODY), record_getter(PLANE)
 _contact = record_getter(CONTACT)
+_member = record_getter(MEMBER)
 
 
 @fast_inlined
@@ -155,7 +165,13 @@ def body_at(world, i):
 @fast_inlined
 def member_at(world, a):
     """Index of the a-th body of the island that is being stepped."""
-    return _body(world.bodies, a).member
+    return _member(world.members, a).body
+
+
+@fast_inlined
+def set_member(world, a, i):
+    """Let body i be the a-th of the island that is being stepped."""
+    _member(world.members, a).body = i
 
 
 @fast_inlined
@@ -170,8 +186,8 @@ def contact_at(world, c):
 
 @fast_inlined
 def clipped_polygon(world, side):
-    """Address of one of the two polygons for `clipping`, each with room for CLIPPED corners."""
-    return world.clipped + side * CLIPPED * 24
+    """Address of one of the two polygons for `clipping`, each of `clipped_room` corners."""
+    return world.clipped + side * world.clipped_room * 24
 
 
 @fast_inlined
@@ -198,3 +214,44 @@ def transposed_times(matrix, a):
         matrix[1] * a[0] + matrix[4] * a[1] + matrix[7] * a[2],
         matrix[2] * a[0] + matrix[5] * a[1] + matrix[8] * a[2],
     )
+
+
+CONTACTS_A_BODY = 48
+"""Room for contacts for each body that moves; with more in all, a world stops."""
+
+
+class Scratch:
+    """Room for one world; the arrays live as long as this does.
+
+    Parameters
+    ----------
+    moving, boxes, planes, corners : the most that it has of each, corners of one plane
+    contacts_a_body : 0 where only gaps are asked for
+    """
+
+    def __init__(
+        self,
+        moving: int,
+        boxes: int,
+        planes: int,
+        corners: int,
+        contacts_a_body: int = CONTACTS_A_BODY,
+    ) -> None:
+        self.bodies = np.zeros(moving + boxes, BODY)
+        self.planes = np.zeros(planes, PLANE)
+        self.contacts = np.zeros(contacts_a_body * moving, CONTACT)
+        # Each half-space that cuts a convex polygon adds at most one corner to it: four of another
+        # box's face, or one at each edge of a plane.
+        self.clipped = np.zeros((2, 4 + max(4, corners), 3))
+        self.members = np.zeros(moving + boxes, MEMBER)
+        self.world = np.zeros(1, WORLD)
+        for name in ("bodies", "planes", "contacts", "clipped", "members"):
+            self.world[name] = getattr(self, name).ctypes.data
+        self.world["contact_room"] = len(self.contacts)
+        self.world["clipped_room"] = self.clipped.shape[1]
+
+
+def scratch_sizes(worlds: WorldBatch) -> tuple[int, int, int, int]:
+    """Return how many moving bodies, boxes, planes and corners a batch's worlds have at most."""
+    moving = int(worlds.object_counts.max())
+    return moving, worlds.boxes.shape[1], worlds.planes.shape[1], worlds.corners.shape[2]

@@ -1,8 +1,8 @@
 """Where a body touches, or nearly touches, a plane or another body.
 
 Each function writes the contacts whose gap is below `margin` behind the first `count` of
-the world's contacts. It returns the new count and the smallest gap there is (m), which is infinite
-where the two cannot meet. Normals point towards the first body.
+the world's contacts, or none where `count` is GAP_ONLY. It returns the new count and the smallest
+gap there is (m), which is infinite where the two cannot meet. Normals point towards the first body.
 """
 
 from __future__ import annotations
@@ -32,9 +32,8 @@ from intuitive_physics.geometry.vectors import (
     vector_at,
 )
 from intuitive_physics.kernels import kernel
-from intuitive_physics.simulation.stepped.poses import into_frame, mass_centre, segment_end
-from intuitive_physics.simulation.stepped.world import (
-    CLIPPED,
+from intuitive_physics.simulation.rigid_bodies.poses import centre_of_mass, into_frame, segment_end
+from intuitive_physics.simulation.rigid_bodies.world import (
     body_at,
     clipped_polygon,
     column,
@@ -43,7 +42,11 @@ from intuitive_physics.simulation.stepped.world import (
     times,
     transposed_times,
 )
+from intuitive_physics.simulation.rollout import TOO_MANY_CONTACTS
 from intuitive_physics.simulation.world_batch import BOX, CAPSULE, SPHERE
+
+GAP_ONLY = -1
+"""In place of a number of contacts: writes none."""
 
 PARALLEL = 0.05
 """Sine of the angle between capsules below which they touch at two points."""
@@ -54,21 +57,30 @@ UP = (0.0, 0.0, 1.0)
 
 @kernel
 def write_contact(world, count, first, second, gap, normal, point):
-    """Write one contact at a point (m); return the new count."""
-    if count >= world.contact_room:
+    """Write one contact at a point (m) if `count` is not GAP_ONLY; return the new count."""
+    if count == GAP_ONLY:
+        return count
+    if count == world.contact_room:
+        world.status = TOO_MANY_CONTACTS
         return count
     contact = contact_at(world, count)
     contact.first, contact.second, contact.gap = first, second, gap
     store(contact.axes[0], normal)
-    store(contact.arm, sub(point, mass_centre(body_at(world, first))))
+    store(contact.arm, sub(point, centre_of_mass(body_at(world, first))))
     if second >= 0:
-        store(contact.other_arm, sub(point, mass_centre(body_at(world, second))))
+        store(contact.other_arm, sub(point, centre_of_mass(body_at(world, second))))
     return count + 1
 
 
 @kernel
 def meet_plane(world, i, p, margin, count):
-    """Contacts of body i with plane p."""
+    """Contacts of body i with plane p; what is deeper than the body is thin has passed a sheet."""
+    return meet_plane_within(world, i, p, margin, body_at(world, i).thinness, count)
+
+
+@kernel
+def meet_plane_within(world, i, p, margin, depth, count):
+    """Like `meet_plane`, where a box has passed a bounded plane only below `depth` (m)."""
     body, plane = body_at(world, i), plane_at(world, p)
     n = load(plane.normal)
     height = dot(n, load(body.position)) - plane.offset
@@ -78,7 +90,7 @@ def meet_plane(world, i, p, margin, count):
         if height <= 0.0 or body.behind & (1 << p):
             return count, inf
         if body.kind == BOX:
-            return _box_on_sheet(world, i, p, margin, count)
+            return _box_on_sheet(world, i, p, margin, depth, count)
         return _rounded_on_sheet(world, i, p, margin, count)
     if body.kind == BOX:
         return _box_on_plane(world, i, p, height, margin, count)
@@ -146,10 +158,10 @@ def _rounded_on_sheet(world, i, p, margin, count):
 
 
 @kernel
-def _box_on_sheet(world, i, p, margin, count):
+def _box_on_sheet(world, i, p, margin, depth, count):
     """A box on a bounded plane: its lowest face, clipped by the plane's edges.
 
-    The edge of the plane pushes along the plane's normal. What is deeper than the box is thin has
+    The edge of the plane pushes along the plane's normal. What is deeper than `depth` (m) has
     passed the plane by.
     """
     body, plane = body_at(world, i), plane_at(world, p)
@@ -161,12 +173,13 @@ def _box_on_sheet(world, i, p, margin, count):
             lowest, steepest = k, slope
     write_face(world, body, lowest, 1.0 if steepest < 0.0 else -1.0)
     clipped, spare = clipped_polygon(world, 0), clipped_polygon(world, 1)
-    corners, clipped = clip_by_edges(clipped, 4, spare, CLIPPED, plane.boundary, plane.corners, n)
+    room = world.clipped_room
+    corners, clipped = clip_by_edges(clipped, 4, spare, room, plane.boundary, plane.corners, n)
     least = inf
     for k in range(corners):
         point = vector_at(clipped, k)
         gap = dot(n, point) - plane.offset
-        if gap > -body.thinness:
+        if gap > -depth:
             least = min(least, gap)
             if gap < margin:
                 count = write_contact(world, count, i, -1 - p, gap, n, point)

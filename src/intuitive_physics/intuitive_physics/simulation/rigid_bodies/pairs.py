@@ -1,4 +1,4 @@
-"""Where two boxes touch: the separating axis, then the faces clipped or the edges' nearest points.
+"""Where two bodies touch; two boxes by the separating axis, then clipped faces or nearest edges.
 
 See Gottschalk, Lin, Manocha: OBBTree (1996) for the fifteen axes.
 """
@@ -20,11 +20,28 @@ from intuitive_physics.geometry.vectors import (
     vector_at,
 )
 from intuitive_physics.kernels import kernel
-from intuitive_physics.simulation.stepped.manifolds import write_contact, write_face
-from intuitive_physics.simulation.stepped.world import CLIPPED, body_at, clipped_polygon, column
+from intuitive_physics.simulation.rigid_bodies.manifolds import (
+    meet_box,
+    meet_rounded,
+    write_contact,
+    write_face,
+)
+from intuitive_physics.simulation.rigid_bodies.world import body_at, clipped_polygon, column
+from intuitive_physics.simulation.world_batch import BOX
 
 FACES_PREFERRED = 1e-3
 """m per m of size. An edge axis has to separate by so much more than a face to be taken."""
+
+
+@kernel
+def meet(world, i, j, margin, count):
+    """Contacts of bodies i and j; see `manifolds`."""
+    first_box, second_box = body_at(world, i).kind == BOX, body_at(world, j).kind == BOX
+    if first_box and second_box:
+        return meet_boxes(world, i, j, margin, count)
+    if first_box or second_box:
+        return meet_box(world, i, j, i if first_box else j, margin, count)
+    return meet_rounded(world, i, j, margin, count)
 
 
 @kernel
@@ -129,7 +146,7 @@ def _meet_faces(world, i, j, best, normal, margin, count):
             if corners > 0:
                 out = along if sign else scaled(along, -1.0)
                 limit = (middle if sign else -middle) + box.half_extents[k]
-                corners = clip(clipped, corners, out, limit, spare, CLIPPED)
+                corners = clip(clipped, corners, out, limit, spare, world.clipped_room)
                 clipped, spare = spare, clipped
     top = dot(outward, load(box.position)) + box.half_extents[axis]
     nearest = inf

@@ -115,7 +115,7 @@ def test_a_capsule_rights_itself_as_a_tumbler_does():
 
 @settings(max_examples=50)
 @given(st.lists(st.floats(-0.6, 0.6), min_size=3, max_size=3), st.integers(0, 2**31))
-def test_elastic_bounces_of_a_lopsided_cube_keep_the_energy(relative, seed):
+def test_elastic_bounces_of_a_off_centre_cube_keep_the_energy(relative, seed):
     # ½ m v_m² + ½ ω·Iω + m g z_m is kept where e = 1 and nothing rubs.
     rng = np.random.default_rng(seed)
     c = 0.5 * EDGE * np.array(relative)

@@ -1,4 +1,4 @@
-"""Bodies that go their own ways for several steps still meet when they should."""
+"""Independent islands, which advance several steps at once, still meet when they should."""
 
 from __future__ import annotations
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from intuitive_physics.geometry.vectors import add, cross, load, norm, store
 from intuitive_physics.kernels import kernel
-from intuitive_physics.simulation.stepped.poses import (
+from intuitive_physics.simulation.rigid_bodies.poses import (
     set_inverse_inertia,
     set_rotation,
     turned,
 )
-from intuitive_physics.simulation.stepped.world import body_at, plane_at
+from intuitive_physics.simulation.rigid_bodies.world import body_at, plane_at
 from intuitive_physics.simulation.world_batch import BOX, CAPSULE
 
 
@@ -33,8 +33,8 @@ def place_object(
         body.velocity[k] = state[7 + k]
         body.spin[k] = state[10 + k]
         body.inertia[k] = density * unit_inertia[k]
-        body.lever[k] = lever[k]
-    _set_mass_centre(body)
+        body.centre_offset[k] = lever[k]
+    _set_centre_of_mass(body)
     _set_inverses(body)
     body.inverse_mass = 1.0 / (density * volume)
     body.inertia_ratio = inertia_ratio
@@ -43,13 +43,13 @@ def place_object(
 
 
 @kernel
-def _set_mass_centre(body):
+def _set_centre_of_mass(body):
     """Let a body move about its centre of mass: the state's velocity is that of the shape's."""
-    size = norm(load(body.lever))
+    size = norm(load(body.centre_offset))
     if size > 0.0:
-        body.lopsided = 1
+        body.off_centre = 1
         body.reach += 2.0 * size
-        arm = turned(body, load(body.lever))
+        arm = turned(body, load(body.centre_offset))
         store(body.velocity, add(load(body.velocity), cross(load(body.spin), arm)))
 
 
@@ -78,8 +78,8 @@ def place_shape(body, kind, dimensions, material, pose):
 def _reset(body, kind, material):
     body.kind, body.material = kind, material
     body.drag = body.magnus = 0.0
-    body.pressed = body.quiet_steps = body.asleep = body.next_output = body.kept = 0
-    body.behind = body.lopsided = 0
+    body.pressed = body.quiet_steps = body.asleep = body.next_output = body.warm_starts = 0
+    body.behind = body.off_centre = 0
     for k in range(3):
         body.velocity[k] = body.spin[k] = body.half_extents[k] = 0.0
     for k in range(9):
@@ -109,7 +109,7 @@ def _set_size(body, kind, dimensions):
 
 @kernel
 def place_plane(plane, numbers, material, corners, boundary):
-    """Fill in a plane: normal and offset, and the address of so many corners."""
+    """Fill in a plane: normal and offset, and number and address of its corners."""
     for k in range(3):
         plane.normal[k] = numbers[k]
     plane.offset = numbers[3]

@@ -7,7 +7,7 @@ from math import cos, sin, sqrt
 from intuitive_physics.geometry.quaternions import load_quaternion, rotated_axes
 from intuitive_physics.geometry.vectors import add, add_scaled, dot, load, scaled, sub
 from intuitive_physics.kernels import fast_inlined, kernel
-from intuitive_physics.simulation.stepped.world import column, transposed_times
+from intuitive_physics.simulation.rigid_bodies.world import column, transposed_times
 from intuitive_physics.simulation.world_batch import SPHERE
 
 SMALL_ANGLE = 0.4
@@ -95,11 +95,11 @@ def turned(body, a):
 
 
 @kernel
-def mass_centre(body):
+def centre_of_mass(body):
     """Position (m) of the centre of mass, as a tuple."""
-    if body.lopsided == 0:
+    if body.off_centre == 0:
         return load(body.position)
-    return add(load(body.position), turned(body, load(body.lever)))
+    return add(load(body.position), turned(body, load(body.centre_offset)))
 
 
 @fast_inlined

@@ -9,11 +9,14 @@ import numpy as np
 from intuitive_physics.geometry.closest_points import part_over_polygon
 from intuitive_physics.geometry.vectors import dot, load, sub
 from intuitive_physics.kernels import entry, kernel
-from intuitive_physics.simulation.stepped.collision import meet
-from intuitive_physics.simulation.stepped.manifolds import meet_plane
-from intuitive_physics.simulation.stepped.poses import segment_end
-from intuitive_physics.simulation.stepped.set_up import place_environment, place_shape
-from intuitive_physics.simulation.stepped.world import body_at, plane_at
+from intuitive_physics.simulation.rigid_bodies.manifolds import GAP_ONLY, meet_plane_within
+from intuitive_physics.simulation.rigid_bodies.pairs import meet
+from intuitive_physics.simulation.rigid_bodies.placing import place_environment, place_shape
+from intuitive_physics.simulation.rigid_bodies.poses import segment_end
+from intuitive_physics.simulation.rigid_bodies.world import (
+    body_at,
+    plane_at,
+)
 from intuitive_physics.simulation.world_batch import CAPSULE, WorldArrays
 
 OVERLAP = np.dtype(
@@ -26,6 +29,7 @@ OVERLAP = np.dtype(
     ],
     align=True,
 )
+"""The first overlap of a world that is too deep."""
 
 
 @entry
@@ -50,13 +54,13 @@ def find_overlaps(share, batch, scratch, overlaps):
         place_environment(world, worlds, worlds.environment_index[w])
         overlaps[w].found = 0
         for i in range(world.moving):
-            if _look_around(world, i, share, overlaps[w]):
+            if _write_first_overlap(world, i, share, overlaps[w]):
                 break
 
 
 @kernel
-def _look_around(world, i, share, overlap):
-    """Whether body i overlaps anything that comes after it, which is then written down."""
+def _write_first_overlap(world, i, share, overlap):
+    """Write the first overlap of body i with what comes after it; return whether there is one."""
     body = body_at(world, i)
     for p in range(world.plane_count):
         limit = share * body.thinness
@@ -71,8 +75,7 @@ def _look_around(world, i, share, overlap):
         reach = body.reach + other.reach
         apart = sub(load(body.position), load(other.position))
         if dot(apart, apart) < reach * reach:
-            # Behind as many contacts as there is room for, none is written.
-            _, gap = meet(world, i, j, -limit, world.contact_room)
+            _, gap = meet(world, i, j, -limit, GAP_ONLY)
             if gap < -limit:
                 _write(overlap, i, j, gap, limit)
                 return True
@@ -87,15 +90,14 @@ def _gap_to_plane(world, i, p, margin):
     the centre is over the plane, for then the body does not only reach below it beside its edge.
     """
     body, plane = body_at(world, i), plane_at(world, p)
-    thinness = body.thinness
+    depth = body.thinness
     if plane.corners > 0 and _is_over(body, plane):
         if body.kind == CAPSULE:
             lowest = _lowest_over(body, plane)
             if lowest < 0.0:
                 return lowest - body.radius
-        body.thinness = body.reach
-    _, gap = meet_plane(world, i, p, margin, world.contact_room)
-    body.thinness = thinness
+        depth = body.reach
+    _, gap = meet_plane_within(world, i, p, margin, depth, GAP_ONLY)
     return gap
 
 

@@ -16,15 +16,15 @@ ROOT = Path(__file__).parent.parent
 TREE = SourceTree(ROOT)
 
 CEILINGS = {
-    "largest_folder": 23,
-    "single_importer_modules": 121,
-    "largest_argument_list": 32,
-    "longest_function": 84,
-    "readme_lines": 385,
-    "undocumented_arrays": 149,
-    "module_constants_without_docstring": 325,
-    "upward_imports": 19,
-    "circles": 1,
+    "largest_folder": 15,
+    "single_importer_modules": 49,
+    "largest_argument_list": 11,
+    "longest_function": 69,
+    "readme_lines": 150,
+    "undocumented_arrays": 0,
+    "module_constants_without_docstring": 0,
+    "upward_imports": 0,
+    "circles": 0,
 }
 """What each number of `make house` may be at most; lower it whenever the number falls."""
 

@@ -18,8 +18,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from intuitive_physics_msgs.srv import GetStaticParameters
 
 from intuitive_physics_bringup.connections import module
-from intuitive_physics_ros.node_process import NodeProcess
-from intuitive_physics_ros.peer import Peer
+from intuitive_physics_ros.scripting import NodeProcess, Peer
 
 DEMO = [sys.executable, "-m", "intuitive_physics_experiments.demo"]
 

@@ -20,8 +20,8 @@ from intuitive_physics_ros.conversions import (
     stamp_from_seconds,
     static_parameters_to_message,
 )
-from intuitive_physics_ros.peer import Peer
 from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
+from intuitive_physics_ros.scripting import Peer
 
 SCENES = {name: ALL_SCENES[name] for name in ("1_sphere", "3_spheres", "3_mixed")}
 """Scenes of the benchmark, by what is thrown."""

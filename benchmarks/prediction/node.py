@@ -21,8 +21,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from benchmarks.prediction.feed import RATE, Feed
-from intuitive_physics_ros.node_process import NodeProcess
-from intuitive_physics_ros.peer import Peer, PeerTimeoutError
+from intuitive_physics_ros.scripting import NodeProcess, Peer, PeerTimeoutError
 
 PREDICTOR = "intuitive_physics_predictor.nodes.predictor_node"
 """Module of the node that is measured."""

@@ -18,6 +18,7 @@ _HEARD: dict[str, dict[str, str]] = {
         "~/static_parameters": "learner_node/static_parameters",
     },
 }
+"""Topics that a node subscribes to, by the names of their publishers."""
 
 CAMERA_TOPICS: dict[str, str] = {
     "~/depth/image": "/camera/depth/image_rect_raw",

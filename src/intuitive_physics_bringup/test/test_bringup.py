@@ -13,8 +13,7 @@ from intuitive_physics_bringup.connections import CAMERA_TOPICS, NODES, module, 
 from intuitive_physics_learner.nodes import learner_node
 from intuitive_physics_perception.nodes import perception_node
 from intuitive_physics_predictor.nodes import predictor_node
-from intuitive_physics_ros.node_process import NodeProcess
-from intuitive_physics_ros.peer import Peer
+from intuitive_physics_ros.scripting import NodeProcess, Peer
 
 PACKAGE = Path(__file__).parent.parent
 PARAMETERS = {

@@ -162,7 +162,7 @@ def predict_sampled(
     if not ended.all():
         positions, turned = positions[ended], None if turned is None else turned[ended]
     return TrajectoryDistribution(
-        object_ids=tuple(thing.id for thing in scene.objects),
+        object_ids=tuple(scene_object.id for scene_object in scene.objects),
         times=np.array(times, dtype=np.float64),
         positions=positions,
         weights=np.full(len(positions), 1.0 / len(positions)),

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.regions import BoxRegion
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
-from intuitive_physics_predictor.queries.interception import best_interception
+from intuitive_physics_predictor.queries.events import best_interception
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 TIMES = np.linspace(0.0, 1.0, 51)

@@ -15,7 +15,7 @@ from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.validation import unit_quaternion
 from intuitive_physics_ros.conversions import seconds_from_stamp
 from intuitive_physics_ros.conversions.primitives import rotated, xyz, xyzw
-from intuitive_physics_ros.input_monitor import InputMonitor
+from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.qos import SENSOR_DATA
 
 Sample = Callable[[float, NDArray[np.float64], NDArray[np.float64] | None], None]

@@ -18,6 +18,7 @@ LIBRARY_CODES: dict[type[BaseException], int] = {
     UnknownNameError: ResultCode.UNKNOWN_NAME,
     UnsupportedSceneError: ResultCode.UNSUPPORTED_SCENE,
 }
+"""Codes of the library's errors."""
 
 
 class RefusedError(IntuitivePhysicsError):

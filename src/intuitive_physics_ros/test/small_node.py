@@ -9,7 +9,7 @@ from std_msgs.msg import Float64
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_ros.diagnostics import Diagnostics
-from intuitive_physics_ros.input_monitor import InputMonitor
+from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.parameters import Parameter, declare_parameters
 from intuitive_physics_ros.run_node import run_node
 

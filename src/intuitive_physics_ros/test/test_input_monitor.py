@@ -8,7 +8,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from intuitive_physics_ros import input_monitor
 from intuitive_physics_ros.diagnostics import Level
-from intuitive_physics_ros.input_monitor import BURST, REPEAT_AFTER, InputMonitor
+from intuitive_physics_ros.monitors import BURST, REPEAT_AFTER, InputMonitor
 
 
 class Log:

@@ -8,7 +8,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from intuitive_physics_ros import peer as peer_module
-from intuitive_physics_ros.peer import Peer, PeerTimeoutError
+from intuitive_physics_ros.scripting import Peer, PeerTimeoutError
 
 
 @pytest.fixture

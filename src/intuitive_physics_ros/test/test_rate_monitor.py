@@ -3,7 +3,7 @@
 import time
 
 from intuitive_physics_ros.diagnostics import Level
-from intuitive_physics_ros.rate_monitor import RateMonitor
+from intuitive_physics_ros.monitors import RateMonitor
 
 
 def counted(monitor, seconds, rate):

@@ -39,6 +39,7 @@ SIMULATORS: dict[str, Callable[[int], Simulator]] = {
     "stepped": _stepped,
     "bullet": _bullet,
 }
+"""Makers of engines by name."""
 
 ENGINE_GUIDE = (
     "auto: event_driven where it can, stepped elsewhere; event_driven: spheres without air, exact; "

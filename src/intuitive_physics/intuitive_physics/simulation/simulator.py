@@ -51,7 +51,7 @@ class Simulator(ABC):
             When this engine cannot express a scene.
         """
         # Imported late: Numba takes a moment.
-        from intuitive_physics.simulation.overlap_check import check_overlaps
+        from intuitive_physics.simulation.rigid_bodies.overlaps import check_overlaps
 
         worlds = pack_worlds(scenes, static_parameters)
         check_overlaps(scenes, worlds)

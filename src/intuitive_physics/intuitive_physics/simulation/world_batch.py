@@ -97,7 +97,7 @@ class WorldBatch:
 
     @property
     def arrays(self) -> tuple[NDArray, ...]:
-        """All arrays in order: what a kernel takes, and makes `WorldArrays` of.
+        """All arrays (W, …) in order: what a kernel takes, and makes `WorldArrays` of.
 
         Numba recognises the type of a plain tuple at once, and that of a named one only slowly.
         """
@@ -155,6 +155,7 @@ class WorldBatch:
 
         Parameters
         ----------
+        worlds : (n,) indices
         changes : arrays of the worlds returned that take the place of these worlds' own
         """
         per_world = [one.name for one in fields(self) if one.metadata == PER_WORLD]
@@ -232,15 +233,15 @@ def _object_arrays(scenes: Sequence[Scene], parameters: StaticParameters) -> dic
     air = np.zeros((*padded, 2))
     mass_centres = np.zeros((*padded, 3))
     for w, scene in enumerate(scenes):
-        for i, (thing, state) in enumerate(zip(scene.objects, scene.states, strict=True)):
-            kinds[w, i], dimensions[w, i] = _shape_numbers(thing.shape)
-            volumes[w, i] = thing.shape.volume
-            inertias[w, i] = thing.inertia_factor * thing.shape.unit_density_inertia()
-            inertia_ratios[w, i] = _inertia_ratio(thing)
-            materials[w, i] = parameters.index(thing.material)
+        for i, (scene_object, state) in enumerate(zip(scene.objects, scene.states, strict=True)):
+            kinds[w, i], dimensions[w, i] = _shape_numbers(scene_object.shape)
+            volumes[w, i] = scene_object.shape.volume
+            inertias[w, i] = scene_object.inertia_factor * scene_object.shape.unit_density_inertia()
+            inertia_ratios[w, i] = _inertia_ratio(scene_object)
+            materials[w, i] = parameters.index(scene_object.material)
             states[w, i] = state.to_vector()
-            air[w, i] = _air_factors(thing, scene.environment.air_density)
-            mass_centres[w, i] = thing.mass_centre
+            air[w, i] = _air_factors(scene_object, scene.environment.air_density)
+            mass_centres[w, i] = scene_object.mass_centre
     return {
         "object_counts": counts,
         "shape_kinds": kinds,
@@ -266,20 +267,20 @@ def _shape_numbers(shape: Shape) -> tuple[int, tuple[float, float, float]]:
     raise InvalidInputError(f"shape is {shape!r}; expected a Sphere, Box or Capsule")
 
 
-def _inertia_ratio(thing: SceneObject) -> float:
-    shape = thing.shape
+def _inertia_ratio(scene_object: SceneObject) -> float:
+    shape = scene_object.shape
     if not isinstance(shape, Sphere | Capsule):
         return math.inf
-    about_axis = thing.inertia_factor * shape.unit_density_inertia()[2]
+    about_axis = scene_object.inertia_factor * shape.unit_density_inertia()[2]
     return float(about_axis / (shape.volume * shape.radius**2))
 
 
-def _air_factors(thing: SceneObject, air_density: float) -> tuple[float, float]:
-    silhouette = 0.25 * thing.shape.surface
+def _air_factors(scene_object: SceneObject, air_density: float) -> tuple[float, float]:
+    silhouette = 0.25 * scene_object.shape.surface
     drag = 0.5 * air_density * silhouette
     return (
-        drag * thing.drag_coefficient,
-        drag * thing.magnus_coefficient * math.sqrt(silhouette / math.pi),
+        drag * scene_object.drag_coefficient,
+        drag * scene_object.magnus_coefficient * math.sqrt(silhouette / math.pi),
     )
 
 

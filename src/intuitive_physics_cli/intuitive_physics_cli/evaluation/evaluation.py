@@ -199,11 +199,11 @@ def _fly(seen: Observation) -> list[NDArray[np.float64]]:
     return [
         free_flight(
             seen.environment,
-            thing.object.shape.bounding_radius,
-            thing.initial_state,
+            observed_object.object.shape.bounding_radius,
+            observed_object.initial_state,
             _times(seen, j),
         )
-        for j, thing in enumerate(seen.objects)
+        for j, observed_object in enumerate(seen.objects)
     ]
 
 
@@ -212,8 +212,8 @@ def _errors(
 ) -> Errors:
     means, lasts = [], []
     for seen, positions in zip(observations, predicted, strict=True):
-        for thing, path in zip(seen.objects, positions, strict=True):
-            observed = thing.trajectory.positions[-len(path) :]
+        for observed_object, path in zip(seen.objects, positions, strict=True):
+            observed = observed_object.trajectory.positions[-len(path) :]
             distances = np.linalg.norm(path - observed, axis=1)
             means.append(distances.mean())
             lasts.append(distances[-1])

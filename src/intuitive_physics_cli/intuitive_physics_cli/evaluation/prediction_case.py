@@ -93,10 +93,10 @@ def _cases_of(
     rng: np.random.Generator,
     sample_count: int,
 ) -> list[PredictionCase]:
-    after = [thing.trajectory.times > seen.start_time for thing in seen.objects]
+    after = [observed_object.trajectory.times > seen.start_time for observed_object in seen.objects]
     since = [
-        thing.trajectory.times[later] - seen.start_time
-        for thing, later in zip(seen.objects, after, strict=True)
+        observed_object.trajectory.times[later] - seen.start_time
+        for observed_object, later in zip(seen.objects, after, strict=True)
     ]
     instants = np.unique(np.concatenate(since))
     distribution = predict(
@@ -109,14 +109,16 @@ def _cases_of(
     )
     return [
         PredictionCase(
-            name=f"{_short(seen.id)}: {thing.object.id}",
+            name=f"{_short(seen.id)}: {observed_object.object.id}",
             environment=seen.environment,
-            radius=thing.object.shape.bounding_radius,
+            radius=observed_object.object.shape.bounding_radius,
             times=times,
             samples=distribution.positions[:, j][:, np.searchsorted(instants, times)],
-            observed=thing.trajectory.positions[later],
+            observed=observed_object.trajectory.positions[later],
         )
-        for j, (thing, times, later) in enumerate(zip(seen.objects, since, after, strict=True))
+        for j, (observed_object, times, later) in enumerate(
+            zip(seen.objects, since, after, strict=True)
+        )
     ]
 
 

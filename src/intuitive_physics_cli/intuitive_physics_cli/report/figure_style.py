@@ -5,13 +5,21 @@ from __future__ import annotations
 from typing import Any
 
 OBSERVED = "#16a34a"
+"""Green: what was seen."""
 PREDICTED = "#2563eb"
+"""Blue: what was predicted or learned."""
 TRUE = "#111827"
+"""Nearly black: the truth."""
 DEFAULT = "#9ca3af"
+"""Grey: defaults, and what is not identified."""
 GRAVITY = "#dc2626"
+"""Red: gravity, and errors."""
 SPHERE = "#06b6d4"
+"""Cyan: detected spheres."""
 TRACK = "#d946ef"
+"""Magenta: a track."""
 PLANE_COLORS = ("#f59e0b", "#84cc16", "#38bdf8", "#a78bfa", "#fb7185", "#2dd4bf")
+"""One for each plane, in turn."""
 
 STYLE: dict[Any, Any] = {
     "font.size": 10.0,
@@ -28,3 +36,4 @@ STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "legend.fontsize": 9.0,
 }
+"""Matplotlib settings of all figures."""

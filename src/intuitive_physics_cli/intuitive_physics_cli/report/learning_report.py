@@ -230,8 +230,8 @@ def _error_table(evaluation: Evaluation) -> str:
 def _point_noise(observations: Sequence[Observation]) -> float:
     """Noise of a point from the covariances of the initial states, m on each axis."""
     deviations = [
-        np.sqrt(np.trace(thing.initial_state.covariance[:3, :3]) / 3.0)
+        np.sqrt(np.trace(observed_object.initial_state.covariance[:3, :3]) / 3.0)
         for seen in observations
-        for thing in seen.objects
+        for observed_object in seen.objects
     ]
     return float(np.median(deviations))

@@ -105,7 +105,14 @@ def prediction_plot(name: str, case: PredictionCase, height: int = LARGE_PLOT) -
 
 
 def cost_plot(name: str, history: NDArray[np.float64], levels: dict[str, float]) -> str:
-    """J over iterations, with levels (m) to compare with."""
+    """J over iterations, with levels to compare with.
+
+    Parameters
+    ----------
+    name : unique on the page; letters, digits and hyphens
+    history : (n,) m, the lowest J after each iteration
+    levels : m, by label
+    """
     iterations = np.arange(1, history.size + 1)
     changed = np.flatnonzero(np.append(True, np.diff(history) != 0.0))
     kept = np.unique(np.append(changed, history.size - 1))
@@ -136,7 +143,13 @@ def cost_plot(name: str, history: NDArray[np.float64], levels: dict[str, float])
 
 
 def coverage_plot(name: str, shares: NDArray[np.float64]) -> str:
-    """Share of points inside each region against the share the region claims."""
+    """Share of points inside each region against the share the region claims.
+
+    Parameters
+    ----------
+    name : unique on the page; letters, digits and hyphens
+    shares : (n_levels,) of `LEVELS`
+    """
     data = [
         {
             "x": [0, 1],

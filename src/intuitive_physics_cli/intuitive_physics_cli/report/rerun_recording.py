@@ -116,9 +116,11 @@ class RerunRecording:
         placed = found.model.to_environment(cloud)
         self._stream.log("cloud", self._rerun.Points3D(placed, radii=0.004))
         rr = self._rerun
-        centers = np.array([thing.state.position for thing in found.objects]).reshape(-1, 3)
-        speeds = np.array([thing.state.linear_velocity for thing in found.objects]).reshape(-1, 3)
-        radii = [thing.object.shape.bounding_radius for thing in found.objects]
+        centers = np.array([tracked.state.position for tracked in found.objects]).reshape(-1, 3)
+        speeds = np.array([tracked.state.linear_velocity for tracked in found.objects]).reshape(
+            -1, 3
+        )
+        radii = [tracked.object.shape.bounding_radius for tracked in found.objects]
         self._stream.log("objects", rr.Points3D(centers, radii=radii, colors=[SPHERE_COLOR]))
         arrows = rr.Arrows3D(origins=centers, vectors=VELOCITY_SHOWN * speeds)
         self._stream.log("objects/velocity", arrows)
@@ -130,11 +132,11 @@ class RerunRecording:
         ----------
         start_time : s, where the observation begins on the recording's timeline
         """
-        for thing in seen.objects:
-            path = f"seen/{_path(thing.object.id)}"
-            radius = thing.object.shape.bounding_radius
-            positions = thing.trajectory.positions
-            for k, time in enumerate(thing.trajectory.times):
+        for observed_object in seen.objects:
+            path = f"seen/{_path(observed_object.object.id)}"
+            radius = observed_object.object.shape.bounding_radius
+            positions = observed_object.trajectory.positions
+            for k, time in enumerate(observed_object.trajectory.times):
                 self._at(start_time + float(time) - seen.start_time)
                 self._log_points(f"{path}/now", positions[k : k + 1], radius, SPHERE_COLOR)
                 self._log_lines(f"{path}/trail", [positions[: k + 1]], SEEN_COLOR)

@@ -103,11 +103,11 @@ def free_flights(sample_count: int) -> Prediction:
                 [
                     free_flight(
                         scene.environment,
-                        thing.shape.bounding_radius,
+                        scene_object.shape.bounding_radius,
                         ObjectState.from_vector(state),
                         outcome.times,
                     )
-                    for thing, state in zip(scene.objects, world, strict=True)
+                    for scene_object, state in zip(scene.objects, world, strict=True)
                 ]
                 for world in states
             ]

@@ -108,33 +108,35 @@ def position_noise(trajectory: Trajectory) -> float:
 def _outcome(
     seen: Observation, points: int, horizons: NDArray[np.float64], densities: Mapping[str, float]
 ) -> Outcome:
-    start = max(float(thing.trajectory.times[0]) for thing in seen.objects)
+    start = max(float(observed_object.trajectory.times[0]) for observed_object in seen.objects)
     states, clock = [], seen.objects[0].trajectory.times - start
-    noises = [position_noise(thing.trajectory) for thing in seen.objects]
-    for thing, noise in zip(seen.objects, noises, strict=True):
-        if len(thing.trajectory) < points:
+    noises = [position_noise(observed_object.trajectory) for observed_object in seen.objects]
+    for observed_object, noise in zip(seen.objects, noises, strict=True):
+        if len(observed_object.trajectory) < points:
             raise InvalidInputError(
-                f"object {thing.object.id} of observation {seen.id} was seen "
-                f"{len(thing.trajectory)} times; expected at least {points}"
+                f"object {observed_object.object.id} of observation {seen.id} was seen "
+                f"{len(observed_object.trajectory)} times; expected at least {points}"
             )
-        states.append(_initial_state(thing, start, points, noise, seen.environment, densities))
+        states.append(
+            _initial_state(observed_object, start, points, noise, seen.environment, densities)
+        )
     last = float(clock[min(int(np.searchsorted(clock, 0.0)) + points, len(clock)) - 1])
     frame = float(np.median(np.diff(clock)))
     nearest = np.abs(clock[:, None] - (last + horizons)).argmin(axis=0)
     near = np.abs(clock[nearest] - (last + horizons)) <= frame
     times = np.where(near, clock[nearest], last + horizons)
     positions = np.full((len(seen.objects), len(times), 3), np.nan)
-    for row, thing in zip(positions, seen.objects, strict=True):
-        own = thing.trajectory.times - start
+    for row, observed_object in zip(positions, seen.objects, strict=True):
+        own = observed_object.trajectory.times - start
         at = np.abs(own[:, None] - times).argmin(axis=0)
         close = np.abs(own[at] - times) <= SAME_TIME
-        row[close] = thing.trajectory.positions[at[close]]
+        row[close] = observed_object.trajectory.positions[at[close]]
     scene = Scene(seen.environment, seen.scene().objects, tuple(states))
     return Outcome(scene, times, positions, float(np.hypot(np.median(noises), SYSTEMATIC)))
 
 
 def _initial_state(
-    thing: ObservedObject,
+    observed_object: ObservedObject,
     start: float,
     points: int,
     noise: float,
@@ -142,13 +144,16 @@ def _initial_state(
     densities: Mapping[str, float],
 ) -> ObjectState:
     """State at `start`; of orientation and spin, what the observation says."""
-    first = int(np.searchsorted(thing.trajectory.times, start))
+    first = int(np.searchsorted(observed_object.trajectory.times, start))
     rows = slice(first, first + points)
-    times, positions = thing.trajectory.times[rows], thing.trajectory.positions[rows]
-    known, gravity = thing.initial_state, environment.gravity
-    if thing.object.drag_coefficient:
-        density = densities[thing.object.material]
-        air = air_factors(thing.object, environment.air_density, density)
+    times, positions = (
+        observed_object.trajectory.times[rows],
+        observed_object.trajectory.positions[rows],
+    )
+    known, gravity = observed_object.initial_state, environment.gravity
+    if observed_object.object.drag_coefficient:
+        density = densities[observed_object.object.material]
+        air = air_factors(observed_object.object, environment.air_density, density)
         fitted = fit_initial_state_in_air(times, positions, gravity, air)
         position, velocity = fitted.position, fitted.linear_velocity
         covariance = fitted.covariance.copy()
@@ -163,11 +168,13 @@ def _initial_state(
     return ObjectState(position, known.orientation, velocity, known.angular_velocity, covariance)
 
 
-def air_factors(thing: SceneObject, air_density: float, density: float) -> AirFactors:
+def air_factors(scene_object: SceneObject, air_density: float, density: float) -> AirFactors:
     """Return what air does to a ball of that density (kg/m³)."""
-    radius = thing.shape.bounding_radius
-    pressed = 0.5 * air_density * np.pi * radius**2 / thing.shape.mass(density)
-    return AirFactors(pressed * thing.drag_coefficient, pressed * radius * thing.magnus_coefficient)
+    radius = scene_object.shape.bounding_radius
+    pressed = 0.5 * air_density * np.pi * radius**2 / scene_object.shape.mass(density)
+    return AirFactors(
+        pressed * scene_object.drag_coefficient, pressed * radius * scene_object.magnus_coefficient
+    )
 
 
 MASS_TOLERANCE = 0.02

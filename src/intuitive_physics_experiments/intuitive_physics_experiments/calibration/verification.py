@@ -83,8 +83,8 @@ def _levels(samples: NDArray[np.float64], positions: NDArray[np.float64]) -> NDA
     levels = np.full((*positions.shape[:2], 2), np.nan)
     if len(samples) < FEWEST_SAMPLES:
         return levels
-    for thing, time in np.argwhere(~np.isnan(positions).any(axis=-1)):
-        levels[thing, time] = highest_density_levels(
-            samples[:, thing, time], positions[thing, time]
+    for which, time in np.argwhere(~np.isnan(positions).any(axis=-1)):
+        levels[which, time] = highest_density_levels(
+            samples[:, which, time], positions[which, time]
         )
     return levels

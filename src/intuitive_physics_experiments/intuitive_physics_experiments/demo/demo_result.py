@@ -204,16 +204,16 @@ def throw_errors(
     """
     rows = []
     for k, seen in enumerate(observations):
-        thing = seen.objects[0]
+        observed_object = seen.objects[0]
         throw = frame.throw_at(seen.start_time)
-        truth = frame.true_positions(throw, thing.trajectory.times)
-        errors = np.linalg.norm(thing.trajectory.positions - truth, axis=1)
+        truth = frame.true_positions(throw, observed_object.trajectory.times)
+        errors = np.linalg.norm(observed_object.trajectory.positions - truth, axis=1)
         rows.append(
             ThrowErrors(
                 name=f"throw {k + 1}",
                 material=throw.material,
                 radius=throw.radius,
-                points=len(thing.trajectory),
+                points=len(observed_object.trajectory),
                 perception_rmse=float(np.sqrt(np.mean(errors**2))),
                 learned_distance=float(costs[0, k]),
                 oracle_distance=float(costs[1, k]),

@@ -69,7 +69,7 @@ def model_text(worlds: WorldBatch, w: int, time_step: float) -> str:
     """Return world w as MuJoCo's XML, with unit masses and default coefficients."""
     environment = worlds.environments[worlds.environment_index[w]]
     count = int(worlds.object_counts[w])
-    things = "".join(
+    bodies = "".join(
         f'<body><freejoint/><inertial pos="{_words(worlds.mass_centres[w, i])}" mass="1" '
         'diaginertia="1 1 1"/>'
         f'<geom name="thing_{i}" {_solid(worlds, w, i)} {NO_OTHER_CONTACT}/></body>'
@@ -78,7 +78,7 @@ def model_text(worlds: WorldBatch, w: int, time_step: float) -> str:
     pairs = "".join(f'<pair geom1="{a}" geom2="{b}" condim="6"/>' for a, b, *_ in _pairs(worlds, w))
     return f"""<mujoco>
   <option timestep="{time_step}" gravity="{_words(environment.gravity)}" cone="elliptic"/>
-  <worldbody>{_grounds(environment)}{things}</worldbody>
+  <worldbody>{_grounds(environment)}{bodies}</worldbody>
   <contact>{pairs}</contact>
 </mujoco>"""
 

@@ -205,10 +205,10 @@ def _run(
     positions = rollout.positions[0]
     noisy = positions + rng.normal(0.0, POSITION_NOISE, positions.shape)
     seen = []
-    for thing, truth, points in zip(objects, scene.states, noisy, strict=True):
+    for scene_object, truth, points in zip(objects, scene.states, noisy, strict=True):
         trajectory = Trajectory(times, points)
         state = _initial_state(trajectory, truth, scene.environment, initial_states)
-        seen.append(ObservedObject(thing, trajectory, state))
+        seen.append(ObservedObject(scene_object, trajectory, state))
     observation = Observation(scene.environment, tuple(seen), 0.0, rng.bytes(16).hex())
     return PaperRun(scene, positions, observation)
 
@@ -260,7 +260,7 @@ def save_paper_dataset(dataset: PaperDataset, folder: Path) -> None:
     truth = {
         "format": FORMAT,
         "engine": dataset.engine,
-        "pool": [thing.to_dict() for thing in dataset.pool],
+        "pool": [scene_object.to_dict() for scene_object in dataset.pool],
         "static_parameters": dataset.parameters.to_dict(),
         "runs": [_run_truth(run, name) for name, runs in parts.items() for run in runs],
     }
@@ -273,7 +273,7 @@ def _run_truth(run: PaperRun, part: str) -> dict[str, Any]:
     return {
         "observation": run.observation.id,
         "part": part,
-        "objects": [thing.id for thing in run.scene.objects],
+        "objects": [scene_object.id for scene_object in run.scene.objects],
         "first_states": [state.to_dict() for state in run.scene.states],
     }
 

@@ -96,7 +96,7 @@ def draw_pool(
 
 def pool_materials(pool: Sequence[SceneObject]) -> tuple[str, ...]:
     """Materials of a pool and its room: m = objects + 1."""
-    return (*(thing.material for thing in pool), ROOM_MATERIAL)
+    return (*(scene_object.material for scene_object in pool), ROOM_MATERIAL)
 
 
 def draw_parameters(pool: Sequence[SceneObject], rng: np.random.Generator) -> StaticParameters:
@@ -116,10 +116,10 @@ def draw_initial_states(
         When there are more objects than find room.
     """
     states: list[ObjectState] = []
-    for thing in objects:
+    for scene_object in objects:
         for _ in range(MOST_ATTEMPTS):
             state = _draw_initial_state(rng)
-            if _is_free(state.position, thing.shape, states, objects):
+            if _is_free(state.position, scene_object.shape, states, objects):
                 states.append(state)
                 break
         else:
@@ -163,8 +163,8 @@ def _is_free(
     if position[2] < reach or np.abs(position[:2]).max() > HALF_ROOM - reach:
         return False
     return all(
-        np.linalg.norm(position - other.position) > reach + thing.shape.bounding_radius
-        for other, thing in zip(others, objects, strict=False)
+        np.linalg.norm(position - other.position) > reach + scene_object.shape.bounding_radius
+        for other, scene_object in zip(others, objects, strict=False)
     )
 
 
@@ -213,7 +213,7 @@ def _parameters_by_body(pool: Sequence[SceneObject], rng: np.random.Generator) -
     friction, rolling, restitution = np.append(
         by_pair.coefficients[1:, :room, room], [[1.0], [0.0], [1.0]], axis=1
     )
-    radii = np.array([_rolling_radius(thing) for thing in pool] + [np.inf])
+    radii = np.array([_rolling_radius(scene_object) for scene_object in pool] + [np.inf])
     arms = np.where(np.isfinite(radii), rolling, 0.0) * np.where(np.isfinite(radii), radii, 0.0)
     pair_friction = np.outer(friction, friction)
     pair_arms = np.outer(arms, friction) + np.outer(friction, arms)
@@ -228,5 +228,5 @@ def _parameters_by_body(pool: Sequence[SceneObject], rng: np.random.Generator) -
     )
 
 
-def _rolling_radius(thing: SceneObject) -> float:
-    return thing.shape.radius if isinstance(thing.shape, Sphere | Capsule) else np.inf
+def _rolling_radius(scene_object: SceneObject) -> float:
+    return scene_object.shape.radius if isinstance(scene_object.shape, Sphere | Capsule) else np.inf

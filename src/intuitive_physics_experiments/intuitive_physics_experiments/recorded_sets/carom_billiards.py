@@ -104,9 +104,9 @@ def _observation(
     seen = []
     for ball, path in enumerate(paths):
         places = np.column_stack([path, np.full(len(path), radius)])
-        thing = SceneObject(f"ball {ball}", BALL_MATERIAL, Sphere(radius))
+        scene_object = SceneObject(f"ball {ball}", BALL_MATERIAL, Sphere(radius))
         state = _initial_state(times[:free], places[:free])
-        seen.append(ObservedObject(thing, Trajectory(times, places), state))
+        seen.append(ObservedObject(scene_object, Trajectory(times, places), state))
     return Observation(environment, tuple(seen), float(times[0]), name)
 
 

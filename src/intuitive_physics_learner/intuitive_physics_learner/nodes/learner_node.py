@@ -36,7 +36,7 @@ from intuitive_physics_ros.conversions import (
     static_parameters_to_message,
 )
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
-from intuitive_physics_ros.input_monitor import InputMonitor
+from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.parameters import declare_parameters
 from intuitive_physics_ros.qos import LATCHED, OBSERVATIONS
 from intuitive_physics_ros.result_codes import error_result, ok_result

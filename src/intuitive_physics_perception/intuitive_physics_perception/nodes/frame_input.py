@@ -19,7 +19,7 @@ from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.input.frame_decoder import FrameDecoder
 from intuitive_physics_ros.conversions import seconds_from_stamp
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
-from intuitive_physics_ros.input_monitor import InputMonitor
+from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.qos import SENSOR_DATA
 
 Frame: TypeAlias = Image | PointCloud2

@@ -32,9 +32,8 @@ from intuitive_physics_ros.conversions import (
     observation_from_message,
     stamp_from_seconds,
 )
-from intuitive_physics_ros.node_process import NodeProcess
-from intuitive_physics_ros.peer import Peer
 from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
+from intuitive_physics_ros.scripting import NodeProcess, Peer
 
 MODULE = "intuitive_physics_perception.nodes.perception_node"
 NODE = "/perception_node"

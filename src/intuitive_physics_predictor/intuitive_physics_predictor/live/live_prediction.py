@@ -13,7 +13,7 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.simulation import pack_worlds
-from intuitive_physics.simulation.overlap_check import check_overlaps
+from intuitive_physics.simulation.rigid_bodies.overlaps import check_overlaps
 from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import increasing_times
 from intuitive_physics_predictor.distribution import TrajectoryDistribution

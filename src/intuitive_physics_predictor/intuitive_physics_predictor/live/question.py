@@ -15,12 +15,12 @@ from intuitive_physics_predictor.live.live_prediction import LivePrediction
 from intuitive_physics_predictor.live.settings import output_times
 from intuitive_physics_predictor.queries.events import (
     EventForecast,
+    best_interception,
     comes_to_rest,
     enters_region,
     falls_below,
     touches,
 )
-from intuitive_physics_predictor.queries.interception import best_interception
 
 LARGEST_TIME_STEP = 0.01
 """Largest step, in s, between the times at which events are searched. Our choice."""

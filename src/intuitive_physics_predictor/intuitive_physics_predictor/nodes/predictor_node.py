@@ -33,8 +33,8 @@ from intuitive_physics_predictor.nodes.messages import (
 from intuitive_physics_predictor.nodes.services import PredictionServices
 from intuitive_physics_predictor.nodes.ticks import PredictionTicks
 from intuitive_physics_ros.diagnostics import Diagnostics
-from intuitive_physics_ros.input_monitor import InputMonitor
 from intuitive_physics_ros.markers import distribution_markers
+from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.parameters import Parameter, declare_parameters, setting_parameters
 from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
 from intuitive_physics_ros.run_node import run_node

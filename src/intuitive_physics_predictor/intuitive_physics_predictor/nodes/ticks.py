@@ -20,8 +20,8 @@ from intuitive_physics_predictor.live.predictor import Predictor, Snapshot
 from intuitive_physics_predictor.live.settings import PredictionSettings
 from intuitive_physics_predictor.nodes.messages import distribution_message
 from intuitive_physics_ros.conversions import DistributionWriter
+from intuitive_physics_ros.monitors import RateMonitor
 from intuitive_physics_ros.qos import SENSOR_DATA
-from intuitive_physics_ros.rate_monitor import RateMonitor
 
 FAILURES_LOGGED_EVERY = 10.0
 """s between two log lines about samples that failed. Our choice."""

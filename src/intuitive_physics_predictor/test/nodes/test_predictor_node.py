@@ -53,9 +53,8 @@ from intuitive_physics_ros.conversions import (
     static_parameters_to_message,
     trajectory_distribution_from_message,
 )
-from intuitive_physics_ros.node_process import NodeProcess
-from intuitive_physics_ros.peer import Peer
 from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
+from intuitive_physics_ros.scripting import NodeProcess, Peer
 
 MODULE = "intuitive_physics_predictor.nodes.predictor_node"
 NODE = "/predictor_node"

@@ -43,12 +43,22 @@ def in_field(name: str) -> Iterator[None]:
 
 
 def float64_field(values: ArrayLike) -> array[float]:
-    """Return what a `float64[]` field takes in one copy: `values` of any shape (…), flat."""
+    """Return what a `float64[]` field takes, in one copy.
+
+    Parameters
+    ----------
+    values : (…) of any shape, taken flat
+    """
     return _field("d", np.float64, values)
 
 
 def float32_field(values: ArrayLike) -> array[float]:
-    """Return what a `float32[]` field takes in one copy: `values` of any shape (…), flat."""
+    """Return what a `float32[]` field takes, in one copy.
+
+    Parameters
+    ----------
+    values : (…) of any shape, taken flat
+    """
     return _field("f", np.float32, values)
 
 

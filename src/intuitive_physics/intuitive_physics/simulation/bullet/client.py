@@ -39,7 +39,18 @@ class Client:
 def roll_world(
     client: Client, plan: Plan, times: NDArray[np.float64], time_step: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return positions (n_times, n_objects, 3) and orientations (n_times, n_objects, 4)."""
+    """Simulate one world.
+
+    Parameters
+    ----------
+    times : (n_times,) s
+    time_step : s
+
+    Returns
+    -------
+    tuple
+        Positions (n_times, n_objects, 3) m, orientations (n_times, n_objects, 4) as (x, y, z, w).
+    """
     engine, world = client.engine, client.id
     _reset(client, plan.environment, time_step)
     _add_environment(client, plan)

@@ -37,7 +37,8 @@ def surfaces(
     Parameters
     ----------
     coefficients : (4, m, m) as `StaticParameters.coefficients`
-    objects, static : codes of the materials of the objects and of the environment's primitives
+    objects : (n,) codes of the objects' materials
+    static : (k,) codes of the materials of the environment's primitives
     shapes : of the objects
 
     Raises

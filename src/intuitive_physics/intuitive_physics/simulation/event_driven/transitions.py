@@ -158,7 +158,7 @@ def _settle_contacts(world, count, tolerance):
 
 @kernel
 def part_start(world):
-    """Move what overlaps at the start apart: noisy states of touching things overlap a little."""
+    """Move what overlaps at the start apart: noisy states of touching objects overlap a little."""
     for _ in range(20):
         moved = False
         for i in range(world.object_count):

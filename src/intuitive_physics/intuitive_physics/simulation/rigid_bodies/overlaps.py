@@ -1,23 +1,28 @@
-"""How deep the bodies of a world are in one another at the start."""
+"""How deep the bodies of a world overlap at the start, and scenes refused for it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import inf
 
 import numpy as np
 
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.geometry.closest_points import part_over_polygon
 from intuitive_physics.geometry.vectors import dot, load, sub
 from intuitive_physics.kernels import entry, kernel
+from intuitive_physics.scene import Scene
 from intuitive_physics.simulation.rigid_bodies.manifolds import GAP_ONLY, meet_plane_within
 from intuitive_physics.simulation.rigid_bodies.pairs import meet
 from intuitive_physics.simulation.rigid_bodies.placing import place_environment, place_shape
 from intuitive_physics.simulation.rigid_bodies.poses import segment_end
 from intuitive_physics.simulation.rigid_bodies.world import (
+    Scratch,
     body_at,
     plane_at,
+    scratch_sizes,
 )
-from intuitive_physics.simulation.world_batch import CAPSULE, WorldArrays
+from intuitive_physics.simulation.world_batch import CAPSULE, WorldArrays, WorldBatch
 
 OVERLAP = np.dtype(
     [
@@ -123,3 +128,48 @@ def _write(overlap, first, second, gap, limit):
     overlap.found = 1
     overlap.first, overlap.second = first, second
     overlap.depth, overlap.limit = -gap, limit
+
+
+LARGEST_OVERLAP = 0.25
+"""Of the smaller object's inradius. What is seen to touch overlaps by less; engines part it."""
+
+
+def check_overlaps(scenes: Sequence[Scene], worlds: WorldBatch) -> None:
+    """Check that nothing overlaps by more than a quarter of the smaller object's inradius.
+
+    A bounded plane is a one-sided sheet: what has its centre behind it does not overlap it.
+
+    Parameters
+    ----------
+    worlds : the scenes, packed
+
+    Raises
+    ------
+    InvalidInputError
+        When two objects do, or an object and a plane or a static box.
+    """
+    scratch = Scratch(*scratch_sizes(worlds), contacts_a_body=0)
+    overlaps = np.empty(worlds.size, OVERLAP)
+    find_overlaps(LARGEST_OVERLAP, worlds.arrays, scratch.world, overlaps)
+    if overlaps["found"].any():
+        world = int(overlaps["found"].argmax())
+        where = f"scene {world}: " if len(scenes) > 1 else ""
+        raise InvalidInputError(where + _message(scenes[world], overlaps[world]))
+
+
+def _message(scene: Scene, overlap: np.void) -> str:
+    first = scene.objects[overlap["first"]]
+    second = int(overlap["second"])
+    moving = len(scene.objects)
+    if second < 0:
+        other = f"plane {scene.environment.planes[-1 - second].id!r}"
+    elif second < moving:
+        other = f"object {scene.objects[second].id!r}"
+    else:
+        other = f"static box {scene.environment.boxes[second - moving].id!r}"
+    inradius = "smaller one's" if 0 <= second < moving else "object's"
+    return (
+        f"object {first.id!r} overlaps {other} by {1e3 * overlap['depth']:.3g} mm at the start; "
+        f"expected at most {1e3 * overlap['limit']:.3g} mm, a quarter of the {inradius} inradius: "
+        "move them apart"
+    )

@@ -104,7 +104,7 @@ def _sum(a):
 
 @kernel
 def _part_start(world, moving):
-    """Move what overlaps at the start apart: noisy states of touching things overlap a little."""
+    """Move what overlaps at the start apart: noisy states of touching objects overlap a little."""
     for i in range(world.body_count):
         set_member(world, i, i)
     part_overlaps(world, find_contacts(world, moving, world.body_count))

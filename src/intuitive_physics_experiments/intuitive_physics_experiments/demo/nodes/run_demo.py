@@ -49,7 +49,7 @@ from intuitive_physics_ros.conversions import (
     seconds_from_stamp,
     trajectory_distribution_from_message,
 )
-from intuitive_physics_ros.peer import Peer
+from intuitive_physics_ros.scripting import Peer
 
 SEEN_BEFORE_PREDICTING = 0.2
 """Seconds for which the new throw is watched before the prediction that is shown is taken."""

@@ -22,9 +22,8 @@ from intuitive_physics_experiments.rendering.corner_room import BALL_RADII, ROOM
 from intuitive_physics_recordings.bag_reader import BagReader
 from intuitive_physics_recordings.depth_bag_writer import CAMERA_INFO_TOPIC, DEPTH_TOPIC
 from intuitive_physics_ros.conversions import static_parameters_from_message
-from intuitive_physics_ros.node_process import NodeProcess
-from intuitive_physics_ros.peer import Peer
 from intuitive_physics_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
+from intuitive_physics_ros.scripting import NodeProcess, Peer
 
 REPLAY_MODULE = "intuitive_physics_recordings.nodes.replay_node"
 """The node that plays bags."""

@@ -47,7 +47,7 @@ class Peer(ABC):
 
     @abstractmethod
     def balls(self, points: Points, planes: int, count: int) -> list[Ball]:
-        """Return at most `count` balls in points (n, 3) m of a scene with so many planes."""
+        """Return at most `count` balls in points (n, 3) m of a scene with that number of planes."""
 
     def timed(self, points: Points, planes: int, count: int) -> tuple[list[Ball], float]:
         """Return the balls and the processor's seconds it took to find them."""

@@ -68,7 +68,7 @@ class ParameterSpace:
 
     Every point of the cube is a valid θ_s: static friction is laid out between the larger of its
     lower bound and the pair's dynamic friction and its upper bound, so μ_d ≤ μ_s always. (Not the
-    other way round: motion tells of dynamic friction far more, so that has an axis of its own.)
+    other way round: motion determines dynamic friction far better, so that has an axis of its own.)
 
     Parameters
     ----------

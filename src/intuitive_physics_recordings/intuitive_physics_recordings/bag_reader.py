@@ -191,7 +191,7 @@ def _check_is_bag(path: Path) -> None:
         if not (path / METADATA_FILE).exists():
             raise InvalidInputError(
                 f"folder {path} has no {METADATA_FILE}; expected the folder of a whole rosbag2 "
-                "recording (`ros2 bag reindex` makes the file anew)"
+                "recording (`ros2 bag reindex` writes the file again)"
             )
     elif path.suffix not in STORAGE_SUFFIXES:
         raise InvalidInputError(

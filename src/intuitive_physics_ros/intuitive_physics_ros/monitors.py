@@ -118,7 +118,7 @@ class _Counts:
 class RateMonitor:
     """Counts what is done at a rate; give `check` to `Diagnostics.add`.
 
-    One thread may tell it while another checks.
+    One thread may count while another checks.
 
     Parameters
     ----------

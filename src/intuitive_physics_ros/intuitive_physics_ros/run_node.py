@@ -124,7 +124,7 @@ class StopSignal:
     rclpy's own handlers end its context at once, under the feet of callbacks and threads that
     publish. With this one everything still works until the node has been destroyed.
 
-    Make it in the main thread, before `rclpy.init`, and tell that to install no handlers.
+    Make it in the main thread, before `rclpy.init`, which must install no handlers of its own.
     """
 
     def __init__(self) -> None:

@@ -86,9 +86,9 @@ def observed_outcomes(
 def position_noise(trajectory: Trajectory) -> float:
     """Standard deviation of the noise of seen positions, in m on each axis.
 
-    Told by how far seven points in a row lie from a parabola. Of a ball that bounces high, a bounce
-    spoils most sevens: so those count that are no farther off than chance can explain, by what the
-    best tenth of them tells.
+    Estimated from how far seven points in a row lie from a parabola. Where a ball bounces high, a
+    bounce spoils most groups of seven; only those count that chance can explain, given the noise of
+    the best tenth of them.
     """
     times, positions = trajectory.times, trajectory.positions
     if len(times) < WINDOW:

@@ -30,7 +30,7 @@ class DepthNoise:
     ----------
     axial_constant : a of σ(z) = a + b z², m
     axial_quadratic : b, 1/m
-    matching_window : pixels; one disparity comes from a square of so many, so the noise of
+    matching_window : pixels; one disparity comes from a square of this edge, so the noise of
         readings nearer to each other than that goes together
     lateral_sigma : pixels; each reading is taken from so far beside its own ray
     baseline : m between the two imagers

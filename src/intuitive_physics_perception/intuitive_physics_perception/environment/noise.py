@@ -14,7 +14,7 @@ RANGE_BINS = 12
 """Bins of range, of equally many readings, in which the scatter is measured. Set by hand."""
 
 MIN_READINGS_IN_BIN = 50
-"""Readings that a bin needs: the scatter of so many is known to 16 %. Set by hand."""
+"""Readings that a bin needs: the scatter of this number is known to 16 %. Set by hand."""
 
 GAUSSIAN_MAD = 1.4826
 """Standard deviation of a normal distribution in median absolute deviations, 1 / Φ⁻¹(3/4)."""

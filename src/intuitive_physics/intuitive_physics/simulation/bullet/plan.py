@@ -1,4 +1,4 @@
-"""One world of a batch, read as what PyBullet has to be told."""
+"""One world of a batch, in the terms of PyBullet."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ def _place(body, state, radius, inertia_ratio, material, rho):
 
 @kernel
 def _roll_world(world, times, max_events, positions, orientations):
-    """Roll out one world; its record tells how it ended."""
+    """Roll out one world; its record says how it ended."""
     objects = world.object_count
     _start(world)
     if not _all_finite(world):

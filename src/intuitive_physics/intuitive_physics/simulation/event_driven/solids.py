@@ -148,7 +148,7 @@ def _place_box(world, solid, f, box, material):
 
 @kernel
 def _corner_of_box(solid, k):
-    """Corner k of a box; bit j tells on which end of axis j it lies."""
+    """Corner k of a box; bit j says on which end of axis j it lies."""
     corner = load(solid.center)
     for j in range(3):
         reach = solid.half_lengths[j] if k & (1 << j) else -solid.half_lengths[j]

@@ -66,7 +66,7 @@ def roll_worlds(first, last, batch, results, scratch, step):
 
 @kernel
 def _roll_world(world, moving, step):
-    """Roll out one world from its bodies' initial states; its record tells how it ended.
+    """Roll out one world from its bodies' initial states; its record says how it ended.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ def step_island(world, moving, members, start, duration, threshold):
 
     Parameters
     ----------
-    moving, members : the first `moving` of the first `members` bodies that `member_at` tells move
+    moving, members : the first `moving` of the first `members` bodies that `member_at` names move
     """
     done, stalled = 0.0, 0
     for part in range(PARTS * moving):

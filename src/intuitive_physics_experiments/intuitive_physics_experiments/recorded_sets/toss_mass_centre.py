@@ -58,8 +58,8 @@ def fit_mass_centre(tosses: Sequence[CubeToss]) -> MassCentreFit:
     normal = sum(columns.T @ columns for columns, _ in flights)
     if len(flights) < 3 or np.linalg.cond(normal) > 1e12:
         raise InvalidInputError(
-            f"{len(flights)} flights do not determine the centre of mass; expected 3 or more that turn, "
-            "each a different way"
+            f"{len(flights)} flights do not determine the centre of mass; expected 3 or more that "
+            "turn, each a different way"
         )
     found = np.linalg.solve(normal, sum(columns.T @ seen for columns, seen in flights))
     # Motion capture is smoothed: errors within a flight are alike, those of two flights are not

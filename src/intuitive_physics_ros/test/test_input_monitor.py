@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from intuitive_physics_ros import input_monitor
+from intuitive_physics_ros import monitors
 from intuitive_physics_ros.diagnostics import Level
 from intuitive_physics_ros.monitors import BURST, REPEAT_AFTER, InputMonitor
 
@@ -33,7 +33,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch) -> Clock:
     clock = Clock()
-    monkeypatch.setattr(input_monitor, "time", clock)
+    monkeypatch.setattr(monitors, "time", clock)
     return clock
 
 

@@ -7,7 +7,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from intuitive_physics_ros import peer as peer_module
+from intuitive_physics_ros import scripting
 from intuitive_physics_ros.scripting import Peer, PeerTimeoutError
 
 
@@ -35,7 +35,7 @@ def serve(peer: Peer, name: str, unanswered: int) -> list[int]:
 
 @pytest.mark.parametrize("lost", [1, 3])
 def test_a_call_is_repeated_until_it_is_answered(peer, monkeypatch, lost):
-    monkeypatch.setattr(peer_module, "REPEAT_AFTER", 0.05)
+    monkeypatch.setattr(scripting, "REPEAT_AFTER", 0.05)
     requests = serve(peer, "/forgetful", unanswered=lost)
     answer = peer.call(Trigger, "/forgetful", Trigger.Request())
     assert int(answer.message) >= lost
@@ -43,7 +43,7 @@ def test_a_call_is_repeated_until_it_is_answered(peer, monkeypatch, lost):
 
 
 def test_what_is_answered_is_asked_once_and_of_one_client(peer, monkeypatch):
-    monkeypatch.setattr(peer_module, "REPEAT_AFTER", 60.0)
+    monkeypatch.setattr(scripting, "REPEAT_AFTER", 60.0)
     requests = serve(peer, "/prompt", unanswered=0)
     answers = [peer.call(Trigger, "/prompt", Trigger.Request()) for _ in range(3)]
     assert [answer.message for answer in answers] == ["0", "1", "2"]
@@ -57,7 +57,7 @@ def test_a_service_that_is_not_there_is_named(peer):
 
 
 def test_an_answer_that_never_comes_is_named(peer, monkeypatch):
-    monkeypatch.setattr(peer_module, "REPEAT_AFTER", 0.05)
+    monkeypatch.setattr(scripting, "REPEAT_AFTER", 0.05)
     serve(peer, "/silent", unanswered=1000)
     with pytest.raises(PeerTimeoutError, match="an answer of /silent"):
         peer.call(Trigger, "/silent", Trigger.Request(), timeout=1.0)

@@ -22,7 +22,7 @@ from intuitive_physics.observation import Observation
 from intuitive_physics.scene import SceneObject
 from intuitive_physics_recordings.bag_reader import BagReader
 from intuitive_physics_recordings.bag_writing import mcap_writer, offered_qos
-from intuitive_physics_recordings.ros_messages import PACKAGE, new_message, suite_typestore
+from intuitive_physics_recordings.ros_messages import PACKAGE, message_maker, suite_typestore
 
 OBSERVATION_TYPE = f"{PACKAGE}/Observation"
 """Name of the message type."""
@@ -99,7 +99,7 @@ def _stamped_message(observation: Observation) -> tuple[int, Any]:
                 f"object {thing.id} has a drag or Magnus coefficient or an inertia factor, for "
                 "which the message has no field; keep its observation as JSON"
             )
-    return start, observation_to_message(observation, new_message)
+    return start, observation_to_message(observation, message_maker)
 
 
 def _from_message(message: Any) -> Observation:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -30,9 +31,16 @@ def suite_typestore() -> Typestore:
     return store
 
 
-def new_message(type_name: str, **fields: Any) -> Any:
-    """Return a message of a type from all its fields; those of number arrays may be `array`s."""
-    for name, value in fields.items():
-        if isinstance(value, array):
-            fields[name] = np.array(value)
-    return suite_typestore().types[type_name](**fields)
+def message_maker(type_name: str) -> Callable[..., Any]:
+    """Return what makes messages of a type from all their fields, as the library's mapping asks."""
+    message_class = suite_typestore().types[type_name]
+
+    def make(**fields: Any) -> Any:
+        return message_class(
+            **{
+                name: np.array(value) if isinstance(value, array) else value
+                for name, value in fields.items()
+            }
+        )
+
+    return make

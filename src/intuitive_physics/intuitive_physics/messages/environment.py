@@ -11,7 +11,6 @@ from intuitive_physics.messages.geometry import (
     MakeMessage,
     header_to_message,
     identity_pose,
-    point_to_message,
     points_array,
     pose_to_message,
     vector_to_message,
@@ -47,8 +46,7 @@ def environment_to_message(
     version : how often it was modelled until now
     camera_frame_id, camera_pose : where the camera stands in the environment's frame
     """
-    return make(
-        "intuitive_physics_msgs/msg/Environment",
+    return make("intuitive_physics_msgs/msg/Environment")(
         header=header_to_message(stamp, environment.frame_id, make),
         primitives=[
             *(_plane_to_message(plane, make) for plane in environment.planes),
@@ -87,17 +85,17 @@ def environment_from_message(message: Any) -> Environment:
 
 
 def _plane_to_message(plane: Plane, make: MakeMessage) -> Any:
-    corners = () if plane.boundary is None else plane.boundary
-    return make(
-        "intuitive_physics_msgs/msg/StaticPrimitive",
+    point = make("geometry_msgs/msg/Point")
+    corners = [] if plane.boundary is None else plane.boundary.tolist()
+    return make("intuitive_physics_msgs/msg/StaticPrimitive")(
         kind=PrimitiveKind.PLANE.value,
         id=plane.id,
         material=plane.material,
         normal=vector_to_message(plane.normal, make),
         offset=plane.offset,
-        boundary=[point_to_message(corner, make) for corner in corners],
+        boundary=[point(x=x, y=y, z=z) for x, y, z in corners],
         pose=identity_pose(make),
-        edge_lengths=make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0),
+        edge_lengths=make("geometry_msgs/msg/Vector3")(x=0.0, y=0.0, z=0.0),
     )
 
 
@@ -107,12 +105,11 @@ def _plane_from_message(message: Any) -> Plane:
 
 
 def _box_to_message(box: StaticBox, make: MakeMessage) -> Any:
-    return make(
-        "intuitive_physics_msgs/msg/StaticPrimitive",
+    return make("intuitive_physics_msgs/msg/StaticPrimitive")(
         kind=PrimitiveKind.BOX.value,
         id=box.id,
         material=box.material,
-        normal=make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0),
+        normal=make("geometry_msgs/msg/Vector3")(x=0.0, y=0.0, z=0.0),
         offset=0.0,
         boundary=[],
         pose=pose_to_message(box.center, box.orientation, make),

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.validation import finite_float
 
-MakeMessage = Callable[..., Any]
-"""What makes a message from the name of its type and all its fields by name."""
+MakeMessage = Callable[[str], Callable[..., Any]]
+"""Gives, by the name of a type, what makes its messages from all their fields by name."""
 
 NANOSECONDS = 1_000_000_000
 """In a second."""
@@ -24,25 +24,24 @@ LAST_SECOND = 2**31 - 1
 def vector_to_message(vector: ArrayLike, make: MakeMessage) -> Any:
     """Return a vector of shape (3,) as a message."""
     x, y, z = np.asarray(vector, dtype=np.float64).tolist()
-    return make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+    return make("geometry_msgs/msg/Vector3")(x=x, y=y, z=z)
 
 
 def point_to_message(point: ArrayLike, make: MakeMessage) -> Any:
     """Return a point of shape (3,), m, as a message."""
     x, y, z = np.asarray(point, dtype=np.float64).tolist()
-    return make("geometry_msgs/msg/Point", x=x, y=y, z=z)
+    return make("geometry_msgs/msg/Point")(x=x, y=y, z=z)
 
 
 def quaternion_to_message(quaternion: ArrayLike, make: MakeMessage) -> Any:
     """Return a quaternion (x, y, z, w), shape (4,), as a message."""
     x, y, z, w = np.asarray(quaternion, dtype=np.float64).tolist()
-    return make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+    return make("geometry_msgs/msg/Quaternion")(x=x, y=y, z=z, w=w)
 
 
 def pose_to_message(position: ArrayLike, orientation: ArrayLike, make: MakeMessage) -> Any:
     """Return a pose as a message: position (3,) in m, orientation (4,) as (x, y, z, w)."""
-    return make(
-        "geometry_msgs/msg/Pose",
+    return make("geometry_msgs/msg/Pose")(
         position=point_to_message(position, make),
         orientation=quaternion_to_message(orientation, make),
     )
@@ -50,10 +49,9 @@ def pose_to_message(position: ArrayLike, orientation: ArrayLike, make: MakeMessa
 
 def identity_pose(make: MakeMessage) -> Any:
     """Return the pose at the origin, not turned, as a message."""
-    return make(
-        "geometry_msgs/msg/Pose",
-        position=make("geometry_msgs/msg/Point", x=0.0, y=0.0, z=0.0),
-        orientation=make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+    return make("geometry_msgs/msg/Pose")(
+        position=make("geometry_msgs/msg/Point")(x=0.0, y=0.0, z=0.0),
+        orientation=make("geometry_msgs/msg/Quaternion")(x=0.0, y=0.0, z=0.0, w=1.0),
     )
 
 
@@ -94,7 +92,7 @@ def stamp_nanoseconds(seconds: float, name: str = "time is") -> int:
 def stamp_from_seconds(seconds: float, make: MakeMessage) -> Any:
     """Return the stamp nearest to a time in s, from 0 to 2038-01-19 as the message allows."""
     sec, nanosec = divmod(stamp_nanoseconds(seconds), NANOSECONDS)
-    return make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+    return make("builtin_interfaces/msg/Time")(sec=sec, nanosec=nanosec)
 
 
 def seconds_from_stamp(stamp: Any) -> float:
@@ -106,5 +104,5 @@ def seconds_from_stamp(stamp: Any) -> float:
 def header_to_message(stamp: Any, frame_id: str, make: MakeMessage) -> Any:
     """Return a header; no stamp is time zero."""
     if stamp is None:
-        stamp = make("builtin_interfaces/msg/Time", sec=0, nanosec=0)
-    return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id)
+        stamp = make("builtin_interfaces/msg/Time")(sec=0, nanosec=0)
+    return make("std_msgs/msg/Header")(stamp=stamp, frame_id=frame_id)

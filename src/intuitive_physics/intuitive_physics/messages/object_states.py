@@ -53,8 +53,8 @@ def shape_to_message(shape: Shape, make: MakeMessage) -> Any:
             kind, dimensions = ShapeKind.CAPSULE, (shape.radius, shape.length)
         case _:
             raise InvalidInputError(f"shape is {shape!r}; expected a Sphere, Box or Capsule")
-    return make(
-        "intuitive_physics_msgs/msg/Shape", kind=kind.value, dimensions=float64_field(dimensions)
+    return make("intuitive_physics_msgs/msg/Shape")(
+        kind=kind.value, dimensions=float64_field(dimensions)
     )
 
 
@@ -86,20 +86,16 @@ def shape_from_message(message: Any) -> Shape:
 
 def object_state_to_message(thing: SceneObject, state: ObjectState, make: MakeMessage) -> Any:
     """Return one object with its state as a message."""
-    return make(
-        "intuitive_physics_msgs/msg/ObjectState",
+    return make("intuitive_physics_msgs/msg/ObjectState")(
         id=thing.id,
         material=thing.material,
         shape=shape_to_message(thing.shape, make),
-        pose=make(
-            "geometry_msgs/msg/PoseWithCovariance",
+        pose=make("geometry_msgs/msg/PoseWithCovariance")(
             pose=pose_to_message(state.position, state.orientation, make),
             covariance=state.covariance[POSE, POSE].ravel(),
         ),
-        twist=make(
-            "geometry_msgs/msg/TwistWithCovariance",
-            twist=make(
-                "geometry_msgs/msg/Twist",
+        twist=make("geometry_msgs/msg/TwistWithCovariance")(
+            twist=make("geometry_msgs/msg/Twist")(
                 linear=vector_to_message(state.linear_velocity, make),
                 angular=vector_to_message(state.angular_velocity, make),
             ),
@@ -149,8 +145,7 @@ def object_states_to_message(
         raise InvalidInputError(
             f"{len(things)} objects and {len(states)} states; expected a state for each object"
         )
-    return make(
-        "intuitive_physics_msgs/msg/ObjectStates",
+    return make("intuitive_physics_msgs/msg/ObjectStates")(
         header=header_to_message(stamp, frame_id, make),
         objects=[
             object_state_to_message(thing, state, make)

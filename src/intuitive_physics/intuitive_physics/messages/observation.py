@@ -33,8 +33,7 @@ def observation_to_message(observation: Observation, make: MakeMessage) -> Any:
         When it starts before time zero, where no stamp reaches.
     """
     stamp = stamp_from_seconds(observation.start_time, make)
-    return make(
-        "intuitive_physics_msgs/msg/Observation",
+    return make("intuitive_physics_msgs/msg/Observation")(
         header=header_to_message(stamp, observation.environment.frame_id, make),
         id=observation.id,
         environment=environment_to_message(observation.environment, make, stamp=stamp),
@@ -66,8 +65,7 @@ def observation_from_message(message: Any) -> Observation:
 
 
 def _object_to_message(seen: ObservedObject, stamp: Any, make: MakeMessage) -> Any:
-    return make(
-        "intuitive_physics_msgs/msg/ObservedTrajectory",
+    return make("intuitive_physics_msgs/msg/ObservedTrajectory")(
         initial_state=object_state_to_message(seen.object, seen.initial_state, make),
         times=float64_field(seen.trajectory.times - seconds_from_stamp(stamp)),
         positions=float64_field(seen.trajectory.positions),

@@ -63,9 +63,8 @@ MESSAGE_CLASSES: dict[str, Any] = {
 """Classes of the messages that the library's mapping makes, by the names of their types."""
 
 
-def make_message(type_name: str, **fields: Any) -> Any:
-    """Return a ROS message of a type from its fields."""
-    return MESSAGE_CLASSES[type_name](**fields)
+make_message = MESSAGE_CLASSES.__getitem__
+"""Gives the class of a message by the name of its type, as the library's mapping asks for it."""
 
 
 def vector_to_message(vector: ArrayLike) -> Vector3:

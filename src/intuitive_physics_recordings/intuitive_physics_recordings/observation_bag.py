@@ -10,18 +10,22 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.observation import Observation
-from intuitive_physics_recordings.bag_reader import BagReader
-from intuitive_physics_recordings.bag_writing import mcap_writer, offered_qos
-from intuitive_physics_recordings.observation_messages import (
-    OBSERVATION_TYPE,
+from intuitive_physics.messages.geometry import stamp_nanoseconds
+from intuitive_physics.messages.observation import (
     observation_from_message,
     observation_to_message,
-    start_stamp,
 )
-from intuitive_physics_recordings.ros_messages import suite_typestore
+from intuitive_physics.observation import Observation
+from intuitive_physics.scene import SceneObject
+from intuitive_physics_recordings.bag_reader import BagReader
+from intuitive_physics_recordings.bag_writing import mcap_writer, offered_qos
+from intuitive_physics_recordings.ros_messages import PACKAGE, message_maker, suite_typestore
+
+OBSERVATION_TYPE = f"{PACKAGE}/Observation"
+"""Name of the message type."""
 
 SUFFIX = ".mcap"
 """Of a file of observations."""
@@ -44,7 +48,7 @@ def write_observation_bag(observations: Iterable[Observation], path: Path) -> No
         When the file cannot be written, or an observation has what its message has no field for.
     """
     ordered = sorted(observations, key=lambda seen: seen.start_time)
-    messages = [(start_stamp(seen), observation_to_message(seen)) for seen in ordered]
+    messages = [_stamped_message(seen) for seen in ordered]
     store = suite_typestore()
     try:
         with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as folder:
@@ -76,10 +80,33 @@ def read_observation_bag(path: Path) -> list[Observation]:
     with BagReader(path, suite_typestore()) as reader:
         topics = [topic.name for topic in reader.topics if topic.type == OBSERVATION_TYPE]
         observations = [
-            observation_from_message(reader.decode(message)) for message in reader.messages(topics)
+            _from_message(reader.decode(message)) for message in reader.messages(topics)
         ]
     if not observations:
         raise InvalidInputError(
             f"{path} has no message of the type {OBSERVATION_TYPE}; expected recorded observations"
         )
     return observations
+
+
+def _stamped_message(observation: Observation) -> tuple[int, Any]:
+    """Start in ns since the epoch of its clock, and the message."""
+    start = stamp_nanoseconds(observation.start_time, f"observation {observation.id} starts at")
+    for seen in observation.objects:
+        thing = seen.object
+        if thing != SceneObject(thing.id, thing.material, thing.shape):
+            raise InvalidInputError(
+                f"object {thing.id} has a drag or Magnus coefficient or an inertia factor, for "
+                "which the message has no field; keep its observation as JSON"
+            )
+    return start, observation_to_message(observation, message_maker)
+
+
+def _from_message(message: Any) -> Observation:
+    try:
+        return observation_from_message(message)
+    except (AttributeError, ValueError) as error:
+        raise InvalidInputError(
+            f"message is no observation of this version: {error}; "
+            f"expected the fields of {OBSERVATION_TYPE}"
+        ) from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from enum import IntEnum
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.messages.environment import PrimitiveKind
+from intuitive_physics.messages.object_states import ShapeKind
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.scene import Environment, Plane, SceneObject, StaticBox
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
@@ -18,12 +21,12 @@ from intuitive_physics.state import ERROR_SIZE, ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_recordings.bag_reader import BagReader
 from intuitive_physics_recordings.observation_bag import (
+    OBSERVATION_TYPE,
     TOPIC,
     read_observation_bag,
     write_observation_bag,
 )
-from intuitive_physics_recordings.observation_messages import OBSERVATION_TYPE
-from intuitive_physics_recordings.ros_messages import DEFINITIONS
+from intuitive_physics_recordings.ros_messages import DEFINITIONS, PACKAGE, suite_typestore
 
 SHAPES: tuple[Shape, ...] = (Sphere(0.05), Box((0.1, 0.2, 0.3)), Capsule(0.04, 0.2))
 
@@ -108,6 +111,15 @@ def test_others_can_read_it_without_our_definitions(bag: Path) -> None:
 
 def test_definitions_are_those_of_the_message_package() -> None:
     assert (DEFINITIONS / "Observation.msg").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "codes"), [("Shape", ShapeKind), ("StaticPrimitive", PrimitiveKind)]
+)
+def test_codes_of_the_mapping_are_those_of_the_definitions(name: str, codes: type[IntEnum]) -> None:
+    message_class = suite_typestore().types[f"{PACKAGE}/{name}"]
+    defined = {key: value for key, value in vars(message_class).items() if key.isupper()}
+    assert {code.name: code.value for code in codes} == defined
 
 
 def no_change(seen: Observation) -> Observation:

@@ -1,30 +1,30 @@
-"""Messages to library objects and back, one module for each family of messages."""
+"""Messages to library objects and back, one module for each family of messages.
 
-from intuitive_physics_ros.conversions.environment import (
-    environment_from_message,
-    environment_to_message,
-)
-from intuitive_physics_ros.conversions.fields import (
+What recordings need too is mapped by `intuitive_physics.messages`, here with the classes of ROS.
+"""
+
+from intuitive_physics.messages.environment import environment_from_message
+from intuitive_physics.messages.fields import (
     InvalidFieldError,
     float32_field,
     float64_field,
     in_field,
 )
-from intuitive_physics_ros.conversions.object_states import (
+from intuitive_physics.messages.geometry import seconds_from_stamp
+from intuitive_physics.messages.object_states import (
     object_state_from_message,
-    object_state_to_message,
     object_states_from_messages,
-    object_states_to_message,
-    scene_from_messages,
-)
-from intuitive_physics_ros.conversions.observation import (
-    observation_from_message,
-    observation_to_message,
-)
-from intuitive_physics_ros.conversions.primitives import seconds_from_stamp, stamp_from_seconds
-from intuitive_physics_ros.conversions.shapes_and_regions import (
-    region_from_message,
     shape_from_message,
+)
+from intuitive_physics.messages.observation import observation_from_message
+from intuitive_physics_ros.conversions.primitives import stamp_from_seconds
+from intuitive_physics_ros.conversions.scenes import (
+    environment_to_message,
+    object_state_to_message,
+    object_states_to_message,
+    observation_to_message,
+    region_from_message,
+    scene_from_messages,
     shape_to_message,
 )
 from intuitive_physics_ros.conversions.static_parameters import (

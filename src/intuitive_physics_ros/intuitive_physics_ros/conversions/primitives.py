@@ -1,44 +1,90 @@
-"""Vectors, points, quaternions, poses and stamps."""
+"""ROS messages by the names of their types; vectors, points, quaternions, poses and stamps."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    PoseWithCovariance,
+    Quaternion,
+    Twist,
+    TwistWithCovariance,
+    Vector3,
+)
+from intuitive_physics_msgs.msg import (
+    Environment,
+    ObjectState,
+    ObjectStates,
+    Observation,
+    ObservedTrajectory,
+    Shape,
+    StaticPrimitive,
+)
 from numpy.typing import ArrayLike, NDArray
+from std_msgs.msg import Header
 
-from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.validation import finite_float
+from intuitive_physics.messages import geometry
+from intuitive_physics.messages.geometry import xyz, xyzw
 
-NANOSECONDS = 1_000_000_000
-"""In a second."""
-LAST_SECOND = 2**31 - 1
-"""s; `builtin_interfaces/Time` counts seconds as a signed 32-bit number."""
+__all__ = [
+    "make_message",
+    "point_to_message",
+    "pose_to_message",
+    "quaternion_to_message",
+    "rotated",
+    "stamp_from_seconds",
+    "vector_to_message",
+    "xyz",
+    "xyzw",
+]
+
+MESSAGE_CLASSES: dict[str, Any] = {
+    "builtin_interfaces/msg/Time": Time,
+    "geometry_msgs/msg/Point": Point,
+    "geometry_msgs/msg/Pose": Pose,
+    "geometry_msgs/msg/PoseWithCovariance": PoseWithCovariance,
+    "geometry_msgs/msg/Quaternion": Quaternion,
+    "geometry_msgs/msg/Twist": Twist,
+    "geometry_msgs/msg/TwistWithCovariance": TwistWithCovariance,
+    "geometry_msgs/msg/Vector3": Vector3,
+    "intuitive_physics_msgs/msg/Environment": Environment,
+    "intuitive_physics_msgs/msg/ObjectState": ObjectState,
+    "intuitive_physics_msgs/msg/ObjectStates": ObjectStates,
+    "intuitive_physics_msgs/msg/Observation": Observation,
+    "intuitive_physics_msgs/msg/ObservedTrajectory": ObservedTrajectory,
+    "intuitive_physics_msgs/msg/Shape": Shape,
+    "intuitive_physics_msgs/msg/StaticPrimitive": StaticPrimitive,
+    "std_msgs/msg/Header": Header,
+}
+"""Classes of the messages that the library's mapping makes, by the names of their types."""
+
+
+make_message = MESSAGE_CLASSES.__getitem__
+"""Gives the class of a message by the name of its type, as the library's mapping asks for it."""
 
 
 def vector_to_message(vector: ArrayLike) -> Vector3:
     """Return a vector of shape (3,) as a message."""
-    x, y, z = np.asarray(vector, dtype=np.float64).tolist()
-    return Vector3(x=x, y=y, z=z)
+    return geometry.vector_to_message(vector, make_message)
 
 
 def point_to_message(point: ArrayLike) -> Point:
     """Return a point of shape (3,), m, as a message."""
-    x, y, z = np.asarray(point, dtype=np.float64).tolist()
-    return Point(x=x, y=y, z=z)
+    return geometry.point_to_message(point, make_message)
 
 
 def quaternion_to_message(quaternion: ArrayLike) -> Quaternion:
     """Return a quaternion (x, y, z, w), shape (4,), as a message."""
-    x, y, z, w = np.asarray(quaternion, dtype=np.float64).tolist()
-    return Quaternion(x=x, y=y, z=z, w=w)
+    return geometry.quaternion_to_message(quaternion, make_message)
 
 
 def pose_to_message(position: ArrayLike, orientation: ArrayLike = (0.0, 0.0, 0.0, 1.0)) -> Pose:
     """Return a pose as a message: position (3,) in m, orientation (4,) as (x, y, z, w)."""
-    return Pose(position=point_to_message(position), orientation=quaternion_to_message(orientation))
+    return geometry.pose_to_message(position, orientation, make_message)
 
 
 def rotated(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -49,29 +95,6 @@ def rotated(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDA
     return vector + 2.0 * (w * across + np.cross(axis, across))
 
 
-def xyz(message: Vector3 | Point) -> tuple[float, float, float]:
-    """Return the numbers of a vector or point; they are not checked."""
-    return message.x, message.y, message.z
-
-
-def xyzw(message: Quaternion) -> tuple[float, float, float, float]:
-    """Return the numbers of a quaternion; they are not checked."""
-    return message.x, message.y, message.z, message.w
-
-
-def points_array(messages: Sequence[Point]) -> NDArray[np.float64]:
-    """Return points as an array of shape (n, 3); they are not checked."""
-    return np.array([xyz(message) for message in messages], dtype=np.float64).reshape(-1, 3)
-
-
 def stamp_from_seconds(seconds: float) -> Time:
     """Return the stamp nearest to a time in s, from 0 to 2038-01-19 as the message allows."""
-    nanoseconds = round(finite_float(seconds, "time") * NANOSECONDS)
-    if not 0 <= nanoseconds <= LAST_SECOND * NANOSECONDS:
-        raise InvalidInputError(f"time is {seconds:g} s; expected 0 to {LAST_SECOND} s")
-    return Time(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
-
-
-def seconds_from_stamp(stamp: Time) -> float:
-    """Return a stamp in s: to a quarter of a microsecond today, as a double holds it."""
-    return stamp.sec + stamp.nanosec / NANOSECONDS
+    return geometry.stamp_from_seconds(seconds, make_message)

@@ -19,8 +19,8 @@ from intuitive_physics.materials import (
     material_pairs,
     pair_count,
 )
+from intuitive_physics.messages.fields import flat_array, float64_field, in_field
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, Bounds, parameter_vector
-from intuitive_physics_ros.conversions.fields import flat_array, float64_field, in_field
 
 SCALES = {ParameterBounds.LINEAR: "linear", ParameterBounds.LOGARITHMIC: "logarithmic"}
 """Names of the scales by their code in a message."""

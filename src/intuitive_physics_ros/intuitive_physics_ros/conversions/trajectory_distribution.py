@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from std_msgs.msg import Header
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.messages.fields import flat_array, float32_field, in_field
 from intuitive_physics.validation import increasing_times
-from intuitive_physics_ros.conversions.fields import flat_array, float32_field, in_field
 
 ROWS, COLUMNS = np.triu_indices(3)
 """Elements of a covariance in the order of the message: xx, xy, xz, yy, yz, zz."""

@@ -2,44 +2,46 @@
 
 from __future__ import annotations
 
-from builtin_interfaces.msg import Time
-from intuitive_physics_msgs.msg import Observation as ObservationMessage
-from intuitive_physics_msgs.msg import ObservedTrajectory
-from std_msgs.msg import Header
+from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.observation import Observation, ObservedObject
-from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_ros.conversions.environment import (
+from intuitive_physics.messages.environment import (
     environment_from_message,
     environment_to_message,
 )
-from intuitive_physics_ros.conversions.fields import flat_array, float64_field, in_field
-from intuitive_physics_ros.conversions.object_states import (
+from intuitive_physics.messages.fields import flat_array, float64_field, in_field
+from intuitive_physics.messages.geometry import (
+    MakeMessage,
+    header_to_message,
+    seconds_from_stamp,
+    stamp_from_seconds,
+)
+from intuitive_physics.messages.object_states import (
     object_state_from_message,
     object_state_to_message,
 )
-from intuitive_physics_ros.conversions.primitives import seconds_from_stamp, stamp_from_seconds
+from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.trajectory import Trajectory
 
 
-def observation_to_message(observation: Observation) -> ObservationMessage:
-    """Return an observation as a message.
+def observation_to_message(observation: Observation, make: MakeMessage) -> Any:
+    """Return an observation as a message; its start is rounded to a nanosecond.
 
     Raises
     ------
     InvalidInputError
         When it starts before time zero, where no stamp reaches.
     """
-    stamp = stamp_from_seconds(observation.start_time)
-    return ObservationMessage(
-        header=Header(stamp=stamp, frame_id=observation.environment.frame_id),
+    stamp = stamp_from_seconds(observation.start_time, make)
+    return make("intuitive_physics_msgs/msg/Observation")(
+        header=header_to_message(stamp, observation.environment.frame_id, make),
         id=observation.id,
-        environment=environment_to_message(observation.environment, stamp=stamp),
-        objects=[_object_to_message(seen, stamp) for seen in observation.objects],
+        environment=environment_to_message(observation.environment, make, stamp=stamp),
+        objects=[_object_to_message(seen, stamp, make) for seen in observation.objects],
     )
 
 
-def observation_from_message(message: ObservationMessage) -> Observation:
+def observation_from_message(message: Any) -> Observation:
     """Return the observation that a message carries.
 
     Raises
@@ -62,15 +64,15 @@ def observation_from_message(message: ObservationMessage) -> Observation:
     return Observation(environment, tuple(objects), start_time, message.id)
 
 
-def _object_to_message(seen: ObservedObject, stamp: Time) -> ObservedTrajectory:
-    return ObservedTrajectory(
-        initial_state=object_state_to_message(seen.object, seen.initial_state),
+def _object_to_message(seen: ObservedObject, stamp: Any, make: MakeMessage) -> Any:
+    return make("intuitive_physics_msgs/msg/ObservedTrajectory")(
+        initial_state=object_state_to_message(seen.object, seen.initial_state, make),
         times=float64_field(seen.trajectory.times - seconds_from_stamp(stamp)),
         positions=float64_field(seen.trajectory.positions),
     )
 
 
-def _object_from_message(message: ObservedTrajectory, start_time: float) -> ObservedObject:
+def _object_from_message(message: Any, start_time: float) -> ObservedObject:
     with in_field("initial_state"):
         thing, state = object_state_from_message(message.initial_state)
     count = len(message.times)

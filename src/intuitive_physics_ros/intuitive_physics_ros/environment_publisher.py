@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from std_msgs.msg import Header
 
+from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.scene import Environment
 from intuitive_physics_ros.conversions import environment_to_message
 from intuitive_physics_ros.conversions.primitives import (
     pose_to_message,
     quaternion_to_message,
-    rotated,
     vector_to_message,
 )
 from intuitive_physics_ros.qos import LATCHED
@@ -89,6 +89,6 @@ def transform_from_camera(
     """
     inverse = np.asarray(orientation) * [-1.0, -1.0, -1.0, 1.0]
     transform = TransformStamped(header=camera, child_frame_id=frame_id)
-    transform.transform.translation = vector_to_message(-rotated(inverse, np.asarray(position)))
+    transform.transform.translation = vector_to_message(-rotation_matrix(inverse) @ position)
     transform.transform.rotation = quaternion_to_message(inverse)
     return transform

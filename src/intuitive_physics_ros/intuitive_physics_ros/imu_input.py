@@ -12,9 +12,10 @@ from rclpy.time import Time
 from sensor_msgs.msg import Imu
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
+from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.validation import unit_quaternion
 from intuitive_physics_ros.conversions import seconds_from_stamp
-from intuitive_physics_ros.conversions.primitives import rotated, xyz, xyzw
+from intuitive_physics_ros.conversions.primitives import xyz, xyzw
 from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.qos import SENSOR_DATA
 
@@ -61,7 +62,7 @@ class ImuInput:
         if not target and self._orientation is None:
             return
         try:
-            turn = self._orientation_in(target, message.header.frame_id)
+            turn = rotation_matrix(self._orientation_in(target, message.header.frame_id))
             # By definition of the message -1 says that there is no such measurement.
             has_gyroscope = message.angular_velocity_covariance[0] != -1.0
             if message.linear_acceleration_covariance[0] == -1.0:
@@ -70,8 +71,8 @@ class ImuInput:
                 )
             self._on_sample(
                 seconds_from_stamp(message.header.stamp),
-                rotated(turn, np.array(xyz(message.linear_acceleration))),
-                rotated(turn, np.array(xyz(message.angular_velocity))) if has_gyroscope else None,
+                turn @ xyz(message.linear_acceleration),
+                turn @ xyz(message.angular_velocity) if has_gyroscope else None,
             )
         except IntuitivePhysicsError as error:
             self.monitor.rejected(error)

@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.scene import Environment, Plane, SceneObject, StaticBox
 from intuitive_physics.shapes import Box, Capsule, Shape
 from intuitive_physics.state import ObjectState
 from intuitive_physics_ros.conversions.primitives import (
     point_to_message,
     pose_to_message,
-    rotated,
     vector_to_message,
 )
 
@@ -77,7 +77,7 @@ def object_markers(
     own_colors = colors if colors is not None else [None] * len(objects)
     for moving, state, own in zip(objects, states, own_colors, strict=True):
         for kind, offset, size in _solids(moving.shape):
-            center = state.position + rotated(state.orientation, np.array([0.0, 0.0, offset]))
+            center = state.position + rotation_matrix(state.orientation) @ (0.0, 0.0, offset)
             markers.append(
                 Marker(
                     header=header,

@@ -15,8 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from std_msgs.msg import Header
 
+from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.scene import Environment, Plane
-from intuitive_physics_ros.conversions.primitives import rotated, xyz, xyzw
+from intuitive_physics_ros.conversions.primitives import xyz, xyzw
 from intuitive_physics_ros.environment_publisher import EnvironmentPublisher, transform_from_camera
 from intuitive_physics_ros.qos import LATCHED
 
@@ -33,9 +34,9 @@ def test_there_and_back_is_where_one_was(position, quaternion, point) -> None:
     camera = Header(frame_id="camera")
     message = transform_from_camera("environment", camera, np.array(position), orientation)
     assert (message.header.frame_id, message.child_frame_id) == ("camera", "environment")
-    in_environment = rotated(orientation, np.array(point)) + position
+    in_environment = rotation_matrix(orientation) @ np.array(point) + position
     turn = np.array(xyzw(message.transform.rotation))
-    back = rotated(turn, in_environment) + xyz(message.transform.translation)
+    back = rotation_matrix(turn) @ in_environment + xyz(message.transform.translation)
     assert back == pytest.approx(point, abs=1e-9)
 
 
@@ -83,5 +84,5 @@ def test_the_transform_is_published_where_tf2_msgs_is_installed(monkeypatch, ins
     assert (transform.header.frame_id, transform.child_frame_id) == ("camera", "room")
     # The camera stands at the origin of its own frame: there and back again.
     turn = np.array(xyzw(transform.transform.rotation))
-    back = rotated(turn, position) + xyz(transform.transform.translation)
+    back = rotation_matrix(turn) @ position + xyz(transform.transform.translation)
     assert back == pytest.approx(np.zeros(3), abs=1e-12)

@@ -84,12 +84,14 @@ def shape_from_message(message: Any) -> Shape:
                 return Capsule(*dimensions)
 
 
-def object_state_to_message(thing: SceneObject, state: ObjectState, make: MakeMessage) -> Any:
+def object_state_to_message(
+    scene_object: SceneObject, state: ObjectState, make: MakeMessage
+) -> Any:
     """Return one object with its state as a message."""
     return make("intuitive_physics_msgs/msg/ObjectState")(
-        id=thing.id,
-        material=thing.material,
-        shape=shape_to_message(thing.shape, make),
+        id=scene_object.id,
+        material=scene_object.material,
+        shape=shape_to_message(scene_object.shape, make),
         pose=make("geometry_msgs/msg/PoseWithCovariance")(
             pose=pose_to_message(state.position, state.orientation, make),
             covariance=state.covariance[POSE, POSE].ravel(),
@@ -127,7 +129,7 @@ def object_state_from_message(message: Any) -> tuple[SceneObject, ObjectState]:
 
 
 def object_states_to_message(
-    things: Sequence[SceneObject],
+    scene_objects: Sequence[SceneObject],
     states: Sequence[ObjectState],
     make: MakeMessage,
     *,
@@ -141,15 +143,16 @@ def object_states_to_message(
     make : makes messages
     frame_id, stamp : the frame and the time that all states are in and at
     """
-    if len(things) != len(states):
+    if len(scene_objects) != len(states):
         raise InvalidInputError(
-            f"{len(things)} objects and {len(states)} states; expected a state for each object"
+            f"{len(scene_objects)} objects and {len(states)} states; "
+            "expected a state for each object"
         )
     return make("intuitive_physics_msgs/msg/ObjectStates")(
         header=header_to_message(stamp, frame_id, make),
         objects=[
-            object_state_to_message(thing, state, make)
-            for thing, state in zip(things, states, strict=True)
+            object_state_to_message(scene_object, state, make)
+            for scene_object, state in zip(scene_objects, states, strict=True)
         ],
     )
 
@@ -164,13 +167,13 @@ def object_states_from_messages(
     InvalidInputError
         When one of them is not what it must be; ids may stand twice.
     """
-    things, states = [], []
+    scene_objects, states = [], []
     for i, message in enumerate(messages):
         with in_field(f"objects[{i}]"):
-            thing, state = object_state_from_message(message)
-        things.append(thing)
+            scene_object, state = object_state_from_message(message)
+        scene_objects.append(scene_object)
         states.append(state)
-    return tuple(things), tuple(states)
+    return tuple(scene_objects), tuple(states)
 
 
 def _covariance(message: Any) -> NDArray[np.float64]:

@@ -74,10 +74,10 @@ def _object_to_message(seen: ObservedObject, stamp: Any, make: MakeMessage) -> A
 
 def _object_from_message(message: Any, start_time: float) -> ObservedObject:
     with in_field("initial_state"):
-        thing, state = object_state_from_message(message.initial_state)
+        scene_object, state = object_state_from_message(message.initial_state)
     count = len(message.times)
     with in_field("times"):
         times = flat_array(message.times, (count,)) + start_time
     with in_field("positions"):
         positions = flat_array(message.positions, (count, 3))
-    return ObservedObject(thing, Trajectory(times, positions), state)
+    return ObservedObject(scene_object, Trajectory(times, positions), state)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import (
     Point,
@@ -24,7 +23,7 @@ from intuitive_physics_msgs.msg import (
     Shape,
     StaticPrimitive,
 )
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from std_msgs.msg import Header
 
 from intuitive_physics.messages import geometry
@@ -35,7 +34,6 @@ __all__ = [
     "point_to_message",
     "pose_to_message",
     "quaternion_to_message",
-    "rotated",
     "stamp_from_seconds",
     "vector_to_message",
     "xyz",
@@ -85,14 +83,6 @@ def quaternion_to_message(quaternion: ArrayLike) -> Quaternion:
 def pose_to_message(position: ArrayLike, orientation: ArrayLike = (0.0, 0.0, 0.0, 1.0)) -> Pose:
     """Return a pose as a message: position (3,) in m, orientation (4,) as (x, y, z, w)."""
     return geometry.pose_to_message(position, orientation, make_message)
-
-
-def rotated(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a vector (3,) turned by a unit quaternion (x, y, z, w)."""
-    axis, w = quaternion[:3], quaternion[3]
-    # v' = v + 2 w (q × v) + 2 q × (q × v)
-    across = np.cross(axis, vector)
-    return vector + 2.0 * (w * across + np.cross(axis, across))
 
 
 def stamp_from_seconds(seconds: float) -> Time:

@@ -59,13 +59,13 @@ def environment_to_message(
     )
 
 
-def object_state_to_message(thing: SceneObject, state: ObjectState) -> ObjectStateMessage:
+def object_state_to_message(scene_object: SceneObject, state: ObjectState) -> ObjectStateMessage:
     """Return one object with its state as a message."""
-    return object_states.object_state_to_message(thing, state, make_message)
+    return object_states.object_state_to_message(scene_object, state, make_message)
 
 
 def object_states_to_message(
-    things: Sequence[SceneObject],
+    scene_objects: Sequence[SceneObject],
     states: Sequence[ObjectState],
     *,
     frame_id: str,
@@ -78,7 +78,7 @@ def object_states_to_message(
     frame_id, stamp : the frame and the time that all states are in and at
     """
     return object_states.object_states_to_message(
-        things, states, make_message, frame_id=frame_id, stamp=stamp
+        scene_objects, states, make_message, frame_id=frame_id, stamp=stamp
     )
 
 
@@ -105,8 +105,8 @@ def scene_from_messages(
     """
     with in_field("environment"):
         surroundings = environments.environment_from_message(environment)
-    things, states = object_states.object_states_from_messages(objects)
-    return Scene(surroundings, things, states)
+    scene_objects, states = object_states.object_states_from_messages(objects)
+    return Scene(surroundings, scene_objects, states)
 
 
 def region_from_message(message: RegionMessage) -> Region:

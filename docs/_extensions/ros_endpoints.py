@@ -1,8 +1,8 @@
 """Topics, services and actions of a node, read from its code without starting it.
 
 The constructor of the node is followed statement by statement, into methods of its own and into the
-constructors of objects that are given the node. Names are looked up in the modules, so what is
-reported is what the code says. A topic that cannot be looked up is an error.
+constructors of objects that are given the node. Names are looked up in the modules, so that
+the reference cannot differ from the code. A topic that cannot be looked up is an error.
 """
 
 from __future__ import annotations

@@ -73,7 +73,7 @@ def test_a_body_too_fast_to_be_followed_stops_its_world(share, status):
 
 
 def test_a_table_may_have_many_corners():
-    # All corners of the table lie under the box: so many contacts, and none is left out.
+    # All corners of the table lie under the box: each is a contact, and none is left out.
     angles = np.linspace(0.0, 2.0 * np.pi, 30, endpoint=False)
     rim = 0.1 * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
     table = Plane("table", "ground", (0, 0, 1), 0.0, rim)

@@ -136,13 +136,13 @@ def test_only_what_is_named_becomes_an_option(capsys):
 def test_help_tells_every_option(capsys):
     with pytest.raises(SystemExit):
         parsed(["--help"])
-    told = " ".join(capsys.readouterr().out.split())
+    shown = " ".join(capsys.readouterr().out.split())
     for one in list_settings(Throw):
         if one.is_simple:
-            assert f"--{one.name}" in told
-            assert one.description in told
-    assert "a number from 0 to 30 m/s (default: 2.0)" in told
-    assert "one or more numbers from 0 to 3 m (default: 0.5 1.0)" in told
+            assert f"--{one.name}" in shown
+            assert one.description in shown
+    assert "a number from 0 to 30 m/s (default: 2.0)" in shown
+    assert "one or more numbers from 0 to 3 m (default: 0.5 1.0)" in shown
 
 
 def test_a_class_of_other_fields_has_no_settings():

@@ -50,7 +50,12 @@ class GaussianPrior:
         return 0.5 * np.einsum("ci,ij,cj->c", off, self.precision, off)
 
     def scores(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the gradient (n,) of the loss, per width, at a point (n,) of the unit cube."""
+        """Return the gradient (n,) of the loss, per width.
+
+        Parameters
+        ----------
+        unit : (n,) point of the unit cube
+        """
         return self.precision @ (unit - self.mean)
 
 

@@ -16,6 +16,7 @@ from intuitive_physics.materials import (
     parameter_places,
 )
 from intuitive_physics.parameter_posterior import ParameterPosterior
+from intuitive_physics.parameter_space import Bounds
 
 FORMAT = "intuitive_physics/learned_parameters/2"
 """Format of files, which every file names."""
@@ -103,6 +104,18 @@ class LearnedParameters:
     def materials(self) -> tuple[str, ...]:
         """Names, in the order of `parameters.materials`."""
         return self.parameters.materials
+
+    def whole_posterior(self, bounds: Mapping[str, Bounds] | None = None) -> ParameterPosterior:
+        """Return what is known of all parameters together.
+
+        Parameters
+        ----------
+        bounds : by kind of parameter, of what has no posterior of its own; what is left out has its
+            default
+        """
+        return self.posterior or ParameterPosterior.from_marginals(
+            self.parameters, self.standard_deviations, self.identified, self.intervals, bounds
+        )
 
     def extended(self, materials: Sequence[str]) -> LearnedParameters:
         """Return the same for other materials: new ones have defaults that are not identified."""

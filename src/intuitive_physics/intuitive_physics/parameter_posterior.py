@@ -6,13 +6,7 @@ On the unit cube of `ParameterSpace` the density is
 
 where d is u minus the mean; for a parameter with a one-sided interval, its distance from that
 interval. Fᵀ F is the information of all that was observed. Before anything was observed all of the
-cube is alike, so that what nothing is known of is uniform without being told apart.
-
-Draws are exact where they can be: a parameter that is correlated with no other is drawn by its
-quantiles. Correlated ones are drawn by hit-and-run (Chen & Schmeiser 1993), many chains side by
-side: from the mean, each moves along the right singular vectors of F, then along the axes, each
-time to a draw of the density along that line, which is a normal distribution cut off at both ends.
-Far from the bounds the first round along the singular vectors is an exact draw already.
+cube is alike, so that what nothing is known of is uniform, and what little is known of almost so.
 """
 
 from __future__ import annotations
@@ -23,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse.csgraph import connected_components
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import (
@@ -32,37 +25,25 @@ from intuitive_physics.materials import (
     parameter_names,
     parameter_places,
 )
-from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
-from intuitive_physics.truncated_normal import flat_interval_quantiles, truncated_normal_quantiles
+from intuitive_physics.parameter_space import (
+    DEFAULT_BOUNDS,
+    Bounds,
+    ParameterSpace,
+    parameter_vector,
+)
+from intuitive_physics.truncated_gaussian import (
+    LARGEST_SINGULAR_VALUE,
+    TruncatedGaussian,
+    compressed,
+)
 from intuitive_physics.validation import finite_array
 
-PRIOR_PRECISION = 12.0
+UNIFORM_PRECISION = 12.0
 """One over the variance of a number known only to lie within the unit interval, per width²."""
 
-LARGEST_DEVIATION = 0.5 / np.sqrt(PRIOR_PRECISION)
+LARGEST_DEVIATION = 0.5 / np.sqrt(UNIFORM_PRECISION)
 """Width: standard deviation from which on a parameter is called not identified, half that of a
 uniform number. Only a label: draws do not depend on it."""
-
-SMALLEST_SINGULAR_VALUE = 1e-3
-"""Per width: singular values of F below this are left out. Over the whole cube of 1000 parameters
-that changes the logarithm of the density by less than 0.0005."""
-
-LARGEST_SINGULAR_VALUE = 1e6
-"""Per width: what is known better than to a millionth of its bounds is known exactly."""
-
-SMALLEST_CORRELATION = 1e-8
-"""Magnitude of a correlation in the information matrix below which it is rounding."""
-
-ROUNDS = 25
-"""Rounds of hit-and-run from the mean to a draw. Means, deviations and correlations of thin ridges
-through corners of the cube, the slowest cases of the tests, stand still from about 10 on."""
-
-MARGINAL_DRAWS = 4096
-"""Draws that marginals of correlated parameters near their bounds are computed from: deviations
-are right within about 1 %."""
-
-INSIDE = 6.0
-"""Standard deviations from all bounds at which cutting off changes nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +122,7 @@ class ParameterPosterior:
         size = parameter_count(len(tuple(materials)))
         matrix = finite_array(information, "information", (size, size))
         squares, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
-        factor = _compressed(np.sqrt(np.maximum(squares, 0.0))[:, None] * vectors.T)
+        factor = compressed(np.sqrt(np.maximum(squares, 0.0))[:, None] * vectors.T)
         return ParameterPosterior(materials, mean, factor, bounds, intervals)
 
     @staticmethod
@@ -165,25 +146,17 @@ class ParameterPosterior:
         intervals : (n, 2) one-sided intervals in SI units, NaN for parameters without one
         bounds : by kind of parameter; what is left out has its default
         """
-        space = ParameterSpace(parameters.materials, bounds or {})
-        space = ParameterSpace(parameters.materials, _widened(space.bounds, parameters))
+        space = ParameterSpace(parameters.materials, widened_bounds(bounds or {}, parameters))
         mean = space.to_unit(parameters)
         known = np.flatnonzero(identified & ~np.isnan(standard_deviations))
         rows = space.slopes(mean)[known]
         lengths = np.linalg.norm(rows, axis=1)
-        smallest = lengths / LARGEST_SINGULAR_VALUE
-        deviations = np.maximum(standard_deviations[known], smallest)
-        factor = np.divide(
-            rows, deviations[:, None], out=np.zeros_like(rows), where=lengths[:, None] > 0.0
-        )
+        known, rows, lengths = (each[lengths > 0.0] for each in (known, rows, lengths))
+        deviations = np.maximum(standard_deviations[known], lengths / LARGEST_SINGULAR_VALUE)
         ends = np.full((space.size, 2), np.nan)
-        values = parameter_vector(parameters)
-        for k in known[~np.isnan(intervals[known, 0])]:
-            for side in (0, 1):
-                moved = values.copy()
-                moved[k] = intervals[k, side]
-                ends[k, side] = space.to_units(moved[None])[0, k]
-        return ParameterPosterior(space.materials, mean, factor[lengths > 0.0], space.bounds, ends)
+        ends[known] = unit_intervals(space, parameters, intervals)[known]
+        factor = rows / deviations[:, None]
+        return ParameterPosterior(space.materials, mean, factor, space.bounds, ends)
 
     @property
     def space(self) -> ParameterSpace:
@@ -213,13 +186,62 @@ class ParameterPosterior:
         intervals[new] = self.intervals[old]
         return ParameterPosterior(materials, mean, factor, self.bounds, intervals)
 
+    def within(self, bounds: Mapping[str, Bounds]) -> ParameterPosterior:
+        """Return the same on the cube of other bounds, to first order about the mean.
+
+        Parameters
+        ----------
+        bounds : by kind of parameter; what is left out has its default
+        """
+        old, new = self.space, ParameterSpace(self.materials, bounds)
+        if old.bounds == new.bounds:
+            return self
+        parameters = old.to_parameters(self.mean)
+        mean = new.to_unit(parameters)
+        steps = np.linalg.pinv(old.slopes(self.mean)) @ new.slopes(mean)
+        ends = np.full(self.intervals.shape, np.nan)
+        for axis in np.flatnonzero(~np.isnan(self.intervals[:, 0])):
+            moved = np.tile(self.mean, (2, 1))
+            moved[:, axis] = self.intervals[axis]
+            ends[axis] = new.to_units(old.to_values(moved))[:, axis]
+        factor = compressed(self.factor @ steps)
+        return ParameterPosterior(self.materials, mean, factor, bounds, ends)
+
+    def renewed(
+        self,
+        chosen: NDArray[np.bool_],
+        mean: NDArray[np.float64],
+        information: NDArray[np.float64],
+        intervals: NDArray[np.float64],
+    ) -> ParameterPosterior:
+        """Return a posterior in which some parameters are known by other observations only.
+
+        What is known of the other parameters stays, after those chosen are integrated over.
+
+        Parameters
+        ----------
+        chosen : (n,) bool, the parameters whose knowledge is replaced
+        mean : (n,) of all parameters
+        information : (n, n) per width², of the chosen parameters; that of others is not read
+        intervals : (n, 2) widths, likewise
+        """
+        kept, new = np.flatnonzero(~chosen), np.flatnonzero(chosen)
+        own = _marginal_factor(self.factor, kept)
+        combined = np.zeros((mean.size, mean.size))
+        combined[np.ix_(kept, kept)] = own.T @ own
+        combined[np.ix_(new, new)] = information[np.ix_(new, new)]
+        ends = np.where(chosen[:, None], intervals, self.intervals)
+        return ParameterPosterior.from_information(
+            self.materials, mean, combined, self.bounds, ends
+        )
+
     def scaled(self, scale: float) -> ParameterPosterior:
         """Return a posterior whose standard deviations are those of this one times `scale`.
 
         With 0, all that is known of is known exactly, one-sided intervals included.
         """
         intervals = None if scale == 0.0 else self.intervals
-        factor = _compressed(self.factor, scale)
+        factor = compressed(self.factor, scale)
         return ParameterPosterior(self.materials, self.mean, factor, self.bounds, intervals)
 
     def draw(
@@ -231,37 +253,18 @@ class ParameterPosterior:
         ----------
         count : number of draws
         rng : the only source of randomness
-        box : (n, 2) widths, lower and upper ends that draws are cut off at instead of 0 and 1, on
-            either side of the mean
+        box : (n, 2) widths within the cube, lower and upper ends that draws are cut off at instead
+            of 0 and 1, on either side of the mean
 
         Returns
         -------
         (count, n) points, in the order of `parameter_names(materials)`
         """
-        lower, upper = np.array([[0.0], [1.0]]) if box is None else np.asarray(box).T
-        lower, upper = np.maximum(lower, 0.0), np.minimum(upper, 1.0)
-        lower, upper = (np.broadcast_to(end, self.mean.shape) for end in (lower, upper))
-        alone, groups = self._parts()
-        drawn = np.empty((count, self.mean.size))
-        drawn[:, alone] = self._alone(alone, rng.random((count, alone.size)), lower, upper)
-        for members in groups:
-            chains = _Chains(self, members, lower, upper, count)
-            for _ in range(ROUNDS):
-                chains.move(rng)
-            drawn[:, members] = chains.points.T
-        return drawn
+        return self._within_box(box).draw(count, rng)
 
     def covariance(self) -> NDArray[np.float64]:
         """Return the covariance (n, n), widths², of the distribution as it is cut off."""
-        alone, groups = self._parts()
-        covariance = np.zeros((self.mean.size, self.mean.size))
-        shares = (np.arange(MARGINAL_DRAWS) + 0.5) / MARGINAL_DRAWS
-        ends = np.zeros_like(self.mean), np.ones_like(self.mean)
-        covariance[alone, alone] = self._alone(alone, shares[:, None], *ends).var(axis=0)
-        rng = np.random.default_rng(0)
-        for members in groups:
-            covariance[np.ix_(members, members)] = self._covariance_of(members, rng)
-        return covariance
+        return self._within_box(None).covariance()
 
     def standard_deviations(self) -> NDArray[np.float64]:
         """Return the standard deviations (n,), widths, of the marginals."""
@@ -317,172 +320,35 @@ class ParameterPosterior:
                 "bounds and intervals"
             ) from None
 
-    def _parts(self) -> tuple[NDArray[np.int64], list[NDArray[np.int64]]]:
-        """Return the parameters that are correlated with no other, and groups of those that are."""
-        information = self.information
-        roots = np.sqrt(np.diag(information))
-        linked = np.abs(information) > SMALLEST_CORRELATION * np.outer(roots, roots)
-        _, labels = connected_components(linked, directed=False)
-        sizes = np.bincount(labels)
-        groups = [np.flatnonzero(labels == k) for k in np.flatnonzero(sizes > 1)]
-        return np.flatnonzero(sizes[labels] == 1), groups
-
-    def _alone(
-        self,
-        chosen: NDArray[np.int64],
-        shares: NDArray[np.float64],
-        lower: NDArray[np.float64],
-        upper: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
-        """Return quantiles (count, n_chosen) of parameters that are correlated with no other."""
-        mean, lower, upper = self.mean[chosen], lower[chosen], upper[chosen]
-        lengths = np.linalg.norm(self.factor[:, chosen], axis=0)
-        with np.errstate(divide="ignore"):
-            drawn = truncated_normal_quantiles(shares, mean, 1.0 / lengths, lower, upper)
-        sided = np.flatnonzero(~np.isnan(self.intervals[chosen, 0]))
-        drawn[:, sided] = flat_interval_quantiles(
-            np.broadcast_to(shares, drawn.shape)[:, sided],
-            0.0,
-            lengths[sided] ** 2,
-            tuple(self.intervals[chosen[sided]].T),
-            (lower[sided], upper[sided]),
-        )
-        exact = (lengths >= LARGEST_SINGULAR_VALUE * (1.0 - 1e-9)) & np.isnan(
-            self.intervals[chosen, 0]
-        )
-        return np.where(exact, mean, drawn)
-
-    def _covariance_of(
-        self, members: NDArray[np.int64], rng: np.random.Generator
-    ) -> NDArray[np.float64]:
-        """Return the covariance of correlated parameters: in closed form far from all bounds."""
-        own = self.factor[:, members]
-        values, vectors = np.linalg.eigh(own.T @ own)
-        if values[0] > 0.0 and np.isnan(self.intervals[members]).all():
-            whole = (vectors / values) @ vectors.T
-            margins = np.minimum(self.mean[members], 1.0 - self.mean[members])
-            if (margins > INSIDE * np.sqrt(np.diag(whole))).all():
-                return np.asarray(whole)
+    def _within_box(self, box: NDArray[np.float64] | None) -> TruncatedGaussian:
         lower, upper = np.zeros_like(self.mean), np.ones_like(self.mean)
-        chains = _Chains(self, members, lower, upper, MARGINAL_DRAWS)
-        for _ in range(ROUNDS):
-            chains.move(rng)
-        return np.atleast_2d(np.cov(chains.points))
+        if box is not None:
+            lower, upper = np.asarray(box).T
+        return TruncatedGaussian(self.mean, self.factor, self.intervals, lower, upper)
 
 
-class _Chains:
-    """Chains of hit-and-run, side by side, over parameters that are correlated.
+def unit_intervals(
+    space: ParameterSpace, parameters: StaticParameters, intervals: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return one-sided intervals on the unit cube.
 
     Parameters
     ----------
-    posterior : that they draw from
-    members : (k,) indices of the parameters
-    lower, upper : (n,) ends of all parameters
-    count : number of chains
+    space : the cube
+    parameters : θ_s, whose other parameters are those of each end
+    intervals : (n, 2) in SI units, NaN for parameters without one
 
-    Attributes
-    ----------
-    points : (k, count) where the chains are
+    Returns
+    -------
+    (n, 2) widths, NaN for parameters without one
     """
-
-    def __init__(
-        self,
-        posterior: ParameterPosterior,
-        members: NDArray[np.int64],
-        lower: NDArray[np.float64],
-        upper: NDArray[np.float64],
-        count: int,
-    ) -> None:
-        self._factor = _compressed(posterior.factor[:, members])
-        self._mean = posterior.mean[members, None]
-        self._intervals = posterior.intervals[members]
-        self._sided = ~np.isnan(self._intervals[:, 0])
-        self._lower, self._upper = lower[members, None], upper[members, None]
-        # Where intervals bend the density, lines run along their axes only.
-        free = np.flatnonzero(~self._sided)
-        self._directions = np.zeros((free.size, members.size))
-        if free.size:
-            self._directions[:, free] = np.linalg.svd(self._factor[:, free])[2]
-        self.points = np.repeat(np.clip(self._mean, self._lower, self._upper), count, axis=1)
-
-    def move(self, rng: np.random.Generator) -> None:
-        """Move all chains along each line once."""
-        projected = self._factor @ self._distances()
-        for direction in self._directions:
-            projected += self._along(direction, projected, rng)
-        for axis in range(len(self.points)):
-            if self._sided[axis]:
-                projected += self._along_sided(axis, projected, rng)
-            else:
-                unit = np.zeros(len(self.points))
-                unit[axis] = 1.0
-                projected += self._along(unit, projected, rng)
-
-    def _distances(self) -> NDArray[np.float64]:
-        distances = self.points - self._mean
-        for axis in np.flatnonzero(self._sided):
-            distances[axis] = _distance(self.points[axis], self._intervals[axis])
-        return distances
-
-    def _along(
-        self,
-        direction: NDArray[np.float64],
-        projected: NDArray[np.float64],
-        rng: np.random.Generator,
-    ) -> NDArray[np.float64]:
-        """Move along a direction (k,); return by how much F d, (r, count), changes."""
-        axes = np.flatnonzero(np.abs(direction) > SMALLEST_CORRELATION)
-        parts = direction[axes, None]
-        points, lower, upper = self.points[axes], self._lower[axes], self._upper[axes]
-        ends = (lower - points) / parts, (upper - points) / parts
-        least = np.minimum(np.minimum(*ends).max(axis=0), 0.0)
-        most = np.maximum(np.maximum(*ends).min(axis=0), 0.0)
-        slopes = self._factor @ direction
-        precision = float(slopes @ slopes)
-        informed = precision > SMALLEST_SINGULAR_VALUE**4
-        moves = truncated_normal_quantiles(
-            rng.random(least.size),
-            -(slopes @ projected) / precision if informed else 0.0,
-            precision**-0.5 if informed else np.inf,
-            least,
-            most,
-        )
-        self.points[axes] = np.clip(points + parts * moves, lower, upper)
-        return np.outer(slopes, moves)
-
-    def _along_sided(
-        self, axis: int, projected: NDArray[np.float64], rng: np.random.Generator
-    ) -> NDArray[np.float64]:
-        """Move along the axis of a one-sided interval; return by how much F d changes."""
-        slopes, interval = self._factor[:, axis], self._intervals[axis]
-        precision = float(slopes @ slopes)
-        before = _distance(self.points[axis], interval)
-        self.points[axis] = flat_interval_quantiles(
-            rng.random(before.size),
-            slopes @ projected - precision * before,
-            precision,
-            (interval[0], interval[1]),
-            (self._lower[axis], self._upper[axis]),
-        )
-        return np.outer(slopes, _distance(self.points[axis], interval) - before)
-
-
-def _distance(points: NDArray[np.float64], interval: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance from an interval, negative below it."""
-    return np.asarray(points - np.clip(points, interval[0], interval[1]))
-
-
-def _compressed(factor: NDArray[np.float64], scale: float = 1.0) -> NDArray[np.float64]:
-    """Return a factor of the same information over scale², without rows that say nothing."""
-    if not factor.size:
-        return factor
-    _, values, vectors = np.linalg.svd(factor, full_matrices=False)
-    kept = values >= SMALLEST_SINGULAR_VALUE
-    if scale > 0.0:
-        kept &= values >= SMALLEST_SINGULAR_VALUE * scale
-    with np.errstate(divide="ignore"):
-        values = np.minimum(values[kept] / scale, LARGEST_SINGULAR_VALUE)
-    return np.asarray(values[:, None] * vectors[kept])
+    ends = np.full(intervals.shape, np.nan)
+    sided = np.flatnonzero(~np.isnan(intervals[:, 0]))
+    for side in range(2):
+        moved = np.tile(parameter_vector(parameters), (sided.size, 1))
+        moved[np.arange(sided.size), sided] = intervals[sided, side]
+        ends[sided, side] = space.to_units(moved)[np.arange(sided.size), sided]
+    return ends
 
 
 def _marginal_factor(factor: NDArray[np.float64], kept: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -493,16 +359,16 @@ def _marginal_factor(factor: NDArray[np.float64], kept: NDArray[np.int64]) -> ND
     left, values, _ = np.linalg.svd(factor[:, others])
     shares = np.ones(len(factor))
     # A row that others can explain says less of those that are kept.
-    shares[: values.size] = 1.0 / np.sqrt(1.0 + values**2 / PRIOR_PRECISION)
-    return _compressed(shares[:, None] * (left.T @ factor[:, kept]))
+    shares[: values.size] = 1.0 / np.sqrt(1.0 + values**2 / UNIFORM_PRECISION)
+    return compressed(shares[:, None] * (left.T @ factor[:, kept]))
 
 
-def _widened(bounds: Mapping[str, Bounds], parameters: StaticParameters) -> dict[str, Bounds]:
-    """Return bounds that hold all values of θ_s."""
-    wide = dict(bounds)
+def widened_bounds(bounds: Mapping[str, Bounds], parameters: StaticParameters) -> dict[str, Bounds]:
+    """Return bounds by kind, moved outwards where a value of θ_s lies outside."""
+    wide = {**DEFAULT_BOUNDS, **bounds}
     values = parameter_vector(parameters)
     kinds = np.array([name.split("[")[0] for name in parameter_names(parameters.materials)])
-    for kind, own in bounds.items():
+    for kind, own in list(wide.items()):
         least, most = values[kinds == kind].min(), values[kinds == kind].max()
         if own.scale == "logarithmic":
             least = max(least, np.finfo(float).tiny)

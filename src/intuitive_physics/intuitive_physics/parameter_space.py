@@ -155,7 +155,7 @@ class ParameterSpace:
                 _stretch(by_pair[..., 3], self.bounds["restitution"]),
             ],
             axis=-1,
-        ).reshape(len(points), -1)
+        ).reshape(values[:, m:].shape)
         return values
 
     def slopes(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -230,7 +230,7 @@ class ParameterSpace:
                 _shrink(restitution, self.bounds["restitution"]),
             ],
             axis=-1,
-        ).reshape(len(values), -1)
+        ).reshape(units[:, m:].shape)
         return units
 
 

@@ -36,6 +36,10 @@ ROUNDS = 10
 numbers that are known, half of 14 combinations known and a learned θ_s, the largest distance of a
 marginal from its law (Kolmogorov-Smirnov) was that of chance, 0.01 of 20,000 draws, after 8."""
 
+EXACT = 1e-150
+"""Smallest standard deviation of a normal distribution; smaller ones count as this, which is
+nothing beside any mean."""
+
 MARGINAL_DRAWS = 4096
 """Draws that marginals of correlated parameters near their bounds are computed from: deviations
 are right within about 1 %."""
@@ -299,7 +303,7 @@ def truncated_normal_quantiles(
     )
     flat = (upper - lower) <= FLAT * deviation
     flat &= np.abs(0.5 * (upper + lower) - mean) * (upper - lower) <= FLAT * deviation**2
-    scale = np.where(flat, 1.0, deviation)
+    scale = np.where(flat, 1.0, np.maximum(deviation, EXACT))
     low, high = (lower - mean) / scale, (upper - mean) / scale
     # Mirrored, the greater part lies below the mean, where probabilities are exact.
     mirrored = low + high > 0.0

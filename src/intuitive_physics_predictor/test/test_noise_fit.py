@@ -67,9 +67,9 @@ def test_the_fit_finds_how_wrong_the_perceived_noise_was(truth):
 
 
 def test_chance_moves_no_scale():
-    # Outcomes of the start itself. Over 35 seeds 0.24 of the way is kept on average, with a standard
-    # deviation of 0.34, and more than half of it for 11 seeds: of seven seeds the mean is below this
-    # by four standard errors. Without shrinkage all of the way is kept, always.
+    # Outcomes of the start itself. Over 35 seeds 0.24 of the way is kept on average, with a
+    # standard deviation of 0.34, and more than half of it for 11 seeds: of seven seeds the mean is
+    # below this by four standard errors. Without shrinkage all of the way is kept, always.
     kept = [
         fit_noise_scales(
             past(NoiseScales(), 12, seed),

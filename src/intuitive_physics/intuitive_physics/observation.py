@@ -2,23 +2,137 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import tempfile
-import uuid
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics.validation import name_string
+from intuitive_physics.validation import (
+    covariance_matrices,
+    covariance_matrix,
+    finite_array,
+    increasing_times,
+    name_string,
+)
 
-FORMAT = "intuitive_physics/observation/1"
+FORMAT = "intuitive_physics/observation/2"
 """Format of the JSON text, which every text names."""
+
+READABLE_FORMATS = (FORMAT, "intuitive_physics/observation/1")
+"""Formats that are read; texts of the first format have no detections."""
+
+ID_LENGTH = 32
+"""Hexadecimal digits of an id that follows from the content: 128 bits, so that two observations of
+a store never have the same one by chance."""
+
+UNIQUE = np.triu_indices(3)
+"""Rows and columns of the unique numbers of a symmetric (3, 3) matrix, in the order of files and
+messages: xx, xy, xz, yy, yz, zz."""
+
+
+@dataclass(frozen=True, eq=False)
+class Detections:
+    """What was detected of an object, point by point, before any smoothing.
+
+    A detected position is the true one plus an error of its own, drawn for each point with its
+    covariance, plus one error that all points of the object share, drawn once with the covariance
+    `bias`.
+
+    Parameters
+    ----------
+    times : (n,) s, on the clock of the trajectories, strictly increasing
+    positions : (n, 3) m, of the object's centre in the environment's frame
+    covariances : (n, 3, 3) m², of the error that is independent from point to point
+    bias : (3, 3) m², covariance of the error that is the same in all points
+    """
+
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+    bias: NDArray[np.float64]
+
+    def __init__(
+        self, times: ArrayLike, positions: ArrayLike, covariances: ArrayLike, bias: ArrayLike
+    ) -> None:
+        def keep(name: str, value: NDArray[np.float64]) -> None:
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+        keep("times", increasing_times(times, "detection times"))
+        count = self.times.size
+        keep("positions", finite_array(positions, "detected positions", (count, 3)))
+        keep(
+            "covariances", covariance_matrices(covariances, "detection covariances", count, size=3)
+        )
+        keep("bias", covariance_matrix(bias, "detection bias", 3))
+
+    def __len__(self) -> int:
+        return int(self.times.size)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data that `from_dict` reads."""
+        return {
+            "times": self.times.tolist(),
+            "positions": self.positions.tolist(),
+            "covariances": unique_numbers(self.covariances).tolist(),
+            "bias": unique_numbers(self.bias).tolist(),
+        }
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> Detections:
+        """Read what `to_dict` wrote."""
+        try:
+            return Detections(
+                data["times"],
+                data["positions"],
+                symmetric_matrices(
+                    finite_array(data["covariances"], "detection covariances", (None, 6))
+                ),
+                symmetric_matrices(finite_array(data["bias"], "detection bias", (6,))),
+            )
+        except (KeyError, TypeError) as error:
+            raise InvalidInputError(
+                f"detections cannot be read ({error}); expected times, positions, covariances, bias"
+            ) from None
+
+
+def unique_numbers(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the numbers that determine symmetric matrices.
+
+    Parameters
+    ----------
+    matrices : (…, 3, 3)
+
+    Returns
+    -------
+    array
+        (…, 6): xx, xy, xz, yy, yz, zz
+    """
+    return np.ascontiguousarray(matrices[..., UNIQUE[0], UNIQUE[1]])
+
+
+def symmetric_matrices(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the symmetric matrices (…, 3, 3) whose `unique_numbers` are given.
+
+    Parameters
+    ----------
+    numbers : (…, 6): xx, xy, xz, yy, yz, zz
+    """
+    matrices = np.empty((*numbers.shape[:-1], 3, 3))
+    matrices[..., UNIQUE[0], UNIQUE[1]] = numbers
+    matrices[..., UNIQUE[1], UNIQUE[0]] = numbers
+    return matrices
 
 
 @dataclass(frozen=True)
@@ -30,11 +144,13 @@ class ObservedObject:
     object : its material and shape
     trajectory : Y_j^i, its perceived positions
     initial_state : θ_d with covariance at the observation's `start_time`
+    detections : what the trajectory was smoothed from; None where that is not known
     """
 
     object: SceneObject
     trajectory: Trajectory
     initial_state: ObjectState
+    detections: Detections | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data that `from_dict` reads."""
@@ -43,16 +159,19 @@ class ObservedObject:
             "times": self.trajectory.times.tolist(),
             "positions": self.trajectory.positions.tolist(),
             "initial_state": self.initial_state.to_dict(),
+            "detections": None if self.detections is None else self.detections.to_dict(),
         }
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> ObservedObject:
         """Read what `to_dict` wrote."""
         try:
+            detections = data.get("detections")
             return ObservedObject(
                 SceneObject.from_dict(data["object"]),
                 Trajectory(data["times"], data["positions"]),
                 ObjectState.from_dict(data["initial_state"]),
+                None if detections is None else Detections.from_dict(detections),
             )
         except (KeyError, TypeError) as error:
             raise InvalidInputError(
@@ -70,17 +189,20 @@ class Observation:
     environment : Ω_e
     objects : at least one
     start_time : s, on the clock of the trajectories; the initial states hold at this time
-    id : unique among all observations; made at random if not given
+    id : unique among all observations; empty: the digest of all the others, so that the same
+        content always has the same id
     """
 
     environment: Environment
     objects: tuple[ObservedObject, ...]
     start_time: float
-    id: str = field(default_factory=lambda: uuid.uuid4().hex)
+    id: str = ""
 
     def __post_init__(self) -> None:
-        name_string(self.id, "observation id")
         object.__setattr__(self, "objects", tuple(self.objects))
+        if self.id == "":
+            object.__setattr__(self, "id", self._digest())
+        name_string(self.id, "observation id")
         for seen in self.objects:
             if seen.trajectory.times[-1] <= self.start_time:
                 raise InvalidInputError(
@@ -105,16 +227,19 @@ class Observation:
 
     def to_json(self) -> str:
         """Return the observation as JSON text."""
-        return json.dumps(
-            {
-                "format": FORMAT,
-                "id": self.id,
-                "start_time": self.start_time,
-                "environment": self.environment.to_dict(),
-                "objects": [seen.to_dict() for seen in self.objects],
-            },
-            allow_nan=False,
-        )
+        return json.dumps({"format": FORMAT, "id": self.id, **self._content()}, allow_nan=False)
+
+    def _content(self) -> dict[str, Any]:
+        """Everything but its id, as plain data."""
+        return {
+            "start_time": self.start_time,
+            "environment": self.environment.to_dict(),
+            "objects": [seen.to_dict() for seen in self.objects],
+        }
+
+    def _digest(self) -> str:
+        text = json.dumps(self._content(), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:ID_LENGTH]
 
     @staticmethod
     def from_json(text: str) -> Observation:
@@ -129,9 +254,12 @@ class Observation:
             data = json.loads(text)
         except json.JSONDecodeError as error:
             raise InvalidInputError(f"observation is not whole JSON: {error}") from None
-        if not isinstance(data, dict) or data.get("format") != FORMAT:
-            got = data.get("format") if isinstance(data, dict) else type(data).__name__
-            raise InvalidInputError(f"observation has the format {got!r}; expected {FORMAT!r}")
+        got = data.get("format") if isinstance(data, dict) else type(data).__name__
+        if not isinstance(data, dict) or got not in READABLE_FORMATS:
+            raise InvalidInputError(
+                f"observation has the format {got!r}; "
+                f"expected {' or '.join(map(repr, READABLE_FORMATS))}"
+            )
         try:
             return Observation(
                 Environment.from_dict(data["environment"]),

@@ -239,9 +239,15 @@ class SphereFinder:
             or not enough
         ):
             return None
-        covariance = covariance + self._search.systematic_error**2 * np.eye(4)
-        distance = float(np.linalg.norm(sphere[:3]))
-        return DetectedSphere(sphere[:3], float(sphere[3]), covariance, each * on, distance)
+        systematic = self._search.systematic_error
+        return DetectedSphere(
+            sphere[:3],
+            float(sphere[3]),
+            covariance + systematic**2 * np.eye(4),
+            each * on,
+            float(np.linalg.norm(sphere[:3])),
+            systematic_error=systematic,
+        )
 
 
 class ClusterView:

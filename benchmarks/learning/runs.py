@@ -130,7 +130,7 @@ def joint_run(task: Task, time_limit: float, *, judged: bool = True) -> JointRun
     influence = parameter_influence(cost.observations, cost.materials)
     learning = LearningTask(cost, space, influence, task.start)
     own, generator = influence[:, learning.active], np.random.default_rng(0)
-    search = JointSearch(cost, learning.searched, own, learning.begin, generator)
+    search = JointSearch(cost, learning.searched, own, learning.prior, generator)
     looking = 0.0
     rows = []
     while True:

@@ -103,7 +103,7 @@ def test_a_scan_leaves_a_local_optimum(gliding_task):
 
     def fitted(settings):
         influence = task.influence[:, task.active]
-        fit = JointFit(task.cost, task.searched, influence, task.begin, settings)
+        fit = JointFit(task.cost, task.searched, influence, task.prior, settings)
         for _ in range(12):
             fit.step()
         return fit.unit[3]

@@ -8,19 +8,19 @@ from intuitive_physics_learner.joint_estimation.linearisation import Linearisati
 from intuitive_physics_learner.joint_estimation.normal_equations import NormalEquations, Posterior
 from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
-from intuitive_physics_learner.search.identifiability import PRIOR_PRECISION
+from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION
 
 SETTINGS = JointEstimationSettings(outlier_length=100.0)
 """Least squares: nothing is an outlier."""
 
-PRIOR_DEVIATION = PRIOR_PRECISION**-0.5
+PRIOR_DEVIATION = UNIFORM_PRECISION**-0.5
 E = 3
 """Index of the only parameter that has an effect."""
 
 
 def model_of(task):
     influence = task.influence[:, task.active]
-    return TrajectoryModel(task.cost, task.searched, influence, SETTINGS)
+    return TrajectoryModel(task.cost, task.searched, influence, task.prior, SETTINGS)
 
 
 def information_of(task, model, horizons, slope=1.0):
@@ -41,9 +41,9 @@ def information_of(task, model, horizons, slope=1.0):
 def test_a_linear_problem_has_the_posterior_of_least_squares(gliding_task, noise):
     task = gliding_task([0.5, 0.5, 0.5], position_deviation=0.01, noise=noise)
     model = model_of(task)
-    estimate = model.initial_estimate(task.begin)
+    estimate = model.initial_estimate()
     posterior, deviations = model.curvature_posterior(estimate)
-    information = information_of(task, model, estimate.fits[0].horizons) + PRIOR_PRECISION
+    information = information_of(task, model, estimate.fits[0].horizons) + UNIFORM_PRECISION
     assert posterior.deviations[E] == pytest.approx(information**-0.5, rel=1e-6)
     # The loss is a parabola: both sides and the scan agree with it.
     assert deviations[E] == pytest.approx(information**-0.5, rel=1e-6)
@@ -57,10 +57,10 @@ def test_a_parameter_that_only_has_to_be_large_enough_keeps_its_prior(gliding_ta
     # f(e) = min(e, ½) at e = ½: a slope of one below and none above, half of it on average.
     task = gliding_task([0.5, 0.5], effect=lambda e: np.minimum(e, 0.5), position_deviation=0.01)
     model = model_of(task)
-    estimate = model.initial_estimate(task.begin)
+    estimate = model.initial_estimate()
     posterior, deviations = model.curvature_posterior(estimate)
     information = information_of(task, model, estimate.fits[0].horizons, slope=0.5)
-    expected = (information + PRIOR_PRECISION) ** -0.5
+    expected = (information + UNIFORM_PRECISION) ** -0.5
     assert posterior.deviations[E] == pytest.approx(expected, rel=1e-6)
     assert deviations[E] == pytest.approx(PRIOR_DEVIATION)
 
@@ -68,7 +68,7 @@ def test_a_parameter_that_only_has_to_be_large_enough_keeps_its_prior(gliding_ta
 def test_counts_its_simulations(gliding_task):
     task = gliding_task([0.5, 0.5, 0.6], position_deviation=0.01)
     model = model_of(task)
-    model.curvature_posterior(model.initial_estimate(task.begin))
+    model.curvature_posterior(model.initial_estimate())
     assert model.simulations == model.curvature_simulations
 
 
@@ -86,9 +86,9 @@ def test_eliminating_initial_states_is_the_inverse_of_the_whole_matrix(gliding_t
     equations = NormalEquations.of(block, estimate, linear, block.durations, 1.0, SETTINGS)
     eliminated = equations.eliminated()
     whole = equations.hessian[0].copy()
-    whole[3:, 3:] += PRIOR_PRECISION * np.eye(4)
+    whole[3:, 3:] += UNIFORM_PRECISION * np.eye(4)
     inverse = np.linalg.inv(whole)
-    posterior = Posterior.of([eliminated], 4, PRIOR_PRECISION)
+    posterior = Posterior.of([eliminated], UNIFORM_PRECISION * np.eye(4))
     np.testing.assert_allclose(posterior.covariance, inverse[3:, 3:], rtol=1e-9, atol=1e-12)
     got = posterior.state_deviations(equations, eliminated)[0]
     np.testing.assert_allclose(got, np.sqrt(np.diag(inverse))[:3], rtol=1e-9)

@@ -35,7 +35,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
 )
 from intuitive_physics_learner.joint_estimation.trajectory_model import position_noise
 from intuitive_physics_learner.methods import JOINT_METHOD
-from intuitive_physics_learner.search.learning_task import LearningTask
+from intuitive_physics_learner.search.learning_task import GaussianPrior, LearningTask
 
 MATERIALS = ("ball", "floor")
 SETTINGS = JointEstimationSettings()
@@ -51,7 +51,13 @@ def joint_search(observed, simulator):
     searched = ActiveSpace(space, active, start)
     cost = TrajectoryCost(observed, simulator, MATERIALS)
     begin = searched.to_unit(start)
-    return JointSearch(cost, searched, influence[:, active], begin, np.random.default_rng(0))
+    return JointSearch(
+        cost,
+        searched,
+        influence[:, active],
+        GaussianPrior.uninformative(begin),
+        np.random.default_rng(0),
+    )
 
 
 def blown_aside(observed, acceleration):
@@ -205,7 +211,7 @@ def test_judges_in_little_time_where_little_is_left(event_driven, throws):
     influence = parameter_influence(cost.observations, cost.materials)
     space = ParameterSpace(cost.materials)
     task = LearningTask(cost, space, influence, StaticParameters.uniform(cost.materials))
-    fit = JointFit(cost, task.searched, influence[:, task.active], task.begin, SETTINGS)
+    fit = JointFit(cost, task.searched, influence[:, task.active], task.prior, SETTINGS)
     for _ in range(12):
         fit.step()
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import compatible_moves
@@ -19,7 +19,7 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
 )
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
-from intuitive_physics_learner.search.identifiability import PRIOR_PRECISION
+from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.search_space import SearchSpace
 
 SMALLEST_RESPONSE = 1e-9
@@ -34,12 +34,12 @@ class JointFit:
     cost : simulates the observations
     space : maps the unit cube of the n parameters to θ_s
     influence : (n_observations, n) bool, which observation can depend on which parameter
-    start : (n,) point of the unit cube to begin from
+    prior : of the n parameters; the fit begins at its mean
     settings : of the estimation
 
     Attributes
     ----------
-    start : as given
+    prior : as given
     settings : as given
     steps : taken so far
     misfits : share of the observations with a misfit in the last step
@@ -51,14 +51,14 @@ class JointFit:
         cost: Cost,
         space: SearchSpace,
         influence: NDArray[np.bool_],
-        start: ArrayLike,
+        prior: GaussianPrior,
         settings: JointEstimationSettings,
     ) -> None:
         self.settings = settings
-        self._model = TrajectoryModel(cost, space, influence, settings)
-        self.start = np.array(start, dtype=np.float64)
-        self._estimate = self._model.initial_estimate(self.start.copy())
-        self.responsive = np.zeros(self.start.size, dtype=bool)
+        self.prior = prior
+        self._model = TrajectoryModel(cost, space, influence, prior, settings)
+        self._estimate = self._model.initial_estimate()
+        self.responsive = np.zeros(self.unit.size, dtype=bool)
         self._damping = settings.first_damping
         self._settled = 0
         self.misfits = 0.0
@@ -166,12 +166,12 @@ class JointFit:
         model, settings = self._model, self.settings
         estimates = [part.estimate for _, part in model.parts(self._estimate)]
         units, states = proposals(
-            self.unit, self.start, estimates, equations, self._damping, settings
+            self.unit, self.prior, estimates, equations, self._damping, settings
         )
         candidates = [model.space.to_parameters(unit) for unit in units]
         # Each θ_s with the initial states that go with it, and with the present ones.
         index = np.concatenate([np.arange(len(units)), np.arange(1, len(units))])
-        losses = prior_losses(units, self.start)
+        losses = self.prior.losses(units)
         tried = []
         for k, (block, part) in enumerate(model.parts(self._estimate)):
             trying = np.concatenate([states[k], np.tile(part.estimate, (len(units) - 1, 1, 1))])
@@ -231,17 +231,6 @@ class JointFit:
         return bool(moves)
 
 
-def prior_losses(units: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the loss (c,), without a unit, of candidates by the prior.
-
-    Parameters
-    ----------
-    units : (c, n) points of the unit cube
-    start : (n,) mean of the prior
-    """
-    return 0.5 * PRIOR_PRECISION * np.asarray(((units - start) ** 2).sum(axis=1))
-
-
 def next_damping(damping: float, chosen: int, settings: JointEstimationSettings) -> float:
     """Return the damping of the next step after the proposal of that index was the best.
 
@@ -258,7 +247,7 @@ def next_damping(damping: float, chosen: int, settings: JointEstimationSettings)
 
 def proposals(
     unit: NDArray[np.float64],
-    start: NDArray[np.float64],
+    prior: GaussianPrior,
     estimates: Sequence[NDArray[np.float64]],
     equations: Sequence[NormalEquations],
     damping: float,
@@ -269,7 +258,7 @@ def proposals(
     Parameters
     ----------
     unit : (n,) the present θ_s on the unit cube
-    start : (n,) mean of its prior
+    prior : of θ_s
     estimates : of each block, (W, d) deviations from the observed initial states, in SI units
     equations : of each block, at the present estimate
     damping : of the last step, a part of the diagonal
@@ -285,8 +274,8 @@ def proposals(
     states = [[estimate] for estimate in estimates]
     for factor in settings.damping_factors:
         own_damping = _clipped_damping(damping * factor, settings)
-        information = PRIOR_PRECISION * np.eye(unit.size)
-        scores = PRIOR_PRECISION * (unit - start)
+        information = prior.precision.copy()
+        scores = prior.scores(unit)
         eliminated = [each.eliminated(own_damping) for each in equations]
         for each in eliminated:
             each.add_to(information, scores)

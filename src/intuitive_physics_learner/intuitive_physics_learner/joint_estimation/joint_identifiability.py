@@ -208,7 +208,7 @@ def _agreed(
         return deviations
     fits = [
         JointFit(
-            PartialCost(task.cost, members), searched, influence[members], fit.start, fit.settings
+            PartialCost(task.cost, members), searched, influence[members], fit.prior, fit.settings
         )
         for members in halves(influence)
     ]

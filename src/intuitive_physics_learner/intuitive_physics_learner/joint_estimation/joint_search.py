@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner.cost.cost_function import Cost
@@ -15,7 +15,7 @@ from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.joint_identifiability import joint_identifiability
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.search.identifiability import Identifiability
-from intuitive_physics_learner.search.learning_task import LearningTask
+from intuitive_physics_learner.search.learning_task import GaussianPrior, LearningTask
 from intuitive_physics_learner.search.parameter_search import Search
 from intuitive_physics_learner.search.search_space import SearchSpace
 
@@ -36,7 +36,7 @@ class JointSearch(Search):
     cost : J
     space : maps the unit cube of the n parameters to θ_s
     influence : (n_observations, n) bool, which observation can depend on which parameter
-    start : (n,) point of the unit cube to begin from
+    prior : of the n parameters; the search begins at its mean
     generator : of the random numbers of the descent of J
     settings : of the estimation
 
@@ -50,7 +50,7 @@ class JointSearch(Search):
         cost: Cost,
         space: SearchSpace,
         influence: NDArray[np.bool_],
-        start: ArrayLike,
+        prior: GaussianPrior,
         generator: np.random.Generator,
         settings: JointEstimationSettings | None = None,
     ) -> None:
@@ -58,7 +58,7 @@ class JointSearch(Search):
         self._settings = settings or JointEstimationSettings()
         self._cost = cost
         self._space = space
-        self.fit = JointFit(cost, space, influence, start, self._settings)
+        self.fit = JointFit(cost, space, influence, prior, self._settings)
         self._descent = CostDescent(cost, space, influence, generator, self._settings)
         self._misfits: list[float] = []
         self._lowest = self.fit.unit
@@ -86,7 +86,7 @@ class JointSearch(Search):
             self._misfits = [*self._misfits, self.fit.misfits][-count:]
             enough = len(self._misfits) == count or self.fit.settled
             if enough and np.mean(self._misfits) > self._settings.largest_misfit_share:
-                self._descent.begin(np.array([self.fit.start, self._lowest]))
+                self._descent.begin(np.array([self.fit.prior.mean, self._lowest]))
         return self.iterations - before
 
     def identifiability(

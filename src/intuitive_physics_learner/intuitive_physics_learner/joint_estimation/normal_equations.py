@@ -196,18 +196,17 @@ class Posterior:
     covariance: NDArray[np.float64]
 
     @staticmethod
-    def of(eliminations: Sequence[Elimination], size: int, prior_precision: float) -> Posterior:
+    def of(eliminations: Sequence[Elimination], prior: NDArray[np.float64]) -> Posterior:
         """Add up the information of all observations and of the prior.
 
         Parameters
         ----------
         eliminations : of each block
-        size : number of parameters n
-        prior_precision : of each parameter, per width²
+        prior : (n, n) precision of the n parameters before the observations, per width²
         """
-        information = prior_precision * np.eye(size)
+        information = prior.copy()
         for part in eliminations:
-            part.add_to(information, np.zeros(size))
+            part.add_to(information, np.zeros(len(prior)))
         return Posterior(np.asarray(np.linalg.inv(information), dtype=np.float64))
 
     @property

@@ -34,7 +34,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     observation_blocks,
 )
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
-from intuitive_physics_learner.search.identifiability import PRIOR_PRECISION
+from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.search_space import SearchSpace
 
 NORMAL_MEDIAN = 0.6745
@@ -92,10 +92,12 @@ class TrajectoryModel:
     cost : simulates the observations
     space : maps the unit cube of the n parameters to θ_s
     influence : (n_observations, n) bool, which observation can depend on which parameter
+    prior : of the n parameters
     settings : of the estimation
 
     Attributes
     ----------
+    prior : as given
     noise : m, standard deviation of an observed position on each axis
     blocks : the observations
     simulations : of single observations, so far
@@ -106,27 +108,23 @@ class TrajectoryModel:
         cost: Cost,
         space: SearchSpace,
         influence: NDArray[np.bool_],
+        prior: GaussianPrior,
         settings: JointEstimationSettings,
     ) -> None:
         self.cost = cost
         self.space = space
         self.influence = influence
+        self.prior = prior
         self.settings = settings
         self.noise = position_noise(cost.observations, settings.smallest_noise)
         self.simulations = 0
         self.blocks = observation_blocks(cost.observations, influence, settings)
         self._groups = separate_groups(influence)
 
-    def initial_estimate(self, unit: NDArray[np.float64]) -> Estimate:
-        """Return the estimate before any step: the prior, and the observed initial states.
-
-        Parameters
-        ----------
-        unit : (n,) point of the unit cube to begin from
-        """
-        deviations = np.full(unit.size, PRIOR_PRECISION**-0.5)
+    def initial_estimate(self) -> Estimate:
+        """Return the estimate before any step: the prior, and the observed initial states."""
         fits = [TrajectoryFits.initial(block, self.settings) for block in self.blocks]
-        return Estimate(unit, deviations, fits)
+        return Estimate(self.prior.mean.copy(), self.prior.deviations, fits)
 
     def parts(self, estimate: Estimate) -> Iterator[tuple[ObservationBlock, TrajectoryFits]]:
         """Yield blocks, with the points that horizons can reach in one step, and their fits."""
@@ -166,7 +164,7 @@ class TrajectoryModel:
     ) -> tuple[Posterior, list[Elimination]]:
         """Return the posterior of the parameters, and the initial states as functions of them."""
         eliminated = [each.eliminated() for each in equations]
-        return Posterior.of(eliminated, self.space.size, PRIOR_PRECISION), eliminated
+        return Posterior.of(eliminated, self.prior.precision), eliminated
 
     def scanned(
         self, estimate: Estimate, linear: Sequence[Linearisation], levels: Sequence[float]

@@ -39,6 +39,7 @@ from intuitive_physics_learner.cost.cancellation import batches, stop_if
 from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE, Cost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.trials import Trials
+from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION
 from intuitive_physics_learner.search.one_sided_intervals import (
     SMALLEST_RESPONSE,
     UNIFORM,
@@ -47,10 +48,7 @@ from intuitive_physics_learner.search.one_sided_intervals import (
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
 from intuitive_physics_learner.search.settings import IdentifiabilitySettings
 
-PRIOR_PRECISION = 12.0
-"""One over the variance of a number known only to lie within the unit interval, per width²."""
-
-LARGEST_DEVIATION = 0.5 / np.sqrt(PRIOR_PRECISION)
+LARGEST_DEVIATION = 0.5 / np.sqrt(UNIFORM_PRECISION)
 """Width: standard deviation from which on a parameter is not identified, half that of its bounds
 alone."""
 
@@ -132,7 +130,7 @@ def identify(
         step, own = settings.jacobian_step, influence[:, rising]
         squares = _squares_of_slopes(cost, axes, rising, own, step, cancelled)
         information = squares / noise.effective_variance(rising.size)
-        covariance = np.linalg.inv(information + PRIOR_PRECISION * np.eye(rising.size))
+        covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(rising.size))
         deviations[rising] = np.sqrt(np.diag(covariance))
     moved = acceptable_moves(saving, axes, parameters, influence, deviations, cancelled, settings)
     deviations = np.maximum(deviations, moved.min(axis=1) / UNIFORM)

@@ -1,4 +1,4 @@
-"""The task of one search: learn θ_s from observations, beginning at a known θ_s."""
+"""The task of one search: learn θ_s from observations, with what is known of it before."""
 
 from __future__ import annotations
 
@@ -12,6 +12,52 @@ from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
+UNIFORM_PRECISION = 12.0
+"""One over the variance of a number known only to lie within the unit interval, per width²."""
+
+
+@dataclass(frozen=True, eq=False)
+class GaussianPrior:
+    """What is known of n parameters before the observations, on the unit cube of their search.
+
+    Parameters
+    ----------
+    mean : (n,) point of the unit cube
+    precision : (n, n) inverse covariance, per width²
+    """
+
+    mean: NDArray[np.float64]
+    precision: NDArray[np.float64]
+
+    @staticmethod
+    def uninformative(start: NDArray[np.float64]) -> GaussianPrior:
+        """Only the bounds are known; `start` (n,) is the mean."""
+        return GaussianPrior(start.copy(), UNIFORM_PRECISION * np.eye(start.size))
+
+    @property
+    def deviations(self) -> NDArray[np.float64]:
+        """Standard deviation (n,) of each parameter, in widths."""
+        return np.sqrt(np.diag(np.linalg.inv(self.precision)))
+
+    def losses(self, units: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the negative logarithm of the density (c,), but for a constant.
+
+        Parameters
+        ----------
+        units : (c, n) points of the unit cube
+        """
+        off = units - self.mean
+        return 0.5 * np.einsum("ci,ij,cj->c", off, self.precision, off)
+
+    def scores(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the gradient (n,) of the loss, per width.
+
+        Parameters
+        ----------
+        unit : (n,) point of the unit cube
+        """
+        return self.precision @ (unit - self.mean)
+
 
 @dataclass(frozen=True, eq=False)
 class LearningTask:
@@ -23,12 +69,14 @@ class LearningTask:
     space : bounds of all parameters
     influence : (n_observations, |θ_s|) bool, as `parameter_influence`
     start : θ_s to begin from
+    known : of the active parameters, before these observations; None: only their bounds
     """
 
     cost: Cost
     space: ParameterSpace
     influence: NDArray[np.bool_]
     start: StaticParameters
+    known: GaussianPrior | None = None
 
     @property
     def active(self) -> NDArray[np.bool_]:
@@ -44,3 +92,8 @@ class LearningTask:
     def begin(self) -> NDArray[np.float64]:
         """The point of that space's unit cube, (n,), to begin from."""
         return self.searched.to_unit(self.start)
+
+    @property
+    def prior(self) -> GaussianPrior:
+        """What is known of the active parameters before these observations."""
+        return self.known or GaussianPrior.uninformative(self.begin)

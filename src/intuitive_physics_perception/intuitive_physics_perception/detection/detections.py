@@ -22,6 +22,8 @@ class DetectedSphere:
     points : readings on its surface
     range : m from the sensor to the centre
     color : (3,) mean red, green and blue, 0 to 1; None where unknown
+    systematic_error : m, standard deviation of what errs alike in all frames, in each of centre and
+        radius; part of the covariance
     """
 
     center: NDArray[np.float64]
@@ -30,6 +32,7 @@ class DetectedSphere:
     points: int
     range: float
     color: NDArray[np.float64] | None = None
+    systematic_error: float = 0.0
 
     def moved(
         self, rotation: NDArray[np.float64], translation: NDArray[np.float64]
@@ -77,6 +80,8 @@ class DetectedSolid:
     points : readings on its surface
     misfit : mean squared distance from the surface, in variances of the noise
     color : (3,) mean red, green and blue, 0 to 1; None where unknown
+    systematic_error : m, standard deviation of what errs alike in all frames in each component of
+        the centre; not part of the covariances
     """
 
     shape: Box | Capsule
@@ -88,6 +93,7 @@ class DetectedSolid:
     points: int
     misfit: float
     color: NDArray[np.float64] | None = None
+    systematic_error: float = 0.0
 
     @property
     def radius(self) -> float:

@@ -87,7 +87,7 @@ def test_the_fit_is_unbiased_where_noise_is_large(rng) -> None:
         points = near_side(rng, center, radius, 400, 0.01)
         start = np.append(center + 0.01, 0.06)
         sphere, covariance, misfit, inliers = refine_sphere(
-            points, NOTHING, start, 0.015, 0.4, 3.0, noise
+            points, NOTHING, start, 0.015, 0.4, 3.0, noise, 0.0
         )
         assert inliers > 380
         assert misfit == pytest.approx(1.0, abs=0.4)
@@ -102,7 +102,8 @@ def test_without_noise_the_fit_is_exact(rng) -> None:
     noise = np.square([1e-4, 0.0, 1.0, 1e-5])
     truth = np.array([0.3, -0.1, 1.7, 0.06])
     points = near_side(rng, truth[:3], truth[3], 500)
-    sphere, _, _, _ = refine_sphere(points, NOTHING, outline_sphere(points), 0.015, 0.4, 3.0, noise)
+    start = outline_sphere(points)
+    sphere, _, _, _ = refine_sphere(points, NOTHING, start, 0.015, 0.4, 3.0, noise, 0.0)
     assert sphere == pytest.approx(truth, abs=1e-6)
 
 

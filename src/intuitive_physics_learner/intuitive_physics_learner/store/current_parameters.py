@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.observation import observation_materials
 from intuitive_physics_learner.store.observation_store import ObservationStore
 
 
@@ -28,7 +27,7 @@ class CurrentParameters:
 
     def __init__(self, store: ObservationStore) -> None:
         self._store = store
-        self._materials = observation_materials(store.observations())
+        self._materials = store.materials()
         self.newest = store.newest_parameters()
 
     @property

@@ -341,7 +341,7 @@ def test_full_disk_loses_nothing_that_was_stored(path, observation, tmp_path):
     writer = start_writer(path, observation, tmp_path)
     writer.stdout.readline()
     # No file of this process may grow beyond this any more: what a full disk looks like.
-    size = path.parent.joinpath(path.name + "-wal").stat().st_size + 30_000
+    size = path.parent.joinpath(path.name + "-wal").stat().st_size + 300_000
     resource.prlimit(writer.pid, resource.RLIMIT_FSIZE, (size, size))
     output, errors = writer.communicate(timeout=60)
     assert writer.returncode == 1

@@ -26,15 +26,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
-from intuitive_physics_learner.store.observation_entries import (
-    COLUMNS,
-    UNREADABLE,
-    UNREADABLE_COLUMNS,
-    USED,
-    text_columns,
-)
+from intuitive_physics_learner.store.observation_entries import COLUMNS
+from intuitive_physics_learner.store.observation_rows import insert_entry
 
 APPLICATION_ID = 0x49505331
 """Distinguishes our files from other SQLite files: "IPS1"."""
@@ -339,33 +333,3 @@ def migrate(connection: sqlite3.Connection, path: Path) -> None:
             else:
                 action(connection)
     connection.execute(f"PRAGMA user_version = {latest_version()}")
-
-
-def insert_entry(connection: sqlite3.Connection, name: str, received_at: float, text: str) -> None:
-    """Insert the entry of an observation whose JSON text is stored, as of a new revision."""
-    status, reason = USED, ""
-    try:
-        columns = text_columns(text)
-    except InvalidInputError as error:
-        status, reason, columns = UNREADABLE, str(error), UNREADABLE_COLUMNS
-    row = (name, received_at, *columns, status, float(status == USED), reason)
-    places = ", ".join("?" * len(row))
-    names = COLUMNS.removeprefix("number, ")
-    connection.execute(
-        f"INSERT INTO observation_entries ({names}) VALUES ({places}, ?)",
-        (*row, next_revision(connection)),
-    )
-
-
-def renew_entry(connection: sqlite3.Connection, name: str, text: str) -> None:
-    """Make an observation whose text can be read used again, as of a new revision."""
-    columns = COLUMNS.split(", ")[3:]
-    row = (*text_columns(text), USED, 1.0, "", next_revision(connection))
-    changes = ", ".join(f"{column} = ?" for column in columns)
-    connection.execute(f"UPDATE observation_entries SET {changes} WHERE id = ?", (*row, name))
-
-
-def next_revision(connection: sqlite3.Connection) -> int:
-    """Count the set of observations as changed, and return its new revision."""
-    connection.execute("UPDATE observation_set SET revision = revision + 1")
-    return int(connection.execute("SELECT revision FROM observation_set").fetchone()[0])

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.observation import Observation
 
 USED, EXCLUDED, DOUBTFUL, UNREADABLE = "used", "excluded", "doubtful", "unreadable"
 """Status of an observation: learned from; left out by the user; set aside by the learner, which may
@@ -153,3 +154,14 @@ def _ends(objects: list[dict[str, Any]]) -> Iterator[float]:
         for times in (seen["times"], (seen.get("detections") or {}).get("times")):
             if times:
                 yield from (float(times[0]), float(times[-1]))
+
+
+def parsed_observation(text: str) -> Observation | InvalidInputError:
+    """Return the observation of a JSON text, or what is wrong with the text."""
+    try:
+        return Observation.from_json(text)
+    except InvalidInputError as error:
+        return error
+    # A text that is JSON, but was changed by hand, can fail in any of these ways.
+    except (ValueError, TypeError, LookupError, AttributeError) as error:
+        return InvalidInputError(f"{type(error).__name__}: {error}")

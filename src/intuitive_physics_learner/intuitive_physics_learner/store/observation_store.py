@@ -13,20 +13,14 @@ import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.observation import Observation
 from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
-from intuitive_physics_learner.store.database import (
-    Database,
-    insert_entry,
-    next_revision,
-    renew_entry,
-)
+from intuitive_physics_learner.store.database import Database
 from intuitive_physics_learner.store.observation_entries import (
-    COLUMNS,
     DOUBTFUL,
     EXCLUDED,
     STATUSES,
@@ -34,6 +28,17 @@ from intuitive_physics_learner.store.observation_entries import (
     USED,
     Assessment,
     ObservationEntry,
+    parsed_observation,
+)
+from intuitive_physics_learner.store.observation_rows import (
+    CANDIDATES,
+    ObservationSpan,
+    check_ids,
+    insert_observation,
+    list_entries,
+    overlapping_texts,
+    renew_entry,
+    set_status,
 )
 from intuitive_physics_learner.store.search_checkpoint import SearchCheckpoint
 
@@ -42,10 +47,6 @@ LARGEST_SEARCH_COUNT = 8
 
 CHUNK = 256
 """Observations read together: some MB of text, and few enough reads."""
-
-CANDIDATES = 64
-"""Stored observations that a new one is compared with at most, the nearest in time first; a camera
-sees far fewer motions at once."""
 
 EXCLUDED_BY_USER = "excluded by the user"
 """Reason of an exclusion for which none is given."""
@@ -94,9 +95,9 @@ class ObservationStore:
 
     def add_all(self, observations: Sequence[Observation]) -> int:
         """Store observations, all or none of them, and return how many were not stored before."""
-        fresh: list[_Span] = []
+        fresh: list[ObservationSpan] = []
         for one in observations:
-            span = _Span.of(one)
+            span = ObservationSpan.of(one)
             near = heapq.nsmallest(
                 CANDIDATES,
                 (other for other in fresh if other.comparable(span)),
@@ -109,7 +110,7 @@ class ObservationStore:
             (one.id, time.time(), one.to_json()) for one in (span.observation for span in fresh)
         ]
         with self._database.writing() as connection:
-            return sum(_insert_observation(connection, row) for row in rows)
+            return sum(insert_observation(connection, row) for row in rows)
 
     def count(self, status: str | None = None) -> int:
         """Return the number of observations, of one status or of all."""
@@ -167,24 +168,10 @@ class ObservationStore:
         UnknownNameError
             When no observation has one of the ids, or there is no such status.
         """
-        for status in statuses:
-            if status not in STATUSES:
-                raise UnknownNameError(f"status is {status!r}; expected {', '.join(STATUSES)}")
-        chosen = "number > ? AND revision > ?"
-        values: list[object] = [after, changed_after]
-        for column, names in (("id", ids), ("status", statuses)):
-            if names:
-                chosen += f" AND {column} IN (SELECT value FROM json_each(?))"
-                values.append(json.dumps(list(names)))
         with self._database.reading() as connection:
-            if ids:
-                _check_ids(connection, ids)
-            rows = connection.execute(
-                f"SELECT {COLUMNS} FROM observation_entries WHERE {chosen} "
-                f"ORDER BY number {'DESC' if newest else 'ASC'} LIMIT ?",
-                (*values, limit),
-            ).fetchall()
-        return [ObservationEntry.from_row(row) for row in rows]
+            return list_entries(
+                connection, ids, statuses, (after, changed_after), limit=limit, newest=newest
+            )
 
     def observations(self, ids: Sequence[str] = ()) -> list[Observation]:
         """Return observations in the order in which they came: those used, or those with the ids.
@@ -201,7 +188,7 @@ class ObservationStore:
         if not ids:
             return [observation for _, observation in self.each_observation()]
         rows = self._texts(self.entries(ids=ids))
-        found = [(entry, _parsed(text)) for entry, text in rows]
+        found = [(entry, parsed_observation(text)) for entry, text in rows]
         for entry, observation in found:
             if isinstance(observation, InvalidInputError):
                 self._mark_unreadable([(entry, observation)])
@@ -225,7 +212,7 @@ class ObservationStore:
         while entries := self.entries(statuses=statuses, after=after, limit=chunk):
             unreadable: list[tuple[ObservationEntry, InvalidInputError]] = []
             for entry, text in self._texts(entries):
-                observation = _parsed(text)
+                observation = parsed_observation(text)
                 if isinstance(observation, Observation):
                     yield entry, observation
                 else:
@@ -280,7 +267,7 @@ class ObservationStore:
         Raises `UnknownNameError` when no observation has one of the ids; then none is deleted.
         """
         with self._database.writing() as connection:
-            _check_ids(connection, ids)
+            check_ids(connection, ids)
             return connection.execute(
                 "DELETE FROM observations WHERE id IN (SELECT value FROM json_each(?))",
                 (json.dumps(list(ids)),),
@@ -306,7 +293,7 @@ class ObservationStore:
         readable = [
             (entry, text)
             for entry, text in self._texts(self.entries(statuses=[UNREADABLE]))
-            if isinstance(_parsed(text), Observation)
+            if isinstance(parsed_observation(text), Observation)
         ]
         if readable:
             with self._database.writing() as connection:
@@ -403,18 +390,9 @@ class ObservationStore:
             connection.execute("DELETE FROM searches WHERE key = ?", (key,))
 
     def _set_status(self, ids: Sequence[str], status: str, weight: float, reason: str) -> int:
-        changed = 0
         with self._database.writing() as connection:
-            _check_ids(connection, ids)
-            for name in ids:
-                changed += connection.execute(
-                    "UPDATE observation_entries SET status = ?1, weight = ?2, reason = ?3, "
-                    "revision = (SELECT revision + 1 FROM observation_set) "
-                    "WHERE id = ?4 AND (status, weight, reason) != (?1, ?2, ?3)",
-                    (status, weight, reason, name),
-                ).rowcount
-                next_revision(connection)
-        return changed
+            check_ids(connection, ids)
+            return sum(set_status(connection, name, status, weight, reason) for name in ids)
 
     def _texts(self, entries: Sequence[ObservationEntry]) -> Iterator[tuple[ObservationEntry, str]]:
         """Read the texts of observations; one that was deleted meanwhile is passed over."""
@@ -431,25 +409,11 @@ class ObservationStore:
                 )
             yield from ((entry, texts[entry.id]) for entry in some if entry.id in texts)
 
-    def _stored_near(self, span: _Span) -> list[Observation]:
+    def _stored_near(self, span: ObservationSpan) -> list[Observation]:
         """Return stored observations that may be of the same motion."""
         with self._database.reading() as connection:
-            rows = connection.execute(
-                "SELECT json FROM observations JOIN ("
-                "SELECT id, start_time FROM observation_entries "
-                "WHERE has_detections IN (?, 1) AND first_time <= ? AND first_time >= ? - "
-                "(SELECT MAX(last_time - first_time) FROM observation_entries) AND last_time >= ? "
-                "ORDER BY ABS(start_time - ?) LIMIT ?) USING (id)",
-                (
-                    not span.has_detections,
-                    span.last,
-                    span.first,
-                    span.first,
-                    span.observation.start_time,
-                    CANDIDATES,
-                ),
-            ).fetchall()
-        found = (_parsed(row[0]) for row in rows)
+            texts = overlapping_texts(connection, span)
+        found = map(parsed_observation, texts)
         return [one for one in found if isinstance(one, Observation)]
 
     def _mark_unreadable(self, found: Sequence[tuple[ObservationEntry, InvalidInputError]]) -> None:
@@ -479,65 +443,3 @@ class ObservationStore:
 
 def _newest_version(connection: sqlite3.Connection) -> int:
     return connection.execute("SELECT MAX(version) FROM learned_parameters").fetchone()[0] or 0
-
-
-def _parsed(text: str) -> Observation | InvalidInputError:
-    """Return the observation of a JSON text, or what is wrong with the text."""
-    try:
-        return Observation.from_json(text)
-    except InvalidInputError as error:
-        return error
-    # A text that is JSON, but was changed by hand, can fail in any of these ways.
-    except (ValueError, TypeError, LookupError, AttributeError) as error:
-        return InvalidInputError(f"{type(error).__name__}: {error}")
-
-
-@dataclass(frozen=True)
-class _Span:
-    """An observation, the times in s that it covers, and whether any object has detections."""
-
-    observation: Observation
-    first: float
-    last: float
-    has_detections: bool
-
-    @staticmethod
-    def of(observation: Observation) -> _Span:
-        has_detections = any(seen.detections is not None for seen in observation.objects)
-        return _Span(observation, *observation.time_span, has_detections)
-
-    def comparable(self, other: _Span) -> bool:
-        """Whether more than the ids can say that both are of the same motion.
-
-        Equal ids need no comparison: the table has each id once.
-        """
-        return (
-            (self.has_detections or other.has_detections)
-            and self.first <= other.last
-            and other.first <= self.last
-        )
-
-
-def _insert_observation(connection: sqlite3.Connection, row: tuple[str, float, str]) -> bool:
-    """Insert id, received_at and JSON text; return whether the id is new."""
-    inserted = connection.execute(
-        "INSERT INTO observations (id, received_at, json) VALUES (?, ?, ?) "
-        "ON CONFLICT (id) DO NOTHING",
-        row,
-    ).rowcount
-    if inserted:
-        insert_entry(connection, *row)
-    return bool(inserted)
-
-
-def _check_ids(connection: sqlite3.Connection, ids: Sequence[str]) -> None:
-    """Raise `UnknownNameError` if no observation has one of the ids."""
-    missing = connection.execute(
-        "SELECT value FROM json_each(?) WHERE value NOT IN (SELECT id FROM observations) LIMIT 1",
-        (json.dumps(list(ids)),),
-    ).fetchone()
-    if missing is not None:
-        count = connection.execute("SELECT COUNT(*) FROM observation_entries").fetchone()[0]
-        raise UnknownNameError(
-            f"observation id is {missing[0]!r}; expected one of the {count} that are stored"
-        )

@@ -1,7 +1,10 @@
 """What the store knows of each observation: status, weight, reason, order, counts, changes."""
 
 import json
+import os
+import re
 import sqlite3
+import threading
 from collections import Counter
 from dataclasses import replace
 
@@ -11,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
-from intuitive_physics.observation import Detections
+from intuitive_physics.observation import Detections, load_observation
 from intuitive_physics_learner import (
     ConvergenceCriteria,
     LearningOptions,
@@ -19,6 +22,7 @@ from intuitive_physics_learner import (
     StorageError,
 )
 from intuitive_physics_learner.store import Assessment
+from intuitive_physics_learner.store.database import database_path
 from intuitive_physics_learner.store.observation_entries import STATUSES
 from intuitive_physics_learner.stored_learning import learn_from_store
 
@@ -215,6 +219,40 @@ def test_observations_one_after_the_other(store, glide_at, chunk):
     ]
 
 
+def test_exports_what_is_used_or_asked_for(store, glide_at, tmp_path):
+    store.add_all([glide_at(id) for id in "abc"])
+    store.exclude(["b"])
+    assert store.export(tmp_path / "used") == 2
+    assert store.export(tmp_path / "asked", ["b"]) == 1
+    (file,) = (tmp_path / "asked").iterdir()
+    assert load_observation(file).to_json() == glide_at("b").to_json()
+    with pytest.raises(UnknownNameError):
+        store.export(tmp_path / "none", ["x"])
+    with pytest.raises(InvalidInputError, match="cannot make the folder"):
+        store.export(file)
+
+
+@pytest.mark.parametrize(
+    ("template", "namespace", "path"),
+    [
+        ("/data/x.sqlite3", "/robot", "/data/x.sqlite3"),
+        ("/data/{namespace}/x.sqlite3", "/", "/data/x.sqlite3"),
+        ("/data/{namespace}/x.sqlite3", "/robots/left", "/data/robots/left/x.sqlite3"),
+        ("{namespace}/x.sqlite3", "/", "x.sqlite3"),
+        ("~/{namespace}.sqlite3", "/robot", "~/robot.sqlite3"),
+    ],
+)
+def test_a_namespace_has_its_own_database(template, namespace, path):
+    assert str(database_path(template, namespace)) == path
+
+
+def test_a_session_has_its_own_database():
+    text = str(database_path("/data/{namespace}/{session}.sqlite3", "/robot"))
+    assert re.fullmatch(r"/data/robot/\d{8}T\d{6}Z\.sqlite3", text)
+    with pytest.raises(InvalidInputError, match=r"placeholder \{sesion\}; expected"):
+        database_path("/data/{sesion}.sqlite3", "/")
+
+
 MATERIALS = st.sampled_from(["ball", "cork", "wood"])
 ACTIONS = st.lists(
     st.tuples(st.sampled_from(["add", "exclude", "include", "doubt", "delete"]), MATERIALS),
@@ -276,3 +314,21 @@ def test_learning_goes_on_without_an_unreadable_row(store, glide_at, glide):
     options = LearningOptions("random", ConvergenceCriteria(max_iterations=20))
     result = learn_from_store(store, glide, options)
     assert result.learned.observation_count == 2
+
+
+def test_a_writer_of_idle_priority_does_not_stand_still_with_the_lock(store):
+    policies = []
+
+    def write():
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+        with store._database.writing():
+            policies.append(os.sched_getscheduler(0))
+        policies.append(os.sched_getscheduler(0))
+
+    thread = threading.Thread(target=write)
+    thread.start()
+    thread.join()
+    within, after = policies
+    assert after == os.SCHED_IDLE
+    # Who lacks the right stays idle and goes on.
+    assert within == os.SCHED_OTHER or os.geteuid() != 0

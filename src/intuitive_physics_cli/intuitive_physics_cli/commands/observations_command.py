@@ -126,18 +126,18 @@ def _report(options: argparse.Namespace, done: str, count: int, store: Any) -> N
 
 def _export(options: argparse.Namespace) -> None:
     from intuitive_physics_recordings.observation_bag import SUFFIX, write_observation_bag
-    from intuitive_physics_recordings.observation_files import save_observations
 
     with open_database(options.database) as store:
-        observations = store.observations(options.ids)
-    if options.output.suffix == SUFFIX:
-        write_observation_bag(observations, options.output)
-    else:
-        save_observations(observations, options.output)
+        if options.output.suffix == SUFFIX:
+            observations = store.observations(options.ids)
+            write_observation_bag(observations, options.output)
+            count = len(observations)
+        else:
+            count = store.export(options.output, options.ids)
     if options.json:
-        print(json.dumps({"exported": len(observations), "output": str(options.output)}))
+        print(json.dumps({"exported": count, "output": str(options.output)}))
     else:
-        print(f"{len(observations)} observations in {options.output}")
+        print(f"{count} observations in {options.output}")
 
 
 def _check(options: argparse.Namespace) -> None:

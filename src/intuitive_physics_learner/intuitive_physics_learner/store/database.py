@@ -20,12 +20,15 @@ elsewhere is found when what is damaged is read, or by `Database.damage`.
 from __future__ import annotations
 
 import os
+import re
 import sqlite3
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from datetime import datetime, timezone
 from pathlib import Path
 
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
 from intuitive_physics_learner.store.observation_entries import COLUMNS
 from intuitive_physics_learner.store.observation_rows import insert_entry
@@ -141,6 +144,41 @@ def default_database_path() -> Path:
     if not home.is_absolute():
         home = Path.home() / ".local" / "share"
     return home / "intuitive_physics" / "learner.sqlite3"
+
+
+NAMESPACE, SESSION = "{namespace}", "{session}"
+"""Placeholders of a path that `database_path` fills in."""
+
+PLACEHOLDER_GUIDE = (
+    "{namespace} stands for the node's namespace, nothing for the root, and {session} for the time "
+    "of the node's start, such as 20260131T120000Z"
+)
+"""For those who give a path."""
+
+
+def database_path(template: str, namespace: str) -> Path:
+    """Return the path that a template with placeholders stands for.
+
+    Parameters
+    ----------
+    template : path in which `PLACEHOLDER_GUIDE` holds
+    namespace : of the node, such as "/robots/left"; each of its names becomes a folder
+
+    Raises
+    ------
+    InvalidInputError
+        When the template has another placeholder.
+    """
+    unknown = set(re.findall(r"\{\w*\}", template)) - {NAMESPACE, SESSION}
+    if unknown:
+        raise InvalidInputError(
+            f"database {template} has the placeholder {min(unknown)}; "
+            f"expected {NAMESPACE} or {SESSION}"
+        )
+    session = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%SZ")
+    path = template.replace(NAMESPACE, namespace.strip("/")).replace(SESSION, session)
+    # Without a namespace, "{namespace}/file" would be in the root folder of the machine.
+    return Path(path if template.startswith("/") else path.lstrip("/"))
 
 
 class Database:

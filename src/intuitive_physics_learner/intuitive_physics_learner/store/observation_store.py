@@ -14,10 +14,11 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.observation import Observation
+from intuitive_physics.observation import Observation, save_observation
 from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
 from intuitive_physics_learner.store.database import Database
 from intuitive_physics_learner.store.observation_entries import (
@@ -199,7 +200,11 @@ class ObservationStore:
         return [observation for _, observation in found if isinstance(observation, Observation)]
 
     def each_observation(
-        self, statuses: Sequence[str] = (USED,), after: int = 0, chunk: int = CHUNK
+        self,
+        statuses: Sequence[str] = (USED,),
+        after: int = 0,
+        chunk: int = CHUNK,
+        ids: Sequence[str] = (),
     ) -> Iterator[tuple[ObservationEntry, Observation]]:
         """Read observations one after the other, with no more than a chunk of them in memory.
 
@@ -208,8 +213,9 @@ class ObservationStore:
         statuses : of the observations; a text that cannot be read is marked and passed over
         after : only observations with a higher number
         chunk : observations read together
+        ids : of the observations; empty: all
         """
-        while entries := self.entries(statuses=statuses, after=after, limit=chunk):
+        while entries := self.entries(ids=ids, statuses=statuses, after=after, limit=chunk):
             unreadable: list[tuple[ObservationEntry, InvalidInputError]] = []
             for entry, text in self._texts(entries):
                 observation = parsed_observation(text)
@@ -272,6 +278,33 @@ class ObservationStore:
                 "DELETE FROM observations WHERE id IN (SELECT value FROM json_each(?))",
                 (json.dumps(list(ids)),),
             ).rowcount
+
+    def export(self, folder: str | os.PathLike[str], ids: Sequence[str] = ()) -> int:
+        """Write observations as JSON, one file each: those used, or those with the ids.
+
+        Returns
+        -------
+        int
+            How many were written.
+
+        Raises
+        ------
+        UnknownNameError
+            When no observation has one of the ids.
+        InvalidInputError
+            When the folder or a file cannot be written.
+        """
+        target = Path(folder).expanduser()
+        try:
+            target.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InvalidInputError(f"cannot make the folder {target}: {error.strerror}") from None
+        statuses = () if ids else (USED,)
+        count = 0
+        for entry, observation in self.each_observation(statuses, ids=ids):
+            save_observation(observation, target / f"{entry.number:06d}_{entry.id}.json")
+            count += 1
+        return count
 
     def check(self) -> list[ObservationEntry]:
         """Read the whole file and every observation, and return those that cannot be read.

@@ -174,8 +174,9 @@ class PerceptionSettings:
         0.0,
         10.0,
         "width of the classes of radius that have materials of their own: with 0.02 m an unknown "
-        "sphere of 30 to 50 mm radius has the material ball_40mm. To be larger than twice the error of a "
-        "radius, with the radii in use near multiples of it; 0: all have `object_material`",
+        "sphere of 30 to 50 mm radius has the material ball_40mm. To be larger than twice the "
+        "error of a radius, with the radii in use near multiples of it; 0: all have "
+        "`object_material`",
         unit="m",
     )
     known_objects: tuple[KnownObject, ...] = other((), "objects known by their radius")

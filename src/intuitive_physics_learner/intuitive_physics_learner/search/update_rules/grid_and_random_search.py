@@ -69,7 +69,8 @@ def grid_levels(increment: float) -> NDArray[np.float64]:
     increment : δp, part of the unit interval; where 1/δp is no whole number it is rounded down
     """
     count = max(1, int(1.0 / increment + 1e-9))
-    return 0.5 + (np.arange(count) - 0.5 * (count - 1)) * increment
+    steps = np.arange(count, dtype=np.float64) - 0.5 * (count - 1)
+    return np.asarray(0.5 + increment * steps)
 
 
 class RandomSearch(UpdateRule):

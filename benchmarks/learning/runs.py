@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
+from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics_experiments.paper.paper_dataset import PaperDataset, make_paper_dataset
 from intuitive_physics_learner import (
@@ -104,10 +104,6 @@ class JointRun:
     iterations : (n,) evaluations of J that would have simulated as much
     training, test : (n,) J in m by then
     exact : J in m over the test split from the true initial states, of what was learned
-    judging_seconds : wall time of finding the uncertainties
-    scores : errors of the identified parameters in their stated standard deviations
-    errors : (n_identified,) those errors on the unit interval of each parameter's bounds
-    active : parameters that the observations could depend on
     """
 
     seconds: NDArray[np.float64]
@@ -115,13 +111,9 @@ class JointRun:
     training: NDArray[np.float64]
     test: NDArray[np.float64]
     exact: float
-    judging_seconds: float
-    scores: NDArray[np.float64]
-    errors: NDArray[np.float64]
-    active: int
 
 
-def joint_run(task: Task, time_limit: float, *, judged: bool = True) -> JointRun:
+def joint_run(task: Task, time_limit: float) -> JointRun:
     """Let joint estimation run until it has settled or the time is over."""
     test = task.test_cost()
     space = ParameterSpace(task.start.materials)
@@ -144,28 +136,12 @@ def joint_run(task: Task, time_limit: float, *, judged: bool = True) -> JointRun
         if seconds > time_limit:
             break
     seconds, iterations, training, tested = np.array(rows).T
-    began = time.perf_counter()
-    scores = errors = np.empty(0)
-    if judged and not search.lowers_cost:
-        stated = search.identifiability(learning)
-        true = parameter_vector(task.dataset.parameters)
-        misses = parameter_vector(search.best_parameters) - true
-        scores = (misses / stated.standard_deviations)[stated.identified]
-        errors = np.abs(
-            space.to_unit(search.best_parameters) - space.to_unit(task.dataset.parameters)
-        )
-        errors = errors[stated.identified]
-    judging_seconds = time.perf_counter() - began
     return JointRun(
         seconds,
         iterations.astype(np.int64),
         training,
         tested,
         float(task.exact_cost().costs([search.best_parameters])[0]),
-        judging_seconds,
-        scores,
-        errors,
-        learning.searched.size,
     )
 
 

@@ -14,15 +14,16 @@ from typing import Any
 
 from benchmarks.command import Outcome, report_progress, run_benchmark
 from benchmarks.learning.camera import CAMERA
+from benchmarks.learning.disturbed import DISTURBED
+from benchmarks.learning.methods.comparison import METHODS
 from benchmarks.learning.online import ONLINE
 from benchmarks.learning.part import Findings, Part, Plan
-from benchmarks.learning.rules import RULES
 from benchmarks.learning.sets import SETS
 from benchmarks.peers.engine import MissingPeerError
 from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 
-PARTS = (SETS, CAMERA, ONLINE, RULES)
+PARTS = (SETS, CAMERA, ONLINE, DISTURBED, METHODS)
 """In the order in which they are measured and reported."""
 
 LINE = (

@@ -13,9 +13,9 @@ import numpy as np
 
 from benchmarks.command import report_progress
 from benchmarks.learning.online_stream import published_after_each
+from benchmarks.learning.paper_sets import make_task
 from benchmarks.learning.part import Findings, Part, Plan
 from benchmarks.learning.public_learning import learn_by_default
-from benchmarks.learning.runs import make_task
 from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation

@@ -69,3 +69,15 @@ def learn_by_default(
 def _fell_back(checkpoint: Mapping[str, Any]) -> bool:
     """Whether the last state of a search says that J itself was lowered."""
     return checkpoint["search"].get("descent") is not None
+
+
+LEAST_GOOD = 0.5
+"""Probability of being good below which an observation counts as flagged."""
+
+
+def flagged_observations(learned: Learned) -> frozenset[str] | None:
+    """Ids of the observations that learning holds for disturbed; None where it assesses none."""
+    assessments = getattr(learned.result, "assessments", None)
+    if assessments is None:
+        return None
+    return frozenset(each.id for each in assessments if each.weight < LEAST_GOOD)

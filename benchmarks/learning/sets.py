@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import report_progress
+from benchmarks.learning.paper_sets import TOLERANCE, Task, make_task
 from benchmarks.learning.part import Findings, Part, Plan
 from benchmarks.learning.public_learning import Learned, learn_by_default
-from benchmarks.learning.runs import TOLERANCE, Task, make_task
 from benchmarks.learning.scores import (
     LEAST_WITHIN,
     MOST_WITHIN,

@@ -9,7 +9,8 @@ import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.learning.runs import JointRun, Task
+from benchmarks.learning.methods.histories import JointRun
+from benchmarks.learning.paper_sets import Task
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

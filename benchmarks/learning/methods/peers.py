@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.learning.runs import THREADS, Task, joint_run, make_task
+from benchmarks.learning.methods.histories import joint_run
+from benchmarks.learning.paper_sets import THREADS, Task, make_task
 from benchmarks.peers.mujoco_simulator import MujocoSimulator
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.simulation import Rollout, Simulator, WorldBatch, make_simulator

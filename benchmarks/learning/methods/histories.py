@@ -1,4 +1,4 @@
-"""Runs of the learners on synthetic sets of the paper's Sec. IV-B, beside the oracle."""
+"""How J falls with iterations and time on one of the paper's synthetic sets."""
 
 from __future__ import annotations
 
@@ -8,76 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.materials import StaticParameters
+from benchmarks.learning.paper_sets import TOLERANCE, Task
 from intuitive_physics.parameter_space import ParameterSpace
-from intuitive_physics.simulation import Simulator, make_simulator
-from intuitive_physics_experiments.paper.paper_dataset import PaperDataset, make_paper_dataset
 from intuitive_physics_learner import (
     ConvergenceCriteria,
     ParameterSearch,
-    TrajectoryCost,
     make_update_rule,
 )
 from intuitive_physics_learner.cost.cached_cost import CachedCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation import JointSearch
 from intuitive_physics_learner.search.learning_task import LearningTask
-
-SAMPLES = 50
-"""Of each object of a set."""
-
-THREADS = 2
-"""Of the learner's simulator."""
-
-TOLERANCE = 0.05
-"""Part of the oracle's J by which a learner may stay above it."""
-
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """A set to learn from, an engine to learn with, and what the oracle reaches.
-
-    Parameters
-    ----------
-    dataset : with the paper's initial states, from three points
-    simulator : of the learner
-    start : θ_s that joint estimation begins from
-    oracle : J of the true θ_s in m, on the training and on the test split, and on the test split
-        from the true initial states
-    """
-
-    dataset: PaperDataset
-    simulator: Simulator
-    start: StaticParameters
-    oracle: tuple[float, float, float]
-
-    def training_cost(self) -> TrajectoryCost:
-        """J over the training split."""
-        observations = self.dataset.training_observations
-        return TrajectoryCost(observations, self.simulator, self.start.materials)
-
-    def test_cost(self) -> TrajectoryCost:
-        """J over the test split."""
-        observations = self.dataset.test_observations
-        return TrajectoryCost(observations, self.simulator, self.start.materials)
-
-    def exact_cost(self) -> TrajectoryCost:
-        """J over the test split from the true initial states, which depends on θ_s alone."""
-        observations = self.dataset.with_initial_states("true").test_observations
-        return TrajectoryCost(observations, self.simulator, self.start.materials)
-
-
-def make_task(objects: int, seed: int, simulator: Simulator | None = None) -> Task:
-    """Make the set of that seed."""
-    dataset = make_paper_dataset(objects, SAMPLES, np.random.default_rng(seed))
-    simulator = simulator or make_simulator("auto", threads=THREADS)
-    start = StaticParameters.uniform(dataset.parameters.materials)
-    task = Task(dataset, simulator, start, (np.nan, np.nan, np.nan))
-    training, test, exact = (
-        float(cost.costs([dataset.parameters])[0])
-        for cost in (task.training_cost(), task.test_cost(), task.exact_cost())
-    )
-    return Task(dataset, simulator, start, (training, test, exact))
 
 
 def rule_history(task: Task, rule: str, seed: int, iterations: int) -> NDArray[np.float64]:

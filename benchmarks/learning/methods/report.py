@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.learning.cluster import Pace
-from benchmarks.learning.peers import PeerResult
-from benchmarks.learning.runs import TOLERANCE, JointRun, Task, seconds_to_tolerance
+from benchmarks.learning.methods.cluster import Pace
+from benchmarks.learning.methods.histories import JointRun, seconds_to_tolerance
+from benchmarks.learning.methods.peers import PeerResult
+from benchmarks.learning.paper_sets import TOLERANCE, Task
 from benchmarks.results.result import Cell, Column, Table
 from benchmarks.steady_loop import Lateness
 from intuitive_physics_learner import UPDATE_RULES

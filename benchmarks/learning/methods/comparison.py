@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.command import report_progress
-from benchmarks.learning.cluster import compare_paces
-from benchmarks.learning.figure import draw_figure
-from benchmarks.learning.loop_beside import compare_lateness
+from benchmarks.learning.methods.cluster import compare_paces
+from benchmarks.learning.methods.figure import draw_figure
+from benchmarks.learning.methods.histories import joint_run, rule_history
+from benchmarks.learning.methods.loop_beside import compare_lateness
+from benchmarks.learning.methods.peers import compare_engines
+from benchmarks.learning.methods.report import Histories, Joint, Measured, tables
+from benchmarks.learning.paper_sets import make_task
 from benchmarks.learning.part import Findings, Part, Plan
-from benchmarks.learning.peers import compare_engines
-from benchmarks.learning.report import Histories, Joint, Measured, tables
-from benchmarks.learning.runs import joint_run, make_task, rule_history
 from intuitive_physics_learner import FURTHER_RULES, UPDATE_RULES
 
 SETS = {"1x50": 1, "10x50": 10, "20x50": 20}
@@ -121,5 +122,5 @@ def run_further(effort: Effort, joint: Joint) -> Histories:
     return histories
 
 
-RULES = Part("rules", (), measure)
+METHODS = Part("methods", (), measure)
 """The part that compares methods, engines and ways to evaluate J."""

@@ -19,11 +19,12 @@ from benchmarks.learning.methods.comparison import METHODS
 from benchmarks.learning.online import ONLINE
 from benchmarks.learning.part import Findings, Part, Plan
 from benchmarks.learning.sets import SETS
+from benchmarks.learning.stream import STREAM
 from benchmarks.peers.engine import MissingPeerError
 from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 
-PARTS = (SETS, CAMERA, ONLINE, DISTURBED, METHODS)
+PARTS = (SETS, CAMERA, ONLINE, DISTURBED, STREAM, METHODS)
 """In the order in which they are measured and reported."""
 
 LINE = (

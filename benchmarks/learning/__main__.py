@@ -15,6 +15,7 @@ from typing import Any
 from benchmarks.command import Outcome, report_progress, run_benchmark
 from benchmarks.learning.camera import CAMERA
 from benchmarks.learning.disturbed import DISTURBED
+from benchmarks.learning.mass_ratio import MASS_RATIO
 from benchmarks.learning.methods.comparison import METHODS
 from benchmarks.learning.online import ONLINE
 from benchmarks.learning.part import Findings, Part, Plan
@@ -24,7 +25,7 @@ from benchmarks.peers.engine import MissingPeerError
 from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 
-PARTS = (SETS, CAMERA, ONLINE, DISTURBED, STREAM, METHODS)
+PARTS = (SETS, CAMERA, ONLINE, MASS_RATIO, DISTURBED, STREAM, METHODS)
 """In the order in which they are measured and reported."""
 
 LINE = (

@@ -92,7 +92,7 @@ def _reached(joint: Joint) -> Table:
             ]
         )
     return Table(
-        title="Joint estimation, one set each: J over the test split against that of the true θ_s",
+        title="Time until test J is within 5 % of that of the true θ_s, one set each",
         columns=[
             Column("set"),
             Column("s to 5 %", "s", ".2f"),

@@ -129,7 +129,7 @@ def excess() -> tuple[str, ...]:
         ", ".join(shown),
         f"default 1, true 0; J from observed initial states within 5 % of the true parameters': "
         f"learned {near} of {len(everything)}, untouched default {default} of {len(everything)}",
-        f"[{', '.join(counts)} sets](docs/benchmarks.md)",
+        f"[{len(everything)} sets: {', '.join(counts)}](docs/benchmarks.md)",
         "`make bench-learning`",
     )
 

@@ -44,10 +44,10 @@ class Effort:
 
 
 FULL = Effort(
-    seconds=(4.0, 30.0, 90.0),
-    rule_seeds=(5, 2, 1),
+    seconds=(4.0, 20.0, 60.0),
+    rule_seeds=(3, 1, 1),
     iterations=(500, 150, 60),
-    further_iterations=(0, 400, 200),
+    further_iterations=(0, 300, 150),
     peer_seconds=10.0,
     loop_seconds=5.0,
 )

@@ -113,10 +113,11 @@ class Disturber:
         before = self._simulator.rollout([run.scene], self._parameters, at)
         velocities = (before.positions[0, :, 1] - before.positions[0, :, 0]) / VELOCITY_STEP
         velocities[number] += rng.uniform(*KICK_SPEEDS) * _direction(rng)
+        orientations = np.asarray(before.orientations)[0, :, 0]
         states = tuple(
             ObjectState(
                 before.positions[0, i, 0],
-                before.orientations[0, i, 0],
+                orientations[i],
                 velocities[i],
                 rng.normal(0.0, KICK_SPIN, 3),
             )

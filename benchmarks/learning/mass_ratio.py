@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.command import report_progress
 from benchmarks.learning.part import Findings, Part, Plan
@@ -103,15 +104,19 @@ def measure_mass_ratio(
     heavy = learned.parameters.index("heavy")
     light = learned.parameters.index("light")
     estimate = learned.parameters.density[heavy] / learned.parameters.density[light]
-    intervals = (
-        np.quantile(values, [0.05, 0.95]).tolist()
-        for values in (
-            density[:, heavy] / density[:, light],
-            density[:, heavy],
-            density[:, light],
-        )
+    ratio = density[:, heavy] / density[:, light]
+    return MassRatio(
+        _interval(ratio),
+        _interval(density[:, heavy]),
+        _interval(density[:, light]),
+        float(estimate),
     )
-    return MassRatio(*((low, high) for low, high in intervals), float(estimate))
+
+
+def _interval(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Quantiles of 5 and 95 % of draws (n,)."""
+    low, high = np.quantile(values, [0.05, 0.95]).tolist()
+    return low, high
 
 
 def _collision(engine: Simulator, rng: np.random.Generator) -> Observation:
@@ -185,8 +190,7 @@ def default_interval(seed: int) -> tuple[float, float]:
     unlearned = UncertainParameters(LearnedParameters.defaults(TRUTH.materials))
     density, _ = unlearned.draw(DRAWS, np.random.default_rng(seed))
     heavy, light = TRUTH.index("heavy"), TRUTH.index("light")
-    low, high = np.quantile(density[:, heavy] / density[:, light], [0.05, 0.95]).tolist()
-    return low, high
+    return _interval(density[:, heavy] / density[:, light])
 
 
 def _table(found: Mapping[int, MassRatio], collisions: int) -> Table:

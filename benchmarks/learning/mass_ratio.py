@@ -104,19 +104,17 @@ def measure_mass_ratio(
     heavy = learned.parameters.index("heavy")
     light = learned.parameters.index("light")
     estimate = learned.parameters.density[heavy] / learned.parameters.density[light]
-    ratio = density[:, heavy] / density[:, light]
     return MassRatio(
-        _interval(ratio),
-        _interval(density[:, heavy]),
-        _interval(density[:, light]),
+        _inner_interval(density[:, heavy] / density[:, light]),
+        _inner_interval(density[:, heavy]),
+        _inner_interval(density[:, light]),
         float(estimate),
     )
 
 
-def _interval(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Quantiles of 5 and 95 % of draws (n,)."""
-    low, high = np.quantile(values, [0.05, 0.95]).tolist()
-    return low, high
+def _inner_interval(values: NDArray[np.float64]) -> tuple[float, float]:
+    low, high = np.quantile(values, [0.05, 0.95])
+    return float(low), float(high)
 
 
 def _collision(engine: Simulator, rng: np.random.Generator) -> Observation:
@@ -190,7 +188,7 @@ def default_interval(seed: int) -> tuple[float, float]:
     unlearned = UncertainParameters(LearnedParameters.defaults(TRUTH.materials))
     density, _ = unlearned.draw(DRAWS, np.random.default_rng(seed))
     heavy, light = TRUTH.index("heavy"), TRUTH.index("light")
-    return _interval(density[:, heavy] / density[:, light])
+    return _inner_interval(density[:, heavy] / density[:, light])
 
 
 def _table(found: Mapping[int, MassRatio], collisions: int) -> Table:

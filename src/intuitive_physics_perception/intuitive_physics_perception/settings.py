@@ -75,13 +75,19 @@ class PerceptionSettings:
         0.05, 1e-4, 10.0, "the standard deviation of a range reading never exceeds this, m"
     )
     estimate_noise: bool = other(
-        True, "measure the range noise on the planes of the environment once they are known"
+        True,
+        "measure the range noise on the planes of the environment once they are known, and from "
+        "frame to frame how the errors of neighbouring readings go together",
     )
     lateral_noise: float = number(
         0.0008, 0.0, 0.1, "standard deviation of the direction of a reading, rad"
     )
     correlated_readings: float = number(
-        2.0, 1.0, 100.0, "neighbouring readings that share one error, as a matching window makes"
+        2.0,
+        1.0,
+        100.0,
+        "neighbouring readings that share one error, as a matching window makes; with "
+        "estimate_noise it is measured on the first frames of an organised cloud",
     )
 
     environment_frames: int = number(8, 1, 300, "frames fused to model the environment")

@@ -21,7 +21,11 @@ from intuitive_physics_learner.methods import DEFAULT_METHOD, METHODS
 from intuitive_physics_learner.online.background_learning import PRIORITIES
 from intuitive_physics_learner.online.improvement import OnlineOptions
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
-from intuitive_physics_learner.store.database import default_database_path
+from intuitive_physics_learner.store.database import (
+    NAMESPACE,
+    PLACEHOLDER_GUIDE,
+    default_database_path,
+)
 from intuitive_physics_ros.conversions import bounds_from_messages
 from intuitive_physics_ros.parameters import Parameter, setting_parameters
 from intuitive_physics_ros.result_codes import RefusedError
@@ -35,8 +39,9 @@ def node_parameters() -> tuple[Parameter, ...]:
     return (
         Parameter(
             "database",
-            str(default_database_path()),
-            "SQLite file of observations and learned parameters; made where it does not exist",
+            str(default_database_path().parent / NAMESPACE / default_database_path().name),
+            "SQLite file of observations and learned parameters; made where it does not exist. "
+            f"{PLACEHOLDER_GUIDE}",
         ),
         Parameter(
             "simulator",

@@ -113,6 +113,7 @@ class OnlineSearch:
         self._slices = slices or SliceSettings()
         self._store = store
         self._options = options
+        self._revision = store.revision()
         self._observations = store.observations()
         self._newest = store.newest_parameters()
         self._search = StoredSearch(
@@ -138,8 +139,8 @@ class OnlineSearch:
     @property
     def outdated(self) -> bool:
         """Whether the store holds other observations, or another newest θ_s, than the search."""
-        return (self._store.count(), self._store.newest_version()) != (
-            len(self._observations),
+        return (self._store.revision(), self._store.newest_version()) != (
+            self._revision,
             self._version,
         )
 

@@ -8,13 +8,20 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters, parameter_names
 from intuitive_physics.observation import Observation, observation_materials
+from intuitive_physics.parameter_posterior import (
+    ParameterPosterior,
+    unit_intervals,
+    widened_bounds,
+)
 from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
 from intuitive_physics.simulation import Simulator
+from intuitive_physics.trajectory import MEAN_DISTANCE
 from intuitive_physics_learner.cost.cost_function import (
     InterruptibleCost,
     MakeCost,
@@ -54,6 +61,7 @@ class LearningOptions:
     seed : of all randomness; the same seed and observations give the same search
     bounds : of the search by kind of parameter; what is left out has its default
     observation_ids : to learn from; none: all that are stored
+    distance : in J, for methods that are update rules: one of `trajectory.DISTANCES`
     """
 
     method: str = DEFAULT_METHOD
@@ -61,6 +69,7 @@ class LearningOptions:
     seed: int = 0
     bounds: Mapping[str, Bounds] = field(default_factory=dict)
     observation_ids: Sequence[str] = ()
+    distance: str = MEAN_DISTANCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +121,8 @@ def learn(
     LearningCancelledError
         When `cancelled` returned True.
     InvalidInputError
-        When no object was seen with anything it could touch, or `resume` is of another search.
+        When no object was seen with anything it could touch, `resume` is of another search, or the
+        method has no distance to choose (`check_method`).
     """
     previous, task = _begin(observations, simulator, options, previous, cancelled, make_cost)
     search = make_search(options.method, task, np.random.default_rng(options.seed))
@@ -138,10 +148,10 @@ def learn(
     )
     parameters = _unresponsive_restored(task, found, identifiability)
     cost = float(task.cost.costs([parameters])[0])
-    return LearningResult(
-        _merged(previous, parameters, identifiability, cost, len(observations), options.method),
-        found,
+    learned = _merged(
+        previous, task.space, parameters, identifiability, cost, len(observations), options.method
     )
+    return LearningResult(learned, found)
 
 
 def search_parameters(
@@ -168,7 +178,7 @@ def _begin(
     make_cost: MakeCost,
 ) -> tuple[LearnedParameters, LearningTask]:
     """Return θ_s to begin from, over all materials, and the task of the search."""
-    check_method(options.method)
+    check_method(options.method, options.distance)
     if not observations:
         raise NoObservationsError("there are no observations; expected at least one")
     seen = observation_materials(observations)
@@ -177,7 +187,7 @@ def _begin(
     previous = previous.extended(tuple(dict.fromkeys((*previous.materials, *seen))))
     # In the order of all known materials, so that a pair has the same name in both.
     materials = tuple(name for name in previous.materials if name in seen)
-    cost = make_cost(observations, simulator, materials)
+    cost = make_cost(observations, simulator, materials, options.distance)
     if cancelled is not None:
         cost = InterruptibleCost(cost, cancelled)
     start = previous.parameters.extended(materials)
@@ -196,6 +206,7 @@ def _identity(options: LearningOptions, task: LearningTask) -> dict[str, Any]:
     bounds = task.space.bounds
     return {
         "method": options.method,
+        "distance": options.distance,
         "seed": options.seed,
         "bounds": {kind: [b.lower, b.upper, b.scale] for kind, b in bounds.items()},
         "observations": [seen.id for seen in task.cost.observations],
@@ -204,8 +215,10 @@ def _identity(options: LearningOptions, task: LearningTask) -> dict[str, Any]:
 
 
 def _check_same_task(resume: Mapping[str, Any], task: Mapping[str, Any]) -> None:
+    # States of before November 2026 have no distance: there was one only.
+    saved = {"distance": MEAN_DISTANCE, **resume}
     for key, expected in task.items():
-        if resume.get(key) != expected:
+        if saved.get(key) != expected:
             raise InvalidInputError(
                 f"saved state is of a search with other {key}; expected one with the same "
                 f"{', '.join(task)}; learn without it to begin again"
@@ -232,6 +245,7 @@ def _unresponsive_restored(
 
 def _merged(
     previous: LearnedParameters,
+    space: ParameterSpace,
     parameters: StaticParameters,
     identifiability: Identifiability,
     cost: float,
@@ -250,8 +264,10 @@ def _merged(
     deviations[responsive] = identifiability.standard_deviations[identifiability.responsive]
     identified[responsive] = identifiability.identified[identifiability.responsive]
     intervals[responsive] = identifiability.intervals[identifiability.responsive]
+    merged = parameters_of_vector(previous.materials, values)
+    posterior = _merged_posterior(previous, space, merged, searched, identifiability)
     return LearnedParameters(
-        parameters_of_vector(previous.materials, values),
+        merged,
         deviations,
         identified,
         previous.version + 1,
@@ -259,4 +275,42 @@ def _merged(
         observation_count,
         method,
         intervals,
+        posterior,
+    )
+
+
+def _merged_posterior(
+    previous: LearnedParameters,
+    space: ParameterSpace,
+    merged: StaticParameters,
+    searched: NDArray[np.int64],
+    identifiability: Identifiability,
+) -> ParameterPosterior:
+    """What is known of the next version of θ_s.
+
+    Parameters
+    ----------
+    previous : version before, over the materials of `merged`
+    space : of the search
+    merged : the next version
+    searched : (|θ_s| of the search,) indices of its parameters among those of `merged`
+    identifiability : of the search's parameters
+    """
+    bounds = widened_bounds(space.bounds, merged)
+    whole = ParameterSpace(merged.materials, bounds)
+    chosen = np.zeros(whole.size, dtype=bool)
+    chosen[searched[identifiability.responsive]] = True
+    information = np.zeros((whole.size, whole.size))
+    information[np.ix_(searched, searched)] = identifiability.information
+    ends = np.full((whole.size, 2), np.nan)
+    ends[searched] = identifiability.intervals
+    new = ParameterPosterior.from_information(
+        merged.materials,
+        ParameterSpace(merged.materials, space.bounds).to_unit(merged),
+        information,
+        space.bounds,
+    ).within(bounds)
+    known = previous.whole_posterior(space.bounds).within(bounds)
+    return known.renewed(
+        chosen, whole.to_unit(merged), new.information, unit_intervals(whole, merged, ends)
     )

@@ -100,12 +100,15 @@ def _object_from_message(message: Any, start_time: float) -> ObservedObject:
 def _detections_to_message(
     detections: Detections | None, start_time: float, make: MakeMessage
 ) -> Any:
-    known = detections is not None
-    return make("intuitive_physics_msgs/msg/Detections")(
-        times=float64_field(detections.times - start_time if known else ()),
-        positions=float64_field(detections.positions if known else ()),
-        covariances=float64_field(unique_numbers(detections.covariances) if known else ()),
-        bias=unique_numbers(detections.bias) if known else np.zeros(6),
+    made = make("intuitive_physics_msgs/msg/Detections")
+    if detections is None:
+        empty = float64_field(())
+        return made(times=empty, positions=empty, covariances=empty, bias=np.zeros(6))
+    return made(
+        times=float64_field(detections.times - start_time),
+        positions=float64_field(detections.positions),
+        covariances=float64_field(unique_numbers(detections.covariances)),
+        bias=unique_numbers(detections.bias),
     )
 
 

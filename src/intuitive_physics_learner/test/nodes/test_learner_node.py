@@ -346,6 +346,12 @@ def test_wrong_requests_get_their_codes(start, caller, glides, boxed):
     assert code(time_limit=math.nan).value == ResultCode.INVALID_INPUT
     assert code(cost_threshold=-1.0).value == ResultCode.INVALID_INPUT
     assert code().value == ResultCode.OK
+    caller.set_parameter("distance", "max")
+    assert code(method="cma_es").value == ResultCode.OK
+    refused = code(method="levenberg_marquardt")
+    assert refused.value == ResultCode.INVALID_INPUT
+    assert "minimises no distance" in refused.message
+    caller.set_parameter("distance", "mean")
 
     broken = observation_to_message(replace(observation, id="broken"))
     broken.objects[0].positions = broken.objects[0].positions[:-1]

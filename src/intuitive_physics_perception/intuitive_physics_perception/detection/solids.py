@@ -113,7 +113,8 @@ class SolidFinder:
         best = min(fits, key=lambda fit: fit.misfit)
         # Of the readings that share one error the fit took as large a part as of all.
         doubt = 1.0 + (self._model.noise.correlated - 1.0) * len(own) / total
-        return best.doubted(doubt, total)
+        # An uneven surface is uneven in the same way in every frame.
+        return best.doubted(doubt, total, limits.surface_deviation)
 
     def _is_static(self, fit: DetectedSolid) -> bool:
         """Whether its centre lies in a static box of the environment."""

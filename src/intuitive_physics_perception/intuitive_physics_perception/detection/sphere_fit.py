@@ -151,8 +151,7 @@ def refine_sphere(
             row[2] = (z * meets - cz) * scale
             row[3] = 1.0
             _add_equation(normal, right, row, error, 1.0 / variance)
-            along_ray = deviation * deviation * max(1.0 - sine * sine, 0.0)
-            _add_square(shared, row, along_ray / (variance * variance))
+            _add_square(shared, row, (deviation / variance) ** 2 * max(1.0 - sine * sine, 0.0))
             inliers += 1
             total += error * error / variance
         for i in range(beyond.shape[0]):
@@ -180,10 +179,7 @@ def refine_sphere(
         sphere[3] = min(max(sphere[3], 0.5 * min_radius), 2.0 * max_radius)
         if step >= len(GATES) and move < STILL:
             break
-    _add_sandwich(covariance, shared, sharing)
-    for a in range(4):
-        for b in range(4):
-            covariance[a, b] *= max(misfit, 1.0)
+    _widen(covariance, shared, sharing, max(misfit, 1.0))
     return sphere, covariance, misfit, inliers
 
 
@@ -205,13 +201,13 @@ def _add_square(matrix: Any, row: Any, weight: float) -> None:
 
 
 @allocating_kernel
-def _add_sandwich(covariance: Any, middle: Any, factor: float) -> None:
-    """Add factor · covariance · middle · covariance to a covariance (4, 4)."""
+def _widen(covariance: Any, shared: Any, sharing: float, misfit: float) -> None:
+    """Make of a covariance C = A⁻¹ (4, 4) misfit · (C + sharing · C · shared · C)."""
     half = np.zeros((4, 4))
     for a in range(4):
         for b in range(4):
             for k in range(4):
-                half[a, b] += covariance[a, k] * middle[k, b]
+                half[a, b] += covariance[a, k] * shared[k, b]
     whole = np.zeros((4, 4))
     for a in range(4):
         for b in range(4):
@@ -219,7 +215,8 @@ def _add_sandwich(covariance: Any, middle: Any, factor: float) -> None:
                 whole[a, b] += half[a, k] * covariance[k, b]
     for a in range(4):
         for b in range(4):
-            covariance[a, b] += 0.5 * factor * (whole[a, b] + whole[b, a])
+            covariance[a, b] += 0.5 * sharing * (whole[a, b] + whole[b, a])
+            covariance[a, b] *= misfit
 
 
 @allocating_entry

@@ -102,7 +102,8 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
     line of sight turns, so does g: its mean ḡ makes the bias P_rr ḡ ḡᵀ + s² I, and what differs
     from it counts as an error of the frame, (g - ḡ) ē.
 
-    A box's or capsule's centre is not moved: it is the middle of what the frame shows.
+    A box's or capsule's centre is not moved: it is the middle of what the frame shows, F_cc its own
+    covariance and s² I the bias.
     """
     steps = [step for step in track.steps if step.seen is not None]
     seen = [step.seen for step in steps if step.seen is not None]
@@ -110,15 +111,15 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
     attitudes = tuple(step.attitude for step in steps if step.attitude is not None)
     positions = np.stack([detection.center for detection in seen])
     covariances = np.stack([detection.covariance for detection in seen])
-    own = covariances[:, :3, :3]
     systematic = np.array([detection.systematic_error for detection in seen])
     bias = float(np.mean(systematic**2)) * np.eye(3)
+    own = covariances[:, :3, :3] - systematic[:, None, None] ** 2 * np.eye(3)
     if not attitudes:
         covariances = covariances - systematic[:, None, None] ** 2 * np.eye(4)
         gains = covariances[:, :3, 3] / covariances[:, 3, 3, None]
         off = track.mean[RADIUS] - np.array([detection.radius for detection in seen])
         positions = positions + gains * off[:, None]
-        own = covariances[:, :3, :3] - covariances[:, 3, 3, None, None] * _squares(gains)
+        own = own - covariances[:, 3, 3, None, None] * _squares(gains)
         remaining = track.covariance[RADIUS, RADIUS]
         own = own + remaining * _squares(gains - gains.mean(axis=0))
         bias = bias + remaining * _squares(gains.mean(axis=0))

@@ -1,0 +1,34 @@
+"""Bayesian experimental design: which throw would tell most about what is asked."""
+
+from intuitive_physics_learner.design.expected_information import (
+    ExpectedPosteriors,
+    expected_posteriors,
+)
+from intuitive_physics_learner.design.posterior import Posterior
+from intuitive_physics_learner.design.questions import AboutMotion, AboutParameters, Question
+from intuitive_physics_learner.design.settings import DesignSettings
+from intuitive_physics_learner.design.suggestion import Suggestion, suggest
+from intuitive_physics_learner.design.throws import (
+    Throw,
+    ThrownObject,
+    ThrowOptions,
+    ThrowRanges,
+    ViewingConditions,
+)
+
+__all__ = [
+    "AboutMotion",
+    "AboutParameters",
+    "DesignSettings",
+    "ExpectedPosteriors",
+    "Posterior",
+    "Question",
+    "Suggestion",
+    "Throw",
+    "ThrowOptions",
+    "ThrowRanges",
+    "ThrownObject",
+    "ViewingConditions",
+    "expected_posteriors",
+    "suggest",
+]

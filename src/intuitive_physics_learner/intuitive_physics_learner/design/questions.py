@@ -1,0 +1,181 @@
+"""What a throw is to tell of: parameters, or the answer to a query."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.regions import Region
+from intuitive_physics.scene import Scene
+from intuitive_physics.simulation import Simulator
+from intuitive_physics.simulation.world_batch import pack_worlds
+from intuitive_physics.validation import positive_float
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.design.posterior import Posterior
+from intuitive_physics_learner.design.settings import DesignSettings
+from intuitive_physics_learner.design.throws import ViewingConditions
+
+RATE = 60.0
+"""1/s at which a simulated trajectory is held against a region."""
+
+
+class Question(ABC):
+    """Asks for r linear functions of θ_s."""
+
+    @property
+    @abstractmethod
+    def weighs_volume(self) -> bool:
+        """Whether the determinant of their covariance is to fall (D-optimal); else its trace."""
+
+    @abstractmethod
+    def directions(
+        self,
+        posterior: Posterior,
+        simulator: Simulator,
+        settings: DesignSettings,
+        rng: np.random.Generator,
+    ) -> NDArray[np.float64]:
+        """Slopes (r, n) of the functions per width of each of the n parameters.
+
+        Parameters
+        ----------
+        posterior : of θ_s at present
+        simulator : of a query's scene
+        settings : number of draws
+        rng : of the draws
+        """
+
+
+@dataclass(frozen=True)
+class AboutParameters(Question):
+    """Which values have these parameters?
+
+    Parameters
+    ----------
+    names : as in `parameter_names`, a pair's materials in any order; at least one
+    """
+
+    names: tuple[str, ...]
+
+    @property
+    def weighs_volume(self) -> bool:
+        return True
+
+    def directions(
+        self,
+        posterior: Posterior,
+        simulator: Simulator,
+        settings: DesignSettings,
+        rng: np.random.Generator,
+    ) -> NDArray[np.float64]:
+        return np.eye(posterior.mean.size)[self.indices(posterior.space.names)]
+
+    def indices(self, known: Sequence[str]) -> list[int]:
+        """Return the index of each among the names of all parameters.
+
+        Raises
+        ------
+        InvalidInputError
+            When nothing is asked for, or something twice.
+        UnknownNameError
+            When there is no such parameter.
+        """
+        places = {_plain(name): k for k, name in enumerate(known)}
+        found = []
+        for name in self.names:
+            if _plain(name) not in places:
+                raise UnknownNameError(f"parameter is {name!r}; expected one of {', '.join(known)}")
+            found.append(places[_plain(name)])
+        if not found or len(set(found)) != len(found):
+            raise InvalidInputError(
+                f"parameters asked for are {list(self.names)}; expected at least one, each once"
+            )
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class AboutMotion(Question):
+    """Where will an object be, or will it have been in a region?
+
+    The answer is not linear in θ_s: whether a ball clears a box hardly changes, and then all at
+    once. So its slopes are those of the linear function that comes closest to it over draws of θ_s
+    from the posterior (least squares), not its derivatives at one place.
+
+    Parameters
+    ----------
+    scene : with its initial states
+    object_id : of the object asked about
+    time : s after the start
+    region : whether the object's centre enters it by then is the answer, 0 or 1; None: the answer
+        is where the object is then, m
+    """
+
+    scene: Scene
+    object_id: str
+    time: float
+    region: Region | None = None
+
+    def __post_init__(self) -> None:
+        positive_float(self.time, "time of the query")
+        ids = [item.id for item in self.scene.objects]
+        if self.object_id not in ids:
+            raise UnknownNameError(f"object is {self.object_id!r}; expected one of {ids}")
+
+    @property
+    def weighs_volume(self) -> bool:
+        return False
+
+    def directions(
+        self,
+        posterior: Posterior,
+        simulator: Simulator,
+        settings: DesignSettings,
+        rng: np.random.Generator,
+    ) -> NDArray[np.float64]:
+        units = posterior.draw(settings.query_draws, rng)
+        answers = self._answers(posterior, units, simulator)
+        good = np.isfinite(answers).all(axis=1)
+        if not good.any():
+            raise InvalidInputError(
+                "the query's scene cannot be simulated with any draw of the static parameters; "
+                "expected another scene or time"
+            )
+        matters = self._influence(posterior)
+        off = units[good] - units[good].mean(axis=0)
+        change = answers[good] - answers[good].mean(axis=0)
+        slopes = np.zeros((answers.shape[1], posterior.mean.size))
+        slopes[:, matters] = np.linalg.lstsq(off[:, matters], change, rcond=None)[0].T
+        return slopes
+
+    def _influence(self, posterior: Posterior) -> NDArray[np.bool_]:
+        """Which parameters (n,) the scene can depend on."""
+        whole = ViewingConditions(np.array([0.0, self.time]), 1.0, np.zeros((3, 2)))
+        observation = whole.observation(self.scene)
+        return np.asarray(parameter_influence([observation], posterior.materials)[0])
+
+    def _answers(
+        self, posterior: Posterior, units: NDArray[np.float64], simulator: Simulator
+    ) -> NDArray[np.float64]:
+        """Answers (n_draws, r) under each draw (n_draws, n); NaN where none was simulated."""
+        parameters = [posterior.to_parameters(unit) for unit in units]
+        worlds = pack_worlds([self.scene] * len(units), parameters)
+        times = np.array([self.time])
+        if self.region is not None:
+            times = np.linspace(0.0, self.time, max(2, int(self.time * RATE)))
+        rollout = simulator.rollout_batch(worlds, times, orientations=False)
+        k = [item.id for item in self.scene.objects].index(self.object_id)
+        positions = rollout.positions[:, k]
+        if self.region is None:
+            return positions[:, -1]
+        enters = self.region.contains(positions).any(axis=1).astype(np.float64)
+        return np.where(rollout.status == 0, enters, np.nan)[:, None]
+
+
+def _plain(name: str) -> tuple[str, frozenset[str]]:
+    kind, _, inside = name.strip().partition("[")
+    return kind, frozenset(part.strip() for part in inside.rstrip("]").split(","))

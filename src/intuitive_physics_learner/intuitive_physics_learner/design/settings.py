@@ -1,0 +1,64 @@
+"""Numbers that the choice of the next throw depends on, each with its unit and its source."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from intuitive_physics.settings import check_settings, number
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings
+
+
+@dataclass(frozen=True)
+class DesignSettings:
+    """How candidate throws are drawn and judged.
+
+    A field that says "set by hand" has no derivation. Widths are parts of the unit interval that
+    each parameter of θ_s is searched on.
+    """
+
+    candidates: int = number(
+        96,
+        1,
+        100_000,
+        "throws that are compared; the best of 96 random ones is within the best 5 % with "
+        "probability 0.99",
+    )
+    draws: int = number(
+        8,
+        1,
+        10_000,
+        "draws of θ_s from the posterior that the expected information is averaged over; set by "
+        "hand",
+    )
+    execution_error: float = number(
+        0.05,
+        0.0,
+        1.0,
+        "standard deviation by which a throw misses what was suggested, a part of the width of "
+        "each range: a suggestion must not depend on a perfect throw; set by hand",
+    )
+    parameter_step: float = number(
+        0.005,
+        1e-9,
+        0.5,
+        "width of the differences along parameters: small, as draws cover the posterior; set by "
+        "hand",
+    )
+    state_step: float = number(
+        0.002,
+        1e-9,
+        1.0,
+        "width of the differences along components of initial states (m, m/s, rad or rad/s); set "
+        "by hand",
+    )
+    query_draws: int = number(
+        256,
+        8,
+        100_000,
+        "draws of θ_s by which the dependence of a query's answer on θ_s is found; set by hand",
+    )
+    estimation: JointEstimationSettings = field(default_factory=JointEstimationSettings)
+    """Of the estimation that the throw is for: which points it can predict, and so use."""
+
+    def __post_init__(self) -> None:
+        check_settings(self)

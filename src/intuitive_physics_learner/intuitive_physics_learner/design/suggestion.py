@@ -1,0 +1,108 @@
+"""What to throw next: the candidates that are expected to tell most."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.simulation import Simulator
+from intuitive_physics_learner.design.expected_information import expected_posteriors
+from intuitive_physics_learner.design.posterior import Posterior
+from intuitive_physics_learner.design.questions import Question
+from intuitive_physics_learner.design.settings import DesignSettings
+from intuitive_physics_learner.design.throws import Throw, ThrowOptions, ViewingConditions
+
+
+@dataclass(frozen=True, eq=False)
+class Suggestion:
+    """One throw, and what it is expected to tell.
+
+    Parameters
+    ----------
+    throw : objects and initial states
+    gain : expected information on what is asked, nat
+    before : (r,) standard deviation of each asked function of θ_s, at present, in widths or in the
+        unit of the query's answer
+    after : (r,) the same after the throw, root mean square over the draws
+    """
+
+    throw: Throw
+    gain: float
+    before: NDArray[np.float64]
+    after: NDArray[np.float64]
+
+
+def suggest(
+    options: ThrowOptions,
+    posterior: Posterior,
+    question: Question,
+    viewing: ViewingConditions,
+    simulator: Simulator,
+    rng: np.random.Generator,
+    *,
+    count: int = 1,
+    settings: DesignSettings | None = None,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> list[Suggestion]:
+    """Return the throws that are expected to tell most, the best first.
+
+    The gain of a throw is the mean over draws of θ_s of
+
+        ½ ln (det Σ / det Σ')   for r parameters (D-optimality), or
+        ½ ln (tr Σ / tr Σ')     for a query's answer (c-optimality),
+
+    Σ and Σ' being the covariance of what is asked before and after it. The first is the expected
+    information of Lindley (1956) where all is linear and normal; it does not depend on units.
+
+    Parameters
+    ----------
+    options : what can be thrown
+    posterior : of θ_s, of all materials of the options and of the question
+    question : what is asked
+    viewing : how the throw will be observed
+    simulator : of throws and queries
+    rng : of all randomness
+    count : of throws to return at most
+    settings : how candidates are drawn and judged
+    cancelled : looked at between batches of simulations
+
+    Raises
+    ------
+    InvalidInputError
+        When no valid throw lies within the ranges.
+    LearningCancelledError
+        When `cancelled` returned True.
+    """
+    how = settings or DesignSettings()
+    directions = question.directions(posterior, simulator, how, rng)
+    throws = options.draw(how.candidates, rng)
+    prior = directions @ posterior.covariance @ directions.T
+    gains = np.zeros(len(throws))
+    after = np.zeros((len(throws), len(prior)))
+    for part in expected_posteriors(
+        throws, posterior, viewing, simulator, how, rng, cancelled=cancelled
+    ):
+        covariances = part.of(posterior, directions)
+        gains[part.throws] = _gains(prior, covariances, question.weighs_volume)
+        variances = np.diagonal(covariances, axis1=2, axis2=3).mean(axis=0)
+        after[part.throws] = np.sqrt(np.maximum(variances, 0.0))
+    best = np.argsort(-gains, kind="stable")[:count]
+    before = np.sqrt(np.diag(prior))
+    return [Suggestion(throws[i], float(gains[i]), before, after[i]) for i in best]
+
+
+def _gains(
+    before: NDArray[np.float64], after: NDArray[np.float64], volume: bool
+) -> NDArray[np.float64]:
+    """Mean gain (W,) in nat over draws, of covariances (r, r) before and (n_draws, W, r, r) after."""
+    if volume:
+        change = np.linalg.slogdet(before)[1] - np.linalg.slogdet(after)[1]
+    else:
+        start, end = np.trace(before), np.trace(after, axis1=2, axis2=3)
+        if start <= 0.0:
+            return np.zeros(after.shape[1])
+        change = np.log(start) - np.log(np.maximum(end, np.finfo(float).tiny))
+    return np.asarray(0.5 * change.mean(axis=0))

@@ -23,14 +23,24 @@ from intuitive_physics_learner.design.throws import ViewingConditions
 RATE = 60.0
 """1/s at which a simulated trajectory is held against a region."""
 
+SMALLEST_SHARE = 1e-12
+"""Of a variance, that rounding leaves of it."""
+
 
 class Question(ABC):
     """Asks for r linear functions of θ_s."""
 
-    @property
     @abstractmethod
-    def weighs_volume(self) -> bool:
-        """Whether the determinant of their covariance is to fall (D-optimal); else its trace."""
+    def information(
+        self, before: NDArray[np.float64], after: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Information (...), nat, that a change of the covariance of the functions is worth.
+
+        Parameters
+        ----------
+        before : (r, r) covariance, in squared units of the functions
+        after : (..., r, r) likewise
+        """
 
     @abstractmethod
     def directions(
@@ -58,13 +68,23 @@ class AboutParameters(Question):
     Parameters
     ----------
     names : as in `parameter_names`, a pair's materials in any order; at least one
+    resolution : widths, differences of a parameter below which are of no interest, so that a throw
+        is chosen for what is not known well enough yet
     """
 
     names: tuple[str, ...]
+    resolution: float = 0.01
 
-    @property
-    def weighs_volume(self) -> bool:
-        return True
+    def __post_init__(self) -> None:
+        positive_float(self.resolution, "resolution")
+
+    def information(
+        self, before: NDArray[np.float64], after: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        blur = self.resolution**2 * np.eye(len(before))
+        return np.asarray(
+            0.5 * (np.linalg.slogdet(before + blur)[1] - np.linalg.slogdet(after + blur)[1])
+        )
 
     def directions(
         self,
@@ -126,9 +146,13 @@ class AboutMotion(Question):
         if self.object_id not in ids:
             raise UnknownNameError(f"object is {self.object_id!r}; expected one of {ids}")
 
-    @property
-    def weighs_volume(self) -> bool:
-        return False
+    def information(
+        self, before: NDArray[np.float64], after: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        start, end = np.trace(before), np.trace(after, axis1=-2, axis2=-1)
+        if start <= 0.0:
+            return np.zeros(end.shape)
+        return np.asarray(0.5 * np.log(start / np.maximum(end, SMALLEST_SHARE * start)))
 
     def directions(
         self,

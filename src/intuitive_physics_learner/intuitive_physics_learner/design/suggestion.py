@@ -51,11 +51,12 @@ def suggest(
 
     The gain of a throw is the mean over draws of θ_s of
 
-        ½ ln (det Σ / det Σ')   for r parameters (D-optimality), or
-        ½ ln (tr Σ / tr Σ')     for a query's answer (c-optimality),
+        ½ ln (det (Σ + ρ²) / det (Σ' + ρ²))     for parameters (D-optimality), or
+        ½ ln (tr Σ / tr Σ')                     for a query's answer (c-optimality),
 
     Σ and Σ' being the covariance of what is asked before and after it. The first is the expected
-    information of Lindley (1956) where all is linear and normal; it does not depend on units.
+    information of Lindley (1956), where all is linear and normal, on parameters that are of
+    interest up to a resolution ρ.
 
     Parameters
     ----------
@@ -86,23 +87,9 @@ def suggest(
         throws, posterior, viewing, simulator, how, rng, cancelled=cancelled
     ):
         covariances = part.of(posterior, directions)
-        gains[part.throws] = _gains(prior, covariances, question.weighs_volume)
+        gains[part.throws] = question.information(prior, covariances).mean(axis=0)
         variances = np.diagonal(covariances, axis1=2, axis2=3).mean(axis=0)
         after[part.throws] = np.sqrt(np.maximum(variances, 0.0))
     best = np.argsort(-gains, kind="stable")[:count]
     before = np.sqrt(np.diag(prior))
     return [Suggestion(throws[i], float(gains[i]), before, after[i]) for i in best]
-
-
-def _gains(
-    before: NDArray[np.float64], after: NDArray[np.float64], volume: bool
-) -> NDArray[np.float64]:
-    """Mean gain (W,) in nat over draws, of covariances (r, r) before and (n_draws, W, r, r) after."""
-    if volume:
-        change = np.linalg.slogdet(before)[1] - np.linalg.slogdet(after)[1]
-    else:
-        start, end = np.trace(before), np.trace(after, axis1=2, axis2=3)
-        if start <= 0.0:
-            return np.zeros(after.shape[1])
-        change = np.log(start) - np.log(np.maximum(end, np.finfo(float).tiny))
-    return np.asarray(0.5 * change.mean(axis=0))

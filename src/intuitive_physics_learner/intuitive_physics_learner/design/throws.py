@@ -164,7 +164,7 @@ class ViewingConditions:
         period, duration = float(np.median(periods)), float(np.median(ends))
         positions = np.concatenate([seen.trajectory.positions for _, seen in tracks])
         return ViewingConditions(
-            period * np.arange(max(1, int(duration / period + 0.5)) + 1),
+            np.arange(max(1, int(duration / period + 0.5)) + 1) * period,
             position_noise(observations, smallest_noise),
             np.stack([positions.min(axis=0), positions.max(axis=0)], axis=1),
         )

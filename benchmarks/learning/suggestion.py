@@ -1,0 +1,246 @@
+"""Throws needed to know parameters well enough: those that `suggest` names, or random ones.
+
+In a world of its own per seed two balls of different materials can be thrown on a floor or against
+a wall of another material. Asked are dynamic friction and restitution of one ball with one of the
+surfaces, and rolling friction too if that is the floor. After each throw all throws so far are
+fitted jointly with their initial states, as the learner's default method does; enough is known when
+the standard deviation of each parameter, the largest by the slopes to either side, is at most
+`PRECISION`. Both ways throw from the same ranges, with the same errors of execution and the same
+noise of detections, and begin knowing nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.parameter_space import ParameterSpace
+from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
+from intuitive_physics.shapes import Sphere
+from intuitive_physics.simulation import Simulator, make_simulator
+from intuitive_physics.state import ObjectState
+from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_experiments.paper.paper_room import TRUE_RANGES
+from intuitive_physics_learner import TrajectoryCost
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.design import (
+    AboutParameters,
+    DesignSettings,
+    Posterior,
+    Throw,
+    ThrownObject,
+    ThrowOptions,
+    ThrowRanges,
+    ViewingConditions,
+    suggest,
+)
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.search.learning_task import LearningTask
+
+SURFACES = ("floor", "wall")
+"""Materials of what is thrown against."""
+
+BALLS = ("rubber", "wood")
+"""Materials of what is thrown."""
+
+KINDS = {
+    "floor": ("dynamic_friction", "rolling_friction", "restitution"),
+    "wall": ("dynamic_friction", "restitution"),
+}
+"""Asked of a ball with each surface; static friction matters to no ball that is thrown."""
+
+MOST_STEPS = 15
+"""Of the joint fit after each throw: horizons advance by 0.2 s in one, and four of them scan."""
+
+PRECISION = 0.03
+"""Widths: largest standard deviation that is enough, 3 % of the bounds of each parameter."""
+
+MOST_THROWS = 24
+"""After which a run is given up, and counts as that number."""
+
+NOISE = 0.002
+"""m, standard deviation of a detection on each axis."""
+
+STATE_DEVIATIONS = np.repeat([NOISE, 0.0, 0.05, 1.0], 3)
+"""Of initial states as observed: m, rad, m/s, rad/s, three of each. The last is the spin that a
+thrown ball has by accident and a camera does not see."""
+
+RATE = 30.0
+"""1/s, of the camera."""
+
+DURATION = 1.5
+"""s of a track at most."""
+
+VIEW = np.array([[-1.5, 1.5], [-1.5, 1.5], [-0.1, 2.0]])
+"""m, what the camera sees."""
+
+RADIUS = 0.04
+"""m, of the balls."""
+
+RANGES = ThrowRanges(
+    [[-1.0, 0.9], [-1.0, 1.0], [RADIUS, 1.0]], [[-2.0, 2.0], [-2.0, 2.0], [-1.0, 1.0]]
+)
+"""Of the throws."""
+
+ENVIRONMENT = Environment(
+    [Plane("floor", "floor", (0.0, 0.0, 1.0), 0.0), Plane("wall", "wall", (-1.0, 0.0, 0.0), -1.0)]
+)
+"""A floor z = 0 and a wall x = 1 m."""
+
+
+@dataclass(frozen=True, eq=False)
+class SuggestionResult:
+    """Throws needed by both ways.
+
+    Parameters
+    ----------
+    seeds : of the worlds
+    suggested, random : throws needed in each world; `MOST_THROWS` where they were not enough
+    exhausted : runs of each way, suggested first, in which they were not enough
+    within_2_sigma : share of the asked parameters, at the end of all runs, whose truth lies within
+        two stated standard deviations, suggested first
+    """
+
+    seeds: tuple[int, ...]
+    suggested: tuple[int, ...]
+    random: tuple[int, ...]
+    exhausted: tuple[int, int]
+    within_2_sigma: tuple[float, float]
+
+    @property
+    def ratio(self) -> float:
+        """Median over the worlds of the throws needed when suggested, over those at random."""
+        return float(np.median(np.divide(self.suggested, self.random)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """Throws of one way in one world, and the errors at the end in stated deviations."""
+
+    throws: int
+    enough: bool
+    errors: list[float]
+
+
+class _World:
+    """True θ_s, what is asked, and all randomness of one seed."""
+
+    def __init__(self, seed: int, simulator: Simulator) -> None:
+        self.simulator = simulator
+        self.rng = np.random.default_rng(seed)
+        space = ParameterSpace((*BALLS, *SURFACES), TRUE_RANGES)
+        self.truth: StaticParameters = space.to_parameters(self.rng.random(space.size))
+        ball, surface = self.rng.choice(BALLS), self.rng.choice(SURFACES)
+        names = tuple(f"{kind}[{ball}, {surface}]" for kind in KINDS[surface])
+        self.asked = AboutParameters(names, PRECISION)
+        covariance = np.diag(STATE_DEVIATIONS**2)
+        self.options = ThrowOptions(
+            ENVIRONMENT,
+            tuple(
+                (ThrownObject(SceneObject(name, name, Sphere(RADIUS)), RANGES, covariance),)
+                for name in BALLS
+            ),
+        )
+        times = np.arange(int(DURATION * RATE) + 1) / RATE
+        self.viewing = ViewingConditions(times, NOISE, VIEW)
+
+    def observe(self, throw: Throw, rng: np.random.Generator) -> Observation:
+        """Make a throw, not quite as meant, and detect it."""
+        error = DesignSettings().execution_error
+        meant = throw.states[0]
+        widths = throw.widths[0]
+        position = meant.position + error * widths[0:3] * rng.standard_normal(3)
+        position[2] = max(position[2], RADIUS)
+        position[0] = min(position[0], 1.0 - RADIUS)
+        velocity = meant.linear_velocity + error * widths[6:9] * rng.standard_normal(3)
+        spin = STATE_DEVIATIONS[9:12] * rng.standard_normal(3)
+        state = ObjectState(position, (0.0, 0.0, 0.0, 1.0), velocity, spin)
+        (item,) = throw.scene.objects
+        scene = Scene(throw.environment, (item,), (state,))
+        positions = self.simulator.rollout([scene], self.truth, self.viewing.times).positions[0, 0]
+        inside = ((positions >= VIEW[:, 0]) & (positions <= VIEW[:, 1])).all(axis=1)
+        last = max(int(np.logical_and.accumulate(inside).sum()), 2)
+        detections = positions[:last] + NOISE * rng.standard_normal((last, 3))
+        seen = ObjectState(
+            position + STATE_DEVIATIONS[0:3] * rng.standard_normal(3),
+            (0.0, 0.0, 0.0, 1.0),
+            velocity + STATE_DEVIATIONS[6:9] * rng.standard_normal(3),
+            np.zeros(3),
+            np.diag(STATE_DEVIATIONS**2),
+        )
+        track = Trajectory(self.viewing.times[:last], detections)
+        return Observation(throw.environment, (ObservedObject(item, track, seen),), 0.0)
+
+    @property
+    def indices(self) -> list[int]:
+        """Of what is asked among all parameters."""
+        return self.asked.indices(ParameterSpace(self.options.materials).names)
+
+
+def compare_throws(first_seed: int, worlds: int) -> SuggestionResult:
+    """Run both ways in worlds of successive seeds."""
+    simulator = make_simulator("auto", threads=1)
+    seeds = tuple(range(first_seed, first_seed + worlds))
+    runs = [
+        [_run(_World(seed, simulator), suggested) for seed in seeds] for suggested in (True, False)
+    ]
+    errors = [np.array([error for run in way for error in run.errors]) for way in runs]
+    stated = [own[np.isfinite(own)] for own in errors]
+    return SuggestionResult(
+        seeds,
+        tuple(run.throws for run in runs[0]),
+        tuple(run.throws for run in runs[1]),
+        (sum(not run.enough for run in runs[0]), sum(not run.enough for run in runs[1])),
+        (float((stated[0] <= 2.0).mean()), float((stated[1] <= 2.0).mean())),
+    )
+
+
+def _run(world: _World, suggested: bool) -> _Run:
+    """Throw until enough is known."""
+    space = ParameterSpace(world.options.materials)
+    posterior = Posterior.of(LearnedParameters.defaults(space.materials), space.materials)
+    observations: list[Observation] = []
+    deviations = np.full(len(world.indices), np.inf)
+    while deviations.max() > PRECISION and len(observations) < MOST_THROWS:
+        observations.append(world.observe(_next_throw(world, posterior, suggested), world.rng))
+        posterior = _fitted(observations, space, posterior.mean, world.simulator)
+        deviations = np.sqrt(np.diag(posterior.covariance))[world.indices]
+    errors = np.abs(posterior.mean - space.to_unit(world.truth))[world.indices] / deviations
+    return _Run(len(observations), bool(deviations.max() <= PRECISION), list(errors))
+
+
+def _next_throw(world: _World, posterior: Posterior, suggested: bool) -> Throw:
+    if suggested:
+        (best,) = suggest(
+            world.options, posterior, world.asked, world.viewing, world.simulator, world.rng
+        )
+        return best.throw
+    drawn = world.options.draw(len(BALLS), world.rng)
+    return drawn[world.rng.integers(len(drawn))]
+
+
+def _fitted(
+    observations: list[Observation],
+    space: ParameterSpace,
+    start: NDArray[np.float64],
+    simulator: Simulator,
+) -> Posterior:
+    """Fit all observations from a start (n,) on the unit cube."""
+    cost = TrajectoryCost(observations, simulator, space.materials)
+    influence = parameter_influence(observations, space.materials)
+    task = LearningTask(cost, space, influence, space.to_parameters(start))
+    fit = JointFit(
+        cost, task.searched, influence[:, task.active], task.prior, JointEstimationSettings()
+    )
+    while fit.steps < MOST_STEPS and not fit.settled:
+        fit.step()
+    unit, deviations = start.copy(), np.full(start.size, np.inf)
+    unit[task.active] = fit.unit
+    deviations[task.active] = fit.posterior()[1]
+    return Posterior(space, unit, deviations)

@@ -3,8 +3,8 @@
 from intuitive_physics_learner.design.expected_information import (
     ExpectedPosteriors,
     expected_posteriors,
+    gaussian_covariance,
 )
-from intuitive_physics_learner.design.posterior import Posterior
 from intuitive_physics_learner.design.questions import AboutMotion, AboutParameters, Question
 from intuitive_physics_learner.design.settings import DesignSettings
 from intuitive_physics_learner.design.suggestion import Suggestion, suggest
@@ -21,7 +21,6 @@ __all__ = [
     "AboutParameters",
     "DesignSettings",
     "ExpectedPosteriors",
-    "Posterior",
     "Question",
     "Suggestion",
     "Throw",
@@ -30,5 +29,6 @@ __all__ = [
     "ThrownObject",
     "ViewingConditions",
     "expected_posteriors",
+    "gaussian_covariance",
     "suggest",
 ]

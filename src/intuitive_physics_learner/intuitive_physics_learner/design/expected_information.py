@@ -26,11 +26,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.parameter_posterior import UNIFORM_PRECISION, ParameterPosterior
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cancellation import stop_if
 from intuitive_physics_learner.cost.cost_function import Cost, TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.design.posterior import Posterior
 from intuitive_physics_learner.design.settings import DesignSettings
 from intuitive_physics_learner.design.throws import Throw, ViewingConditions
 from intuitive_physics_learner.joint_estimation.fit_horizons import first_horizons
@@ -62,24 +62,40 @@ class ExpectedPosteriors:
     parameters: NDArray[np.int64]
     covariances: NDArray[np.float64]
 
-    def of(self, posterior: Posterior, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def of(
+        self, covariance: NDArray[np.float64], directions: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         """Covariance (n_draws, W, r, r) of r linear functions of θ_s after each throw.
 
         Parameters
         ----------
-        posterior : before the throw
-        directions : (r, n) slopes of the functions per width of each parameter, n of all
+        covariance : (n, n) widths², of all parameters before the throw
+        directions : (r, n) slopes of the functions per width of each parameter
         """
-        before = directions @ posterior.covariance @ directions.T
-        own = posterior.covariance[self.parameters[:, :, None], self.parameters[:, None, :]]
-        gains = np.linalg.solve(own, (posterior.covariance @ directions.T)[self.parameters])
+        before = directions @ covariance @ directions.T
+        own = covariance[self.parameters[:, :, None], self.parameters[:, None, :]]
+        gains = np.linalg.solve(own, (covariance @ directions.T)[self.parameters])
         lost = gains.transpose(0, 2, 1) @ (own - self.covariances) @ gains
         return np.asarray(before - lost)
 
 
+def gaussian_covariance(posterior: ParameterPosterior) -> NDArray[np.float64]:
+    """Covariance (n, n), widths², of the normal distribution that stands for a posterior.
+
+    Bounds and one-sided intervals count by the variance of a number that is uniform between them.
+
+    Parameters
+    ----------
+    posterior : of θ_s
+    """
+    precision = posterior.information + UNIFORM_PRECISION * np.eye(posterior.mean.size)
+    lengths = np.nan_to_num(posterior.intervals[:, 1] - posterior.intervals[:, 0])
+    return np.asarray(np.linalg.inv(precision) + np.diag(lengths**2 / UNIFORM_PRECISION))
+
+
 def expected_posteriors(
     throws: Sequence[Throw],
-    posterior: Posterior,
+    posterior: ParameterPosterior,
     viewing: ViewingConditions,
     simulator: Simulator,
     settings: DesignSettings,
@@ -109,15 +125,16 @@ def expected_posteriors(
     influence = parameter_influence(observations, posterior.materials)
     blocks = observation_blocks(observations, influence, settings.estimation)
     groups = separate_groups(influence)
+    space, covariance = posterior.space, gaussian_covariance(posterior)
     units = posterior.draw(settings.draws, rng)
     misses = [_execution_errors(throws, block, settings, rng) for block in blocks]
     steps = np.full(posterior.mean.size, 2.0 * settings.parameter_step)
     for block, missed in zip(blocks, misses, strict=True):
-        own = posterior.covariance[block.parameters[:, :, None], block.parameters[:, None, :]]
+        own = covariance[block.parameters[:, :, None], block.parameters[:, None, :]]
         found = np.empty((len(units), *own.shape))
         for k, unit in enumerate(units):
             stop_if(cancelled)
-            at = ParameterSteps(unit, steps, groups, posterior.to_parameters, settings.estimation)
+            at = ParameterSteps(unit, steps, groups, space.to_parameters, settings.estimation)
             linear = _linearised(cost, block, missed[k], at, settings)
             found[k] = _filtered(linear, block, own, at, viewing, settings)
         yield ExpectedPosteriors(block.members, block.parameters, found)

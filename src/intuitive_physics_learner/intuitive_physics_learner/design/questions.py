@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.materials import StaticParameters, parameter_places
+from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.regions import Region
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.simulation.world_batch import pack_worlds
 from intuitive_physics.validation import positive_float
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.design.posterior import Posterior
 from intuitive_physics_learner.design.settings import DesignSettings
 from intuitive_physics_learner.design.throws import ViewingConditions
 
@@ -45,7 +46,7 @@ class Question(ABC):
     @abstractmethod
     def directions(
         self,
-        posterior: Posterior,
+        posterior: ParameterPosterior,
         simulator: Simulator,
         settings: DesignSettings,
         rng: np.random.Generator,
@@ -88,7 +89,7 @@ class AboutParameters(Question):
 
     def directions(
         self,
-        posterior: Posterior,
+        posterior: ParameterPosterior,
         simulator: Simulator,
         settings: DesignSettings,
         rng: np.random.Generator,
@@ -156,38 +157,41 @@ class AboutMotion(Question):
 
     def directions(
         self,
-        posterior: Posterior,
+        posterior: ParameterPosterior,
         simulator: Simulator,
         settings: DesignSettings,
         rng: np.random.Generator,
     ) -> NDArray[np.float64]:
-        units = posterior.draw(settings.query_draws, rng)
-        answers = self._answers(posterior, units, simulator)
+        own = posterior.extended(self.scene.materials)
+        units = own.draw(settings.query_draws, rng)
+        answers = self._answers([own.space.to_parameters(unit) for unit in units], simulator)
         good = np.isfinite(answers).all(axis=1)
         if not good.any():
             raise InvalidInputError(
                 "the query's scene cannot be simulated with any draw of the static parameters; "
                 "expected another scene or time"
             )
-        matters = self._influence(posterior)
+        matters = self._influence()
         off = units[good] - units[good].mean(axis=0)
         change = answers[good] - answers[good].mean(axis=0)
+        found = np.zeros((answers.shape[1], units.shape[1]))
+        found[:, matters] = np.linalg.lstsq(off[:, matters], change, rcond=None)[0].T
+        old, new = parameter_places(own.materials, posterior.materials)
         slopes = np.zeros((answers.shape[1], posterior.mean.size))
-        slopes[:, matters] = np.linalg.lstsq(off[:, matters], change, rcond=None)[0].T
+        slopes[:, new] = found[:, old]
         return slopes
 
-    def _influence(self, posterior: Posterior) -> NDArray[np.bool_]:
-        """Which parameters (n,) the scene can depend on."""
+    def _influence(self) -> NDArray[np.bool_]:
+        """Which parameters of its own materials, (n,), the scene can depend on."""
         whole = ViewingConditions(np.array([0.0, self.time]), 1.0, np.zeros((3, 2)))
         observation = whole.observation(self.scene)
-        return np.asarray(parameter_influence([observation], posterior.materials)[0])
+        return np.asarray(parameter_influence([observation], self.scene.materials)[0])
 
     def _answers(
-        self, posterior: Posterior, units: NDArray[np.float64], simulator: Simulator
+        self, parameters: Sequence[StaticParameters], simulator: Simulator
     ) -> NDArray[np.float64]:
-        """Answers (n_draws, r) under each draw (n_draws, n); NaN where none was simulated."""
-        parameters = [posterior.to_parameters(unit) for unit in units]
-        worlds = pack_worlds([self.scene] * len(units), parameters)
+        """Answers (n_draws, r) under each θ_s; NaN where none was simulated."""
+        worlds = pack_worlds([self.scene] * len(parameters), parameters)
         times = np.array([self.time])
         if self.region is not None:
             times = np.linspace(0.0, self.time, max(2, int(self.time * RATE)))

@@ -8,9 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.simulation import Simulator
-from intuitive_physics_learner.design.expected_information import expected_posteriors
-from intuitive_physics_learner.design.posterior import Posterior
+from intuitive_physics_learner.design.expected_information import (
+    expected_posteriors,
+    gaussian_covariance,
+)
 from intuitive_physics_learner.design.questions import Question
 from intuitive_physics_learner.design.settings import DesignSettings
 from intuitive_physics_learner.design.throws import Throw, ThrowOptions, ViewingConditions
@@ -37,7 +40,7 @@ class Suggestion:
 
 def suggest(
     options: ThrowOptions,
-    posterior: Posterior,
+    posterior: ParameterPosterior,
     question: Question,
     viewing: ViewingConditions,
     simulator: Simulator,
@@ -80,13 +83,14 @@ def suggest(
     how = settings or DesignSettings()
     directions = question.directions(posterior, simulator, how, rng)
     throws = options.draw(how.candidates, rng)
-    prior = directions @ posterior.covariance @ directions.T
+    covariance = gaussian_covariance(posterior)
+    prior = directions @ covariance @ directions.T
     gains = np.zeros(len(throws))
     after = np.zeros((len(throws), len(prior)))
     for part in expected_posteriors(
         throws, posterior, viewing, simulator, how, rng, cancelled=cancelled
     ):
-        covariances = part.of(posterior, directions)
+        covariances = part.of(covariance, directions)
         gains[part.throws] = question.information(prior, covariances).mean(axis=0)
         variances = np.diagonal(covariances, axis1=2, axis2=3).mean(axis=0)
         after[part.throws] = np.sqrt(np.maximum(variances, 0.0))

@@ -5,8 +5,8 @@ a wall of another material. Asked are dynamic friction and restitution of one ba
 surfaces, and rolling friction too if that is the floor. After each throw all throws so far are
 fitted jointly with their initial states, as the learner's default method does; enough is known when
 the standard deviation of each parameter, the largest by the slopes to either side, is at most
-`PRECISION` and none is off by more than twice that. Both ways throw from the same ranges, with the same errors of execution and the same
-noise of detections, and begin knowing nothing.
+`PRECISION` and none is off by more than twice that. Both ways throw from the same ranges, with the
+same errors of execution and the same noise of detections, and begin knowing nothing.
 """
 
 from __future__ import annotations

@@ -27,6 +27,9 @@ RATE = 60.0
 SMALLEST_SHARE = 1e-12
 """Of a variance, that rounding leaves of it."""
 
+SMALLEST_CHANGE = 1e-9
+"""Of an answer (m, or without a unit) over all draws; smaller ones are rounding."""
+
 
 class Question(ABC):
     """Asks for r linear functions of θ_s."""
@@ -174,6 +177,7 @@ class AboutMotion(Question):
         matters = self._influence()
         off = units[good] - units[good].mean(axis=0)
         change = answers[good] - answers[good].mean(axis=0)
+        change[:, np.ptp(answers[good], axis=0) < SMALLEST_CHANGE] = 0.0
         found = np.zeros((answers.shape[1], units.shape[1]))
         found[:, matters] = np.linalg.lstsq(off[:, matters], change, rcond=None)[0].T
         old, new = parameter_places(own.materials, posterior.materials)

@@ -162,9 +162,10 @@ class ViewingConditions:
         periods = np.concatenate([np.diff(seen.trajectory.times) for _, seen in tracks])
         ends = [float(times_after_start(each, seen)[-1]) for each, seen in tracks]
         period, duration = float(np.median(periods)), float(np.median(ends))
+        intervals = max(1, round(duration / period))
         positions = np.concatenate([seen.trajectory.positions for _, seen in tracks])
         return ViewingConditions(
-            np.arange(max(1, int(duration / period + 0.5)) + 1) * period,
+            np.linspace(0.0, intervals * period, intervals + 1),
             position_noise(observations, smallest_noise),
             np.stack([positions.min(axis=0), positions.max(axis=0)], axis=1),
         )

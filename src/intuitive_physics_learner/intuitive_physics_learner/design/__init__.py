@@ -7,6 +7,10 @@ from intuitive_physics_learner.design.expected_information import (
 )
 from intuitive_physics_learner.design.questions import AboutMotion, AboutParameters, Question
 from intuitive_physics_learner.design.settings import DesignSettings
+from intuitive_physics_learner.design.stored_suggestion import (
+    SuggestionRequest,
+    suggest_from_store,
+)
 from intuitive_physics_learner.design.suggestion import Suggestion, suggest
 from intuitive_physics_learner.design.throws import (
     Throw,
@@ -23,6 +27,7 @@ __all__ = [
     "ExpectedPosteriors",
     "Question",
     "Suggestion",
+    "SuggestionRequest",
     "Throw",
     "ThrowOptions",
     "ThrowRanges",
@@ -31,4 +36,5 @@ __all__ = [
     "expected_posteriors",
     "gaussian_covariance",
     "suggest",
+    "suggest_from_store",
 ]

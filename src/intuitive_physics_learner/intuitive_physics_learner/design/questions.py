@@ -47,6 +47,10 @@ class Question(ABC):
         """
 
     @abstractmethod
+    def functions(self, posterior: ParameterPosterior) -> list[tuple[str, float]]:
+        """Name of each function, and its unit: what it changes by, in SI, where it grows by one."""
+
+    @abstractmethod
     def directions(
         self,
         posterior: ParameterPosterior,
@@ -89,6 +93,12 @@ class AboutParameters(Question):
         return np.asarray(
             0.5 * (np.linalg.slogdet(before + blur)[1] - np.linalg.slogdet(after + blur)[1])
         )
+
+    def functions(self, posterior: ParameterPosterior) -> list[tuple[str, float]]:
+        """The parameters by name, with the change of each in its SI unit per width."""
+        slopes = np.diag(posterior.space.slopes(posterior.mean))
+        names = posterior.space.names
+        return [(names[k], float(slopes[k])) for k in self.indices(names)]
 
     def directions(
         self,
@@ -157,6 +167,12 @@ class AboutMotion(Question):
         if start <= 0.0:
             return np.zeros(end.shape)
         return np.asarray(0.5 * np.log(start / np.maximum(end, SMALLEST_SHARE * start)))
+
+    def functions(self, posterior: ParameterPosterior) -> list[tuple[str, float]]:
+        """The coordinates, m, or the probability of the region."""
+        if self.region is not None:
+            return [(f"{self.object_id} enters the region within {self.time:g} s", 1.0)]
+        return [(f"{axis} of {self.object_id} at {self.time:g} s", 1.0) for axis in "xyz"]
 
     def directions(
         self,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from intuitive_physics.settings import check_settings, number
+from intuitive_physics.settings import check_settings, number, other
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 
 
@@ -57,8 +57,24 @@ class DesignSettings:
         100_000,
         "draws of θ_s by which the dependence of a query's answer on θ_s is found; set by hand",
     )
-    estimation: JointEstimationSettings = field(default_factory=JointEstimationSettings)
-    """Of the estimation that the throw is for: which points it can predict, and so use."""
+    most_observations: int = number(
+        500,
+        1,
+        1_000_000,
+        "newest stored observations at most from which ranges, noise and view are read, so that a "
+        "suggestion takes as long after years as after a day; set by hand",
+    )
+    view_margin: float = number(
+        0.1,
+        0.0,
+        10.0,
+        "by which the region in view is larger than what was seen of it, a part of its largest "
+        "extent: few tracks reach its edges; set by hand",
+    )
+    estimation: JointEstimationSettings = other(
+        JointEstimationSettings(),
+        "of the estimation that the throw is for: which detections it can predict, and so use",
+    )
 
     def __post_init__(self) -> None:
         check_settings(self)

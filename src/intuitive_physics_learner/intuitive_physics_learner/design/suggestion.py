@@ -27,13 +27,14 @@ class Suggestion:
     ----------
     throw : objects and initial states
     gain : expected information on what is asked, nat
-    before : (r,) standard deviation of each asked function of θ_s, at present, in widths or in the
-        unit of the query's answer
+    asked : (r,) names of what is asked: parameters, or parts of a query's answer
+    before : (r,) standard deviation of each at present, in its SI unit
     after : (r,) the same after the throw, root mean square over the draws
     """
 
     throw: Throw
     gain: float
+    asked: tuple[str, ...]
     before: NDArray[np.float64]
     after: NDArray[np.float64]
 
@@ -95,5 +96,6 @@ def suggest(
         variances = np.diagonal(covariances, axis1=2, axis2=3).mean(axis=0)
         after[part.throws] = np.sqrt(np.maximum(variances, 0.0))
     best = np.argsort(-gains, kind="stable")[:count]
-    before = np.sqrt(np.diag(prior))
-    return [Suggestion(throws[i], float(gains[i]), before, after[i]) for i in best]
+    names, units = zip(*question.functions(posterior), strict=True)
+    before = np.sqrt(np.diag(prior)) * units
+    return [Suggestion(throws[i], float(gains[i]), names, before, after[i] * units) for i in best]

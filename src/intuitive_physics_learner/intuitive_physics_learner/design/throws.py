@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,7 @@ from intuitive_physics.state import ERROR_SIZE, ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics.validation import finite_array
 from intuitive_physics_learner.cost.packed_observations import times_after_start
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.errors import NoObservationsError
 from intuitive_physics_learner.joint_estimation.trajectory_model import position_noise
 
@@ -150,24 +151,43 @@ class ViewingConditions:
     region: NDArray[np.float64]
 
     @staticmethod
-    def seen(observations: Sequence[Observation], smallest_noise: float) -> ViewingConditions:
+    def seen(
+        observations: Sequence[Observation], smallest_noise: float, margin: float = 0.0
+    ) -> ViewingConditions:
         """Return what observations, at least one, have in common.
 
         Parameters
         ----------
         observations : whose rate and duration (their medians), noise and region are taken
         smallest_noise : m, taken at least
+        margin : by which the region is larger on all sides, a part of its largest extent
         """
         tracks = [(each, seen) for each in observations for seen in each.objects]
         periods = np.concatenate([np.diff(seen.trajectory.times) for _, seen in tracks])
         ends = [float(times_after_start(each, seen)[-1]) for each, seen in tracks]
         period, duration = float(np.median(periods)), float(np.median(ends))
-        intervals = max(1, round(duration / period))
         positions = np.concatenate([seen.trajectory.positions for _, seen in tracks])
+        low, high = positions.min(axis=0), positions.max(axis=0)
+        around = margin * float((high - low).max())
+        intervals = max(1, round(duration / period))
         return ViewingConditions(
             np.linspace(0.0, intervals * period, intervals + 1),
             position_noise(observations, smallest_noise),
-            np.stack([positions.min(axis=0), positions.max(axis=0)], axis=1),
+            np.stack([low - around, high + around], axis=1),
+        )
+
+    def with_starts(self, options: ThrowOptions) -> ViewingConditions:
+        """Return the same with all in view from where objects may be thrown."""
+        starts = [one.ranges.position for cast in options.casts for one in cast]
+        return replace(
+            self,
+            region=np.stack(
+                [
+                    np.min([self.region[:, 0], *(each[:, 0] for each in starts)], axis=0),
+                    np.max([self.region[:, 1], *(each[:, 1] for each in starts)], axis=0),
+                ],
+                axis=1,
+            ),
         )
 
     def observation(self, scene: Scene) -> Observation:
@@ -252,6 +272,46 @@ class ThrowOptions:
                 f"no object {only!r} was seen; expected an id, or a material: {', '.join(known)}"
             )
         return ThrowOptions(observations[-1].environment, tuple(casts))
+
+    def between(
+        self,
+        position: ArrayLike | None,
+        linear_velocity: ArrayLike | None,
+        angular_velocity: ArrayLike | None,
+    ) -> ThrowOptions:
+        """Return the same with other ranges; None leaves those of each object as they are.
+
+        Parameters
+        ----------
+        position : (3, 2) m
+        linear_velocity : (3, 2) m/s
+        angular_velocity : (3, 2) rad/s
+        """
+
+        def moved(one: ThrownObject) -> ThrownObject:
+            own = one.ranges
+            ranges = ThrowRanges(
+                own.position if position is None else position,
+                own.linear_velocity if linear_velocity is None else linear_velocity,
+                own.angular_velocity if angular_velocity is None else angular_velocity,
+            )
+            return ThrownObject(one.object, ranges, one.covariance, one.orientations)
+
+        return ThrowOptions(self.environment, tuple(tuple(map(moved, cast)) for cast in self.casts))
+
+    def influential(self, materials: Sequence[str]) -> NDArray[np.bool_]:
+        """Which parameters (n,) of these materials any throw can depend on, by their names."""
+        about = ViewingConditions(np.array([0.0, 1.0]), 1.0, np.zeros((3, 2)))
+        at_origin = [
+            Scene(
+                self.environment,
+                tuple(one.object for one in cast),
+                tuple(ObjectState(np.zeros(3)) for _ in cast),
+            )
+            for cast in self.casts
+        ]
+        observations = [about.observation(scene) for scene in at_origin]
+        return np.asarray(parameter_influence(observations, materials).any(axis=0))
 
     def draw(self, count: int, rng: np.random.Generator) -> list[Throw]:
         """Draw valid throws, spread over the ranges; the casts take turns.

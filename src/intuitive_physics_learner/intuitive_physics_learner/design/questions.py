@@ -89,6 +89,17 @@ class AboutParameters(Question):
     def information(
         self, before: NDArray[np.float64], after: NDArray[np.float64]
     ) -> NDArray[np.float64]:
+        """Fall of half the logarithm of the determinant (D-optimality), beyond the resolution.
+
+        Parameters
+        ----------
+        before : (r, r) covariance, in squared units of the functions
+        after : (..., r, r) likewise
+
+        Returns
+        -------
+        (...) nat
+        """
         blur = self.resolution**2 * np.eye(len(before))
         return np.asarray(
             0.5 * (np.linalg.slogdet(before + blur)[1] - np.linalg.slogdet(after + blur)[1])
@@ -107,6 +118,19 @@ class AboutParameters(Question):
         settings: DesignSettings,
         rng: np.random.Generator,
     ) -> NDArray[np.float64]:
+        """One for each parameter asked about, zero for all others.
+
+        Parameters
+        ----------
+        posterior : of θ_s at present
+        simulator : of a query's scene
+        settings : number of draws
+        rng : of the draws
+
+        Returns
+        -------
+        (r, n) units of the functions per width
+        """
         return np.eye(posterior.mean.size)[self.indices(posterior.space.names)]
 
     def indices(self, known: Sequence[str]) -> list[int]:
@@ -163,6 +187,17 @@ class AboutMotion(Question):
     def information(
         self, before: NDArray[np.float64], after: NDArray[np.float64]
     ) -> NDArray[np.float64]:
+        """Fall of half the logarithm of the summed variance (c-optimality).
+
+        Parameters
+        ----------
+        before : (r, r) covariance, in squared units of the functions
+        after : (..., r, r) likewise
+
+        Returns
+        -------
+        (...) nat
+        """
         start, end = np.trace(before), np.trace(after, axis1=-2, axis2=-1)
         if start <= 0.0:
             return np.zeros(end.shape)
@@ -181,6 +216,19 @@ class AboutMotion(Question):
         settings: DesignSettings,
         rng: np.random.Generator,
     ) -> NDArray[np.float64]:
+        """Slopes of the linear function that is closest to the answer over draws.
+
+        Parameters
+        ----------
+        posterior : of θ_s at present
+        simulator : of a query's scene
+        settings : number of draws
+        rng : of the draws
+
+        Returns
+        -------
+        (r, n) units of the functions per width
+        """
         own = posterior.extended(self.scene.materials)
         units = own.draw(settings.query_draws, rng)
         answers = self._answers([own.space.to_parameters(unit) for unit in units], simulator)

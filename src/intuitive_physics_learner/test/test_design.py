@@ -17,6 +17,7 @@ from intuitive_physics_learner.design import (
     AboutMotion,
     AboutParameters,
     DesignSettings,
+    ExpectedPosteriors,
     ThrownObject,
     ThrowOptions,
     ThrowRanges,
@@ -67,7 +68,7 @@ def deviation_after(options, posterior, view, simulator, name=E, how=PERFECT):
     (throw,) = options.draw(1, rng)
     (part,) = expected_posteriors([throw], posterior, view, simulator, how, rng)
     direction = np.eye(posterior.mean.size)[[posterior.space.names.index(name)]]
-    return np.sqrt(part.of(gaussian_covariance(posterior), direction)[0, 0, 0, 0])
+    return np.sqrt(part.reduction(gaussian_covariance(posterior), direction).variances[0, 0, 0])
 
 
 def test_information_of_a_drop_is_that_of_the_closed_form(event_driven):
@@ -115,6 +116,31 @@ def test_an_unknown_initial_state_takes_its_part_of_the_information(event_driven
         how=DesignSettings(execution_error=0.0, draws=1, state_step=1e-4, parameter_step=1e-3),
     )
     np.testing.assert_allclose(got, expected, rtol=0.1)
+
+
+def test_the_fall_of_a_determinant_is_that_of_the_whole_matrices():
+    generator = np.random.default_rng(0)
+    root = generator.normal(size=(6, 6))
+    covariance, directions = root @ root.T + np.eye(6), generator.normal(size=(4, 6))
+    parameters = np.array([[0, 2, 5], [1, 2, 3]])
+    # Some information on the three parameters of each throw.
+    after = []
+    for own in parameters:
+        information = np.zeros((6, 6))
+        part = generator.normal(size=(3, 3))
+        information[np.ix_(own, own)] = part @ part.T
+        after.append(np.linalg.inv(np.linalg.inv(covariance) + information))
+    small = np.array([whole[np.ix_(o, o)] for whole, o in zip(after, parameters, strict=True)])
+    found = ExpectedPosteriors(np.arange(2), parameters, small[None])
+    reduction = found.reduction(covariance, directions)
+    blur = 0.3
+    for w, whole in enumerate(after):
+        expected = directions @ whole @ directions.T
+        np.testing.assert_allclose(reduction.variances[0, w], np.diag(expected))
+        before = directions @ covariance @ directions.T
+        fall = np.linalg.slogdet(before + blur**2 * np.eye(4))[1]
+        fall -= np.linalg.slogdet(expected + blur**2 * np.eye(4))[1]
+        np.testing.assert_allclose(reduction.determinant_fall(blur)[0, w], fall)
 
 
 def gains(question, event_driven, ways, **how):

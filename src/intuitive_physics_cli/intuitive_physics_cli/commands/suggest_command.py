@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> None:
             raise InvalidInputError(f"{name} is {getattr(options, name)}; expected {least} or more")
     if options.about and options.query is not None:
         raise InvalidInputError("--about and --query are given; expected one of them")
-    ranges = {
+    ranges: dict[str, Any] = {
         field: np.reshape(getattr(options, name), (3, 2))
         for name, (field, _) in RANGES.items()
         if getattr(options, name) is not None

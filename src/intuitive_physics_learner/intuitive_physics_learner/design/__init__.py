@@ -2,6 +2,7 @@
 
 from intuitive_physics_learner.design.expected_information import (
     ExpectedPosteriors,
+    Reduction,
     expected_posteriors,
     gaussian_covariance,
 )
@@ -26,6 +27,7 @@ __all__ = [
     "DesignSettings",
     "ExpectedPosteriors",
     "Question",
+    "Reduction",
     "Suggestion",
     "SuggestionRequest",
     "Throw",

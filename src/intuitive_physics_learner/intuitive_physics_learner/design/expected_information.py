@@ -62,21 +62,59 @@ class ExpectedPosteriors:
     parameters: NDArray[np.int64]
     covariances: NDArray[np.float64]
 
-    def of(
+    def reduction(
         self, covariance: NDArray[np.float64], directions: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Covariance (n_draws, W, r, r) of r linear functions of θ_s after each throw.
+    ) -> Reduction:
+        """Return what is left of the covariance of r linear functions of θ_s after each throw.
 
         Parameters
         ----------
         covariance : (n, n) widths², of all parameters before the throw
         directions : (r, n) slopes of the functions per width of each parameter
         """
-        before = directions @ covariance @ directions.T
+        crossed = covariance @ directions.T
         own = covariance[self.parameters[:, :, None], self.parameters[:, None, :]]
-        gains = np.linalg.solve(own, (covariance @ directions.T)[self.parameters])
-        lost = gains.transpose(0, 2, 1) @ (own - self.covariances) @ gains
-        return np.asarray(before - lost)
+        gains = np.asarray(np.linalg.solve(own, crossed[self.parameters]), dtype=np.float64)
+        swapped = gains.transpose(0, 2, 1)
+        return Reduction(directions @ crossed, swapped, own - self.covariances)
+
+
+@dataclass(frozen=True, eq=False)
+class Reduction:
+    """Covariances of r functions of θ_s before throws, B, and after each one, B - U D Uᵀ.
+
+    U has as many columns as the throw has parameters, which are few, whatever r is.
+
+    Parameters
+    ----------
+    before : (r, r) B, in squared units of the functions
+    gains : (W, r, q) U, units of the functions per width of the throw's parameters
+    lost : (n_draws, W, q, q) D, widths²
+    """
+
+    before: NDArray[np.float64]
+    gains: NDArray[np.float64]
+    lost: NDArray[np.float64]
+
+    @property
+    def variances(self) -> NDArray[np.float64]:
+        """Diagonals (n_draws, W, r) of the covariances after each throw, never negative."""
+        fall = ((self.gains @ self.lost) * self.gains).sum(axis=3)
+        return np.maximum(np.diag(self.before) - fall, 0.0)
+
+    def determinant_fall(self, blur: float) -> NDArray[np.float64]:
+        """Fall (n_draws, W) of ln det of the covariances, `blur`² added to each variance.
+
+        By the matrix determinant lemma det(M - U D Uᵀ) = det M det(I - D Uᵀ M⁻¹ U).
+
+        Parameters
+        ----------
+        blur : in the units of the functions
+        """
+        blurred = self.before + blur**2 * np.eye(len(self.before))
+        weighted = self.gains.transpose(0, 2, 1) @ np.linalg.solve(blurred, self.gains)
+        left = np.eye(self.lost.shape[3]) - self.lost @ weighted
+        return -np.asarray(np.linalg.slogdet(left)[1])
 
 
 def gaussian_covariance(posterior: ParameterPosterior) -> NDArray[np.float64]:

@@ -18,6 +18,7 @@ from intuitive_physics.simulation import Simulator
 from intuitive_physics.simulation.world_batch import pack_worlds
 from intuitive_physics.validation import positive_float
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.design.expected_information import Reduction
 from intuitive_physics_learner.design.settings import DesignSettings
 from intuitive_physics_learner.design.throws import ViewingConditions
 
@@ -35,15 +36,12 @@ class Question(ABC):
     """Asks for r linear functions of θ_s."""
 
     @abstractmethod
-    def information(
-        self, before: NDArray[np.float64], after: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Information (...), nat, that a change of the covariance of the functions is worth.
+    def information(self, reduction: Reduction) -> NDArray[np.float64]:
+        """Information (n_draws, W), nat, that each throw is worth.
 
         Parameters
         ----------
-        before : (r, r) covariance, in squared units of the functions
-        after : (..., r, r) likewise
+        reduction : of the covariance of the functions
         """
 
     @abstractmethod
@@ -86,24 +84,9 @@ class AboutParameters(Question):
     def __post_init__(self) -> None:
         positive_float(self.resolution, "resolution")
 
-    def information(
-        self, before: NDArray[np.float64], after: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Fall of half the logarithm of the determinant (D-optimality), beyond the resolution.
-
-        Parameters
-        ----------
-        before : (r, r) covariance, in squared units of the functions
-        after : (..., r, r) likewise
-
-        Returns
-        -------
-        (...) nat
-        """
-        blur = self.resolution**2 * np.eye(len(before))
-        return np.asarray(
-            0.5 * (np.linalg.slogdet(before + blur)[1] - np.linalg.slogdet(after + blur)[1])
-        )
+    def information(self, reduction: Reduction) -> NDArray[np.float64]:
+        """Half the fall of the logarithm of the determinant, beyond the resolution."""
+        return np.asarray(0.5 * reduction.determinant_fall(self.resolution))
 
     def functions(self, posterior: ParameterPosterior) -> list[tuple[str, float]]:
         """The parameters by name, with the change of each in its SI unit per width."""
@@ -184,21 +167,9 @@ class AboutMotion(Question):
         if self.object_id not in ids:
             raise UnknownNameError(f"object is {self.object_id!r}; expected one of {ids}")
 
-    def information(
-        self, before: NDArray[np.float64], after: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Fall of half the logarithm of the summed variance (c-optimality).
-
-        Parameters
-        ----------
-        before : (r, r) covariance, in squared units of the functions
-        after : (..., r, r) likewise
-
-        Returns
-        -------
-        (...) nat
-        """
-        start, end = np.trace(before), np.trace(after, axis1=-2, axis2=-1)
+    def information(self, reduction: Reduction) -> NDArray[np.float64]:
+        """Half the fall of the logarithm of the summed variance."""
+        start, end = np.trace(reduction.before), reduction.variances.sum(axis=2)
         if start <= 0.0:
             return np.zeros(end.shape)
         return np.asarray(0.5 * np.log(start / np.maximum(end, SMALLEST_SHARE * start)))

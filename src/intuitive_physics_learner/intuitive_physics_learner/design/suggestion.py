@@ -85,17 +85,15 @@ def suggest(
     directions = question.directions(posterior, simulator, how, rng)
     throws = options.draw(how.candidates, rng)
     covariance = gaussian_covariance(posterior)
-    prior = directions @ covariance @ directions.T
     gains = np.zeros(len(throws))
-    after = np.zeros((len(throws), len(prior)))
+    after = np.zeros((len(throws), len(directions)))
     for part in expected_posteriors(
         throws, posterior, viewing, simulator, how, rng, cancelled=cancelled
     ):
-        covariances = part.of(covariance, directions)
-        gains[part.throws] = question.information(prior, covariances).mean(axis=0)
-        variances = np.diagonal(covariances, axis1=2, axis2=3).mean(axis=0)
-        after[part.throws] = np.sqrt(np.maximum(variances, 0.0))
+        reduction = part.reduction(covariance, directions)
+        gains[part.throws] = question.information(reduction).mean(axis=0)
+        after[part.throws] = np.sqrt(reduction.variances.mean(axis=0))
     best = np.argsort(-gains, kind="stable")[:count]
     names, units = zip(*question.functions(posterior), strict=True)
-    before = np.sqrt(np.diag(prior)) * units
+    before = np.sqrt(np.diag(reduction.before)) * units
     return [Suggestion(throws[i], float(gains[i]), names, before, after[i] * units) for i in best]

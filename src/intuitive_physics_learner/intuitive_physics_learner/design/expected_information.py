@@ -76,20 +76,23 @@ class ExpectedPosteriors:
         own = covariance[self.parameters[:, :, None], self.parameters[:, None, :]]
         gains = np.asarray(np.linalg.solve(own, crossed[self.parameters]), dtype=np.float64)
         swapped = gains.transpose(0, 2, 1)
-        return Reduction(directions @ crossed, swapped, own - self.covariances)
+        return Reduction(directions @ crossed, swapped, own - self.covariances.mean(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
 class Reduction:
-    """Covariances of r functions of θ_s before throws, B, and after each one, B - U D Uᵀ.
+    """Covariances of r functions of θ_s before throws, B, and expected after each, B - U D Uᵀ.
 
-    U has as many columns as the throw has parameters, which are few, whatever r is.
+    U has as many columns as the throw has parameters, which are few, whatever r is. D is the mean
+    over the draws of θ_s: the covariance that is expected decides, not its logarithm. A throw that
+    tells a friction exactly at one draw, and nothing at the others at which the ball does not
+    slide, has a high mean logarithm and most often leaves the friction as unknown as it was.
 
     Parameters
     ----------
     before : (r, r) B, in squared units of the functions
     gains : (W, r, q) U, units of the functions per width of the throw's parameters
-    lost : (n_draws, W, q, q) D, widths²
+    lost : (W, q, q) D, widths²
     """
 
     before: NDArray[np.float64]
@@ -98,12 +101,12 @@ class Reduction:
 
     @property
     def variances(self) -> NDArray[np.float64]:
-        """Diagonals (n_draws, W, r) of the covariances after each throw, never negative."""
-        fall = ((self.gains @ self.lost) * self.gains).sum(axis=3)
+        """Diagonals (W, r) of the covariances after each throw, never negative."""
+        fall = ((self.gains @ self.lost) * self.gains).sum(axis=2)
         return np.maximum(np.diag(self.before) - fall, 0.0)
 
     def determinant_fall(self, blur: float) -> NDArray[np.float64]:
-        """Fall (n_draws, W) of ln det of the covariances, `blur`² added to each variance.
+        """Fall (W,) of ln det of the covariances, `blur`² added to each variance.
 
         By the matrix determinant lemma det(M - U D Uᵀ) = det M det(I - D Uᵀ M⁻¹ U).
 
@@ -113,7 +116,7 @@ class Reduction:
         """
         blurred = self.before + blur**2 * np.eye(len(self.before))
         weighted = self.gains.transpose(0, 2, 1) @ np.linalg.solve(blurred, self.gains)
-        left = np.eye(self.lost.shape[3]) - self.lost @ weighted
+        left = np.eye(self.lost.shape[2]) - self.lost @ weighted
         return -np.asarray(np.linalg.slogdet(left)[1])
 
 
@@ -134,6 +137,7 @@ def gaussian_covariance(posterior: ParameterPosterior) -> NDArray[np.float64]:
 def expected_posteriors(
     throws: Sequence[Throw],
     posterior: ParameterPosterior,
+    units: NDArray[np.float64],
     viewing: ViewingConditions,
     simulator: Simulator,
     settings: DesignSettings,
@@ -147,10 +151,11 @@ def expected_posteriors(
     ----------
     throws : at least one, of materials that the posterior knows
     posterior : of θ_s before the throw
+    units : (n_draws, n) draws of θ_s from it, points of the unit cube
     viewing : how the throw will be observed
     simulator : of the throws
-    settings : number of draws and steps of slopes
-    rng : of the draws
+    settings : steps of slopes, and how well throws are made
+    rng : of the errors with which throws are made
     cancelled : looked at before each draw
 
     Raises
@@ -164,8 +169,7 @@ def expected_posteriors(
     blocks = observation_blocks(observations, influence, settings.estimation)
     groups = separate_groups(influence)
     space, covariance = posterior.space, gaussian_covariance(posterior)
-    units = posterior.draw(settings.draws, rng)
-    misses = [_execution_errors(throws, block, settings, rng) for block in blocks]
+    misses = [_execution_errors(throws, block, len(units), settings, rng) for block in blocks]
     steps = np.full(posterior.mean.size, 2.0 * settings.parameter_step)
     for block, missed in zip(blocks, misses, strict=True):
         own = covariance[block.parameters[:, :, None], block.parameters[:, None, :]]
@@ -181,6 +185,7 @@ def expected_posteriors(
 def _execution_errors(
     throws: Sequence[Throw],
     block: ObservationBlock,
+    draws: int,
     settings: DesignSettings,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
@@ -190,7 +195,7 @@ def _execution_errors(
         own = throws[member].widths.ravel()
         row[: own.size] = own
     own_widths = np.take_along_axis(widths, block.initial_states.components, axis=1)
-    normal = rng.standard_normal((settings.draws, *own_widths.shape))
+    normal = rng.standard_normal((draws, *own_widths.shape))
     return np.asarray(settings.execution_error * own_widths * normal)
 
 

@@ -37,7 +37,7 @@ class Question(ABC):
 
     @abstractmethod
     def information(self, reduction: Reduction) -> NDArray[np.float64]:
-        """Information (n_draws, W), nat, that each throw is worth.
+        """Information (W,), nat, that each throw is worth.
 
         Parameters
         ----------
@@ -85,7 +85,7 @@ class AboutParameters(Question):
         positive_float(self.resolution, "resolution")
 
     def information(self, reduction: Reduction) -> NDArray[np.float64]:
-        """Half the fall of the logarithm of the determinant, beyond the resolution."""
+        """Half the fall of ln det beyond the resolution, (W,) nat."""
         return np.asarray(0.5 * reduction.determinant_fall(self.resolution))
 
     def functions(self, posterior: ParameterPosterior) -> list[tuple[str, float]]:
@@ -168,8 +168,8 @@ class AboutMotion(Question):
             raise UnknownNameError(f"object is {self.object_id!r}; expected one of {ids}")
 
     def information(self, reduction: Reduction) -> NDArray[np.float64]:
-        """Half the fall of the logarithm of the summed variance."""
-        start, end = np.trace(reduction.before), reduction.variances.sum(axis=2)
+        """Half the fall of the logarithm of the summed variance, (W,) nat."""
+        start, end = np.trace(reduction.before), reduction.variances.sum(axis=1)
         if start <= 0.0:
             return np.zeros(end.shape)
         return np.asarray(0.5 * np.log(start / np.maximum(end, SMALLEST_SHARE * start)))

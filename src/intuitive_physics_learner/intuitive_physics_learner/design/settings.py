@@ -20,8 +20,19 @@ class DesignSettings:
         96,
         1,
         100_000,
-        "throws that are compared; the best of 96 random ones is within the best 5 % with "
-        "probability 0.99",
+        "throws spread over the ranges that are compared first; the best of 96 random ones is "
+        "within the best 5 % with probability 0.99",
+    )
+    refinements: tuple[float, ...] = other(
+        (0.15, 0.05),
+        "standard deviations, parts of the ranges' widths, by which throws that are compared next "
+        "differ from the best so far, round after round; set by hand",
+    )
+    refined: int = number(
+        6, 1, 1000, "best throws that are refined, as many as are suggested at least; set by hand"
+    )
+    neighbours: int = number(
+        8, 0, 10_000, "throws near each of them in each round of refinement; set by hand"
     )
     draws: int = number(
         8,

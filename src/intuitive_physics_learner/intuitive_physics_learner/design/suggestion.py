@@ -53,14 +53,17 @@ def suggest(
 ) -> list[Suggestion]:
     """Return the throws that are expected to tell most, the best first.
 
-    The gain of a throw is the mean over draws of θ_s of
+    The gain of a throw is
 
         ½ ln (det (Σ + ρ²) / det (Σ' + ρ²))     for parameters (D-optimality), or
         ½ ln (tr Σ / tr Σ')                     for a query's answer (c-optimality),
 
-    Σ and Σ' being the covariance of what is asked before and after it. The first is the expected
-    information of Lindley (1956), where all is linear and normal, on parameters that are of
-    interest up to a resolution ρ.
+    Σ being the present covariance of what is asked and Σ' the one expected after the throw, a mean
+    over draws of θ_s. Where all is linear and normal, the first is the expected information of
+    Lindley (1956) on parameters that are of interest up to a resolution ρ.
+
+    Throws are spread over the ranges first; the best of them are then refined, each into the best
+    of its neighbours, and stay apart.
 
     Parameters
     ----------
@@ -83,17 +86,33 @@ def suggest(
     """
     how = settings or DesignSettings()
     directions = question.directions(posterior, simulator, how, rng)
-    throws = options.draw(how.candidates, rng)
     covariance = gaussian_covariance(posterior)
-    gains = np.zeros(len(throws))
-    after = np.zeros((len(throws), len(directions)))
-    for part in expected_posteriors(
-        throws, posterior, viewing, simulator, how, rng, cancelled=cancelled
-    ):
-        reduction = part.reduction(covariance, directions)
-        gains[part.throws] = question.information(reduction).mean(axis=0)
-        after[part.throws] = np.sqrt(reduction.variances.mean(axis=0))
-    best = np.argsort(-gains, kind="stable")[:count]
-    names, units = zip(*question.functions(posterior), strict=True)
-    before = np.sqrt(np.diag(reduction.before)) * units
-    return [Suggestion(throws[i], float(gains[i]), names, before, after[i] * units) for i in best]
+    units = posterior.draw(how.draws, rng)
+    names, scales = zip(*question.functions(posterior), strict=True)
+
+    def judged(throws: list[Throw]) -> list[Suggestion]:
+        """Judge throws, in their order."""
+        found: dict[int, Suggestion] = {}
+        for part in expected_posteriors(
+            throws, posterior, units, viewing, simulator, how, rng, cancelled=cancelled
+        ):
+            reduction = part.reduction(covariance, directions)
+            gains = question.information(reduction)
+            before = np.sqrt(np.diag(reduction.before)) * scales
+            after = np.sqrt(reduction.variances) * scales
+            for i, gain, left in zip(part.throws, gains, after, strict=True):
+                found[int(i)] = Suggestion(throws[i], float(gain), names, before, left)
+        return [found[i] for i in range(len(throws))]
+
+    families = _best(judged(options.draw(how.candidates, rng)), max(count, how.refined))
+    for spread in how.refinements:
+        near = [best.throw.nearby(how.neighbours, spread, rng) for best in families]
+        each = [k for k, throws in enumerate(near) for _ in throws]
+        for k, tried in zip(each, judged([one for throws in near for one in throws]), strict=True):
+            if tried.gain > families[k].gain:
+                families[k] = tried
+    return _best(families, count)
+
+
+def _best(suggestions: list[Suggestion], count: int) -> list[Suggestion]:
+    return sorted(suggestions, key=lambda each: -each.gain)[:count]

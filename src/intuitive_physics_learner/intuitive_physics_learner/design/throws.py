@@ -121,16 +121,15 @@ class ThrownObject:
         set_field("covariance", finite_array(given, "state covariance", shape))
         set_field("orientations", finite_array(orientations, "orientations", (None, 4)))
 
-    def state(self, place: NDArray[np.float64], rng: np.random.Generator) -> ObjectState:
+    def state(self, place: NDArray[np.float64], orientation: NDArray[np.float64]) -> ObjectState:
         """Return the initial state at a place of the ranges.
 
         Parameters
         ----------
         place : (9,) from 0 to 1, in the order of `ThrowRanges.lower`
-        rng : of the choice among the orientations
+        orientation : (4,) unit quaternion (x, y, z, w)
         """
         values = self.ranges.lower + place * self.ranges.widths
-        orientation = self.orientations[rng.integers(len(self.orientations))]
         return ObjectState(values[0:3], orientation, values[3:6], values[6:9], self.covariance)
 
 
@@ -351,7 +350,11 @@ class ThrowOptions:
         for turn in range(count):
             k = turn % len(self.casts)
             cast, place = self.casts[k], places[k][turn // len(self.casts)].reshape(-1, 9)
-            states = [one.state(at, rng) for one, at in zip(cast, place, strict=True)]
+            turns = [rng.integers(len(one.orientations)) for one in cast]
+            states = [
+                one.state(at, one.orientations[turned])
+                for one, at, turned in zip(cast, place, turns, strict=True)
+            ]
             yield Throw(self.environment, cast, tuple(states))
 
 
@@ -369,6 +372,32 @@ class Throw:
     environment: Environment
     cast: tuple[ThrownObject, ...]
     states: tuple[ObjectState, ...]
+
+    def nearby(self, count: int, spread: float, rng: np.random.Generator) -> list[Throw]:
+        """Return valid throws whose initial states differ a little, `count` of them at most.
+
+        Parameters
+        ----------
+        count : of throws
+        spread : standard deviation of the differences, a part of the width of each range; at the
+            ends of the ranges they are reflected
+        rng : of all randomness
+        """
+        found = []
+        for _ in range(count):
+            states = []
+            for one, state in zip(self.cast, self.states, strict=True):
+                vector, widths = state.to_vector(), one.ranges.widths
+                values = np.concatenate([vector[0:3], vector[7:13]]) - one.ranges.lower
+                place = np.divide(values, widths, out=np.zeros(9), where=widths > 0.0)
+                moved = place + spread * rng.standard_normal(9)
+                inside = np.clip(np.abs((moved + 1.0) % 2.0 - 1.0), 0.0, 1.0)
+                states.append(one.state(inside, state.orientation))
+            found.append(Throw(self.environment, self.cast, tuple(states)))
+        if not found:
+            return []
+        wrong = overlapping([throw.scene for throw in found])
+        return [throw for throw, bad in zip(found, wrong, strict=True) if not bad]
 
     @property
     def scene(self) -> Scene:

@@ -100,7 +100,7 @@ def test_suggests_throws_of_what_was_seen(asking, throws):
     (ball,) = answer.throws[0].objects
     assert ball.material == "ball"
     assert -1.0 <= ball.pose.pose.position.x <= 0.0
-    assert answer.throws[0].standard_deviations[0] < 0.1 * answer.standard_deviations[0]
+    assert answer.throws[0].standard_deviations[0] < 0.5 * answer.standard_deviations[0]
     again = node.call(Suggest, about=[E], count=3, seed=1, **RANGES)
     assert [each.information for each in again.throws] == gains
     # All parameters, from what was seen.

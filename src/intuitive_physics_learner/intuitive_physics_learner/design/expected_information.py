@@ -85,8 +85,8 @@ class Reduction:
 
     U has as many columns as the throw has parameters, which are few, whatever r is. D is the mean
     over the draws of θ_s: the covariance that is expected decides, not its logarithm. A throw that
-    tells a friction exactly at one draw, and nothing at the others at which the ball does not
-    slide, has a high mean logarithm and most often leaves the friction as unknown as it was.
+    determines a friction exactly at one draw, and not at all at the others, at which the ball does
+    not slide, has a high mean logarithm and most often leaves the friction as unknown as it was.
 
     Parameters
     ----------

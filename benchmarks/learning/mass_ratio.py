@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, ObservedObject
@@ -98,15 +99,17 @@ def measure_mass_ratio(
     heavy = learned.parameters.index("heavy")
     light = learned.parameters.index("light")
     estimate = learned.parameters.density[heavy] / learned.parameters.density[light]
-    intervals = (
-        np.quantile(values, [0.05, 0.95]).tolist()
-        for values in (
-            density[:, heavy] / density[:, light],
-            density[:, heavy],
-            density[:, light],
-        )
+    return MassRatio(
+        _inner_interval(density[:, heavy] / density[:, light]),
+        _inner_interval(density[:, heavy]),
+        _inner_interval(density[:, light]),
+        float(estimate),
     )
-    return MassRatio(*((low, high) for low, high in intervals), float(estimate))
+
+
+def _inner_interval(values: NDArray[np.float64]) -> tuple[float, float]:
+    low, high = np.quantile(values, [0.05, 0.95])
+    return float(low), float(high)
 
 
 def _collision(engine: Simulator, rng: np.random.Generator) -> Observation:

@@ -1,5 +1,7 @@
 """Suggested throws tell what is asked; expected information is that of closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.observation import Detections
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.regions import HalfSpaceRegion
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
@@ -332,6 +335,16 @@ def test_what_was_seen_is_what_can_be_thrown(throws):
         ThrowOptions.seen(seen, "cup")
     with pytest.raises(NoObservationsError, match="expected at least one throw"):
         ThrowOptions.seen([])
+
+
+def test_noise_is_that_of_the_detections_where_there_are(throws):
+    (seen,) = throws(1, seed=0, noise=0.002, state_noise=0.002)
+    (ball,) = seen.objects
+    track = ball.trajectory
+    covariances = np.tile(0.004**2 * np.eye(3), (len(track), 1, 1))
+    detections = Detections(track.times, track.positions, covariances, np.zeros((3, 3)))
+    detected = replace(seen, objects=(replace(ball, detections=detections),))
+    assert ViewingConditions.seen([detected], 1e-4).noise == pytest.approx(0.004)
 
 
 def test_names_of_parameters_are_read_in_either_order():

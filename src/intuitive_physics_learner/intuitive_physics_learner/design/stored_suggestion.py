@@ -16,6 +16,7 @@ from intuitive_physics_learner.design.settings import DesignSettings
 from intuitive_physics_learner.design.suggestion import Suggestion, suggest
 from intuitive_physics_learner.design.throws import ThrowOptions, ViewingConditions
 from intuitive_physics_learner.store import ObservationStore
+from intuitive_physics_learner.store.observation_entries import USED
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +88,8 @@ def suggest_from_store(
         When the database cannot be read.
     """
     how = request.settings
-    recent = store.ids()[-how.most_observations :]
-    observations = store.observations(recent) if recent else []
+    newest = store.entries(statuses=(USED,), limit=how.most_observations, newest=True)
+    observations = store.observations([entry.id for entry in newest]) if newest else []
     options = ThrowOptions.seen(observations, request.object).between(
         request.position, request.linear_velocity, request.angular_velocity
     )

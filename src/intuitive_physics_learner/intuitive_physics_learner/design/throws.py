@@ -157,7 +157,7 @@ class ViewingConditions:
 
         Parameters
         ----------
-        observations : whose rate and duration (their medians), noise and region are taken
+        observations : whose rate, duration and noise (their medians) and region are taken
         smallest_noise : m, taken at least
         margin : by which the region is larger on all sides, a part of its largest extent
         """
@@ -171,7 +171,7 @@ class ViewingConditions:
         intervals = max(1, round(duration / period))
         return ViewingConditions(
             np.linspace(0.0, intervals * period, intervals + 1),
-            position_noise(observations, smallest_noise),
+            _detection_noise(observations, smallest_noise),
             np.stack([low - around, high + around], axis=1),
         )
 
@@ -414,6 +414,19 @@ class Throw:
         for row, one in zip(widths, self.cast, strict=True):
             row[[0, 1, 2, 6, 7, 8, 9, 10, 11]] = one.ranges.widths
         return widths
+
+
+def _detection_noise(observations: Sequence[Observation], smallest: float) -> float:
+    """Standard deviation in m of a detection on each axis, as detections state it, if there are."""
+    variances = [
+        np.trace(seen.detections.covariances, axis1=1, axis2=2) / 3.0
+        for each in observations
+        for seen in each.objects
+        if seen.detections is not None
+    ]
+    if not variances:
+        return position_noise(observations, smallest)
+    return max(float(np.sqrt(np.median(np.concatenate(variances)))), smallest)
 
 
 def _kind(seen: ObservedObject) -> tuple[str, str]:

@@ -15,6 +15,7 @@ from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner.cost.cluster import CostMaker
+from intuitive_physics_learner.design import suggest_from_store
 from intuitive_physics_learner.errors import StorageError
 from intuitive_physics_learner.learning_job import Work
 from intuitive_physics_learner.learning_session import LearningOptions
@@ -25,6 +26,7 @@ from intuitive_physics_learner.nodes.parameters import (
     node_parameters,
     online_options,
 )
+from intuitive_physics_learner.nodes.suggestion_service import SuggestionService
 from intuitive_physics_learner.online.background_learning import BackgroundLearning
 from intuitive_physics_learner.online.worker import FAILED, SEARCHING
 from intuitive_physics_learner.store import CurrentParameters, ObservationStore
@@ -68,6 +70,12 @@ class LearnerNode(Node):
         self._searches = RequestedSearches(
             self, self._work, self._message, self._background.stop, self._on_search_ended
         )
+        self._suggestions = SuggestionService(
+            self,
+            lambda request, cancelled: suggest_from_store(
+                self._store, self._simulator, request, cancelled=cancelled
+            ),
+        )
         self._observations = ObservationServices(
             self, self._store.path, self._on_observations_changed
         )
@@ -82,6 +90,7 @@ class LearnerNode(Node):
     def destroy_node(self) -> None:
         """Stop all searches and close the database."""
         self._background.stop()
+        self._suggestions.stop()
         if not self._searches.stop(STOP_PATIENCE):
             self.get_logger().warning("the search did not stop in time and is left behind")
         self._make_cost.close()

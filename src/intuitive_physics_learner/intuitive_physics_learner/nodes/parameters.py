@@ -83,6 +83,13 @@ def node_parameters() -> tuple[Parameter, ...]:
             "",
             f"where a requested search evaluates J. {WHERE_GUIDE}",
         ),
+        Parameter(
+            "suggestion_time_limit",
+            60.0,
+            "s of wall time for finding what to throw next at most",
+            range=(0.1, 1e6),
+            read_only=False,
+        ),
         *setting_parameters(RequestedSearchSettings, read_only=False),
         *_online_parameters(),
     )

@@ -10,7 +10,11 @@ from numpy.typing import NDArray
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_names, parameter_places
-from intuitive_physics.parameter_posterior import ParameterPosterior, widened_bounds
+from intuitive_physics.parameter_posterior import (
+    UNIFORM_PRECISION,
+    ParameterPosterior,
+    widened_bounds,
+)
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, Bounds, parameter_vector
 from intuitive_physics.prior_knowledge.given_knowledge import GivenKnowledge
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
@@ -64,26 +68,28 @@ def given_parameters(
 
     Parameters
     ----------
-    given : the values, with standard deviations where they are priors. A value that is neither
-        identified nor has a standard deviation above zero is a start, whatever `as_what` says
-        but `FIXED`.
-    as_what : one of `GIVEN_AS`
+    given : the values, with standard deviations where they are priors
+    as_what : one of `GIVEN_AS`. Of priors, one that is identified with a standard deviation of
+        zero is held, and one without a standard deviation is a start.
     names : of the parameters that are given, as `parameter_names`, a pair's materials in any order;
         all others stay as they are in `newest`. None: all of `given`, and nothing stays.
     newest : version that is there; None: none
-    bounds : that the values must lie within, by kind; what is left out has its default
+    bounds : that the values must lie within, by kind; what is left out has that of the posterior
+        that is given, else its default
 
     Raises
     ------
     UnknownNameError
         When `as_what` or a name is not known.
     InvalidInputError
-        When a value lies outside its bounds, or the standard deviation of a prior is zero.
+        When a value lies outside its bounds.
     """
     if as_what not in GIVEN_AS:
         raise UnknownNameError(
             f"given values are {as_what!r}; expected one of {', '.join(GIVEN_AS)}"
         )
+    if given.posterior is not None:
+        bounds = {**given.posterior.bounds, **(bounds or {})}
     own = np.ones(given.identified.size, dtype=bool)
     base = given
     if names:
@@ -143,17 +149,11 @@ def _knowledge(given: LearnedParameters, as_what: str) -> NDArray[np.float64]:
     deviations = given.standard_deviations
     if as_what == FIXED:
         return np.stack([np.zeros(deviations.size), np.ones(deviations.size)])
-    zero = np.flatnonzero(given.identified & (deviations == 0.0))
-    if as_what == PRIOR and zero.size:
-        raise InvalidInputError(
-            f"{parameter_names(given.materials)[zero[0]]} has the standard deviation 0; expected "
-            "one above 0 for a prior: a value that is known exactly is given as one that is held"
-        )
     known = deviations > 0.0
     return np.stack(
         [
             np.where(known | given.identified, deviations, np.nan),
-            known if as_what == PRIOR else given.identified,
+            known | given.identified if as_what == PRIOR else given.identified,
         ]
     )
 
@@ -190,7 +190,8 @@ def _with_knowledge(
     nothing = np.zeros_like(own.information)
     known = base.given
     fixed = np.zeros(chosen.size, dtype=bool) if known is None else known.fixed & ~chosen
-    stays = prior = ParameterPosterior(merged.materials, own.mean, own.factor[:0], wide)
+    prior = ParameterPosterior(merged.materials, own.mean, own.factor[:0], wide)
+    stays = ParameterPosterior(merged.materials, own.mean, own.factor[:0], wide, own.intervals)
     if not chosen.all():
         stays = base.whole_posterior(bounds).within(wide)
         stays = stays.renewed(chosen, own.mean, nothing, own.intervals)
@@ -198,12 +199,15 @@ def _with_knowledge(
             prior = known.prior.within(wide)
             mean = np.where(chosen, own.mean, prior.mean)
             prior = prior.renewed(chosen, mean, nothing, own.intervals)
+    held = chosen & (as_what == FIXED)
     if as_what == PRIOR:
-        prior = prior.combined(own.factor)
-    knowledge = GivenKnowledge(prior, fixed | (chosen & (as_what == FIXED)))
+        prior = prior.combined(_without_intervals(own, merged).factor)
+        held = chosen & merged.identified & (merged.standard_deviations == 0.0)
+    knowledge = GivenKnowledge(prior, fixed | held)
     posterior = ParameterPosterior(
         merged.materials, own.mean, stays.combined(own.factor).factor, wide, stays.intervals
     )
+    posterior = knowledge.imposed_on(posterior, merged.parameters)
     return LearnedParameters(
         merged.parameters,
         merged.standard_deviations,
@@ -213,6 +217,30 @@ def _with_knowledge(
         merged.observation_count,
         merged.method,
         merged.intervals,
-        knowledge.imposed_on(posterior, merged.parameters),
+        posterior if posterior.factor.size else None,
         knowledge if knowledge.fixed.any() or knowledge.prior.factor.size else None,
     )
+
+
+def _without_intervals(
+    posterior: ParameterPosterior, learned: LearnedParameters
+) -> ParameterPosterior:
+    """Return a posterior in which one-sided intervals are standard deviations that contain them.
+
+    Parameters
+    ----------
+    posterior : of all parameters
+    learned : with the standard deviations and intervals in SI units
+    """
+    sided = ~np.isnan(posterior.intervals[:, 0])
+    if not sided.any():
+        return posterior
+    lengths = np.diff(learned.intervals, axis=1)[:, 0]
+    wide = ParameterPosterior.from_marginals(
+        learned.parameters,
+        np.hypot(learned.standard_deviations, lengths / np.sqrt(UNIFORM_PRECISION)),
+        sided & learned.identified,
+        np.full_like(learned.intervals, np.nan),
+        posterior.bounds,
+    )
+    return posterior.renewed(sided, posterior.mean, wide.information, wide.intervals)

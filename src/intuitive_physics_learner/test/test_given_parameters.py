@@ -179,12 +179,27 @@ def test_unknown_names(as_what, names, error):
         given_parameters(values(), as_what, names)
 
 
-def test_a_prior_without_width_is_an_error():
+def test_a_prior_without_width_is_held():
     exact = LearnedParameters(
-        values().parameters, np.zeros(14), np.ones(14, bool), 0, np.nan, 0, ""
+        values().parameters, np.zeros(14), np.arange(14) == E, 0, np.nan, 0, ""
     )
-    with pytest.raises(InvalidInputError, match=r"density\[ball\] has the standard deviation 0"):
-        given_parameters(exact)
+    version = given_parameters(exact)
+    assert np.flatnonzero(version.given.fixed).tolist() == [E]
+    assert not version.given.prior.factor.size
+
+
+def test_a_one_sided_interval_is_a_wide_prior():
+    ends = np.full((14, 2), np.nan)
+    ends[E] = [0.4, 1.0]
+    identified = np.arange(14) == E
+    sigma = np.where(identified, 0.02, np.nan)
+    sided = LearnedParameters(
+        values(restitution=0.5).parameters, sigma, identified, 0, np.nan, 0, "", ends
+    )
+    version = given_parameters(sided)
+    variance = 0.02**2 + 0.6**2 / 12
+    assert version.given.prior.information[E, E] == pytest.approx(1 / variance)
+    assert version.posterior.intervals[E].tolist() == [0.4, 1.0]
 
 
 @settings(max_examples=50, deadline=None)

@@ -98,6 +98,45 @@ def test_starts_from_what_is_known_and_keeps_other_materials(glide, glides):
     assert (after.standard_deviations != before.standard_deviations).sum() == 1
 
 
+def test_the_posterior_agrees_with_the_standard_deviations(event_driven, throws):
+    for method in ("levenberg_marquardt", "cma_es"):
+        observed = throws(6, 0, noise=0.003, state_noise=0.002)
+        learned = learn(observed, event_driven, options(600, method=method)).learned
+        posterior = learned.posterior
+        np.testing.assert_allclose(
+            posterior.mean, posterior.space.to_unit(learned.parameters), atol=1e-9
+        )
+        values = posterior.space.to_values(posterior.draw(4000, np.random.default_rng(0)))
+        sharp = learned.identified & (posterior.standard_deviations() < 0.03)
+        sharp &= np.isnan(learned.intervals[:, 0])
+        assert sharp.any()
+        # Cut off at the bounds and at μ_d ≤ μ_s, and with the part that the bounds add.
+        np.testing.assert_allclose(
+            values[:, sharp].std(axis=0), learned.standard_deviations[sharp], rtol=0.15
+        )
+        # Of what has no influence nothing is known.
+        names = parameter_names(learned.materials)
+        for name in ("density[floor]", "restitution[ball, ball]"):
+            assert not posterior.factor[:, names.index(name)].any()
+
+
+def test_the_posterior_keeps_what_other_observations_told(glide, glides):
+    before = known(StaticParameters.uniform(["stone", "floor", "ball"]))
+    bounds = {"restitution": Bounds(0.0, 0.8), "density": Bounds(100.0, 1000.0, "logarithmic")}
+    after = learn(
+        [glides(np.random.default_rng(0), 0.5)],
+        glide,
+        options(100, bounds=bounds),
+        previous=before,
+    ).learned
+    names = parameter_names(after.materials)
+    values = after.posterior.space.to_values(after.posterior.draw(4000, np.random.default_rng(0)))
+    kept = [names.index(name) for name in ("density[stone]", "restitution[stone, floor]")]
+    found = values[:, kept].std(axis=0)
+    np.testing.assert_allclose(found, before.standard_deviations[kept], rtol=0.1)
+    assert values[:, names.index("restitution[floor, ball]")].std() < 0.02
+
+
 def test_new_materials_are_added(glide, glides):
     before = known(StaticParameters.uniform(["floor", "ball"]))
     observed = [glides(np.random.default_rng(0), 0.5, materials=("cork",))]

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import StaticParameters, parameter_names, parameter_places
 from intuitive_physics.parameter_posterior import ParameterPosterior
+from intuitive_physics.truncated_gaussian import compressed
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,7 @@ class GivenKnowledge:
                 "parameter of the prior"
             )
         # What is known of others given the held values, which lie at the mean.
-        others = np.where(held, 0.0, prior.factor)
+        others = compressed(np.where(held, 0.0, prior.factor))
         conditional = ParameterPosterior(
             prior.materials, prior.mean, others, prior.bounds, prior.intervals
         )

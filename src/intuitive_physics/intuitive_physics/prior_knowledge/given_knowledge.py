@@ -43,13 +43,14 @@ class GivenKnowledge:
                 f"held parameters have shape {held.shape}; expected ({size},), one for each "
                 "parameter of the prior"
             )
-        # What is known of others given the held values, which lie at the mean.
-        others = compressed(np.where(held, 0.0, prior.factor))
-        conditional = ParameterPosterior(
-            prior.materials, prior.mean, others, prior.bounds, prior.intervals
-        )
+        if (held & prior.factor.any(axis=0)).any():
+            # What is known of others given the held values, which lie at the mean.
+            factor = compressed(np.where(held, 0.0, prior.factor))
+            prior = ParameterPosterior(
+                prior.materials, prior.mean, factor, prior.bounds, prior.intervals
+            )
         held.setflags(write=False)
-        object.__setattr__(self, "prior", conditional)
+        object.__setattr__(self, "prior", prior)
         object.__setattr__(self, "fixed", held)
 
     @property

@@ -26,6 +26,9 @@ GIVEN_AS = (PRIOR, FIXED, START)
 deviations, where there are such; values that are held; points to begin from. The first is the
 default."""
 
+LARGEST_DIFFERENCE = 1e-6
+"""Width by which values and the mean of their posterior may differ by rounding."""
+
 
 def check_within_bounds(
     parameters: StaticParameters,
@@ -82,7 +85,7 @@ def given_parameters(
     UnknownNameError
         When `as_what` or a name is not known.
     InvalidInputError
-        When a value lies outside its bounds.
+        When a value lies outside its bounds, or all are given with a posterior of other values.
     """
     if as_what not in GIVEN_AS:
         raise UnknownNameError(
@@ -117,8 +120,26 @@ def given_parameters(
     )
     chosen = np.zeros(values.size, dtype=bool)
     chosen[new] = True
-    whole = None if names else given.posterior
+    whole = None
+    if not names and given.posterior is not None:
+        whole = _checked_posterior(given.posterior, given.parameters)
     return _with_knowledge(merged, base, chosen, as_what, whole, bounds)
+
+
+def _checked_posterior(
+    posterior: ParameterPosterior, parameters: StaticParameters
+) -> ParameterPosterior:
+    """Make sure that a posterior is of the values that are given with it."""
+    expected = posterior.space.to_unit(parameters)
+    informative = posterior.factor.any(axis=0)
+    other = np.flatnonzero(informative & (np.abs(expected - posterior.mean) > LARGEST_DIFFERENCE))
+    if other.size:
+        raise InvalidInputError(
+            f"{parameter_names(parameters.materials)[other[0]]} is at {expected[other[0]]:g} of "
+            f"its range and its posterior at {posterior.mean[other[0]]:g}; expected the same: "
+            "values that are changed by hand come with standard deviations and no posterior"
+        )
+    return posterior
 
 
 def _chosen(given: LearnedParameters, names: Sequence[str]) -> NDArray[np.bool_]:

@@ -188,6 +188,17 @@ def test_a_prior_without_width_is_held():
     assert not version.given.prior.factor.size
 
 
+def test_a_posterior_of_other_values_is_an_error():
+    version = given_parameters(values({E: 0.05}, restitution=0.6))
+    again = given_parameters(version).posterior
+    assert again.information == pytest.approx(version.posterior.information)
+    moved = replace(version, parameters=values(restitution=0.7).parameters)
+    with pytest.raises(InvalidInputError, match=r"restitution\[ball, floor\] is at 0.7 .* at 0.6"):
+        given_parameters(moved)
+    # Given by itself, a value has no posterior.
+    given_parameters(moved, "prior", [NAMES[E]])
+
+
 def test_a_one_sided_interval_is_a_wide_prior():
     ends = np.full((14, 2), np.nan)
     ends[E] = [0.4, 1.0]

@@ -19,12 +19,17 @@ from intuitive_physics.parameter_space import DEFAULT_BOUNDS, Bounds, parameter_
 from intuitive_physics.prior_knowledge.given_knowledge import GivenKnowledge
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 
-START, PRIOR, FIXED = "start", "prior", "fixed"
+PRIOR = "prior"
+"""Normal distributions about the values with their standard deviations, where there are such."""
+
+FIXED = "fixed"
+"""Values that are held."""
+
+START = "start"
+"""Points to begin from."""
 
 GIVEN_AS = (PRIOR, FIXED, START)
-"""What given values can be to searches: normal distributions about the values with their standard
-deviations, where there are such; values that are held; points to begin from. The first is the
-default."""
+"""What given values can be to searches."""
 
 LARGEST_DIFFERENCE = 1e-6
 """Width by which values and the mean of their posterior may differ by rounding."""

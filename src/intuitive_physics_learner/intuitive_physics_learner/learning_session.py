@@ -223,7 +223,7 @@ def _given_prior(task: LearningTask, given: GivenKnowledge) -> GaussianPrior | N
     """
     space, prior = task.space, given.prior
     check_within_bounds(task.start, given.fixed, space.bounds)
-    with_prior = prior.factor.any(axis=0)
+    with_prior = np.asarray(prior.factor.any(axis=0))
     check_within_bounds(prior.space.to_parameters(prior.mean), with_prior, space.bounds)
     active = task.active
     if not with_prior[active].any():

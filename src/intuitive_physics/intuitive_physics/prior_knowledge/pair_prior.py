@@ -201,7 +201,7 @@ class _Seen:
         noise = np.eye(len(own)) + UNIFORM_VARIANCE * (
             others @ others.T + (own * widths**2) @ own.T
         )
-        factor = compressed(np.linalg.solve(np.linalg.cholesky(noise), own))
+        factor = compressed(np.asarray(np.linalg.solve(np.linalg.cholesky(noise), own), float))
         return _Seen(factor, factor @ (values - 0.5))
 
 

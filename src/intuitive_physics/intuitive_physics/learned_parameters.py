@@ -17,7 +17,7 @@ from intuitive_physics.materials import (
 )
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.parameter_space import Bounds
-from intuitive_physics.prior_knowledge.given_knowledge import GivenKnowledge
+from intuitive_physics.prior_knowledge import GivenKnowledge
 
 FORMAT = "intuitive_physics/learned_parameters/2"
 """Format of files, which every file names."""

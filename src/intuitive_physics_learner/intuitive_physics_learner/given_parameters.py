@@ -16,7 +16,7 @@ from intuitive_physics.parameter_posterior import (
     widened_bounds,
 )
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, Bounds, parameter_vector
-from intuitive_physics.prior_knowledge.given_knowledge import GivenKnowledge
+from intuitive_physics.prior_knowledge import GivenKnowledge
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 
 PRIOR = "prior"

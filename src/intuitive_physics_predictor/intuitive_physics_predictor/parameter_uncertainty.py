@@ -11,7 +11,7 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import PAIR_COEFFICIENTS
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION, ParameterPosterior
 from intuitive_physics.parameter_space import Bounds, ParameterSpace
-from intuitive_physics.prior_knowledge.pair_prior import with_pair_prior
+from intuitive_physics.prior_knowledge import with_pair_prior
 from intuitive_physics.truncated_gaussian import truncated_normal_quantiles
 from intuitive_physics.validation import non_negative_float
 

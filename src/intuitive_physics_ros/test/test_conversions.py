@@ -400,7 +400,7 @@ def test_wrong_observation():
         with pytest.raises(InvalidInputError, match=complaint):
             to.observation_from_message(message)
     for path, value, complaint in [
-        ("id", "", "^observation id is ''"),
+        ("id", " ", "^observation id is ' '"),
         ("objects", [], "^scene has no objects"),
         ("header.frame_id", "camera", "environment: is in the frame 'world'"),
         ("environment.gravity.z", math.nan, "environment: gravity has 1"),

@@ -70,6 +70,9 @@ class OnlineOptions:
         "observation",
     )
 
+    def __post_init__(self) -> None:
+        check_settings(self)
+
     def learning_options(self) -> LearningOptions:
         """Return the options of the search that these stand for."""
         return LearningOptions(
@@ -113,6 +116,7 @@ class OnlineSearch:
         self._slices = slices or SliceSettings()
         self._store = store
         self._options = options
+        self._revision = store.revision()
         self._observations = store.observations()
         self._newest = store.newest_parameters()
         self._search = StoredSearch(
@@ -138,8 +142,8 @@ class OnlineSearch:
     @property
     def outdated(self) -> bool:
         """Whether the store holds other observations, or another newest θ_s, than the search."""
-        return (self._store.count(), self._store.newest_version()) != (
-            len(self._observations),
+        return (self._store.revision(), self._store.newest_version()) != (
+            self._revision,
             self._version,
         )
 

@@ -20,6 +20,7 @@ from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner.online.improvement import OnlineOptions, OnlineSearch
 from intuitive_physics_learner.search.convergence import SearchProgress
 from intuitive_physics_learner.store import ObservationStore
+from intuitive_physics_learner.store.observation_entries import USED
 
 REPORT_PERIOD = 0.2
 """s between two reports of progress at least."""
@@ -85,7 +86,7 @@ class Worker:
 
     def _learn(self) -> None:
         """Search until the searches over the stored observations have ended."""
-        while self._store.count() > 0:
+        while self._store.count(USED) > 0:
             search = OnlineSearch(self._store, self._simulator, self._options)
             while not search.finished and not search.outdated:
                 self._publish(state=SEARCHING, message="")

@@ -17,12 +17,15 @@ from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner.cost.cluster import CostMaker
 from intuitive_physics_learner.design import suggest_from_store
 from intuitive_physics_learner.errors import StorageError
+from intuitive_physics_learner.given_parameters import given_parameters
 from intuitive_physics_learner.learning_job import Work
 from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.nodes.learning_services import CODES, RequestedSearches
 from intuitive_physics_learner.nodes.observation_services import ObservationServices
 from intuitive_physics_learner.nodes.parameters import (
     ONLINE_PREFIX,
+    bounds_of,
+    mode_of,
     node_parameters,
     online_options,
 )
@@ -134,7 +137,13 @@ class LearnerNode(Node):
         self, request: SetStaticParameters.Request, response: SetStaticParameters.Response
     ) -> SetStaticParameters.Response:
         try:
-            given = static_parameters_from_message(request.static_parameters)
+            given = given_parameters(
+                static_parameters_from_message(request.static_parameters),
+                mode_of(request),
+                request.names,
+                newest=self._current.newest,
+                bounds=bounds_of(request.bounds),
+            )
             stored = self._store.add_parameters(given)
             self._take_over(stored)
             self._background.notify()

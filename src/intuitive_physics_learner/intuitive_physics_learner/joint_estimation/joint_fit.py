@@ -154,11 +154,7 @@ class JointFit:
         ):
             part.deviations = posterior.state_deviations(own, left)
             spreads = posterior.spreads(slopes, own, left)
-            goals.append(
-                advanced_horizons(
-                    block, slopes, spreads, part.horizons, self._model.noise, self.settings
-                )
-            )
+            goals.append(advanced_horizons(block, slopes, spreads, part.horizons, self.settings))
         return goals
 
     def _move(self, equations: Sequence[NormalEquations], goals: list[NDArray[np.float64]]) -> None:
@@ -179,7 +175,7 @@ class JointFit:
                 model.cost, block, trying, candidates, index[:, None], part.horizons
             )
             model.simulations += len(index) * block.members.size
-            own = part.losses(block, trying, residuals, model.noise, settings)
+            own = part.losses(block, trying, residuals, settings)
             for u in range(len(units)):
                 losses[u] += own[index == u].min(axis=0).sum()
             tried.append((trying, residuals, own))
@@ -205,9 +201,7 @@ class JointFit:
             pick = options[np.argmin(own[options], axis=0)]
             every = np.arange(block.members.size)
             part.estimate = trying[pick, every]
-            moving, failing = part.advance(
-                block, residuals[pick, every], goal, self._model.noise, self.settings
-            )
+            moving, failing = part.advance(block, residuals[pick, every], goal, self.settings)
             advanced |= moving
             misfits += failing
         self.misfits = misfits / len(self._model.cost.observations)

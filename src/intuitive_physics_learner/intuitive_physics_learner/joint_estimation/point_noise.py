@@ -161,7 +161,7 @@ def _track_variances(
     variances = np.full(len(tracks), np.nan)
     has_detections = np.array([seen.detections is not None for seen in tracks])
     for kind in (False, True):
-        members = np.flatnonzero(has_detections == kind)
+        members = np.flatnonzero(has_detections == kind).tolist()
         own = [lengths[i] for i in members]
         together = np.concatenate([*own, np.empty(0)])
         if together.size == 0:

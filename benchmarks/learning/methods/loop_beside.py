@@ -28,7 +28,7 @@ def compare_lateness(task: Task, seconds: float) -> list[Lateness]:
             store.add_all(task.dataset.training_observations)
         for priority in ("idle", "normal"):
             background = BackgroundLearning(path, "auto", lambda: None)
-            endless = OnlineOptions("random", seconds=1e6, iterations_without_gain=10**9)
+            endless = OnlineOptions("random", seconds=1e6, iterations_without_gain=10**7)
             background.start(endless, cores=1, priority=priority)
             try:
                 busy = "" if _at_work(background) else ", which got no core to begin with"

@@ -21,7 +21,7 @@ from intuitive_physics_learner import (
     make_update_rule,
 )
 
-RULE = "adaptive_random"
+RULE = "bounded_adaptive_random"
 """Of the paper's rules the one that gains most from few evaluations of J."""
 
 TIME_STEP = 0.01

@@ -17,7 +17,7 @@ from intuitive_physics_learner.online.worker import FAILED, SEARCHING, WAITING
 PATIENCE = 60.0
 """s for what takes about one, on a machine that is busy with other things."""
 
-ENDLESS = OnlineOptions("random", seconds=1e5, iterations_without_gain=10**9)
+ENDLESS = OnlineOptions("random", seconds=1e5, iterations_without_gain=10**7)
 
 
 @pytest.fixture

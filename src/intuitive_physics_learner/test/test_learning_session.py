@@ -1,6 +1,7 @@
 """From observations to a version of θ_s."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.parameter_space import Bounds
+from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import (
     ConvergenceCriteria,
     LearningCancelledError,
@@ -48,6 +50,44 @@ def test_recovers_what_made_the_observations(event_driven, throws, true_paramete
     assert learned.method == method
     assert learned.observation_count == 8
     assert learned.version == 1
+
+
+def test_the_distance_that_is_asked_for_is_minimised(glide, glides):
+    # x(t) = x(0) + e v t with e = 0.5, but for the last point, which is where e = 0.7 would be.
+    (ball,) = (seen := glides(np.random.default_rng(0), 0.5)).objects
+    times, positions = ball.trajectory.times, ball.trajectory.positions.copy()
+    positions[-1] += 0.2 * times[-1] * ball.initial_state.linear_velocity
+    seen = replace(seen, objects=(replace(ball, trajectory=Trajectory(times, positions)),))
+    # D̄ is least at the weighted median, D̂ where the last two points are as far off.
+    before, last = times[-2:]
+    lowest = {"mean": 0.5, "max": (0.7 * last + 0.5 * before) / (last + before)}
+    for distance, e in lowest.items():
+        how = options(600, method="cma_es", distance=distance)
+        learned = learn([seen], glide, how).learned
+        found = learned.parameters.pair("ball", "floor")["restitution"]
+        assert found == pytest.approx(e, abs=0.002)
+        cost = TrajectoryCost([seen], glide, ("ball", "floor"), distance)
+        assert learned.cost == cost.costs([learned.parameters])[0]
+
+
+def test_joint_estimation_has_no_distance_to_choose(event_driven, throws):
+    with pytest.raises(InvalidInputError, match=r"distance is 'max'.*update rule, such as cma_es"):
+        learn(throws(2, 0), event_driven, options(10, distance="max"))
+
+
+def test_a_search_does_not_continue_with_another_distance(event_driven, throws):
+    states = []
+    observed = throws(2, 0, noise=0.005)
+    how = options(20, method="random")
+    learn(observed, event_driven, how, on_checkpoint=states.append)
+    other = options(40, method="random", distance="max")
+    with pytest.raises(InvalidInputError, match="other distance"):
+        learn(observed, event_driven, other, resume=states[-1])
+    # What was saved before there was a choice is of the mean distance.
+    del states[-1]["distance"]
+    learn(observed, event_driven, options(40, method="random"), resume=states[-1])
+    with pytest.raises(InvalidInputError, match="other distance"):
+        learn(observed, event_driven, other, resume=states[-1])
 
 
 @pytest.mark.parametrize("method", ["levenberg_marquardt", "adaptive_random"])

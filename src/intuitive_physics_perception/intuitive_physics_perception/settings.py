@@ -175,6 +175,16 @@ class PerceptionSettings:
         0.8, 0.01, 100.0, "a box or capsule reaches no further from end to end, m"
     )
     object_material: str = other("ball", "material of spheres that are no known object")
+    material_radius_step: float = number(
+        0.0,
+        0.0,
+        10.0,
+        "width of the classes of radius that have materials of their own: with 0.02 m an unknown "
+        "sphere of 30 to 50 mm radius has the material ball_40mm. To be larger than twice the "
+        "error of a radius, with the radii in use near multiples of it; 0: all have "
+        "`object_material`",
+        unit="m",
+    )
     known_objects: tuple[KnownObject, ...] = other((), "objects known by their radius")
     known_object_tolerance: float = number(
         0.006, 0.0001, 1.0, "a sphere is a known object when its radius differs by no more, m"

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from intuitive_physics_msgs.msg import LearningOptions as LearningOptionsMessage
 from intuitive_physics_msgs.msg import ParameterBounds, ResultCode
+from intuitive_physics_msgs.srv import SetStaticParameters
 from rclpy.node import Node
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.parameter_space import Bounds, ParameterSpace
-from intuitive_physics.settings import list_settings
+from intuitive_physics.settings import check_settings, choice, list_settings, number
 from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS
+from intuitive_physics.trajectory import DISTANCE_GUIDE, DISTANCES, MEAN_DISTANCE
 from intuitive_physics_learner.cost.cluster import WHERE_GUIDE
+from intuitive_physics_learner.given_parameters import FIXED, PRIOR, START
 from intuitive_physics_learner.learning_session import LearningOptions
-from intuitive_physics_learner.methods import DEFAULT_METHOD, METHODS
+from intuitive_physics_learner.methods import DEFAULT_METHOD, JOINT_METHOD, METHODS
 from intuitive_physics_learner.online.background_learning import PRIORITIES
 from intuitive_physics_learner.online.improvement import OnlineOptions
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
@@ -32,6 +35,35 @@ from intuitive_physics_ros.result_codes import RefusedError
 
 ONLINE_PREFIX = "online"
 """Beginning of the names of the parameters of learning in the background."""
+
+MODES = {
+    SetStaticParameters.Request.PRIOR: PRIOR,
+    SetStaticParameters.Request.FIXED: FIXED,
+    SetStaticParameters.Request.START: START,
+}
+"""What given values are, by the mode of a request."""
+
+
+@dataclass(frozen=True)
+class RequestedSearchSettings:
+    """How a requested search goes where the request leaves it open."""
+
+    method: str = choice(DEFAULT_METHOD, METHODS, "of a requested search")
+    distance: str = choice(
+        MEAN_DISTANCE, DISTANCES, f"{DISTANCE_GUIDE}; {JOINT_METHOD} has none to choose"
+    )
+    max_iterations: int = number(2000, 1, 10_000_000, "evaluations of the cost J at most")
+    max_iterations_without_gain: int = number(
+        0, 0, 10_000_000, "evaluations of J without gain after which a search stops; 0: no limit"
+    )
+    cost_threshold: float = number(0.0, 0.0, 1000.0, "J below which a search stops", unit="m")
+    time_limit: float = number(
+        0.0, 0.0, 1e6, "wall time of a search at most; 0: no limit", unit="s"
+    )
+    seed: int = number(0, 0, 2**62, "of the random numbers of every search")
+
+    def __post_init__(self) -> None:
+        check_settings(self)
 
 
 def node_parameters() -> tuple[Parameter, ...]:
@@ -60,43 +92,15 @@ def node_parameters() -> tuple[Parameter, ...]:
             "",
             f"where a requested search evaluates J. {WHERE_GUIDE}",
         ),
-        *_search_parameters(),
+        Parameter(
+            "suggestion_time_limit",
+            60.0,
+            "s of wall time for finding what to throw next at most",
+            range=(0.1, 1e6),
+            read_only=False,
+        ),
+        *setting_parameters(RequestedSearchSettings, read_only=False),
         *_online_parameters(),
-    )
-
-
-def _search_parameters() -> tuple[Parameter, ...]:
-    return (
-        Parameter("method", DEFAULT_METHOD, "of the search", choices=METHODS, read_only=False),
-        Parameter(
-            "max_iterations",
-            2000,
-            "evaluations of the cost J at most",
-            range=(1, 10_000_000),
-            read_only=False,
-        ),
-        Parameter(
-            "max_iterations_without_gain",
-            0,
-            "evaluations of J without gain after which a search stops; 0: no limit",
-            range=(0, 10_000_000),
-            read_only=False,
-        ),
-        Parameter(
-            "cost_threshold",
-            0.0,
-            "m, stop when J falls below this",
-            range=(0.0, 1000.0),
-            read_only=False,
-        ),
-        Parameter(
-            "time_limit",
-            0.0,
-            "s of wall time for a search at most; 0: no limit",
-            range=(0.0, 1e6),
-            read_only=False,
-        ),
-        Parameter("seed", 0, "of the search's random numbers", range=(0, 2**62), read_only=False),
     )
 
 
@@ -162,12 +166,20 @@ def learning_options(node: Node, message: LearningOptionsMessage) -> LearningOpt
             time_limit=chosen("time_limit") or None,
         ),
         seed=chosen("seed"),
-        bounds=_bounds(message.bounds),
+        bounds=bounds_of(message.bounds),
         observation_ids=tuple(message.observation_ids),
+        distance=node.get_parameter("distance").value,
     )
 
 
-def _bounds(messages: Sequence[ParameterBounds]) -> dict[str, Bounds]:
+def bounds_of(messages: Sequence[ParameterBounds]) -> dict[str, Bounds]:
+    """Return the bounds by kind of parameter of a request.
+
+    Raises
+    ------
+    RefusedError
+        When they are inverted or otherwise not what they must be.
+    """
     try:
         bounds = bounds_from_messages(messages)
         # How the bounds of kinds must compare does not depend on the materials.
@@ -175,3 +187,17 @@ def _bounds(messages: Sequence[ParameterBounds]) -> dict[str, Bounds]:
     except InvalidInputError as error:
         raise RefusedError(ResultCode.INVALID_BOUNDS, str(error)) from None
     return bounds
+
+
+def mode_of(request: SetStaticParameters.Request) -> str:
+    """Return what the values of a request are, one of `GIVEN_AS`.
+
+    Raises
+    ------
+    InvalidInputError
+        When its mode has no meaning.
+    """
+    if request.mode not in MODES:
+        expected = ", ".join(f"{code} ({as_what})" for code, as_what in MODES.items())
+        raise InvalidInputError(f"mode is {request.mode}; expected one of {expected}")
+    return MODES[request.mode]

@@ -70,6 +70,9 @@ class OnlineOptions:
         "observation",
     )
 
+    def __post_init__(self) -> None:
+        check_settings(self)
+
     def learning_options(self) -> LearningOptions:
         """Return the options of the search that these stand for."""
         return LearningOptions(

@@ -45,9 +45,9 @@ class Effort:
 
 FULL = Effort(
     seconds=(4.0, 20.0, 60.0),
-    rule_seeds=(3, 1, 1),
+    rule_seeds=(2, 1, 1),
     iterations=(500, 150, 60),
-    further_iterations=(0, 300, 150),
+    further_iterations=(0, 200, 100),
     peer_seconds=10.0,
     loop_seconds=5.0,
 )

@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.observation import Detections, Observation, ObservedObject
 from intuitive_physics.state import POSITION
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
@@ -111,15 +111,24 @@ def position_noise(observations: Sequence[Observation], smallest: float) -> floa
     return max(float(np.median(pooled)) / MEDIAN_LENGTH_3, smallest)
 
 
+def _detections_of(seen: ObservedObject) -> Detections | None:
+    """Return the detections where the trajectory is made of them, as by `detected`."""
+    found = seen.detections
+    if found is None or not np.array_equal(found.times, seen.trajectory.times):
+        return None
+    return found
+
+
 def _unit_whitening(seen: ObservedObject) -> NDArray[np.float64]:
     """Whitening (n, 3, 3) by the covariances of the detections; the identity where there are none.
 
     With C = L Lᵀ it is L⁻¹.
     """
     count = len(seen.trajectory.times)
-    if seen.detections is None:
+    found = _detections_of(seen)
+    if found is None:
         return np.broadcast_to(np.eye(3), (count, 3, 3))
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(seen.detections.covariances)))
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(found.covariances)))
 
 
 def _differences(seen: ObservedObject) -> NDArray[np.float64]:
@@ -159,7 +168,7 @@ def _track_variances(
 ) -> NDArray[np.float64]:
     """Variance (n_tracks,) of whitened errors; NaN where no track of that kind has differences."""
     variances = np.full(len(tracks), np.nan)
-    has_detections = np.array([seen.detections is not None for seen in tracks])
+    has_detections = np.array([_detections_of(seen) is not None for seen in tracks])
     for kind in (False, True):
         members = np.flatnonzero(has_detections == kind).tolist()
         own = [lengths[i] for i in members]
@@ -177,13 +186,14 @@ def _track_variances(
 def _track_noise(
     seen: ObservedObject, unit: NDArray[np.float64], variance: float, smallest: float
 ) -> TrackNoise:
-    if seen.detections is None:
+    found = _detections_of(seen)
+    if found is None:
         state = np.trace(seen.initial_state.covariance[POSITION, POSITION]) / 3.0
         smoothed = state if _is_smoothed(seen) else 0.0
         length = np.sqrt(np.nanmax([variance, smoothed, smallest**2]))
         return TrackNoise(unit / length, np.zeros((0, 3)))
     factor = np.sqrt(1.0 if np.isnan(variance) else variance)
-    values, axes = np.linalg.eigh(seen.detections.bias)
+    values, axes = np.linalg.eigh(found.bias)
     shared = (axes * np.sqrt(np.maximum(values, 0.0))).T[values > LEAST_VARIANCE]
     # No component of an error is smaller than the smallest noise.
     left, scales, right = np.linalg.svd(unit / max(factor, np.finfo(float).tiny))

@@ -1,0 +1,121 @@
+"""Gaussian knowledge of θ_s in information form, to which observations are added.
+
+A Gaussian about the mean m with the precision Y is kept as Y and y = Y m, so that independent
+observations add up. One whose negative log likelihood near û is gᵀ (u - û) + ½ (u - û)ᵀ Λ (u - û)
+adds Λ to Y and Λ û - g to y. Knowledge of nothing is Y = 0. Parameters are on the unit cube of
+`ParameterSpace(materials)`.
+"""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
+from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
+
+FASTEST = 1
+"""Level of zlib: matrices are mostly zeros where materials are many, and that is all it finds."""
+
+
+@dataclass(eq=False)
+class Information:
+    """Of n parameters.
+
+    Parameters
+    ----------
+    matrix : (n, n) Y, per width²
+    vector : (n,) y, per width
+    """
+
+    matrix: NDArray[np.float64]
+    vector: NDArray[np.float64]
+
+    @staticmethod
+    def none(size: int) -> Information:
+        """Nothing is known of `size` parameters."""
+        return Information(np.zeros((size, size)), np.zeros(size))
+
+    @staticmethod
+    def about(mean: NDArray[np.float64], matrix: NDArray[np.float64]) -> Information:
+        """Return a Gaussian of a mean (n,) and a precision (n, n), per width²."""
+        return Information(matrix.copy(), matrix @ mean)
+
+    def copy(self) -> Information:
+        """Return an independent copy."""
+        return Information(self.matrix.copy(), self.vector.copy())
+
+    def add(self, likelihood: LocalLikelihood, weight: float = 1.0) -> None:
+        """Add what one observation says, times a weight."""
+        own = likelihood.parameters
+        self.matrix[np.ix_(own, own)] += weight * likelihood.information
+        pulls = likelihood.information @ likelihood.estimate - likelihood.scores
+        self.vector[own] += weight * pulls
+
+    def discount(self, factor: float) -> None:
+        """Keep that part of what is known."""
+        self.matrix *= factor
+        self.vector *= factor
+
+    def forget(self, parameters: NDArray[np.int64]) -> None:
+        """Let nothing be known of some parameters, by their indices (k,); the others keep theirs.
+
+        What is known of the others is their marginal distribution. Directions of the parameters of
+        which nothing is known have no information to give, so the inverse leaves them out.
+        """
+        rest = np.setdiff1d(np.arange(self.vector.size), parameters)
+        across = self.matrix[np.ix_(rest, parameters)]
+        gains = across @ np.linalg.pinv(self.matrix[np.ix_(parameters, parameters)], hermitian=True)
+        vector = self.vector[rest] - gains @ self.vector[parameters]
+        matrix = self.matrix[np.ix_(rest, rest)] - gains @ across.T
+        self.matrix[:], self.vector[:] = 0.0, 0.0
+        self.matrix[np.ix_(rest, rest)] = 0.5 * (matrix + matrix.T)
+        self.vector[rest] = vector
+
+    def spread(self, places: NDArray[np.int64], size: int) -> Information:
+        """Return the same among `size` parameters, its n at the indices (n,) given."""
+        wider = Information.none(size)
+        wider.matrix[np.ix_(places, places)] = self.matrix
+        wider.vector[places] = self.vector
+        return wider
+
+    def prior(self, centre: NDArray[np.float64]) -> GaussianPrior:
+        """Return this with the knowledge that parameters lie within their bounds.
+
+        Parameters
+        ----------
+        centre : (n,) mean where nothing else is known
+        """
+        precision = self.matrix + UNIFORM_PRECISION * np.eye(self.vector.size)
+        pull = self.vector - self.matrix @ centre
+        return GaussianPrior(centre + np.linalg.solve(precision, pull), precision)
+
+
+def encode_array(array: NDArray[np.float64]) -> dict[str, Any]:
+    """Return an array of any shape as plain data, to its last digit."""
+    packed = zlib.compress(np.ascontiguousarray(array, dtype="<f8").tobytes(), FASTEST)
+    return {"shape": list(array.shape), "zlib": base64.b64encode(packed).decode("ascii")}
+
+
+def decode_array(data: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Read what `encode_array` wrote."""
+    raw = zlib.decompress(base64.b64decode(data["zlib"]))
+    return np.frombuffer(raw, dtype="<f8").reshape(data["shape"]).astype(np.float64)
+
+
+def marginal(prior: GaussianPrior, chosen: NDArray[np.int64] | Sequence[int]) -> GaussianPrior:
+    """Return what a prior says of some of its parameters alone.
+
+    Parameters
+    ----------
+    prior : of n parameters
+    chosen : (k,) indices of parameters
+    """
+    covariance = np.linalg.inv(prior.precision)[np.ix_(chosen, chosen)]
+    return GaussianPrior(prior.mean[chosen], np.linalg.inv(covariance))

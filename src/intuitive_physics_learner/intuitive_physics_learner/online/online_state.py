@@ -1,0 +1,202 @@
+"""All that recursive learning remembers, as plain data."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics_learner.joint_estimation.joint_fit import ObservationFit
+from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
+from intuitive_physics_learner.online.information import (
+    Information,
+    decode_array,
+    encode_array,
+)
+
+FORMAT = "intuitive_physics/online_state/1"
+"""Format of the JSON text, which every text names."""
+
+
+@dataclass(eq=False)
+class Member:
+    """An observation that is kept.
+
+    Parameters
+    ----------
+    id : of the observation
+    number : how many observations came before it
+    stamp : s, its start time
+    fit : from which the next fit begins
+    likelihood : of θ_s, from this observation alone where it is doubtful, else from the last joint
+        fit
+    """
+
+    id: str
+    number: int
+    stamp: float
+    fit: ObservationFit
+    likelihood: LocalLikelihood
+
+
+@dataclass(eq=False)
+class OnlineState:
+    """What is known of n parameters, and from what.
+
+    Parameters
+    ----------
+    materials : known so far, in the order of `parameter_names`
+    centre : (n,) mean where nothing is known, on the unit cube
+    unit : (n,) the present estimate there
+    retired : what is known from before the window
+    posterior : with the window
+    window : observations that are fitted jointly
+    doubtful : observations that were set aside, the newest last
+    published : newest version of θ_s; None before the first
+    published_information : what is known according to it, of the n parameters
+    score : prequential: ln p of the observations since then according to the candidate, less
+        that according to what is published
+    compared : number of these observations
+    processed : observations so far
+    set_aside : of these, how many are doubtful
+    changes : last changes that were noticed, each with the pair, the number of the observation and
+        the probability of a false alarm
+    time : s, the latest start time of an observation
+    position : of the last observation in the store
+    """
+
+    materials: tuple[str, ...]
+    centre: NDArray[np.float64]
+    unit: NDArray[np.float64]
+    retired: Information
+    posterior: Information
+    window: list[Member] = field(default_factory=list)
+    doubtful: list[Member] = field(default_factory=list)
+    published: LearnedParameters | None = None
+    published_information: Information = field(default_factory=lambda: Information.none(0))
+    score: float = 0.0
+    compared: int = 0
+    processed: int = 0
+    set_aside: int = 0
+    changes: list[dict[str, Any]] = field(default_factory=list)
+    time: float | None = None
+    position: int = 0
+
+    @staticmethod
+    def empty() -> OnlineState:
+        """Before any observation."""
+        nothing = np.zeros(0)
+        return OnlineState((), nothing, nothing.copy(), Information.none(0), Information.none(0))
+
+    def to_json(self) -> str:
+        """Return it as JSON text, every number to its last digit."""
+        data = {
+            "format": FORMAT,
+            **{name: getattr(self, name) for name in _PLAIN},
+            **{name: encode_array(getattr(self, name)) for name in ("centre", "unit")},
+            **{name: _information_data(getattr(self, name)) for name in _INFORMATION},
+            **{
+                name: [_member_data(one) for one in getattr(self, name)]
+                for name in ("window", "doubtful")
+            },
+            "published": None if self.published is None else self.published.to_dict(),
+        }
+        return json.dumps(data, allow_nan=False)
+
+    @staticmethod
+    def from_json(text: str) -> OnlineState:
+        """Read what `to_json` wrote.
+
+        Raises
+        ------
+        InvalidInputError
+            When the text is cut short, of another format, or lacks a part.
+        """
+        try:
+            data = json.loads(text)
+            if data["format"] != FORMAT:
+                raise InvalidInputError(
+                    f"state of on-line learning has the format {data['format']!r}; expected "
+                    f"{FORMAT!r}"
+                )
+            published = data["published"]
+            return OnlineState(
+                **{
+                    **{name: data[name] for name in _PLAIN},
+                    "materials": tuple(data["materials"]),
+                    **{name: decode_array(data[name]) for name in ("centre", "unit")},
+                    **{name: _read_information(data[name]) for name in _INFORMATION},
+                    **{
+                        name: [_read_member(one) for one in data[name]]
+                        for name in ("window", "doubtful")
+                    },
+                    "published": published and LearnedParameters.from_dict(published),
+                }
+            )
+        except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
+            raise InvalidInputError(f"state of on-line learning cannot be read: {error}") from None
+
+
+_PLAIN = (
+    "materials",
+    "score",
+    "compared",
+    "processed",
+    "set_aside",
+    "changes",
+    "time",
+    "position",
+)
+"""Fields that JSON can express."""
+
+_INFORMATION = ("retired", "posterior", "published_information")
+"""Fields that are an `Information`."""
+
+
+def _information_data(information: Information) -> dict[str, Any]:
+    return {"matrix": encode_array(information.matrix), "vector": encode_array(information.vector)}
+
+
+def _read_information(data: Mapping[str, Any]) -> Information:
+    return Information(decode_array(data["matrix"]), decode_array(data["vector"]))
+
+
+def _member_data(member: Member) -> dict[str, Any]:
+    fit, likelihood = member.fit, member.likelihood
+    return {
+        "id": member.id,
+        "number": member.number,
+        "stamp": member.stamp,
+        "estimate": encode_array(fit.estimate),
+        "deviations": encode_array(fit.deviations),
+        "horizon": float(fit.horizon),
+        "parameters": likelihood.parameters.tolist(),
+        "at": encode_array(likelihood.estimate),
+        "information": encode_array(likelihood.information),
+        "scores": encode_array(likelihood.scores),
+        "loss": likelihood.loss,
+    }
+
+
+def _read_member(data: Mapping[str, Any]) -> Member:
+    return Member(
+        data["id"],
+        data["number"],
+        data["stamp"],
+        ObservationFit(
+            decode_array(data["estimate"]), decode_array(data["deviations"]), data["horizon"]
+        ),
+        LocalLikelihood(
+            np.array(data["parameters"], dtype=np.int64),
+            decode_array(data["at"]),
+            decode_array(data["information"]),
+            decode_array(data["scores"]),
+            data["loss"],
+        ),
+    )

@@ -11,14 +11,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import (
-    PAIR_COEFFICIENTS,
     StaticParameters,
-    material_pairs,
     parameter_names,
+    parameter_places,
 )
+from intuitive_physics.parameter_posterior import ParameterPosterior
+from intuitive_physics.parameter_space import Bounds
 
-FORMAT = "intuitive_physics/learned_parameters/1"
+FORMAT = "intuitive_physics/learned_parameters/2"
 """Format of files, which every file names."""
+
+READ_FORMATS = (FORMAT, "intuitive_physics/learned_parameters/1")
+"""Formats that are read; the first version has no posterior."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +53,7 @@ class LearnedParameters:
     observation_count: int
     method: str
     intervals: NDArray[np.float64]
+    posterior: ParameterPosterior | None
 
     def __init__(
         self,
@@ -60,6 +65,7 @@ class LearnedParameters:
         observation_count: int,
         method: str,
         intervals: ArrayLike | None = None,
+        posterior: ParameterPosterior | None = None,
     ) -> None:
         size = len(parameter_names(parameters.materials))
         deviations = _vector(standard_deviations, "standard deviations", size, np.float64)
@@ -78,6 +84,7 @@ class LearnedParameters:
         )
         object.__setattr__(self, "method", str(method))
         object.__setattr__(self, "intervals", _intervals(intervals, size))
+        object.__setattr__(self, "posterior", _of_materials(posterior, parameters.materials))
 
     @staticmethod
     def defaults(materials: Sequence[str]) -> LearnedParameters:
@@ -98,18 +105,27 @@ class LearnedParameters:
         """Names, in the order of `parameters.materials`."""
         return self.parameters.materials
 
+    def whole_posterior(self, bounds: Mapping[str, Bounds] | None = None) -> ParameterPosterior:
+        """Return what is known of all parameters together.
+
+        Parameters
+        ----------
+        bounds : by kind of parameter, of what has no posterior of its own; what is left out has its
+            default
+        """
+        return self.posterior or ParameterPosterior.from_marginals(
+            self.parameters, self.standard_deviations, self.identified, self.intervals, bounds
+        )
+
     def extended(self, materials: Sequence[str]) -> LearnedParameters:
         """Return the same for other materials: new ones have defaults that are not identified."""
-        place = {name: i for i, name in enumerate(_unordered_names(materials))}
-        shared = [
-            (k, place[n]) for k, n in enumerate(_unordered_names(self.materials)) if n in place
-        ]
-        old, new = np.array(shared, dtype=int).reshape(-1, 2).T
-        deviations = np.full(len(place), np.nan)
-        identified = np.zeros(len(place), dtype=bool)
+        old, new = parameter_places(self.materials, materials)
+        size = len(parameter_names(materials))
+        deviations = np.full(size, np.nan)
+        identified = np.zeros(size, dtype=bool)
         deviations[new] = self.standard_deviations[old]
         identified[new] = self.identified[old]
-        intervals = np.full((len(place), 2), np.nan)
+        intervals = np.full((size, 2), np.nan)
         intervals[new] = self.intervals[old]
         return LearnedParameters(
             self.parameters.extended(materials),
@@ -120,6 +136,7 @@ class LearnedParameters:
             self.observation_count,
             self.method,
             intervals,
+            None if self.posterior is None else self.posterior.extended(materials),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -143,6 +160,7 @@ class LearnedParameters:
                 for name, ends in zip(names, self.intervals, strict=True)
                 if not np.isnan(ends).any()
             },
+            "posterior": None if self.posterior is None else self.posterior.to_dict(),
         }
 
     @staticmethod
@@ -154,16 +172,17 @@ class LearnedParameters:
         InvalidInputError
             When a field is missing, of another format, or not what it must be.
         """
-        if not isinstance(data, Mapping) or data.get("format") != FORMAT:
+        if not isinstance(data, Mapping) or data.get("format") not in READ_FORMATS:
             got = data.get("format") if isinstance(data, Mapping) else type(data).__name__
             raise InvalidInputError(
-                f"learned parameters have the format {got!r}; expected {FORMAT!r}"
+                f"learned parameters have the format {got!r}; expected {' or '.join(READ_FORMATS)}"
             )
         try:
             parameters = _in_order(data["parameters"], data["materials"])
             names = parameter_names(parameters.materials)
             deviations = [_nan_for_none(data["standard_deviations"][name]) for name in names]
             known, ends = set(data["identified"]), dict(data.get("intervals", {}))
+            posterior = data.get("posterior")
             unknown = sorted((known | set(ends)) - set(names))
             if unknown:
                 raise InvalidInputError(
@@ -179,6 +198,7 @@ class LearnedParameters:
                 data["observation_count"],
                 data["method"],
                 [ends.get(name, [np.nan, np.nan]) for name in names],
+                None if posterior is None else ParameterPosterior.from_dict(posterior),
             )
         except (KeyError, TypeError) as error:
             raise InvalidInputError(
@@ -187,11 +207,15 @@ class LearnedParameters:
             ) from None
 
 
-def _unordered_names(materials: Sequence[str]) -> list[tuple[str, frozenset[str]]]:
-    # As `parameter_names`, but a pair has the same name whichever of its materials stands first.
-    names = [("density", frozenset([name])) for name in materials]
-    pairs = [frozenset(pair) for pair in material_pairs(materials)]
-    return names + [(coefficient, pair) for pair in pairs for coefficient in PAIR_COEFFICIENTS]
+def _of_materials(
+    posterior: ParameterPosterior | None, materials: tuple[str, ...]
+) -> ParameterPosterior | None:
+    if posterior is not None and posterior.materials != materials:
+        raise InvalidInputError(
+            f"the posterior is of the materials {', '.join(posterior.materials)}; expected "
+            f"{', '.join(materials)}, as the parameters"
+        )
+    return posterior
 
 
 def _in_order(data: Mapping[str, Any], materials: Sequence[str]) -> StaticParameters:

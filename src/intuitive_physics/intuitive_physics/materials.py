@@ -185,6 +185,29 @@ def parameter_names(materials: Sequence[str]) -> list[str]:
     return names
 
 
+def parameter_places(
+    materials: Sequence[str], others: Sequence[str]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Find the parameters that two sets of materials share.
+
+    Returns
+    -------
+    places, other_places : (n_shared,) indices of the same parameters in the order of
+        `parameter_names` of either
+    """
+    place = {name: i for i, name in enumerate(_unordered_names(others))}
+    shared = [(k, place[n]) for k, n in enumerate(_unordered_names(materials)) if n in place]
+    places, other_places = np.array(shared, dtype=np.int64).reshape(-1, 2).T
+    return places, other_places
+
+
+def _unordered_names(materials: Sequence[str]) -> list[tuple[str, frozenset[str]]]:
+    # As `parameter_names`, but a pair has the same name whichever of its materials stands first.
+    names = [("density", frozenset([name])) for name in materials]
+    pairs = [frozenset(pair) for pair in material_pairs(materials)]
+    return names + [(coefficient, pair) for pair in pairs for coefficient in PAIR_COEFFICIENTS]
+
+
 def _index_pairs(materials: Sequence[str]) -> Iterator[tuple[tuple[int, str], tuple[int, str]]]:
     for i, a in enumerate(materials):
         for j in range(i, len(materials)):

@@ -120,24 +120,77 @@ class ParameterSpace:
         ----------
         unit : (|θ_s|,) each from 0 to 1, in the order of `names`
         """
-        point = np.clip(finite_array(unit, "point of the unit cube", (self.size,)), 0.0, 1.0)
+        point = finite_array(unit, "point of the unit cube", (self.size,))
+        values = self.to_values(point[None])[0]
         m = len(self.materials)
-        density = _stretch(point[:m], self.bounds["density"])
-        by_pair = point[m:].reshape(pair_count(m), len(PAIR_COEFFICIENTS))
-        dynamic = _stretch(by_pair[:, 1], self._dynamic_bounds)
-        values = np.stack(
-            [
-                _stretch(by_pair[:, 0], self.bounds["static_friction"], lower=dynamic),
-                dynamic,
-                _stretch(by_pair[:, 2], self.bounds["rolling_friction"]),
-                _stretch(by_pair[:, 3], self.bounds["restitution"]),
-            ]
-        )
-        coefficients = np.empty((len(PAIR_COEFFICIENTS), m, m))
         rows, columns = np.triu_indices(m)
-        coefficients[:, rows, columns] = values
-        coefficients[:, columns, rows] = values
-        return StaticParameters(self.materials, density, coefficients)
+        by_pair = values[m:].reshape(pair_count(m), len(PAIR_COEFFICIENTS)).T
+        coefficients = np.empty((len(PAIR_COEFFICIENTS), m, m))
+        coefficients[:, rows, columns] = by_pair
+        coefficients[:, columns, rows] = by_pair
+        return StaticParameters(self.materials, values[:m], coefficients)
+
+    def to_values(self, units: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Map many points of the unit cube to the values of all parameters.
+
+        Parameters
+        ----------
+        units : (count, |θ_s|) points; those outside the cube are clipped
+
+        Returns
+        -------
+        (count, |θ_s|) in each parameter's SI unit, in the order of `names`
+        """
+        points = np.clip(units, 0.0, 1.0)
+        m = len(self.materials)
+        values = np.empty_like(points)
+        values[:, :m] = _stretch(points[:, :m], self.bounds["density"])
+        by_pair = points[:, m:].reshape(len(points), pair_count(m), len(PAIR_COEFFICIENTS))
+        dynamic = _stretch(by_pair[..., 1], self._dynamic_bounds)
+        values[:, m:] = np.stack(
+            [
+                _stretch(by_pair[..., 0], self.bounds["static_friction"], lower=dynamic),
+                dynamic,
+                _stretch(by_pair[..., 2], self.bounds["rolling_friction"]),
+                _stretch(by_pair[..., 3], self.bounds["restitution"]),
+            ],
+            axis=-1,
+        ).reshape(values[:, m:].shape)
+        return values
+
+    def slopes(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how all parameters change along all axes of the cube.
+
+        Parameters
+        ----------
+        unit : (|θ_s|,) point of the cube
+
+        Returns
+        -------
+        (|θ_s|, |θ_s|) ∂θ/∂u: SI units of the row's parameter per width of the column's axis
+        """
+        values = self.to_values(unit[None])[0]
+        kinds = [name.split("[")[0] for name in self.names]
+        matrix = np.diag([_slope(self.bounds[k], v) for k, v in zip(kinds, values, strict=True)])
+        m = len(self.materials)
+        static = np.arange(m, self.size, len(PAIR_COEFFICIENTS))
+        dynamic = static + 1
+        of_dynamic = self._dynamic_bounds
+        matrix[dynamic, dynamic] = [_slope(of_dynamic, v) for v in values[dynamic]]
+        own, limit = (
+            self.bounds["static_friction"],
+            np.maximum(values[dynamic], np.finfo(float).tiny),
+        )
+        follows = values[dynamic] > own.lower
+        low = np.maximum(values[dynamic], own.lower)
+        if own.scale == "logarithmic":
+            matrix[static, static] = values[static] * np.log(own.upper / low)
+            along = (1.0 - unit[static]) * values[static] / limit
+        else:
+            matrix[static, static] = own.upper - low
+            along = 1.0 - unit[static]
+        matrix[static, dynamic] = np.where(follows, along * matrix[dynamic, dynamic], 0.0)
+        return matrix
 
     def to_unit(self, parameters: StaticParameters) -> NDArray[np.float64]:
         """Map θ_s to the unit cube; values outside the bounds are clipped.
@@ -149,20 +202,36 @@ class ParameterSpace:
         """
         if parameters.materials != self.materials:
             parameters = _reordered(parameters, self.materials)
+        return self.to_units(parameter_vector(parameters)[None])[0]
+
+    def to_units(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Map the values of all parameters to points of the unit cube; many at a time.
+
+        Parameters
+        ----------
+        values : (count, |θ_s|) in each parameter's SI unit, in the order of `names`; those outside
+            the bounds are clipped
+
+        Returns
+        -------
+        (count, |θ_s|) each from 0 to 1
+        """
         m = len(self.materials)
-        rows, columns = np.triu_indices(m)
-        static, dynamic, rolling, restitution = parameters.coefficients[:, rows, columns]
-        by_pair = np.stack(
+        units = np.empty(values.shape)
+        units[:, :m] = _shrink(values[:, :m], self.bounds["density"])
+        static, dynamic, rolling, restitution = np.moveaxis(
+            values[:, m:].reshape(len(values), pair_count(m), len(PAIR_COEFFICIENTS)), -1, 0
+        )
+        units[:, m:] = np.stack(
             [
                 _shrink(static, self.bounds["static_friction"], lower=dynamic),
                 _shrink(dynamic, self._dynamic_bounds),
                 _shrink(rolling, self.bounds["rolling_friction"]),
                 _shrink(restitution, self.bounds["restitution"]),
             ],
-            axis=1,
-        )
-        density = _shrink(parameters.density, self.bounds["density"])
-        return np.concatenate([density, by_pair.ravel()])
+            axis=-1,
+        ).reshape(units[:, m:].shape)
+        return units
 
 
 def parameter_vector(parameters: StaticParameters) -> NDArray[np.float64]:
@@ -181,6 +250,12 @@ def _reordered(parameters: StaticParameters, materials: Sequence[str]) -> Static
 def _limits(bounds: Bounds, lower: NDArray[np.float64] | None) -> tuple[NDArray[np.float64], float]:
     low = np.asarray(bounds.lower) if lower is None else np.clip(lower, bounds.lower, bounds.upper)
     return low, bounds.upper
+
+
+def _slope(bounds: Bounds, value: float) -> float:
+    if bounds.scale == "logarithmic":
+        return value * float(np.log(bounds.upper / bounds.lower))
+    return bounds.upper - bounds.lower
 
 
 def _stretch(

@@ -8,11 +8,17 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters, parameter_names
 from intuitive_physics.observation import Observation, observation_materials
+from intuitive_physics.parameter_posterior import (
+    ParameterPosterior,
+    unit_intervals,
+    widened_bounds,
+)
 from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import (
@@ -138,10 +144,10 @@ def learn(
     )
     parameters = _unresponsive_restored(task, found, identifiability)
     cost = float(task.cost.costs([parameters])[0])
-    return LearningResult(
-        _merged(previous, parameters, identifiability, cost, len(observations), options.method),
-        found,
+    learned = _merged(
+        previous, task.space, parameters, identifiability, cost, len(observations), options.method
     )
+    return LearningResult(learned, found)
 
 
 def search_parameters(
@@ -232,6 +238,7 @@ def _unresponsive_restored(
 
 def _merged(
     previous: LearnedParameters,
+    space: ParameterSpace,
     parameters: StaticParameters,
     identifiability: Identifiability,
     cost: float,
@@ -250,8 +257,10 @@ def _merged(
     deviations[responsive] = identifiability.standard_deviations[identifiability.responsive]
     identified[responsive] = identifiability.identified[identifiability.responsive]
     intervals[responsive] = identifiability.intervals[identifiability.responsive]
+    merged = parameters_of_vector(previous.materials, values)
+    posterior = _merged_posterior(previous, space, merged, searched, identifiability)
     return LearnedParameters(
-        parameters_of_vector(previous.materials, values),
+        merged,
         deviations,
         identified,
         previous.version + 1,
@@ -259,4 +268,42 @@ def _merged(
         observation_count,
         method,
         intervals,
+        posterior,
+    )
+
+
+def _merged_posterior(
+    previous: LearnedParameters,
+    space: ParameterSpace,
+    merged: StaticParameters,
+    searched: NDArray[np.int64],
+    identifiability: Identifiability,
+) -> ParameterPosterior:
+    """What is known of the next version of θ_s.
+
+    Parameters
+    ----------
+    previous : version before, over the materials of `merged`
+    space : of the search
+    merged : the next version
+    searched : (|θ_s| of the search,) indices of its parameters among those of `merged`
+    identifiability : of the search's parameters
+    """
+    bounds = widened_bounds(space.bounds, merged)
+    whole = ParameterSpace(merged.materials, bounds)
+    chosen = np.zeros(whole.size, dtype=bool)
+    chosen[searched[identifiability.responsive]] = True
+    information = np.zeros((whole.size, whole.size))
+    information[np.ix_(searched, searched)] = identifiability.information
+    ends = np.full((whole.size, 2), np.nan)
+    ends[searched] = identifiability.intervals
+    new = ParameterPosterior.from_information(
+        merged.materials,
+        ParameterSpace(merged.materials, space.bounds).to_unit(merged),
+        information,
+        space.bounds,
+    ).within(bounds)
+    known = previous.whole_posterior(space.bounds).within(bounds)
+    return known.renewed(
+        chosen, whole.to_unit(merged), new.information, unit_intervals(whole, merged, ends)
     )

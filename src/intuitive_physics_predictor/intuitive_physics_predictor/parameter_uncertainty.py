@@ -6,11 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
 
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import PAIR_COEFFICIENTS
-from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
+from intuitive_physics.parameter_posterior import UNIFORM_PRECISION, ParameterPosterior
+from intuitive_physics.parameter_space import Bounds, ParameterSpace
+from intuitive_physics.truncated_gaussian import truncated_normal_quantiles
 from intuitive_physics.validation import non_negative_float
 
 STATIC = PAIR_COEFFICIENTS.index("static_friction")
@@ -19,102 +20,46 @@ STATIC = PAIR_COEFFICIENTS.index("static_friction")
 DYNAMIC = PAIR_COEFFICIENTS.index("dynamic_friction")
 """Index of μ_d among the coefficients of a pair."""
 
-AT_CONTACT = ("static_friction", "dynamic_friction", "restitution")
-"""Coefficients that contact noise moves: what acts in an impact."""
+RESTITUTION = PAIR_COEFFICIENTS.index("restitution")
+"""Index of e among the coefficients of a pair."""
 
+LARGEST_POOL = 4096
+"""Draws that are made of each θ_s: a quantile of any prediction is off by at most 0.8 % of
+probability, one standard error, beyond what its own samples leave open."""
 
-EXACT = 1e-30
-"""Smallest standard deviation; smaller ones count as this, which is nothing beside any mean."""
+SMALLEST_POOL = 1024
+"""Draws where there are many parameters: 1.6 % of probability, likewise."""
 
+POOL_NUMBERS = 2**20
+"""Numbers in a pool from which on there are fewer draws, 8 MB: with more than 256 parameters."""
 
-class TruncatedNormal:
-    """Independent normal distributions, each cut off at two ends.
-
-    Parameters
-    ----------
-    mean : (n,) of any unit, as all below
-    deviation : (n,) ≥ 0; where it is infinite, the distribution is uniform between the ends
-    lower, upper : (n,) ends, on either side of the mean or at it
-    """
-
-    def __init__(
-        self,
-        mean: NDArray[np.float64],
-        deviation: NDArray[np.float64],
-        lower: NDArray[np.float64],
-        upper: NDArray[np.float64],
-    ) -> None:
-        self._mean, self._lower, self._upper = mean, lower, upper
-        self._uniform = np.isinf(deviation)
-        self._deviation = np.where(self._uniform, 1.0, np.maximum(deviation, EXACT))
-        # Shares of the whole normal distribution that are below the lower end and between both.
-        self._below = ndtr((lower - mean) / self._deviation)
-        self._between = ndtr((upper - mean) / self._deviation) - self._below
-
-    def quantiles(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the quantiles of the distributions.
-
-        Parameters
-        ----------
-        shares : (…, n) probabilities below them
-
-        Returns
-        -------
-        (…, n), in the unit of the mean
-        """
-        return self._quantiles(shares, self._between, self._lower, self._upper)
-
-    def quantiles_up_to(
-        self, most: NDArray[np.float64], shares: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return `quantiles` of the distributions cut off at `most` too.
-
-        Parameters
-        ----------
-        most : (…, n) ends; where one is below the lower end it is the quantile
-        shares : (…, n) probabilities below the quantiles
-
-        Returns
-        -------
-        (…, n), in the unit of the mean
-        """
-        upper = np.minimum(self._upper, most)
-        below_most = ndtr((most - self._mean) / self._deviation)
-        between = np.minimum(self._between, below_most - self._below)
-        return self._quantiles(shares, between, np.minimum(self._lower, upper), upper)
-
-    def _quantiles(
-        self,
-        shares: NDArray[np.float64],
-        between: NDArray[np.float64],
-        lower: NDArray[np.float64],
-        upper: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
-        normal = self._mean + self._deviation * ndtri(self._below + shares * between)
-        drawn = np.where(self._uniform, lower + shares * (upper - lower), normal)
-        return np.asarray(np.minimum(np.maximum(drawn, lower), upper))
+POOL_SEED = 0
+"""Seed of the draws: the same θ_s has the same ones."""
 
 
 class UncertainParameters:
     """A distribution of θ_s about what was learned.
 
-    A parameter that the observations identify has a normal distribution with the learner's
-    standard deviation (of its logarithm where its scale is logarithmic), cut off at its bounds; or
-    is uniform in the interval that the learner gives it. One that they do not identify is uniform
-    within its bounds, as before the search: a value that was not learned must not make a prediction
-    look sure. Of the two frictions of a pair the better known is drawn first and
-    the other one then where μ_d ≤ μ_s leaves room.
+    θ_s has the learner's posterior, a Gaussian distribution with all correlations, cut off at its
+    bounds (`ParameterPosterior`). What the observations say nothing of is uniform within its
+    bounds: a value that was not learned must not make a prediction look sure.
+
+    A pool of θ_s is drawn once; each call of `draw` takes some of them, which takes no longer where
+    θ_s has many parameters or tight correlations.
 
     Parameters
     ----------
     learned : θ_s and its uncertainty
-    scale : factor on the standard deviations of what was identified; 0: that is known exactly
-    unidentified : how far what was not identified may be from the value given, as a share of the
-        way to its bounds; 1: anywhere, 0: it is held
+    scale : factor on the standard deviations of all that observations say something of; 0: that is
+        known exactly
+    unidentified : how far what nothing is known of may be from the value given, as a share of the
+        way to its bounds; 1: anywhere, 0: it is held. Of what little is known, the bounds come the
+        nearer the less that is: by the variance left, as a share of that of a uniform number.
     contact : standard deviation, added to frictions and restitution of every pair, of what differs
         from one contact to the next: unevenness, dust, spin that the model lacks. A sample has the
         same deviation at all its contacts.
-    bounds : of the parameters by kind, as the learner searched; default: `DEFAULT_BOUNDS`
+    bounds : of the parameters by kind, where the learner gives no posterior of its own; default:
+        `DEFAULT_BOUNDS`
     """
 
     def __init__(
@@ -126,87 +71,73 @@ class UncertainParameters:
         contact: float = 0.0,
         bounds: Mapping[str, Bounds] | None = None,
     ) -> None:
-        space = ParameterSpace(learned.materials, bounds or {})
-        kinds = [name.split("[")[0] for name in space.names]
-        limits = [space.bounds[kind] for kind in kinds]
-        mean = parameter_vector(learned.parameters)
+        factor = non_negative_float(scale, "scale of θ_s")
+        share = min(non_negative_float(unidentified, "share of what is not identified"), 1.0)
+        deviation = non_negative_float(contact, "contact noise")
         self.learned = learned
-        self._logarithmic = np.array([limit.scale == "logarithmic" for limit in limits])
-        self._lower = self._to_scale(np.minimum([limit.lower for limit in limits], mean))
-        self._upper = self._to_scale(np.maximum([limit.upper for limit in limits], mean))
-        self._mean = self._to_scale(mean)
-        share = non_negative_float(unidentified, "share of what is not identified")
-        at_contact = np.isin(kinds, AT_CONTACT) * non_negative_float(contact, "contact noise")
-        deviation = np.hypot(
-            learned.standard_deviations * non_negative_float(scale, "scale of θ_s"), at_contact
-        )
-        # d ln x = dx / x
-        slopes = np.where(self._logarithmic, np.maximum(mean, np.finfo(float).tiny), 1.0)
-        identified = learned.identified & ~np.isnan(deviation)
-        self._deviation = np.where(identified, deviation, np.inf) / slopes
-        reach = np.where(identified, 1.0, min(share, 1.0))
-        self._lower = self._mean + reach * (self._lower - self._mean)
-        self._upper = self._mean + reach * (self._upper - self._mean)
-        self._draw_between(identified & (scale > 0.0) & ~np.isnan(learned.intervals[:, 0]), mean)
-        self._all = TruncatedNormal(self._mean, self._deviation, self._lower, self._upper)
+        posterior = learned.whole_posterior(bounds)
+        box = None if share == 1.0 else _narrowed_box(posterior, share)
+        if factor != 1.0:
+            posterior = posterior.scaled(factor)
+        rng = np.random.default_rng(POOL_SEED)
+        space = posterior.space
+        count = int(np.clip(POOL_NUMBERS // space.size, SMALLEST_POOL, LARGEST_POOL))
+        self._pool = space.to_values(posterior.draw(count, rng, box))
+        if deviation > 0.0:
+            _add_contact_noise(self._pool, deviation, space, rng)
         self._elements = _elements_of_coefficients(len(learned.materials))
-        self._pair_frictions()
-
-    def _pair_frictions(self) -> None:
-        """Find out which friction of each pair is drawn first, and how the other one is then."""
-        m = len(self.learned.materials)
-        static, dynamic = (
-            np.arange(m + kind, self._mean.size, len(PAIR_COEFFICIENTS))
-            for kind in (STATIC, DYNAMIC)
-        )
-        self._draws_static = self._unsure[dynamic] < self._unsure[static]
-        self._better_known = np.where(self._draws_static, dynamic, static)
-        self._less_known = less = np.where(self._draws_static, static, dynamic)
-        # Mirrored at zero, a static friction too is at most the other one.
-        self._sign = np.where(self._draws_static, -1.0, 1.0)
-        lower, upper = self._lower[less], self._upper[less]
-        self._less_known_one = TruncatedNormal(
-            self._sign * self._mean[less],
-            self._deviation[less],
-            np.where(self._draws_static, -upper, lower),
-            np.where(self._draws_static, -lower, upper),
-        )
-
-    def _draw_between(self, chosen: NDArray[np.bool_], mean: NDArray[np.float64]) -> None:
-        """Let parameters be anywhere between the ends that the learner gives them."""
-        ends = np.where(chosen[:, None], self.learned.intervals, mean[:, None])
-        low = np.clip(self._to_scale(ends[:, 0]), self._lower, self._mean)
-        high = np.clip(self._to_scale(ends[:, 1]), self._mean, self._upper)
-        self._lower = np.where(chosen, low, self._lower)
-        self._upper = np.where(chosen, high, self._upper)
-        # They are drawn before what was not identified.
-        self._unsure = np.where(chosen, high - low, self._deviation)
-        self._deviation = np.where(chosen, np.inf, self._deviation)
 
     def draw(
         self, count: int, rng: np.random.Generator
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Draw θ_s.
+        """Draw θ_s: of the pool, each as often as any other.
 
         Returns
         -------
         density : (count, m) kg/m³
         coefficients : (count, 4, m, m), as `StaticParameters.coefficients`
         """
+        size = len(self._pool)
+        orders = [rng.permutation(size) for _ in range(-(-count // size))]
+        values = self._pool[np.concatenate(orders)[:count]]
         m = len(self.learned.materials)
-        uniform = rng.random((count, self._mean.size))
-        drawn = self._all.quantiles(uniform)
-        # The less known friction of each pair is drawn again, where the other one leaves room.
-        shares = self._draws_static + self._sign * uniform[:, self._less_known]
-        most = self._sign * drawn[:, self._better_known]
-        drawn[:, self._less_known] = self._sign * self._less_known_one.quantiles_up_to(most, shares)
-        values = np.exp(drawn, out=drawn, where=self._logarithmic)
-        coefficients = values.take(self._elements, axis=1)
-        return np.ascontiguousarray(values[:, :m]), coefficients
+        return np.ascontiguousarray(values[:, :m]), values.take(self._elements, axis=1)
 
-    def _to_scale(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        logarithms = np.log(np.maximum(values, np.finfo(float).tiny))
-        return np.where(self._logarithmic, logarithms, values)
+
+def _narrowed_box(posterior: ParameterPosterior, share: float) -> NDArray[np.float64]:
+    """Return the ends (n, 2), widths, of what may be; see `unidentified`."""
+    mean = posterior.mean
+    alike = ParameterPosterior(posterior.materials, mean, posterior.factor, posterior.bounds)
+    left = np.minimum(alike.standard_deviations() ** 2 * UNIFORM_PRECISION, 1.0)
+    left[~posterior.factor.any(axis=0)] = 1.0
+    reach = 1.0 - (1.0 - share) * left
+    return np.stack([mean - reach * mean, mean + reach * (1.0 - mean)], axis=1)
+
+
+def _add_contact_noise(
+    values: NDArray[np.float64],
+    deviation: float,
+    space: ParameterSpace,
+    rng: np.random.Generator,
+) -> None:
+    """Move frictions and restitution of every pair, within their bounds and with μ_d ≤ μ_s.
+
+    Parameters
+    ----------
+    values : (count, |θ_s|) in SI units, which are changed
+    deviation : standard deviation
+    space : with the bounds
+    rng : of the noise
+    """
+    by_pair = values[:, len(space.materials) :].reshape(len(values), -1, len(PAIR_COEFFICIENTS))
+    for index in (DYNAMIC, STATIC, RESTITUTION):
+        own, limits = by_pair[..., index], space.bounds[PAIR_COEFFICIENTS[index]]
+        lower, upper = limits.lower, limits.upper
+        if index == DYNAMIC:
+            upper = min(upper, space.bounds["static_friction"].upper)
+        least = np.maximum(by_pair[..., DYNAMIC], lower) if index == STATIC else lower
+        shares = rng.random(own.shape)
+        by_pair[..., index] = truncated_normal_quantiles(shares, own, deviation, least, upper)
 
 
 def _elements_of_coefficients(m: int) -> NDArray[np.int64]:

@@ -11,8 +11,9 @@ from scipy.stats import kstest, truncnorm
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_count, parameter_names
+from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, ParameterSpace, parameter_vector
-from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
+from intuitive_physics_predictor.parameter_uncertainty import LARGEST_POOL, UncertainParameters
 
 MATERIALS = ("ball", "floor")
 SIZE = parameter_count(2)
@@ -93,12 +94,65 @@ def test_a_friction_that_only_has_to_be_large_enough_is_anywhere_above():
     name = "dynamic_friction[ball, floor]"
     given = with_deviation(0.01, name, ends=(0.35, 1.0), static_friction=0.4, dynamic_friction=0.37)
     _, values = draw(given)
-    assert kstest((values[:, DYNAMIC] - 0.35) / 0.65, "uniform").pvalue > 1e-3
+    check_flat_between(values[:, DYNAMIC], 0.35, 1.0, below=0.01, above=None)
     _, exact = draw(given, scale=0.0)
     np.testing.assert_allclose(exact[:, DYNAMIC], 0.37)
     density = with_deviation(50.0, "density[ball]", ends=(500.0, 2000.0), density=1000.0)
-    logarithms = np.log(draw(density)[0][:, 0] / 500.0) / np.log(4.0)
-    assert kstest(logarithms, "uniform").pvalue > 1e-3
+    logarithms = np.log(draw(density)[0][:, 0])
+    check_flat_between(logarithms, np.log(500.0), np.log(2000.0), below=0.05, above=0.05)
+
+
+def check_flat_between(drawn, low, high, *, below, above):
+    """Uniform between both ends, and half a normal distribution outside of each."""
+    inside = drawn[(drawn >= low) & (drawn <= high)]
+    assert kstest((inside - low) / (high - low), "uniform").pvalue > 1e-3
+    outside = np.sqrt(np.pi / 2.0) * np.array([deviation or 0.0 for deviation in (below, above)])
+    expected = outside / (high - low + outside.sum())
+    found = [(drawn < low).mean(), (drawn > high).mean()]
+    # Four standard errors of a share.
+    np.testing.assert_allclose(found, expected, atol=4.0 * np.sqrt(0.1 / drawn.size))
+    assert kstest((low - drawn[drawn < low]) / below, "halfnorm").pvalue > 1e-3
+
+
+def test_a_ratio_that_is_known_is_drawn_where_each_part_is_not():
+    space = ParameterSpace(MATERIALS)
+    theta = StaticParameters.uniform(MATERIALS).with_density("ball", 2000.0)
+    row = np.zeros((1, SIZE))
+    row[0, :2] = np.array([1.0, -1.0]) * np.log(160.0) / 0.02
+    posterior = ParameterPosterior(MATERIALS, space.to_unit(theta), row)
+    unknown = np.full(SIZE, np.nan), np.zeros(SIZE, bool)
+    given = LearnedParameters(theta, *unknown, 1, 0.1, 5, "joint", posterior=posterior)
+    for scale in (1.0, 3.0):
+        density, _ = draw(given, scale=scale)
+        ratios = np.log(density[:, 0] / density[:, 1])
+        np.testing.assert_allclose(
+            [ratios.mean(), ratios.std()], [np.log(4.0), 0.02 * scale], rtol=0.06
+        )
+        assert np.ptp(np.log(density[:, 1])) > 0.9 * np.log(160.0 / 4.0)
+
+
+def test_what_nothing_is_known_of_comes_as_near_as_is_asked():
+    given = with_deviation(0.2, "restitution[ball, floor]", restitution=0.5)
+    for share in (0.0, 0.2):
+        density, values = draw(given, unidentified=share)
+        way = np.log(density[:, 0] / 500.0)
+        bounds = DEFAULT_BOUNDS["density"]
+        np.testing.assert_allclose(way.min(), share * np.log(bounds.lower / 500.0), atol=0.02)
+        np.testing.assert_allclose(way.max(), share * np.log(bounds.upper / 500.0), atol=0.02)
+        # What is known little is bounded by half as much.
+        assert 0.5 < np.ptp(values[:, RESTITUTION]) < 0.8
+    exact = with_deviation(0.02, "restitution[ball, floor]", restitution=0.5)
+    spread = draw(exact, unidentified=0.0)[1][:, RESTITUTION].std()
+    np.testing.assert_allclose(spread, 0.02, rtol=0.05)
+
+
+def test_many_draws_take_each_of_the_pool_as_often_as_any_other():
+    uncertain = UncertainParameters(learned())
+    density, _ = uncertain.draw(3 * LARGEST_POOL, np.random.default_rng(0))
+    _, counts = np.unique(density[:, 0], return_counts=True)
+    np.testing.assert_array_equal(counts, 3)
+    again, _ = uncertain.draw(3 * LARGEST_POOL, np.random.default_rng(0))
+    np.testing.assert_array_equal(density, again)
 
 
 @given(

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRECISION
 from intuitive_physics.parameter_space import parameter_vector
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.cost.trials import Trials
@@ -28,7 +29,7 @@ from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.observation_blocks import resting
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.trajectory_model import NORMAL_MEDIAN
-from intuitive_physics_learner.search.identifiability import LARGEST_DEVIATION, Identifiability
+from intuitive_physics_learner.search.identifiability import Identifiability, widened_information
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
 from intuitive_physics_learner.search.search_space import ActiveSpace
@@ -68,11 +69,16 @@ def joint_identifiability(
     with np.errstate(divide="ignore", invalid="ignore"):
         informed = deviations / axes.slopes < LARGEST_DEVIATION
     identified = responsive & informed & (axes.slopes > 0.0)
+    # What is left of it without the bounds, which the posterior of θ_s has by itself.
+    own = np.linalg.inv(posterior.covariance) - UNIFORM_PRECISION * np.eye(factors.size)
+    information = np.zeros((identified.size, identified.size))
+    information[np.ix_(active, active)] = widened_information(own, factors, agreed)
     return Identifiability(
         responsive,
         identified,
         np.where(identified, deviations, np.nan),
         np.full((identified.size, 2), np.nan),
+        information,
     )
 
 

@@ -33,13 +33,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
+from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRECISION
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cached_cost import CachedCost
 from intuitive_physics_learner.cost.cancellation import batches, stop_if
 from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE, Cost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.trials import Trials
-from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION
 from intuitive_physics_learner.search.one_sided_intervals import (
     SMALLEST_RESPONSE,
     UNIFORM,
@@ -47,10 +47,6 @@ from intuitive_physics_learner.search.one_sided_intervals import (
 )
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
 from intuitive_physics_learner.search.settings import IdentifiabilitySettings
-
-LARGEST_DEVIATION = 0.5 / np.sqrt(UNIFORM_PRECISION)
-"""Width: standard deviation from which on a parameter is not identified, half that of its bounds
-alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +60,50 @@ class Identifiability:
     standard_deviations : (|θ_s|,) in each parameter's SI unit, NaN where not identified
     intervals : (|θ_s|, 2) one-sided intervals in each parameter's SI unit, NaN where there is none,
         as `LearnedParameters.intervals`
+    information : (|θ_s|, |θ_s|) of the observations and of priors that the user gave, on the unit
+        cube of all parameters, per width²
     """
 
     responsive: NDArray[np.bool_]
     identified: NDArray[np.bool_]
     standard_deviations: NDArray[np.float64]
     intervals: NDArray[np.float64]
+    information: NDArray[np.float64]
+
+
+def widened_information(
+    information: NDArray[np.float64],
+    factors: NDArray[np.float64],
+    least: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return information that is less certain, along the same combinations of parameters.
+
+    Each eigenvector's deviation is multiplied by the root mean square of the factors of its
+    parameters, weighted as it consists of them: so combinations that are not known at all stay
+    unknown, and well known ones, such as a ratio, are not mixed with them. Then what the marginals
+    of identified parameters lack to their deviations is added, as an independent error of each.
+
+    Parameters
+    ----------
+    information : (n, n) per width², without that of the bounds
+    factors : (n,) on the standard deviation of each parameter
+    least : (n,) widths, smallest standard deviation of each parameter
+
+    Returns
+    -------
+    (n, n) per width²
+    """
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    squares = (vectors**2).T @ factors**2
+    wider = (vectors * (np.maximum(values, 0.0) / squares)) @ vectors.T
+    bounds = UNIFORM_PRECISION * np.eye(least.size)
+    covariance = np.linalg.inv(wider + bounds)
+    lacking = np.where(least < LARGEST_DEVIATION, least**2 - np.diag(covariance), 0.0)
+    # Information that is lost by an additional error, without inverting what is almost exact.
+    lacking = np.maximum(lacking, 0.0)
+    if not lacking.any():
+        return wider
+    return np.asarray(np.linalg.inv(covariance + np.diag(lacking)) - bounds)
 
 
 def identification_trials(
@@ -126,6 +160,7 @@ def identify(
     threshold = max(SMALLEST_RESPONSE, settings.response_threshold * noise.cost_standard_error)
     rising = np.flatnonzero(changes.max(axis=1) > threshold)
     deviations = np.full(axes.size, np.inf)
+    information = np.zeros((0, 0))
     if rising.size:
         step, own = settings.jacobian_step, influence[:, rising]
         squares = _squares_of_slopes(cost, axes, rising, own, step, cancelled)
@@ -134,6 +169,10 @@ def identify(
         deviations[rising] = np.sqrt(np.diag(covariance))
     moved = acceptable_moves(saving, axes, parameters, influence, deviations, cancelled, settings)
     deviations = np.maximum(deviations, moved.min(axis=1) / UNIFORM)
+    along_axes = np.zeros((axes.size, axes.size))
+    along_axes[np.ix_(rising, rising)] = widened_information(
+        information, np.ones(rising.size), deviations[rising]
+    )
     identified = deviations < LARGEST_DEVIATION
     deviations[~identified] = np.nan
     return Identifiability(
@@ -141,7 +180,22 @@ def identify(
         identified,
         deviations * axes.slopes,
         _one_sided_intervals(axes, moved, deviations, settings.one_sided_deviations * UNIFORM),
+        _on_cube(along_axes, axes, space, parameters),
     )
+
+
+def _on_cube(
+    information: NDArray[np.float64],
+    axes: ParameterAxes,
+    space: ParameterSpace,
+    parameters: StaticParameters,
+) -> NDArray[np.float64]:
+    """Information on the unit cube (|θ_s|, |θ_s|), of that along axes of one parameter each."""
+    slopes = space.slopes(space.to_unit(parameters))
+    steps = np.divide(
+        slopes, axes.slopes[:, None], out=np.zeros_like(slopes), where=axes.slopes[:, None] > 0.0
+    )
+    return np.asarray(steps.T @ information @ steps)
 
 
 def _one_sided_intervals(

@@ -8,12 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
+from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.search.search_space import ActiveSpace
-
-UNIFORM_PRECISION = 12.0
-"""One over the variance of a number known only to lie within the unit interval, per width²."""
 
 
 @dataclass(frozen=True, eq=False)

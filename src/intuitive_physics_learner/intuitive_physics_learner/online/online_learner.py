@@ -12,7 +12,8 @@ from intuitive_physics.errors import UnsupportedSceneError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import PAIR_COEFFICIENTS, material_pairs, parameter_names
 from intuitive_physics.observation import Observation
-from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
+from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, ParameterPosterior
+from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
@@ -23,12 +24,8 @@ from intuitive_physics_learner.online.information import Information, marginal
 from intuitive_physics_learner.online.lone_fit import ENDLESS_PATIENCE, LoneFit
 from intuitive_physics_learner.online.online_state import Member, OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions, RecursionSettings
-from intuitive_physics_learner.search.identifiability import LARGEST_DEVIATION
 from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.search_space import ActiveSpace
-
-SLOPE_STEP = 1e-5
-"""Width of the differences that find how θ_s changes along an axis of the unit cube."""
 
 USED, DOUBTFUL = "used", "doubtful"
 """Status of an observation that was learned from, and of one that was set aside."""
@@ -66,6 +63,7 @@ class OnlineLearner:
     ----------
     state : to be stored after `learn_from_all`
     simulations : of single observations so far
+    problem : why the last observation that was passed over cannot be simulated; empty if none was
     """
 
     def __init__(
@@ -80,6 +78,7 @@ class OnlineLearner:
         self._settings = self._options.recursion
         self.state = OnlineState.empty() if state is None else state
         self.simulations = 0
+        self.problem = ""
         self._observations = {one.id: one for one in observations}
         self._assessments: list[Assessment] = []
         for name in ("window", "doubtful"):
@@ -121,6 +120,28 @@ class OnlineLearner:
         self._drop_observations()
         return self._assessments
 
+    def adopt(self, learned: LearnedParameters, *, informed: bool) -> None:
+        """Begin again from a version of θ_s that was stored by others.
+
+        Parameters
+        ----------
+        learned : the version; it is what is published from now on
+        informed : whether its uncertainty is knowledge to start with; otherwise only its values are
+            a start, and the observations say the rest
+        """
+        self._know_materials(learned.materials)
+        state = self.state
+        whole = learned.extended(state.materials)
+        posterior = whole.whole_posterior().within(self.space.bounds)
+        known = Information.about(posterior.mean, posterior.information)
+        state.centre, state.unit = posterior.mean.copy(), posterior.mean.copy()
+        state.retired = known if informed else Information.none(state.unit.size)
+        state.posterior = state.retired.copy()
+        state.window, state.doubtful = [], []
+        state.published, state.published_information = whole, known.copy()
+        state.score, state.compared = 0.0, 0
+        self._drop_observations()
+
     @property
     def space(self) -> ParameterSpace:
         """Of the parameters of all known materials."""
@@ -144,6 +165,7 @@ class OnlineLearner:
             cost = TrajectoryCost([seen], self._simulator, state.materials)
             fit = self._lone_fit(cost, influence, self._prior)
         except UnsupportedSceneError as error:
+            self.problem = f"observation {seen.id} is passed over: {error}"
             self._assessments.append(Assessment(seen.id, 0.0, str(error), DOUBTFUL))
             state.set_aside += 1
             return
@@ -427,21 +449,25 @@ class OnlineLearner:
         """Return the candidate as the next version of θ_s."""
         state, space = self.state, self.space
         parameters = space.to_parameters(state.unit)
-        deviations = self._settings.inflation * self._prior.deviations
-        slopes = _slopes(space, state.unit)
-        covariance = slopes @ np.linalg.inv(self._prior.precision) @ slopes.T
-        identified = deviations < LARGEST_DEVIATION
-        stated = self._settings.inflation * np.sqrt(np.diag(covariance))
+        wider = self._settings.inflation
+        posterior = ParameterPosterior.from_information(
+            state.materials, state.unit, state.posterior.matrix / wider**2
+        )
+        prior = self._prior
+        identified = wider * prior.deviations < LARGEST_DEVIATION
+        slopes = space.slopes(state.unit)
+        deviations = wider * np.sqrt(np.diag(slopes @ np.linalg.inv(prior.precision) @ slopes.T))
         seen = [self._observations[one.id] for one in state.window]
         cost = TrajectoryCost(seen, self._simulator, state.materials).costs([parameters])[0]
         return LearnedParameters(
             parameters,
-            np.where(identified, stated, np.nan),
+            np.where(identified, deviations, np.nan),
             identified,
             (0 if state.published is None else state.published.version) + 1,
             float(cost),
             state.processed - state.set_aside,
             JOINT_METHOD,
+            posterior=posterior,
         )
 
     def _drop_observations(self) -> None:
@@ -520,17 +546,3 @@ def run(fit: JointFit, steps: int, seconds_left: Callable[[], float] = lambda: n
         if fit.settled or (fit.steps and seconds_left() <= 0.0):
             break
         fit.step()
-
-
-def _slopes(space: ParameterSpace, unit: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Change (n, n) of all parameters, in SI units per width, along each axis."""
-    columns = []
-    for axis in range(unit.size):
-        up, down = unit.copy(), unit.copy()
-        up[axis] = min(unit[axis] + SLOPE_STEP, 1.0)
-        down[axis] = max(unit[axis] - SLOPE_STEP, 0.0)
-        change = parameter_vector(space.to_parameters(up)) - parameter_vector(
-            space.to_parameters(down)
-        )
-        columns.append(change / (up[axis] - down[axis]))
-    return np.array(columns).T

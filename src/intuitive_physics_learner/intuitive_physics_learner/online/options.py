@@ -16,6 +16,13 @@ class RecursionSettings:
     Lengths in widths are parts of the unit interval that each parameter of θ_s is searched on.
     """
 
+    batch: int = number(
+        8,
+        1,
+        1000,
+        "observations that wait are learned from together, at most so many: then the joint steps "
+        "are shared; set by hand",
+    )
     lone_steps: int = number(
         24,
         1,

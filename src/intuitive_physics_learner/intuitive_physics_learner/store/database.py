@@ -7,6 +7,7 @@ version is brought up to date when it is opened. Its tables are
 observations        id, received_at (Unix time), json (`Observation.to_json`)
 learned_parameters  version, learned_at (Unix time), json (`LearnedParameters.to_dict`)
 searches            key, saved_at (Unix time), version, json (`SearchCheckpoint`)
+online_state        id (always 1), saved_at (Unix time), json (`OnlineState`)
 """
 
 from __future__ import annotations
@@ -34,6 +35,10 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
     (
         "CREATE TABLE searches (key TEXT PRIMARY KEY NOT NULL, saved_at REAL NOT NULL, "
         "version INTEGER NOT NULL, json TEXT NOT NULL)",
+    ),
+    (
+        "CREATE TABLE online_state (id INTEGER PRIMARY KEY CHECK (id = 1), "
+        "saved_at REAL NOT NULL, json TEXT NOT NULL)",
     ),
 )
 """Statements that lead from schema version k to k + 1; a new version is one more entry."""

@@ -51,6 +51,11 @@ class ObservationStore:
         """Close the file; what was added is on the disk already."""
         self._database.close()
 
+    @property
+    def database(self) -> Database:
+        """The open file."""
+        return self._database
+
     def add(self, observation: Observation) -> bool:
         """Store an observation; once this returns it survives any crash.
 
@@ -108,11 +113,29 @@ class ObservationStore:
         with self._database.writing() as connection:
             return _insert(connection, learned, _newest_version(connection))
 
-    def add_improvement(self, learned: LearnedParameters, on: int) -> LearnedParameters | None:
-        """Store θ_s as the next version if `on` is still the newest; None if it is not."""
+    def save_online(self, state: str, on: int, learned: LearnedParameters | None = None) -> bool:
+        """Save the state of learning in the background and the θ_s that goes with it, or nothing.
+
+        Parameters
+        ----------
+        state : JSON text
+        on : version of θ_s that the state knows; nothing is saved if there is a newer one
+        learned : the next version of θ_s; None if there is none
+
+        Returns
+        -------
+        Whether they were saved.
+        """
         with self._database.writing() as connection:
-            newest = _newest_version(connection)
-            return _insert(connection, learned, newest) if newest == on else None
+            if _newest_version(connection) != on:
+                return False
+            if learned is not None:
+                _insert(connection, learned, on)
+            connection.execute(
+                "INSERT OR REPLACE INTO online_state (id, saved_at, json) VALUES (1, ?, ?)",
+                (time.time(), state),
+            )
+        return True
 
     def newest_version(self) -> int:
         """Return the highest version of θ_s; 0 when nothing was learned yet."""

@@ -74,8 +74,9 @@ def chi_square_tail(value: float, degrees: int) -> float:
 def find_change(
     known: Information,
     centre: NDArray[np.float64],
-    recent: Sequence[tuple[LocalLikelihood, bool]],
+    recent: Sequence[tuple[LocalLikelihood, float]],
     families: Mapping[tuple[str, ...], NDArray[np.int64]],
+    counts: Mapping[tuple[str, ...], int],
     false_alarm_rate: float,
     fewest: int,
 ) -> ChangePoint | None:
@@ -85,30 +86,31 @@ def find_change(
     ----------
     known : all that is known of the n parameters
     centre : (n,) mean where nothing is known
-    recent : the last observations in the order in which they came, and whether `known` has them
+    recent : the last observations in the order in which they came, each with its weight in `known`
     families : indices (k,) of the parameters of each pair of materials
+    counts : observations in `known` of each pair
     false_alarm_rate : chance of a false alarm for each observation
     fewest : observations that must agree on a change
     """
     asked = max(len(recent) - fewest + 1, 0) * len(families)
     best: ChangePoint | None = None
     for length in range(fewest, len(recent) + 1):
-        own = [likelihood for likelihood, _ in recent[-length:]]
         before = known.copy()
-        for likelihood, is_known in recent[-length:]:
-            if is_known:
-                before.add(likelihood, -1.0)
+        for likelihood, weight in recent[-length:]:
+            before.add(likelihood, -weight)
         prior = before.prior(centre)
         if np.linalg.eigvalsh(prior.precision)[0] <= 0.0:
             continue
         for family, members in families.items():
-            influenced = [one for one in own if np.isin(one.parameters, members).any()]
-            if len(influenced) < fewest:
+            influenced = [k for k in recent[-length:] if np.isin(k[0].parameters, members).any()]
+            earlier = counts[family] - sum(weight > 0.0 for _, weight in influenced)
+            if min(len(influenced), earlier) < fewest:
                 continue
-            probability = _agreed_probability(prior, influenced, members)
+            own = [likelihood for likelihood, _ in influenced]
+            probability = _agreed_probability(prior, own, members)
             if probability < min(
                 false_alarm_rate / asked, best.probability if best is not None else 1.0
-            ) and _agree(before, centre, influenced, members):
+            ) and _agree(before, centre, own, members):
                 best = ChangePoint(family, length, probability)
     return best
 

@@ -97,6 +97,53 @@ class Information:
         return GaussianPrior(centre + np.linalg.solve(precision, pull), precision)
 
 
+def agreement_weights(
+    known: Information,
+    centre: NDArray[np.float64],
+    likelihoods: Sequence[LocalLikelihood],
+    weights: NDArray[np.float64],
+    freedom: float,
+) -> NDArray[np.float64]:
+    """Weights (n_observations,) by which observations that contradict all others count less.
+
+    Without an observation θ_s is known as a Gaussian about m with the covariance P. Its scores at m
+    have the covariance S = Λ P Λ + Λ if its linearisation is right. Where it is not, as in a fit
+    that ended in a local optimum, d² = gᵀ S⁻¹ g exceeds the number q of its parameters. The weight
+    is that of Student's distribution with ν degrees of freedom, at most 1:
+
+        w = min(1, (ν + q) / (ν + d²)).
+
+    Parameters
+    ----------
+    known : of n parameters, from all observations
+    centre : (n,) mean where nothing is known
+    likelihoods : of the observations that may be wrong
+    weights : (n_observations,) with which `known` has them
+    freedom : ν
+    """
+    prior = known.prior(centre)
+    covariance = np.linalg.inv(prior.precision)
+    found = []
+    for one, weight in zip(likelihoods, weights, strict=True):
+        own, information = one.parameters, one.information
+        precision = np.linalg.inv(covariance[np.ix_(own, own)])
+        rest = precision - weight * information
+        pulls = precision @ prior.mean[own]
+        pulls -= weight * (information @ one.estimate - one.scores)
+        values, vectors = np.linalg.eigh(0.5 * (rest + rest.T))
+        # The bounds are always known.
+        values = np.maximum(values, UNIFORM_PRECISION)
+        without = (vectors / values) @ vectors.T
+        scores = one.scores + information @ (without @ pulls - one.estimate)
+        spread = information @ without @ information + information
+        values, vectors = np.linalg.eigh(0.5 * (spread + spread.T))
+        informed = values > UNIFORM_PRECISION
+        along = vectors[:, informed].T @ scores
+        distance = float((along**2 / values[informed]).sum())
+        found.append((freedom + informed.sum()) / (freedom + distance))
+    return np.minimum(found, 1.0)
+
+
 def encode_array(array: NDArray[np.float64]) -> dict[str, Any]:
     """Return an array of any shape as plain data, to its last digit."""
     packed = zlib.compress(np.ascontiguousarray(array, dtype="<f8").tobytes(), FASTEST)

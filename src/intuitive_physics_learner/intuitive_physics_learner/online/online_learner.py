@@ -20,12 +20,15 @@ from intuitive_physics_learner.cost.parameter_influence import parameter_influen
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.online.change_point import find_change
-from intuitive_physics_learner.online.information import Information, marginal
+from intuitive_physics_learner.online.information import Information, agreement_weights, marginal
 from intuitive_physics_learner.online.lone_fit import ENDLESS_PATIENCE, LoneFit
 from intuitive_physics_learner.online.online_state import Member, OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions, RecursionSettings
 from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.search_space import ActiveSpace
+
+WEIGHING_ROUNDS = 2
+"""Times that weights are computed again from what they give: they hardly change any more."""
 
 USED, DOUBTFUL = "used", "doubtful"
 """Status of an observation that was learned from, and of one that was set aside."""
@@ -214,7 +217,7 @@ class OnlineLearner:
 
     def _set_aside(self, member: Member, assessment: Assessment) -> None:
         state = self.state
-        state.doubtful.append(member)
+        state.doubtful.append(replace(member, weight=0.0))
         del state.doubtful[: -self._settings.doubtful or None]
         state.set_aside += 1
         self._assessments.append(assessment)
@@ -238,7 +241,7 @@ class OnlineLearner:
             self._take_back(replace(member, fit=fit.found, likelihood=fit.likelihood()))
 
     def _take_back(self, member: Member) -> None:
-        self.state.window.append(member)
+        self.state.window.append(replace(member, weight=1.0))
         self.state.set_aside -= 1
         self._assessments.append(Assessment(member.id, 1.0, "agrees with later observations", USED))
 
@@ -343,13 +346,30 @@ class OnlineLearner:
         gains = np.linalg.solve(prior.precision[np.ix_(rest, rest)], across)
         state.unit[own] = fit.unit
         state.unit[rest] = np.clip(prior.mean[rest] - gains, 0.0, 1.0)
-        state.posterior = state.retired.copy()
         for member, found, likelihood in zip(
             state.window, fit.observation_fits(), fit.likelihoods(), strict=True
         ):
             member.fit = found
             member.likelihood = replace(likelihood, parameters=own[likelihood.parameters])
-            state.posterior.add(member.likelihood, self._age_weight(member))
+        self._weigh()
+
+    def _weigh(self) -> None:
+        """Find the weights of the window's observations, and all that is known."""
+        state = self.state
+        ages = np.array([self._age_weight(one) for one in state.window])
+        likelihoods = [one.likelihood for one in state.window]
+        weights = ages
+        for _ in range(WEIGHING_ROUNDS):
+            state.posterior = state.retired.copy()
+            for likelihood, weight in zip(likelihoods, weights, strict=True):
+                state.posterior.add(likelihood, float(weight))
+            weights = ages * agreement_weights(
+                state.posterior, state.centre, likelihoods, weights, self._settings.freedom
+            )
+        state.posterior = state.retired.copy()
+        for member, weight in zip(state.window, weights, strict=True):
+            member.weight = float(weight)
+            state.posterior.add(member.likelihood, member.weight)
 
     def _retire(self) -> None:
         """Let the least informative observations leave the window where it is too full."""
@@ -365,24 +385,26 @@ class OnlineLearner:
         """What an observation says of what is uncertain: tr(P Λ)."""
         own = member.likelihood.parameters
         part = covariance[np.ix_(own, own)]
-        return self._age_weight(member) * float(np.sum(part * member.likelihood.information))
+        return member.weight * float(np.sum(part * member.likelihood.information))
 
     def _retire_member(self, member: Member) -> None:
         state = self.state
-        state.retired.add(member.likelihood, self._age_weight(member))
+        state.retired.add(member.likelihood, member.weight)
         state.window = [one for one in state.window if one is not member]
 
     def _notice_change(self, seconds_left: Callable[[], float]) -> None:
         """Where parameters have changed, forget what was known of them and learn them again."""
         state, settings = self.state, self._settings
-        kept = [(one, True) for one in state.window] + [(one, False) for one in state.doubtful]
+        kept = [*state.window, *state.doubtful]
         newest = state.processed - settings.recent
-        kept = sorted((k for k in kept if k[0].number > newest), key=lambda k: k[0].number)
+        kept = sorted((k for k in kept if k.number > newest), key=lambda k: k.number)
+        families = self._families()
         change = find_change(
             state.posterior,
             state.centre,
-            [(one.likelihood, is_known) for one, is_known in kept],
-            self._families(),
+            [(one.likelihood, one.weight) for one in kept],
+            families,
+            {family: self._count_of(own) for family, own in families.items()},
             self._options.false_alarm_rate,
             settings.fewest_changed,
         )
@@ -396,7 +418,7 @@ class OnlineLearner:
             }
         )
         del state.changes[:-10]
-        after = [one for one, _ in kept[-change.length :]]
+        after = kept[-change.length :]
         for member in [one for one in state.window if one not in after]:
             self._retire_member(member)
         members = self._families()[change.family]
@@ -404,11 +426,16 @@ class OnlineLearner:
         for member in [one for one in state.doubtful if one in after]:
             state.doubtful.remove(member)
             self._take_back(member)
-        state.posterior = state.retired.copy()
-        for member in state.window:
-            state.posterior.add(member.likelihood)
+        self._weigh()
         state.unit = np.clip(self._prior.mean, 0.0, 1.0)
         self._fit_window(seconds_left)
+
+    def _count_of(self, parameters: NDArray[np.int64]) -> int:
+        """Number of observations that inform some parameters; retired ones are enough."""
+        state = self.state
+        retired = state.retired.matrix[np.ix_(parameters, parameters)].any()
+        own = [one for one in state.window if np.isin(one.likelihood.parameters, parameters).any()]
+        return len(own) + (self._settings.recent if retired else 0)
 
     def _families(self) -> dict[tuple[str, ...], NDArray[np.int64]]:
         first, each = len(self.state.materials), len(PAIR_COEFFICIENTS)

@@ -36,6 +36,7 @@ class Member:
     fit : from which the next fit begins
     likelihood : of θ_s, from this observation alone where it is doubtful, else from the last joint
         fit
+    weight : with which it counts; 0 where it is doubtful
     """
 
     id: str
@@ -43,6 +44,7 @@ class Member:
     stamp: float
     fit: ObservationFit
     likelihood: LocalLikelihood
+    weight: float = 1.0
 
 
 @dataclass(eq=False)
@@ -173,6 +175,7 @@ def _member_data(member: Member) -> dict[str, Any]:
         "id": member.id,
         "number": member.number,
         "stamp": member.stamp,
+        "weight": member.weight,
         "estimate": encode_array(fit.estimate),
         "deviations": encode_array(fit.deviations),
         "horizon": float(fit.horizon),
@@ -199,4 +202,5 @@ def _read_member(data: Mapping[str, Any]) -> Member:
             decode_array(data["scores"]),
             data["loss"],
         ),
+        data["weight"],
     )

@@ -102,6 +102,13 @@ class RecursionSettings:
         1.0,
         "part by which a standard deviation must change to be worth a new version; set by hand",
     )
+    freedom: float = number(
+        4.0,
+        0.1,
+        1e6,
+        "degrees of freedom of Student's distribution by which observations that contradict all "
+        "others count less; set by hand",
+    )
     inflation: float = number(
         1.0,
         1.0,

@@ -68,6 +68,11 @@ class LoneFit:
         self.blocked = since < self._settings.misfit_steps
 
     @property
+    def simulations(self) -> int:
+        """Simulations of the observation so far."""
+        return self._fit.simulations
+
+    @property
     def found(self) -> ObservationFit:
         """Initial states and fit horizon."""
         return self._fit.observation_fits()[0]

@@ -12,7 +12,11 @@ from intuitive_physics.errors import UnsupportedSceneError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import PAIR_COEFFICIENTS, material_pairs, parameter_names
 from intuitive_physics.observation import Observation
-from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, ParameterPosterior
+from intuitive_physics.parameter_posterior import (
+    LARGEST_DEVIATION,
+    UNIFORM_PRECISION,
+    ParameterPosterior,
+)
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
@@ -24,11 +28,18 @@ from intuitive_physics_learner.online.information import Information, agreement_
 from intuitive_physics_learner.online.lone_fit import ENDLESS_PATIENCE, LoneFit
 from intuitive_physics_learner.online.online_state import Member, OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions, RecursionSettings
+from intuitive_physics_learner.search.identifiability import widened_information
 from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
 WEIGHING_ROUNDS = 2
 """Times that weights are computed again from what they give: they hardly change any more."""
+
+FEW = 2.0
+"""Observations that could not be explained, imagined before the first: one success is no rule."""
+
+LARGEST_EXPONENT = 700.0
+"""Beyond it, e to that power is not a number of double precision."""
 
 USED, DOUBTFUL = "used", "doubtful"
 """Status of an observation that was learned from, and of one that was set aside."""
@@ -60,7 +71,7 @@ class OnlineLearner:
     simulator : the engine that simulates candidates
     options : how to learn; None for the defaults
     state : of a learner to continue exactly; None to begin with nothing
-    observations : those that the state keeps, in any order (`kept_ids`)
+    observations : those that the state keeps, in any order (`kept_observations`)
 
     Attributes
     ----------
@@ -117,7 +128,9 @@ class OnlineLearner:
                 self._meet(seen)
                 known.add(seen.id)
         self._look_again()
+        before = self.state.unit.copy(), self._prior.deviations**2
         self._fit_window(seconds_left)
+        self._note_move(*before)
         self._notice_change(seconds_left)
         self._publish()
         self._drop_observations()
@@ -143,7 +156,23 @@ class OnlineLearner:
         state.window, state.doubtful = [], []
         state.published, state.published_information = whole, known.copy()
         state.score, state.compared = 0.0, 0
+        state.moves[:], state.narrowings[:] = 0.0, 0.0
         self._drop_observations()
+
+    @property
+    def kept_observations(self) -> list[Observation]:
+        """Observations without which the state cannot go on, a bounded number."""
+        return list(self._observations.values())
+
+    @property
+    def widening(self) -> NDArray[np.float64]:
+        """Factors (n,) by which the stated standard deviations are too small, at least 1.
+
+        A posterior mean is a martingale: the variance of a move is that by which the posterior
+        narrows. An estimate that moves more than this was less certain than it was stated to be.
+        """
+        state = self.state
+        return np.sqrt(np.maximum((1.0 + state.moves) / (1.0 + state.narrowings), 1.0))
 
     @property
     def space(self) -> ParameterSpace:
@@ -167,6 +196,8 @@ class OnlineLearner:
         try:
             cost = TrajectoryCost([seen], self._simulator, state.materials)
             fit = self._lone_fit(cost, influence, self._prior)
+            if fit.blocked:
+                fit = self._lone_fit(cost, influence, self._prior, careful=True)
         except UnsupportedSceneError as error:
             self.problem = f"observation {seen.id} is passed over: {error}"
             self._assessments.append(Assessment(seen.id, 0.0, str(error), DOUBTFUL))
@@ -190,29 +221,43 @@ class OnlineLearner:
         influence: NDArray[np.bool_],
         prior: GaussianPrior,
         scans: tuple[int, ...] = (),
+        careful: bool = False,
     ) -> LoneFit:
-        fit = LoneFit(cost, self.space, influence, prior, self._settings, scans)
+        settings = self._settings.careful() if careful else self._settings
+        fit = LoneFit(cost, self.space, influence, prior, settings, scans)
         fit.run()
+        self.simulations += fit.simulations
         return fit
 
     def _doubt(
         self, cost: TrajectoryCost, influence: NDArray[np.bool_], fit: LoneFit
     ) -> tuple[LoneFit, Assessment] | None:
         """Compare with a fit that knows nothing; None when the observation is not doubtful."""
+        state, settings = self.state, self._settings
+        share = state.explained / (state.met + FEW)
+        kept = np.exp(-1.0 / settings.memory)
+        state.met = kept * state.met + 1.0
+        state.explained = kept * state.explained + (0.0 if fit.blocked else 1.0)
         if not fit.blocked:
             return None
         (seen,) = cost.observations
-        nothing = Information.none(self.state.centre.size).prior(self._prior.mean)
-        free = self._lone_fit(cost, influence, nothing, scans=(2, 5))
+        nothing = Information.none(state.centre.size).prior(self._prior.mean)
+        free = self._lone_fit(cost, influence, nothing, scans=settings.free_scans)
         horizon = max(free.found.horizon, fit.found.horizon)
         gain = free.log_evidence(horizon) - fit.log_evidence(horizon)
-        if gain > self._settings.conflict:
-            weight = float(np.exp(-min(gain, 700.0)))
+        if gain > settings.conflict:
+            weight = float(np.exp(-min(gain, LARGEST_EXPONENT)))
             reason = (
                 f"contradicts what is known of its materials: e^{gain:.0f} times as likely with "
                 "other parameters"
             )
             return free, Assessment(seen.id, weight, reason, DOUBTFUL)
+        if free.blocked and share > settings.smallest_explained:
+            reason = (
+                f"no parameters explain its motion after {horizon:.2f} s, as they do that of "
+                f"{100.0 * share:.0f} % of the last observations"
+            )
+            return free, Assessment(seen.id, 1.0 - share, reason, DOUBTFUL)
         return None
 
     def _set_aside(self, member: Member, assessment: Assessment) -> None:
@@ -275,6 +320,10 @@ class OnlineLearner:
         centre = space.to_unit(LearnedParameters.defaults(together).parameters)
         unit = centre.copy()
         centre[places], unit[places] = state.centre, state.unit
+        for name in ("moves", "narrowings"):
+            wider = np.zeros(centre.size)
+            wider[places] = getattr(state, name)
+            setattr(state, name, wider)
         state.materials, state.centre, state.unit = together, centre, unit
         for name in ("retired", "posterior", "published_information"):
             setattr(state, name, getattr(state, name).spread(places, centre.size))
@@ -330,6 +379,17 @@ class OnlineLearner:
         count = self.state.processed
         period = self._options.window
         return count % period == 0 if count > period else count & (count - 1) == 0
+
+    def _note_move(self, unit: NDArray[np.float64], variances: NDArray[np.float64]) -> None:
+        """Compare the move from an estimate (n,) with the variances (n,), widths², it had."""
+        state, kept = self.state, np.exp(-1.0 / self._settings.memory)
+        after = self._prior.deviations**2
+        move = (state.unit - unit) ** 2 / after
+        narrowing = np.maximum(variances - after, 0.0) / after
+        # The first observations narrow so much that nothing else would count beside them.
+        scale = np.maximum(narrowing, 1.0)
+        state.moves = kept * state.moves + move / scale
+        state.narrowings = kept * state.narrowings + narrowing / scale
 
     def _scans(self) -> bool:
         """Whether this fit looks for other optima: always at first, then now and then."""
@@ -421,8 +481,9 @@ class OnlineLearner:
         after = kept[-change.length :]
         for member in [one for one in state.window if one not in after]:
             self._retire_member(member)
-        members = self._families()[change.family]
+        members = families[change.family]
         state.retired.forget(members)
+        state.moves[members], state.narrowings[members] = 0.0, 0.0
         for member in [one for one in state.doubtful if one in after]:
             state.doubtful.remove(member)
             self._take_back(member)
@@ -476,14 +537,14 @@ class OnlineLearner:
         """Return the candidate as the next version of θ_s."""
         state, space = self.state, self.space
         parameters = space.to_parameters(state.unit)
-        wider = self._settings.inflation
-        posterior = ParameterPosterior.from_information(
-            state.materials, state.unit, state.posterior.matrix / wider**2
-        )
-        prior = self._prior
-        identified = wider * prior.deviations < LARGEST_DEVIATION
+        factors = self.widening
+        widths = factors * self._prior.deviations
+        information = widened_information(state.posterior.matrix, factors, widths)
+        posterior = ParameterPosterior.from_information(state.materials, state.unit, information)
+        identified = widths < LARGEST_DEVIATION
         slopes = space.slopes(state.unit)
-        deviations = wider * np.sqrt(np.diag(slopes @ np.linalg.inv(prior.precision) @ slopes.T))
+        covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(widths.size))
+        deviations = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
         seen = [self._observations[one.id] for one in state.window]
         cost = TrajectoryCost(seen, self._simulator, state.materials).costs([parameters])[0]
         return LearnedParameters(

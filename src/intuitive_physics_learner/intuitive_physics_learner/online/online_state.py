@@ -60,6 +60,9 @@ class OnlineState:
     posterior : with the window
     window : observations that are fitted jointly
     doubtful : observations that were set aside, the newest last
+    moves : (n,) squares of the estimate's last moves over its variance, summed with forgetting
+    narrowings : (n,) what `moves` is expected to be: by how much the variances have shrunk, over
+        themselves
     published : newest version of θ_s; None before the first
     published_information : what is known according to it, of the n parameters
     score : prequential: ln p of the observations since then according to the candidate, less
@@ -67,6 +70,8 @@ class OnlineState:
     compared : number of these observations
     processed : observations so far
     set_aside : of these, how many are doubtful
+    explained, met : number of observations that could be explained to their end, or as far as they
+        can be predicted, and of all, both with forgetting
     changes : last changes that were noticed, each with the pair, the number of the observation and
         the probability of a false alarm
     time : s, the latest start time of an observation
@@ -78,6 +83,8 @@ class OnlineState:
     unit: NDArray[np.float64]
     retired: Information
     posterior: Information
+    moves: NDArray[np.float64]
+    narrowings: NDArray[np.float64]
     window: list[Member] = field(default_factory=list)
     doubtful: list[Member] = field(default_factory=list)
     published: LearnedParameters | None = None
@@ -86,6 +93,8 @@ class OnlineState:
     compared: int = 0
     processed: int = 0
     set_aside: int = 0
+    explained: float = 0.0
+    met: float = 0.0
     changes: list[dict[str, Any]] = field(default_factory=list)
     time: float | None = None
     position: int = 0
@@ -94,14 +103,15 @@ class OnlineState:
     def empty() -> OnlineState:
         """Before any observation."""
         nothing = np.zeros(0)
-        return OnlineState((), nothing, nothing.copy(), Information.none(0), Information.none(0))
+        known = Information.none(0), Information.none(0)
+        return OnlineState((), nothing, nothing.copy(), *known, nothing.copy(), nothing.copy())
 
     def to_json(self) -> str:
         """Return it as JSON text, every number to its last digit."""
         data = {
             "format": FORMAT,
             **{name: getattr(self, name) for name in _PLAIN},
-            **{name: encode_array(getattr(self, name)) for name in ("centre", "unit")},
+            **{name: encode_array(getattr(self, name)) for name in _ARRAYS},
             **{name: _information_data(getattr(self, name)) for name in _INFORMATION},
             **{
                 name: [_member_data(one) for one in getattr(self, name)]
@@ -132,7 +142,7 @@ class OnlineState:
                 **{
                     **{name: data[name] for name in _PLAIN},
                     "materials": tuple(data["materials"]),
-                    **{name: decode_array(data[name]) for name in ("centre", "unit")},
+                    **{name: decode_array(data[name]) for name in _ARRAYS},
                     **{name: _read_information(data[name]) for name in _INFORMATION},
                     **{
                         name: [_read_member(one) for one in data[name]]
@@ -151,11 +161,16 @@ _PLAIN = (
     "compared",
     "processed",
     "set_aside",
+    "explained",
+    "met",
     "changes",
     "time",
     "position",
 )
 """Fields that JSON can express."""
+
+_ARRAYS = ("centre", "unit", "moves", "narrowings")
+"""Fields that are arrays (n,)."""
 
 _INFORMATION = ("retired", "posterior", "published_information")
 """Fields that are an `Information`."""

@@ -30,6 +30,18 @@ class RecursionSettings:
         "joint steps in which one observation is fitted by itself at most; set by hand: with "
         "`largest_advance` they suffice for 10 s of motion",
     )
+    retry_steps: int = number(
+        60,
+        1,
+        1000,
+        "joint steps of a second, more careful fit of an observation that cannot be explained; set "
+        "by hand",
+    )
+    free_scans: tuple[int, ...] = other(
+        (2, 5),
+        "numbers of steps after which a lone fit that knows nothing of θ_s scans each parameter; "
+        "set by hand",
+    )
     scoring_steps: int = number(
         3, 1, 1000, "joint steps up to a common horizon before evidences are compared; set by hand"
     )
@@ -76,6 +88,14 @@ class RecursionSettings:
         "logarithm of the ratio of evidences, of what is not bound by what is known to what is, "
         "from which on an observation contradicts what is known: odds of a thousand to one",
     )
+    smallest_explained: float = number(
+        0.6,
+        0.0,
+        1.0,
+        "share of the last observations that can be explained from which on one that cannot be is "
+        "doubtful; where motion is too chaotic for that, most such observations are good ones; of "
+        "clean throws of tumbling bodies 0.6 to 0.7 can be, of balls 0.9",
+    )
     largest_score: float = number(
         3.0,
         0.0,
@@ -109,11 +129,12 @@ class RecursionSettings:
         "degrees of freedom of Student's distribution by which observations that contradict all "
         "others count less; set by hand",
     )
-    inflation: float = number(
-        1.0,
+    memory: float = number(
+        20.0,
         1.0,
         1e6,
-        "factor on all standard deviations that a linearised likelihood states",
+        "observations after which one counts 1/e of what it did in the judgement of the stated "
+        "uncertainty and of the share that can be explained; set by hand",
     )
     recent: int = number(
         8, 2, 1000, "last observations among which the beginning of a change is looked for"
@@ -136,6 +157,11 @@ class RecursionSettings:
         return replace(
             JointEstimationSettings(), largest_advance=self.largest_advance, scan_steps=scans
         )
+
+    def careful(self) -> RecursionSettings:
+        """Return settings of lone fits that advance more slowly, and so miss fewer solutions."""
+        usual = JointEstimationSettings()
+        return replace(self, lone_steps=self.retry_steps, largest_advance=usual.largest_advance)
 
 
 @dataclass(frozen=True)

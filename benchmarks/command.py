@@ -43,8 +43,9 @@ class Outcome:
 def run_benchmark(
     name: str,
     description: str,
-    measure: Callable[[bool], Outcome],
+    measure: Callable[[argparse.Namespace], Outcome],
     arguments: Sequence[str] | None,
+    add_options: Callable[[argparse.ArgumentParser], None] | None = None,
 ) -> int:
     """Measure, print the tables, write the result if asked to, and print the line of JSON last.
 
@@ -52,8 +53,10 @@ def run_benchmark(
     ----------
     name : of the benchmark, its package and its result
     description : first lines of its help
-    measure : called with whether little is to be measured, for a first look
+    measure : called with the options, of which `quick` is whether little is to be measured, for a
+        first look
     arguments : of the command line; None for those of the process
+    add_options : adds the benchmark's own options; None: it has none
 
     Returns
     -------
@@ -64,12 +67,14 @@ def run_benchmark(
     parser.add_argument(
         "--write", action="store_true", help=f"write benchmarks/results/{name}.json and .md too"
     )
+    if add_options is not None:
+        add_options(parser)
     given = list(sys.argv[1:] if arguments is None else arguments)
     options = parser.parse_args(given)
     run = started_run(name, given)
     start = time.perf_counter()
     try:
-        outcome = measure(options.quick)
+        outcome = measure(options)
     except (MissingPeerError, IntuitivePhysicsError) as error:
         print(f"bench-{name}: {error}", file=sys.stderr)
         return 1

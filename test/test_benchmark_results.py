@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import subprocess
 import sys
@@ -195,10 +196,10 @@ def test_benchmark_writes_its_result_and_prints_a_line_of_json_last(
 ):
     monkeypatch.setattr("benchmarks.command.FOLDER", tmp_path)
 
-    def measure(quick: bool) -> Outcome:
+    def measure(options: argparse.Namespace) -> Outcome:
         return Outcome(
             tables=MADE_UP.tables,
-            key_figures={"quick": quick},
+            key_figures={"quick": options.quick},
             complaints=["too slow"],
             valid=valid,
             draw=lambda path: path.write_text("figure", encoding="utf-8") and None,

@@ -1,151 +1,151 @@
-"""`make bench-learning`: J against iterations and time on the paper's synthetic sets (Sec. IV-B).
+"""`make bench-learning`: learners beside the true θ_s and the untouched defaults.
 
 README.md in the folder above says what is measured and how.
 """
 
 from __future__ import annotations
 
+import argparse
+import resource
 import sys
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-
-import numpy as np
+from typing import Any
 
 from benchmarks.command import Outcome, report_progress, run_benchmark
-from benchmarks.learning.cluster import compare_paces
-from benchmarks.learning.figure import draw_figure
-from benchmarks.learning.loop_beside import compare_lateness
-from benchmarks.learning.peers import compare_engines
-from benchmarks.learning.report import Histories, Joint, Measured, key_figures, tables
-from benchmarks.learning.runs import joint_run, make_task, rule_history
-from intuitive_physics_learner import FURTHER_RULES, UPDATE_RULES
+from benchmarks.learning.camera import CAMERA
+from benchmarks.learning.disturbed import DISTURBED
+from benchmarks.learning.mass_ratio import MASS_RATIO
+from benchmarks.learning.methods.comparison import METHODS
+from benchmarks.learning.online import ONLINE
+from benchmarks.learning.part import Findings, Part, Plan
+from benchmarks.learning.sets import SETS
+from benchmarks.learning.stream import STREAM
+from benchmarks.peers.engine import MissingPeerError
+from benchmarks.results.result import Cell, Column, Table
+from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 
-SETS = {"1x50": 1, "10x50": 10, "20x50": 20}
-"""Numbers of objects by the name of the set: objects by samples."""
+PARTS = (SETS, CAMERA, ONLINE, MASS_RATIO, DISTURBED, STREAM, METHODS)
+"""In the order in which they are measured and reported."""
 
-
-@dataclass(frozen=True)
-class Effort:
-    """How much is measured, for each set in the order of `SETS`.
-
-    Parameters
-    ----------
-    sets : random sets on which joint estimation runs
-    seconds : that each of these runs may take
-    rule_seeds : runs of each update rule, all on the first set
-    iterations : of each of these
-    judged : whether uncertainties are found and held against the truth
-    further_iterations : of CMA-ES and its further kinds
-    peer_seconds : that each other engine may take
-    loop_seconds : that a loop beside the learner is watched for
-    """
-
-    sets: tuple[int, ...]
-    seconds: tuple[float, ...]
-    rule_seeds: tuple[int, ...]
-    iterations: tuple[int, ...]
-    judged: tuple[bool, ...]
-    further_iterations: tuple[int, ...]
-    peer_seconds: float
-    loop_seconds: float
-
-
-FULL = Effort(
-    sets=(6, 2, 1),
-    seconds=(4.0, 30.0, 90.0),
-    rule_seeds=(5, 2, 2),
-    iterations=(500, 150, 60),
-    judged=(True, True, True),
-    further_iterations=(0, 400, 200),
-    peer_seconds=20.0,
-    loop_seconds=5.0,
+LINE = (
+    "true_state_excess",
+    "defaults_pass",
+    "within_2_sigma",
+    "identified",
+    "camera",
+    "online_over_batch",
+    "mass_ratio_90",
+    "disturbed",
+    "drift_observations",
+    "stream",
+    "suggested_over_random",
 )
-"""Of the results that are kept."""
-
-QUICK = Effort(
-    sets=(3, 1, 1),
-    seconds=(3.0, 10.0, 20.0),
-    rule_seeds=(2, 1, 1),
-    iterations=(150, 50, 25),
-    judged=(True, False, False),
-    further_iterations=(0, 50, 0),
-    peer_seconds=5.0,
-    loop_seconds=2.0,
-)
-"""Of a first look."""
+"""Keys of the last line; null where the part that gives one was not measured."""
 
 FIRST_SEED = 100
-"""Of the sets; nothing was tuned on those from here on."""
-
-KINDS_OF_CMA_ES = ("cma_es", *FURTHER_RULES)
-"""Rules that are compared over many more iterations."""
+"""Of the random sets by default; tuning used lower ones."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, draw the figure, and print the line of JSON last."""
-    description = __doc__.splitlines()[0]
-    return run_benchmark(
-        "learning", description, lambda quick: run(QUICK if quick else FULL), arguments
+    return run_benchmark("learning", __doc__.splitlines()[0], run, arguments, _add_options)
+
+
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    names = ",".join(part.name for part in PARTS)
+    parser.add_argument(
+        "--first-seed",
+        type=int,
+        default=FIRST_SEED,
+        metavar="N",
+        help=f"of the random sets, at least 0; default {FIRST_SEED}",
     )
+    parser.add_argument("--only", metavar="PARTS", help=f"measure only some of {names}")
 
 
-def run(effort: Effort) -> Outcome:
-    """Measure all."""
-    joint = run_joint(effort)
-    histories = run_rules(effort, joint)
-    further = run_further(effort, joint)
-    report_progress("other engines")
-    peers = compare_engines(effort.peer_seconds)
-    report_progress("beside a loop, and on a cluster")
-    beside = compare_lateness(joint["1x50"][0][0], effort.loop_seconds)
-    paces = compare_paces(joint["10x50"][0][0])
+def run(options: argparse.Namespace) -> Outcome:
+    """Measure all parts, or those that were chosen."""
+    if options.first_seed < 0:
+        raise InvalidInputError(f"--first-seed is {options.first_seed}; expected at least 0")
+    if options.only is not None and options.write:
+        raise InvalidInputError(
+            "--write was given with --only; a result that is kept has all parts, so leave one out"
+        )
+    plan = Plan(options.quick, options.first_seed)
+    return combined(chosen_parts(options.only), plan)
+
+
+def chosen_parts(only: str | None) -> list[Part]:
+    """Return the parts that are named, separated by commas, in their own order; all for None.
+
+    Raises
+    ------
+    InvalidInputError
+        When there is no part of a name.
+    """
+    if only is None:
+        return list(PARTS)
+    wanted = [name.strip() for name in only.split(",")]
+    names = [part.name for part in PARTS]
+    unknown = [name for name in wanted if name not in names]
+    if unknown:
+        raise InvalidInputError(f"--only has {unknown[0]!r}; expected some of {','.join(names)}")
+    return [part for part in PARTS if part.name in wanted]
+
+
+def combined(parts: Sequence[Part], plan: Plan) -> Outcome:
+    """Measure these parts one after the other.
+
+    A part that fails is reported and makes the result invalid; the others are measured all the
+    same.
+    """
+    findings: list[Findings] = []
+    complaints: list[str] = []
+    costs: list[list[Cell]] = []
+    valid = True
+    for part in parts:
+        report_progress(f"part {part.name}")
+        wall, processor = time.perf_counter(), cpu_seconds()
+        try:
+            findings.append(part.measure(plan))
+        except (MissingPeerError, IntuitivePhysicsError) as error:
+            complaints.append(f"{part.name}: {error}")
+            valid = False
+        costs.append([part.name, time.perf_counter() - wall, cpu_seconds() - processor])
+    figures: dict[str, Any] = dict.fromkeys(LINE)
+    for found in findings:
+        figures.update(found.figures)
+        complaints.extend(found.complaints)
+    draws = [found.draw for found in findings if found.draw is not None]
+    tables = [table for found in findings for table in found.tables]
     return Outcome(
-        tables=tables(Measured(joint, histories, further, peers, beside, paces)),
-        key_figures=key_figures(joint, histories),
-        draw=lambda path: draw_figure(histories, joint, path),
+        tables=[*tables, _cost_table(costs)],
+        key_figures=figures,
+        note=f"Seeds of random sets from {plan.first_seed} on.",
+        complaints=complaints,
+        valid=valid,
+        draw=draws[0] if draws else None,
     )
 
 
-def run_joint(effort: Effort) -> Joint:
-    """Run joint estimation on every set, after a step that loads and compiles all kernels."""
-    report_progress("kernels")
-    joint_run(make_task(10, 0), 0.0, judged=False)
-    joint: Joint = {}
-    for (name, objects), count, seconds, judged in zip(
-        SETS.items(), effort.sets, effort.seconds, effort.judged, strict=True
-    ):
-        joint[name] = []
-        for seed in range(count):
-            report_progress(f"{name}, set {seed + 1} of {count}")
-            task = make_task(objects, FIRST_SEED + seed)
-            joint[name].append((task, joint_run(task, seconds, judged=judged)))
-    return joint
+def cpu_seconds() -> float:
+    """Return CPU time of this process and of those that it started and that have ended."""
+    kinds = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    used = [resource.getrusage(kind) for kind in kinds]
+    return sum(each.ru_utime + each.ru_stime for each in used)
 
 
-def run_rules(effort: Effort, joint: Joint) -> Histories:
-    """Mean J over seeds after each iteration, by set and rule."""
-    histories: Histories = {}
-    for name, seeds, iterations in zip(SETS, effort.rule_seeds, effort.iterations, strict=True):
-        task = joint[name][0][0]
-        histories[name] = {}
-        for rule in UPDATE_RULES:
-            report_progress(f"{name}, {rule}")
-            runs = [rule_history(task, rule, seed, iterations) for seed in range(seeds)]
-            histories[name][rule] = np.mean(runs, axis=0)
-    return histories
-
-
-def run_further(effort: Effort, joint: Joint) -> Histories:
-    """J of CMA-ES and its further kinds after each of the same number of evaluations."""
-    histories: Histories = {}
-    for name, iterations in zip(SETS, effort.further_iterations, strict=True):
-        if iterations:
-            report_progress(f"{name}, {', '.join(KINDS_OF_CMA_ES)}")
-            task = joint[name][0][0]
-            histories[name] = {
-                rule: rule_history(task, rule, 0, iterations) for rule in KINDS_OF_CMA_ES
-            }
-    return histories
+def _cost_table(costs: Sequence[Sequence[Cell]]) -> Table:
+    return Table(
+        title="What the parts took",
+        columns=[
+            Column("part"),
+            Column("wall time", "s", ".0f"),
+            Column("CPU time with that of its processes", "s", ".0f"),
+        ],
+        rows=costs,
+    )
 
 
 if __name__ == "__main__":

@@ -6,10 +6,16 @@ depend on either density by itself, only on the ratio.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from benchmarks.command import report_progress
+from benchmarks.learning.part import Findings, Part, Plan
+from benchmarks.results.result import Cell, Column, Table
+from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
@@ -98,15 +104,17 @@ def measure_mass_ratio(
     heavy = learned.parameters.index("heavy")
     light = learned.parameters.index("light")
     estimate = learned.parameters.density[heavy] / learned.parameters.density[light]
-    intervals = (
-        np.quantile(values, [0.05, 0.95]).tolist()
-        for values in (
-            density[:, heavy] / density[:, light],
-            density[:, heavy],
-            density[:, light],
-        )
+    return MassRatio(
+        _inner_interval(density[:, heavy] / density[:, light]),
+        _inner_interval(density[:, heavy]),
+        _inner_interval(density[:, light]),
+        float(estimate),
     )
-    return MassRatio(*((low, high) for low, high in intervals), float(estimate))
+
+
+def _inner_interval(values: NDArray[np.float64]) -> tuple[float, float]:
+    low, high = np.quantile(values, [0.05, 0.95])
+    return float(low), float(high)
 
 
 def _collision(engine: Simulator, rng: np.random.Generator) -> Observation:
@@ -141,3 +149,81 @@ def _collision(engine: Simulator, rng: np.random.Generator) -> Observation:
         )
         observed.append(ObservedObject(ball, Trajectory(times, positions), seen))
     return Observation(TABLE, tuple(observed), 0.0, id=f"collision {rng.integers(2**32)}")
+
+
+COLLISIONS, QUICK_COLLISIONS = 20, 6
+"""Observations of each set."""
+
+SETS, QUICK_SETS = 3, 1
+"""Random sets."""
+
+SECONDS = 10.0
+"""Limit of wall time of learning one set, with its uncertainties."""
+
+BAR = (3.6, 4.4)
+"""Within which the interval from 5 to 95 % is to lie, issue 17."""
+
+
+def measure(plan: Plan) -> Findings:
+    """Learn from collisions, and draw beside it from what the untouched defaults say."""
+    sets, collisions = (QUICK_SETS, QUICK_COLLISIONS) if plan.quick else (SETS, COLLISIONS)
+    found: dict[int, MassRatio] = {}
+    for seed in range(plan.first_seed, plan.first_seed + sets):
+        report_progress(f"mass ratio, seed {seed}")
+        found[seed] = measure_mass_ratio(seed, collisions, seconds=SECONDS)
+    ends = np.mean([each.ratio for each in found.values()], axis=0)
+    low, high = ends.tolist()
+    complaints = []
+    if not BAR[0] <= low <= high <= BAR[1]:
+        complaints.append(f"mass_ratio_90: {low:.2f} to {high:.2f}, bar {BAR[0]:g} to {BAR[1]:g}")
+    return Findings(
+        tables=[_table(found, collisions)],
+        figures={"mass_ratio_90": [round(low, 3), round(high, 3)]},
+        complaints=complaints,
+    )
+
+
+def default_interval(seed: int) -> tuple[float, float]:
+    """Interval of the ratio in draws from the untouched defaults, 5 to 95 %."""
+    unlearned = UncertainParameters(LearnedParameters.defaults(TRUTH.materials))
+    density, _ = unlearned.draw(DRAWS, np.random.default_rng(seed))
+    heavy, light = TRUTH.index("heavy"), TRUTH.index("light")
+    return _inner_interval(density[:, heavy] / density[:, light])
+
+
+def _table(found: Mapping[int, MassRatio], collisions: int) -> Table:
+    rows: list[list[Cell]] = []
+    for seed, each in found.items():
+        default = default_interval(seed)
+        rows.append(
+            [
+                seed,
+                collisions,
+                each.learned,
+                *each.ratio,
+                f"{BAR[0]:g} to {BAR[1]:g}",
+                f"{default[0]:.2g} to {default[1]:.2g}",
+                f"{each.heavy[0]:.0f} to {each.heavy[1]:.0f}",
+                f"{each.light[0]:.0f} to {each.light[1]:.0f}",
+            ]
+        )
+    return Table(
+        title=f"Ratio of two densities in what the predictor draws; truth {RATIO:g}",
+        columns=[
+            Column("seed"),
+            Column("collisions"),
+            Column("learned ratio", "", ".3f"),
+            Column("5 %", "", ".3f"),
+            Column("95 %", "", ".3f"),
+            Column("bar of both"),
+            Column("defaults' draws"),
+            Column("heavy one's density, kg/m³"),
+            Column("light one's"),
+        ],
+        rows=rows,
+        note=f"Quantiles of {DRAWS} draws. The key figure is the mean of the ends over the sets.",
+    )
+
+
+MASS_RATIO = Part("mass_ratio", ("mass_ratio_90",), measure)
+"""The part of the ratio of two masses."""

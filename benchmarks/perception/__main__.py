@@ -85,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, and print the line of JSON last."""
     description = __doc__.splitlines()[0]
     return run_benchmark(
-        "perception", description, lambda quick: run(QUICK if quick else FULL), arguments
+        "perception", description, lambda options: run(QUICK if options.quick else FULL), arguments
     )
 
 

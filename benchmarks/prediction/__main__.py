@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, and print the line of JSON last."""
     description = (__doc__ or "").splitlines()[0]
     return run_benchmark(
-        "prediction", description, lambda quick: run(QUICK if quick else FULL), arguments
+        "prediction", description, lambda options: run(QUICK if options.quick else FULL), arguments
     )
 
 

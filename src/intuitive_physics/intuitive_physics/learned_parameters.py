@@ -119,6 +119,8 @@ class LearnedParameters:
 
     def extended(self, materials: Sequence[str]) -> LearnedParameters:
         """Return the same for other materials: new ones have defaults that are not identified."""
+        if tuple(materials) == self.materials:
+            return self
         old, new = parameter_places(self.materials, materials)
         size = len(parameter_names(materials))
         deviations = np.full(size, np.nan)

@@ -116,7 +116,10 @@ class ParameterPosterior:
 
         Parameters
         ----------
-        materials, mean, bounds, intervals : as of the class
+        materials : names
+        mean : (n,) point of the unit cube, as of the class
+        bounds : by kind of parameter, as of the class
+        intervals : (n, 2) widths, as of the class
         information : (n, n) symmetric, positive semi-definite, per width²
         """
         size = parameter_count(len(tuple(materials)))

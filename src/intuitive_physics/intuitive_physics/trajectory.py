@@ -73,6 +73,19 @@ def max_distance(a: Trajectory, b: Trajectory) -> float:
     return float(_point_distances(a, b).max())
 
 
+MEAN_DISTANCE, LARGEST_DISTANCE = "mean", "max"
+"""Names of D̄ (Eq. 6) and D̂ (Eq. 7), where a user chooses one of them."""
+
+DISTANCES = {MEAN_DISTANCE: mean_distance, LARGEST_DISTANCE: max_distance}
+"""Distances of trajectories by name."""
+
+DISTANCE_GUIDE = (
+    "distance of two trajectories in the cost J: mean, that of all points (D̄ of the paper), or "
+    "max, the largest of any point (D̂: for few and clean observations, as one outlier decides it)"
+)
+"""What a user can give as the distance."""
+
+
 def _point_distances(a: Trajectory, b: Trajectory) -> NDArray[np.float64]:
     at, c = synchronise(a, b)
     return np.linalg.norm(at.positions - c.positions, axis=1)

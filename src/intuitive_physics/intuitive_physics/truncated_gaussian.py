@@ -31,13 +31,32 @@ LARGEST_SINGULAR_VALUE = 1e6
 SMALLEST_CORRELATION = 1e-8
 """Magnitude of a correlation in the information matrix below which it is rounding."""
 
-ROUNDS = 25
-"""Rounds of hit-and-run from the mean to a draw. Means, deviations and correlations of thin ridges
-through corners of the cube, the slowest cases of the tests, stand still from about 10 on."""
+ROUNDS = 10
+"""Rounds of hit-and-run from the mean to a draw. For thin ridges through corners, sums of six
+numbers that are known, half of 14 combinations known and a learned θ_s, the largest distance of a
+marginal from its law (Kolmogorov-Smirnov) was that of chance, 0.01 of 20,000 draws, after 8."""
+
+TAKEN = 8
+"""Draws that are taken of each chain, one after the other."""
+
+SPACING = 3
+"""Rounds from one draw of a chain to its next."""
+
+NEGLIGIBLE = 0.3
+"""Per width of the box: singular values of F below this are left out of draws. That changes a
+standard deviation by 0.4 % at most, as a uniform number has an information of 12, and leaves
+parameters of which little is known uncorrelated, which are drawn at once."""
+
+EXACT = 1e-150
+"""Smallest standard deviation of a normal distribution; smaller ones count as this, which is
+nothing beside any mean."""
 
 MARGINAL_DRAWS = 4096
-"""Draws that marginals of correlated parameters near their bounds are computed from: deviations
-are right within about 1 %."""
+"""Draws that marginals of correlated parameters near their bounds are computed from, at most:
+deviations are right within about 1 %."""
+
+MARGINAL_NUMBERS = 2**17
+"""Numbers in these draws from which on there are fewer: with more than 32 correlated parameters."""
 
 INSIDE = 6.0
 """Standard deviations from all bounds at which cutting off changes nothing."""
@@ -71,7 +90,9 @@ class TruncatedGaussian:
         lower: NDArray[np.float64],
         upper: NDArray[np.float64],
     ) -> None:
-        self.mean, self.factor, self.intervals = mean, factor, intervals
+        self.mean, self.intervals = mean, intervals
+        self.factor = compressed(factor, smallest=NEGLIGIBLE)
+        self.factor[:, np.linalg.norm(self.factor, axis=0) < NEGLIGIBLE] = 0.0
         self.lower, self.upper = lower, upper
 
     def draw(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -98,10 +119,13 @@ class TruncatedGaussian:
         self, members: NDArray[np.int64], count: int, rng: np.random.Generator
     ) -> NDArray[np.float64]:
         """Return draws (k, count) of correlated parameters."""
-        chains = _Chains(self, members, count)
-        for _ in range(ROUNDS):
-            chains.move(rng)
-        return chains.points
+        chains = _Chains(self, members, -(-count // TAKEN))
+        taken = []
+        for k in range(TAKEN):
+            for _ in range(SPACING if k else ROUNDS):
+                chains.move(rng)
+            taken.append(chains.points.copy())
+        return np.concatenate(taken, axis=1)[:, :count]
 
     def _parts(self) -> tuple[NDArray[np.int64], list[NDArray[np.int64]]]:
         """Return the parameters that are correlated with no other, and groups of those that are."""
@@ -148,7 +172,8 @@ class TruncatedGaussian:
             margins = np.minimum(mean - self.lower[members], self.upper[members] - mean)
             if (margins > INSIDE * np.sqrt(np.diag(whole))).all():
                 return np.asarray(whole)
-        return np.atleast_2d(np.cov(self._chains(members, MARGINAL_DRAWS, rng)))
+        count = min(MARGINAL_NUMBERS // members.size + 1, MARGINAL_DRAWS)
+        return np.atleast_2d(np.cov(self._chains(members, max(count, 512), rng)))
 
 
 class _Chains:
@@ -212,9 +237,12 @@ class _Chains:
         axes = np.flatnonzero(np.abs(direction) > SMALLEST_CORRELATION)
         parts = direction[axes, None]
         points, lower, upper = self.points[axes], self._lower[axes], self._upper[axes]
-        ends = (lower - points) / parts, (upper - points) / parts
-        least = np.minimum(np.minimum(*ends).max(axis=0), 0.0)
-        most = np.maximum(np.maximum(*ends).min(axis=0), 0.0)
+        # As far as each axis may move until it meets the end behind it, and the one ahead.
+        behind, ahead = np.where(parts > 0.0, lower, upper), np.where(parts > 0.0, upper, lower)
+        inverse = 1.0 / parts
+        scaled = points * inverse
+        least = np.minimum((behind * inverse - scaled).max(axis=0), 0.0)
+        most = np.maximum((ahead * inverse - scaled).min(axis=0), 0.0)
         slopes = self._factor @ direction
         precision = float(slopes @ slopes)
         informed = precision > SMALLEST_SINGULAR_VALUE**4
@@ -225,7 +253,8 @@ class _Chains:
             least,
             most,
         )
-        self.points[axes] = np.clip(points + parts * moves, lower, upper)
+        points += parts * moves
+        self.points[axes] = np.minimum(np.maximum(points, lower, out=points), upper, out=points)
         return np.outer(slopes, moves)
 
     def _along_sided(
@@ -250,12 +279,15 @@ def _distance(points: NDArray[np.float64], interval: NDArray[np.float64]) -> NDA
     return np.asarray(points - np.clip(points, interval[0], interval[1]))
 
 
-def compressed(factor: NDArray[np.float64], scale: float = 1.0) -> NDArray[np.float64]:
+def compressed(
+    factor: NDArray[np.float64], scale: float = 1.0, smallest: float = SMALLEST_SINGULAR_VALUE
+) -> NDArray[np.float64]:
     """Return a factor of the same information over scale², in its numerical rank.
 
     Parameters
     ----------
     factor : (r, n), per width
+    smallest : per width, singular values below it are left out
     scale : 0: all that there is information on is known exactly
 
     Returns
@@ -263,11 +295,11 @@ def compressed(factor: NDArray[np.float64], scale: float = 1.0) -> NDArray[np.fl
     (rank, n), per width
     """
     if not factor.size:
-        return factor
+        return factor.copy()
     _, values, vectors = np.linalg.svd(factor, full_matrices=False)
-    kept = values >= SMALLEST_SINGULAR_VALUE
+    kept = values >= smallest
     if scale > 0.0:
-        kept &= values >= SMALLEST_SINGULAR_VALUE * scale
+        kept &= values >= smallest * scale
     with np.errstate(divide="ignore"):
         values = np.minimum(values[kept] / scale, LARGEST_SINGULAR_VALUE)
     return np.asarray(values[:, None] * vectors[kept])
@@ -298,7 +330,7 @@ def truncated_normal_quantiles(
     )
     flat = (upper - lower) <= FLAT * deviation
     flat &= np.abs(0.5 * (upper + lower) - mean) * (upper - lower) <= FLAT * deviation**2
-    scale = np.where(flat, 1.0, deviation)
+    scale = np.where(flat, 1.0, np.maximum(deviation, EXACT))
     low, high = (lower - mean) / scale, (upper - mean) / scale
     # Mirrored, the greater part lies below the mean, where probabilities are exact.
     mirrored = low + high > 0.0

@@ -138,6 +138,30 @@ def covariance_matrix(value: ArrayLike, name: str, size: int) -> NDArray[np.floa
     return matrix
 
 
+def covariance_matrices(
+    value: ArrayLike, name: str, count: int, *, size: int
+) -> NDArray[np.float64]:
+    """Return symmetric, positive semi-definite matrices, (count, size, size).
+
+    Parameters
+    ----------
+    value : (count, size, size)
+    name : of the value, for the message
+    """
+    matrices = finite_array(value, name, (count, size, size))
+    transposed = matrices.swapaxes(1, 2)
+    scales = np.maximum(np.abs(matrices).max(axis=(1, 2)), 1e-300)
+    skewed = np.abs(matrices - transposed).max(axis=(1, 2)) > 1e-6 * scales
+    smallest = np.linalg.eigvalsh(0.5 * (matrices + transposed))[:, 0]
+    for wrong, reason in ((skewed, "symmetric"), (smallest < -1e-6 * scales, "a covariance")):
+        if wrong.any():
+            raise InvalidInputError(
+                f"{name} has at index {int(wrong.argmax())} a matrix that is not {reason}; "
+                "expected covariance matrices: symmetric, with eigenvalues that are never negative"
+            )
+    return 0.5 * (matrices + transposed)
+
+
 def increasing_times(value: ArrayLike, name: str) -> NDArray[np.float64]:
     """Return strictly increasing times, (n_times,) s.
 

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.observation import (
+    Detections,
     Observation,
     ObservedObject,
     load_observation,
     save_observation,
+    symmetric_matrices,
+    unique_numbers,
 )
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject, StaticBox
 from intuitive_physics.shapes import Box, Sphere
@@ -40,6 +45,98 @@ def make_observation(seed: int, points: int = 5) -> Observation:
         ObjectState(rng.normal(size=3), covariance=root @ root.T),
     )
     return Observation(environment, (seen,), 0.0)
+
+
+@st.composite
+def detections(draw):
+    """Any number of points with covariances of any size, singular ones among them."""
+    count = draw(st.integers(1, 12))
+    steps = draw(arrays(np.float64, count, elements=st.floats(1e-3, 1e3)))
+    positions = draw(arrays(np.float64, (count, 3), elements=st.floats(-1e3, 1e3)))
+    roots = draw(arrays(np.float64, (count + 1, 3, 3), elements=st.floats(-1.0, 1.0)))
+    squares = roots @ roots.swapaxes(1, 2)
+    return Detections(np.cumsum(steps), positions, squares[:-1], squares[-1])
+
+
+def with_detections(seen: Observation, detected: Detections | None) -> Observation:
+    (one,) = seen.objects
+    return replace(seen, objects=(replace(one, detections=detected),))
+
+
+@given(st.integers(0, 2**31), st.one_of(st.none(), detections()))
+def test_detections_read_back_to_the_last_bit(seed, detected):
+    seen = with_detections(make_observation(seed), detected)
+    read = Observation.from_json(seen.to_json())
+    assert read.to_json() == seen.to_json()
+    got = read.objects[0].detections
+    assert (got is None) == (detected is None)
+    if got is not None:
+        for name in ("times", "positions", "covariances", "bias"):
+            np.testing.assert_array_equal(getattr(got, name), getattr(detected, name))
+
+
+def test_six_numbers_determine_a_symmetric_matrix():
+    matrix = np.array([[1.0, 2.0, 3.0], [2.0, 4.0, 5.0], [3.0, 5.0, 6.0]])
+    assert unique_numbers(matrix).tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    stack = np.stack([matrix, 2.0 * matrix])
+    np.testing.assert_array_equal(symmetric_matrices(unique_numbers(stack)), stack)
+
+
+@given(st.integers(0, 2**31))
+def test_a_text_of_the_first_format_is_read(seed):
+    seen = make_observation(seed)
+    data = json.loads(seen.to_json())
+    data["format"] = "intuitive_physics/observation/1"
+    for part in data["objects"]:
+        del part["detections"]
+    read = Observation.from_json(json.dumps(data))
+    assert read.to_json() == seen.to_json()
+    assert read.objects[0].detections is None
+
+
+def good_detections() -> dict[str, list]:
+    return Detections([0.1, 0.2], np.zeros((2, 3)), [np.eye(3)] * 2, np.eye(3)).to_dict()
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"times": [0.2, 0.1]}, "strictly increase"),
+        ({"times": []}, "at least one time"),
+        ({"positions": [[0, 0, 0]]}, r"shape \(1, 3\); expected \(2, 3\)"),
+        ({"positions": [[0, 0, 0], [0, 0, None]]}, "not finite"),
+        ({"covariances": [[1, 0, 0, 1, 0, 1]]}, r"shape \(1, 3, 3\); expected \(2, 3, 3\)"),
+        ({"covariances": [[1, 0, 0, 1, 0, 1], [1, 2, 0, 1, 0, 1]]}, "index 1"),
+        ({"covariances": [[1, 0, 0, 1, 0]] * 2}, r"expected \(any, 6\)"),
+        ({"bias": [1, 0, 0, -1, 0, 1]}, "eigenvalue"),
+        ({"bias": None}, "bias"),
+    ],
+)
+def test_spoilt_detections_are_refused(change, word):
+    with pytest.raises(IntuitivePhysicsError, match=word):
+        Detections.from_dict({**good_detections(), **change})
+
+
+def test_a_skewed_covariance_is_refused():
+    skewed = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    with pytest.raises(IntuitivePhysicsError, match="index 1 a matrix that is not symmetric"):
+        Detections([0.1, 0.2], np.zeros((2, 3)), [np.eye(3), skewed], np.eye(3))
+
+
+def test_missing_parts_of_detections_are_named():
+    whole = good_detections()
+    del whole["bias"]
+    with pytest.raises(IntuitivePhysicsError, match=r"'bias'.*expected times, positions"):
+        Detections.from_dict(whole)
+
+
+@given(st.integers(0, 2**31), st.integers(0, 2**31))
+def test_an_id_follows_from_the_content(seed, other):
+    seen = make_observation(seed)
+    assert make_observation(seed).id == seen.id == Observation.from_json(seen.to_json()).id
+    assert (make_observation(other).id == seen.id) == (seed == other)
+    assert replace(seen, id="", start_time=-1.0).id != seen.id
+    assert replace(seen, start_time=-1.0).id == seen.id
 
 
 @given(st.integers(0, 2**31), st.integers(1, 40))

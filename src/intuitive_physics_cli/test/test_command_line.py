@@ -40,6 +40,18 @@ def test_learn_then_predict(tmp_path: Path) -> None:
     assert "ball (rubber), 10 samples" in predicted.stdout
 
 
+def test_learn_with_the_largest_distance(tmp_path: Path) -> None:
+    folder, parameters = tmp_path / "observations", tmp_path / "parameters.json"
+    save_observations(bounces(3), folder)
+    arguments = ("learn", folder, parameters, "--iterations", 40, "--distance", "max")
+    learned = run(*arguments, "--method", "cma_es")
+    assert learned.returncode == 0, learned.stderr
+    assert "J (max distance) is" in learned.stdout
+    refused = run(*arguments)
+    assert refused.returncode != 0
+    assert "levenberg_marquardt, which fits the observed points" in refused.stderr
+
+
 def test_perceive_a_lidar_scan(recording: Callable[[str], Path]) -> None:
     # README of the data: an exercise ball of 0.28 to 0.30 m radius on a chair.
     result = run("perceive", recording("lidar_ball_1.npz"))

@@ -136,9 +136,9 @@ def test_curve_is_written_and_goes_on_where_it_was(curve: tuple[Path, list[dict]
 
 
 def test_all_rules_search_the_same_set(tmp_path: Path) -> None:
-    settings = SearchMethodsSettings((1,), (1, 2), runs=1, iterations=40)
+    settings = SearchMethodsSettings((1,), (1, 2), runs=1, iterations=(40,))
     final = run_search_methods(tmp_path, settings, "test")
-    assert [row["method"] for row in final] == 2 * list(UPDATE_RULES)
+    assert [row["method"] for row in final] == 2 * [*UPDATE_RULES, "bounded_adaptive_random"]
     assert {row["parameters"] for row in final} == {14}
     with (tmp_path / "curves.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -149,6 +149,14 @@ def test_all_rules_search_the_same_set(tmp_path: Path) -> None:
     grid = [r["J"] for r in final if r["method"] == "grid"]
     # A grid has not left its corner after 40 of 20^14 points.
     assert all(a < b for a, b in zip(random, grid, strict=True))
+
+
+def test_evaluations_are_one_number_for_all_sizes_or_one_for_each() -> None:
+    assert SearchMethodsSettings().iterations_of(1) == 2000
+    assert SearchMethodsSettings().iterations_of(20) == 500
+    assert SearchMethodsSettings((1, 5), iterations=(70,)).iterations_of(5) == 70
+    with pytest.raises(InvalidInputError, match="3 numbers of iterations for 1 sizes"):
+        SearchMethodsSettings((1,))
 
 
 def test_predictions_of_test_runs(tmp_path: Path) -> None:

@@ -33,6 +33,10 @@ class StorageError(IntuitivePhysicsError):
     """The database of observations cannot be read or written; what it holds was left as it is."""
 
 
+class DatabaseBusyError(StorageError):
+    """Another process has been writing for too long; the same may succeed later."""
+
+
 class LearningCancelledError(IntuitivePhysicsError):
     """Learning was cancelled before its end; nothing was stored."""
 

@@ -21,6 +21,7 @@ from intuitive_physics.parameter_posterior import (
 )
 from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
 from intuitive_physics.simulation import Simulator
+from intuitive_physics.trajectory import MEAN_DISTANCE
 from intuitive_physics_learner.cost.cost_function import (
     InterruptibleCost,
     MakeCost,
@@ -60,6 +61,7 @@ class LearningOptions:
     seed : of all randomness; the same seed and observations give the same search
     bounds : of the search by kind of parameter; what is left out has its default
     observation_ids : to learn from; none: all that are stored
+    distance : in J, for methods that are update rules: one of `trajectory.DISTANCES`
     """
 
     method: str = DEFAULT_METHOD
@@ -67,6 +69,7 @@ class LearningOptions:
     seed: int = 0
     bounds: Mapping[str, Bounds] = field(default_factory=dict)
     observation_ids: Sequence[str] = ()
+    distance: str = MEAN_DISTANCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +121,8 @@ def learn(
     LearningCancelledError
         When `cancelled` returned True.
     InvalidInputError
-        When no object was seen with anything it could touch, or `resume` is of another search.
+        When no object was seen with anything it could touch, `resume` is of another search, or the
+        method has no distance to choose (`check_method`).
     """
     previous, task = _begin(observations, simulator, options, previous, cancelled, make_cost)
     search = make_search(options.method, task, np.random.default_rng(options.seed))
@@ -174,7 +178,7 @@ def _begin(
     make_cost: MakeCost,
 ) -> tuple[LearnedParameters, LearningTask]:
     """Return θ_s to begin from, over all materials, and the task of the search."""
-    check_method(options.method)
+    check_method(options.method, options.distance)
     if not observations:
         raise NoObservationsError("there are no observations; expected at least one")
     seen = observation_materials(observations)
@@ -183,7 +187,7 @@ def _begin(
     previous = previous.extended(tuple(dict.fromkeys((*previous.materials, *seen))))
     # In the order of all known materials, so that a pair has the same name in both.
     materials = tuple(name for name in previous.materials if name in seen)
-    cost = make_cost(observations, simulator, materials)
+    cost = make_cost(observations, simulator, materials, options.distance)
     if cancelled is not None:
         cost = InterruptibleCost(cost, cancelled)
     start = previous.parameters.extended(materials)
@@ -202,6 +206,7 @@ def _identity(options: LearningOptions, task: LearningTask) -> dict[str, Any]:
     bounds = task.space.bounds
     return {
         "method": options.method,
+        "distance": options.distance,
         "seed": options.seed,
         "bounds": {kind: [b.lower, b.upper, b.scale] for kind, b in bounds.items()},
         "observations": [seen.id for seen in task.cost.observations],
@@ -210,8 +215,10 @@ def _identity(options: LearningOptions, task: LearningTask) -> dict[str, Any]:
 
 
 def _check_same_task(resume: Mapping[str, Any], task: Mapping[str, Any]) -> None:
+    # States of before November 2026 have no distance: there was one only.
+    saved = {"distance": MEAN_DISTANCE, **resume}
     for key, expected in task.items():
-        if resume.get(key) != expected:
+        if saved.get(key) != expected:
             raise InvalidInputError(
                 f"saved state is of a search with other {key}; expected one with the same "
                 f"{', '.join(task)}; learn without it to begin again"

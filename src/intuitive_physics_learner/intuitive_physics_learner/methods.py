@@ -7,6 +7,8 @@ from functools import partial
 
 import numpy as np
 
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.trajectory import MEAN_DISTANCE
 from intuitive_physics_learner.cost.cached_cost import CachedCost
 from intuitive_physics_learner.errors import UnknownMethodError
 from intuitive_physics_learner.joint_estimation import JointSearch
@@ -42,10 +44,31 @@ METHODS = (DEFAULT_METHOD, *(name for name in _SEARCHES if name != DEFAULT_METHO
 """All names, the default first."""
 
 
-def check_method(name: str) -> None:
-    """Raise `UnknownMethodError` when no method has that name."""
+def check_method(name: str, distance: str = MEAN_DISTANCE) -> None:
+    """Check that there is such a method and that it can minimise a distance.
+
+    Joint estimation maximises a likelihood of the observed points; it has no distance to choose.
+
+    Parameters
+    ----------
+    name : of the method
+    distance : one of `trajectory.DISTANCES`
+
+    Raises
+    ------
+    UnknownMethodError
+        When no method has that name.
+    InvalidInputError
+        When it is joint estimation and the distance not the default.
+    """
     if name not in METHODS:
         raise UnknownMethodError.among(name, METHODS)
+    if name == JOINT_METHOD and distance != MEAN_DISTANCE:
+        raise InvalidInputError(
+            f"distance is {distance!r} with the method {name}, which fits the observed points by "
+            f"their likelihood and minimises no distance; expected the distance {MEAN_DISTANCE!r}, "
+            "or a method that is an update rule, such as cma_es"
+        )
 
 
 def make_search(name: str, task: LearningTask, generator: np.random.Generator) -> Search:

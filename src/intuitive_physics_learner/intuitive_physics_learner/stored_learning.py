@@ -103,7 +103,7 @@ def learn_from_store(
     StorageError
         When the store cannot be read or written.
     """
-    check_method(options.method)
+    check_method(options.method, options.distance)
     observations = store.observations(options.observation_ids)
     if not observations:
         raise NoObservationsError(
@@ -254,6 +254,7 @@ def _key(
         "observations": [one.id for one in observations],
         "simulator": simulator.name,
         "method": options.method,
+        "distance": options.distance,
         "seed": options.seed,
         "bounds": {kind: asdict(bounds) for kind, bounds in options.bounds.items()},
         "criteria": asdict(options.criteria),

@@ -9,6 +9,7 @@ import pytest
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.simulation import make_simulator
+from intuitive_physics.trajectory import DISTANCES
 from intuitive_physics_learner import (
     ConvergenceCriteria,
     LearningOptions,
@@ -36,12 +37,13 @@ def candidates(materials, count):
     ]
 
 
-def test_cost_is_the_same_to_the_bit(two_processes, throws):
+@pytest.mark.parametrize("distance", DISTANCES)
+def test_cost_is_the_same_to_the_bit(two_processes, throws, distance):
     # Objects' counts and times differ, so observations are packed in several groups.
     observed = throws(9, 0, noise=0.003) + throws(4, 1, times=17)
     simulator = make_simulator("auto")
-    here = TrajectoryCost(observed, simulator)
-    there = two_processes(observed, simulator)
+    here = TrajectoryCost(observed, simulator, distance=distance)
+    there = two_processes(observed, simulator, distance=distance)
     some = candidates(here.materials, 40)
     assert (there.costs(some) == here.costs(some)).all()
     assert (there.distances(some) == here.distances(some)).all()

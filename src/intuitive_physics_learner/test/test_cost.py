@@ -1,4 +1,4 @@
-"""J and D̄ are what Eqs. 5 to 9 say."""
+"""J, D̄ and D̂ are what Eqs. 5 to 9 say."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from intuitive_physics.errors import UnknownNameError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.simulation import pack_worlds
-from intuitive_physics.trajectory import Trajectory, mean_distance
+from intuitive_physics.trajectory import DISTANCES, LARGEST_DISTANCE, Trajectory
 from intuitive_physics_learner import NoObservationsError, TrajectoryCost
 from intuitive_physics_learner.cost import cost_function as cost_module
 from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE
@@ -19,8 +19,8 @@ def parameters(e, materials=("ball", "floor")):
     return StaticParameters.uniform(materials, restitution=e)
 
 
-def observed_mean_distance(observation, simulator, theta):
-    """Eq. 6 to the letter: simulate finely enough, synchronise (Eq. 5), take the mean."""
+def observed_distances(observation, simulator, theta, distance):
+    """Eqs. 6 and 7 to the letter: simulate, synchronise (Eq. 5), take the mean or the largest."""
     distances = []
     for j, thing in enumerate(observation.objects):
         times = thing.trajectory.times - observation.start_time
@@ -30,7 +30,7 @@ def observed_mean_distance(observation, simulator, theta):
         shifted = Trajectory(
             thing.trajectory.times - observation.start_time, thing.trajectory.positions
         )
-        distances.append(mean_distance(shifted, simulated))
+        distances.append(DISTANCES[distance](shifted, simulated))
     return distances
 
 
@@ -40,16 +40,17 @@ def observed_mean_distance(observation, simulator, theta):
     counts=st.lists(st.lists(st.integers(1, 40), min_size=1, max_size=3), min_size=1, max_size=6),
     e=st.floats(0.0, 0.98),
     seen=st.floats(0.0, 1.0),
+    distance=st.sampled_from(list(DISTANCES)),
 )
-def test_agrees_with_the_definition(glide, glides, seed, counts, e, seen):
+def test_agrees_with_the_definition(glide, glides, seed, counts, e, seen, distance):
     generator = np.random.default_rng(seed)
     observations = [
         glides(generator, seen, c, ["ball", "stone", "ball"][: len(c)], start=5.0) for c in counts
     ]
     materials = ("ball", "stone", "floor")
     theta = parameters(e, materials)
-    cost = TrajectoryCost(observations, glide, materials)
-    expected = [observed_mean_distance(y, glide, theta) for y in observations]
+    cost = TrajectoryCost(observations, glide, materials, distance)
+    expected = [observed_distances(y, glide, theta, distance) for y in observations]
     flat = [d for distances in expected for d in distances]
     np.testing.assert_allclose(cost.distances([theta])[0], flat, rtol=1e-9, atol=1e-9)
     # Eqs. 8 and 9: the mean over all trajectories of all observations.
@@ -70,6 +71,16 @@ def test_closed_form(glide, glides):
     expected = 0.3 * speed * (seen.trajectory.times - 100.0).mean()
     got = TrajectoryCost([observation], glide, ("ball", "floor")).costs([parameters(0.5)])
     np.testing.assert_allclose(got, [expected], rtol=1e-9)
+
+
+def test_largest_distance_in_closed_form(glide, glides):
+    # x(t) = x(0) + e v t moves apart all the time, so D̂ = |e - e'| |v| times the last time.
+    observation = glides(np.random.default_rng(0), 0.8, start=100.0)
+    seen = observation.objects[0]
+    speed = np.linalg.norm(seen.initial_state.linear_velocity)
+    expected = 0.3 * speed * (seen.trajectory.times[-1] - 100.0)
+    cost = TrajectoryCost([observation], glide, ("ball", "floor"), LARGEST_DISTANCE)
+    np.testing.assert_allclose(cost.costs([parameters(0.5)]), [expected], rtol=1e-9)
 
 
 def test_point_at_the_start_counts_and_points_before_do_not(glide, glides):
@@ -115,22 +126,30 @@ def test_nothing_is_left_at_the_true_parameters(event_driven, throws, true_param
     assert cost.costs([true_parameters])[0] < 1e-9
 
 
-def test_failed_worlds_cost_a_finite_fortune_and_harm_no_other(glide, glides):
+@pytest.mark.parametrize("distance", DISTANCES)
+def test_failed_worlds_cost_a_finite_fortune_and_harm_no_other(glide, glides, distance):
     generator = np.random.default_rng(0)
     observations = [glides(generator, 0.5), glides(generator, 0.5, materials=("stone",))]
     materials = ("ball", "stone", "floor")
     theta = parameters(0.5, materials).with_pair("ball", "floor", restitution=1.0)
-    cost = TrajectoryCost(observations, glide, materials)
+    cost = TrajectoryCost(observations, glide, materials, distance)
     distances = cost.distances([theta])[0]
     assert distances[0] == FAILED_DISTANCE
     assert distances[1] < 1e-12
     assert np.isnan(cost.residuals([theta])[0][cost.point_trajectory == 0]).all()
 
 
-def test_worlds_far_away_cost_no_more_than_failed_ones(glide, glides):
+@pytest.mark.parametrize("distance", DISTANCES)
+def test_worlds_far_away_cost_no_more_than_failed_ones(glide, glides, distance):
     observation = glides(np.random.default_rng(0), 1e9)
-    cost = TrajectoryCost([observation], glide, ("ball", "floor"))
+    cost = TrajectoryCost([observation], glide, ("ball", "floor"), distance)
     assert cost.costs([parameters(0.0)])[0] == FAILED_DISTANCE
+
+
+def test_unknown_distance(glide, glides):
+    observation = glides(np.random.default_rng(0), 0.5)
+    with pytest.raises(UnknownNameError, match="'median'; expected one of mean, max"):
+        TrajectoryCost([observation], glide, ("ball", "floor"), "median")
 
 
 def test_no_observations():

@@ -20,23 +20,36 @@ def test_there_are_none_while_no_material_is_known(store):
     assert current.version == 0
 
 
-def test_defaults_of_observed_materials_until_something_is_learned(store, glides):
-    store.add(glides(np.random.default_rng(0), 0.5))
+@pytest.fixture(scope="session")
+def seen(glides):
+    def make(material):
+        return glides(np.random.default_rng(0), 0.5, materials=(material,), id=material)
+
+    return make
+
+
+def test_defaults_of_observed_materials_until_something_is_learned(store, seen):
+    store.add(seen("ball"))
     current = CurrentParameters(store)
     assert current.extended().materials == ("ball", "floor")
-    assert current.add_materials(("cork", "floor"))
-    assert not current.add_materials(("cork",))
+    store.add(seen("cork"))
+    assert current.read()
+    assert not current.read()
     assert current.extended().materials == ("ball", "floor", "cork")
     assert current.extended().version == 0
+    store.delete(["ball"])
+    assert current.read()
+    assert current.extended().materials == ("floor", "cork")
 
 
-def test_only_newer_versions_are_taken_over(store):
+def test_only_newer_versions_are_taken_over(store, seen):
     current = CurrentParameters(store)
     assert not current.read()
     first = store.add_parameters(LearnedParameters.defaults(("ball", "floor")))
     assert current.read()
     assert not current.read()
     assert current.version == first.version
-    current.add_materials(("cork",))
+    store.add(seen("cork"))
+    assert current.read()
     assert current.extended().materials == ("ball", "floor", "cork")
     assert current.extended().version == first.version

@@ -13,6 +13,7 @@ from intuitive_physics_learner.joint_estimation.fit_horizons import (
     TrajectoryFits,
     advanced_horizons,
     first_horizons,
+    misfit_length,
     misfit_starts,
 )
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
@@ -82,15 +83,20 @@ def test_horizons_end_with_the_trajectory(block):
     np.testing.assert_allclose(moved, block.durations)
 
 
+HALF = SETTINGS.misfit_points // 2
+"""Good points that a misfit's window of neighbours begins with."""
+
+
 @given(first=st.integers(6, 90))
 def test_a_misfit_starts_where_half_of_its_neighbours_are_off(first):
-    # Of six neighbours three are off as soon as three follow: the window begins three earlier.
+    # Of nine neighbours more than half are off as soon as five follow: the window begins four
+    # earlier.
     times = 0.04 * np.arange(1, 101)[None]
     residuals = np.zeros((1, 100, 3))
     residuals[0, first:, 0] = 10.0 * NOISE
     block = _Times(times)
     start = misfit_starts(block, residuals, np.array([4.0]), NOISE, SETTINGS)
-    np.testing.assert_allclose(start, times[0, first - 3])
+    np.testing.assert_allclose(start, times[0, first - HALF])
     beyond = misfit_starts(block, residuals, times[0, first - 1 : first], NOISE, SETTINGS)
     assert np.isinf(beyond).all()
 
@@ -100,6 +106,19 @@ class _Times:
 
     def __init__(self, times):
         self.times = times
+
+
+@pytest.mark.parametrize(("window", "points"), [(9, 151), (6, 60), (1, 10)])
+def test_noise_alone_is_a_misfit_as_seldom_as_stated(window, points):
+    """The median of n lengths of N(0, 1)³ exceeds c with P(Bin(n, P(χ₃ > c)) ≥ ⌈n/2⌉) at most."""
+    rate = 0.2
+    limit = misfit_length(window, points, rate)
+    lengths = np.linalg.norm(np.random.default_rng(3).normal(size=(20_000, window, 3)), axis=2)
+    share = float((np.median(lengths, axis=1) > limit).mean())
+    expected = rate * window / points
+    # Even windows take the mean of two lengths, both of which seldom exceed the limit: below it.
+    lower = 0.0 if window % 2 == 0 else expected - 4.0 * np.sqrt(expected / 20_000)
+    assert lower <= share <= expected + 4.0 * np.sqrt(expected / 20_000)
 
 
 def test_two_outliers_are_no_misfit(block):
@@ -116,7 +135,7 @@ def test_a_horizon_retreats_to_before_its_misfit_and_others_reach_their_goals(bl
     goals = np.array([3.2, 3.2])
     moved, misfits = fits.advance(block, residuals, goals, NOISE, SETTINGS)
     assert (moved, misfits) == (True, 1)
-    start = block.times[1, 46]
+    start = block.times[1, 49 - HALF]
     np.testing.assert_allclose(fits.horizons, [3.2, start - SETTINGS.retreat])
 
 

@@ -1,6 +1,7 @@
 """From observations to a version of θ_s."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.parameter_space import Bounds
+from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import (
     ConvergenceCriteria,
     LearningCancelledError,
@@ -48,6 +50,44 @@ def test_recovers_what_made_the_observations(event_driven, throws, true_paramete
     assert learned.method == method
     assert learned.observation_count == 8
     assert learned.version == 1
+
+
+def test_the_distance_that_is_asked_for_is_minimised(glide, glides):
+    # x(t) = x(0) + e v t with e = 0.5, but for the last point, which is where e = 0.7 would be.
+    (ball,) = (seen := glides(np.random.default_rng(0), 0.5)).objects
+    times, positions = ball.trajectory.times, ball.trajectory.positions.copy()
+    positions[-1] += 0.2 * times[-1] * ball.initial_state.linear_velocity
+    seen = replace(seen, objects=(replace(ball, trajectory=Trajectory(times, positions)),))
+    # D̄ is least at the weighted median, D̂ where the last two points are as far off.
+    before, last = times[-2:]
+    lowest = {"mean": 0.5, "max": (0.7 * last + 0.5 * before) / (last + before)}
+    for distance, e in lowest.items():
+        how = options(600, method="cma_es", distance=distance)
+        learned = learn([seen], glide, how).learned
+        found = learned.parameters.pair("ball", "floor")["restitution"]
+        assert found == pytest.approx(e, abs=0.002)
+        cost = TrajectoryCost([seen], glide, ("ball", "floor"), distance)
+        assert learned.cost == cost.costs([learned.parameters])[0]
+
+
+def test_joint_estimation_has_no_distance_to_choose(event_driven, throws):
+    with pytest.raises(InvalidInputError, match=r"distance is 'max'.*update rule, such as cma_es"):
+        learn(throws(2, 0), event_driven, options(10, distance="max"))
+
+
+def test_a_search_does_not_continue_with_another_distance(event_driven, throws):
+    states = []
+    observed = throws(2, 0, noise=0.005)
+    how = options(20, method="random")
+    learn(observed, event_driven, how, on_checkpoint=states.append)
+    other = options(40, method="random", distance="max")
+    with pytest.raises(InvalidInputError, match="other distance"):
+        learn(observed, event_driven, other, resume=states[-1])
+    # What was saved before there was a choice is of the mean distance.
+    del states[-1]["distance"]
+    learn(observed, event_driven, options(40, method="random"), resume=states[-1])
+    with pytest.raises(InvalidInputError, match="other distance"):
+        learn(observed, event_driven, other, resume=states[-1])
 
 
 @pytest.mark.parametrize("method", ["levenberg_marquardt", "adaptive_random"])
@@ -96,6 +136,45 @@ def test_starts_from_what_is_known_and_keeps_other_materials(glide, glides):
     # Only e of ball and floor was judged anew.
     assert after.identified.all()
     assert (after.standard_deviations != before.standard_deviations).sum() == 1
+
+
+def test_the_posterior_agrees_with_the_standard_deviations(event_driven, throws):
+    for method in ("levenberg_marquardt", "cma_es"):
+        observed = throws(6, 0, noise=0.003, state_noise=0.002)
+        learned = learn(observed, event_driven, options(600, method=method)).learned
+        posterior = learned.posterior
+        np.testing.assert_allclose(
+            posterior.mean, posterior.space.to_unit(learned.parameters), atol=1e-9
+        )
+        values = posterior.space.to_values(posterior.draw(4000, np.random.default_rng(0)))
+        sharp = learned.identified & (posterior.standard_deviations() < 0.03)
+        sharp &= np.isnan(learned.intervals[:, 0])
+        assert sharp.any()
+        # Cut off at the bounds and at μ_d ≤ μ_s, and with the part that the bounds add.
+        np.testing.assert_allclose(
+            values[:, sharp].std(axis=0), learned.standard_deviations[sharp], rtol=0.15
+        )
+        # Of what has no influence nothing is known.
+        names = parameter_names(learned.materials)
+        for name in ("density[floor]", "restitution[ball, ball]"):
+            assert not posterior.factor[:, names.index(name)].any()
+
+
+def test_the_posterior_keeps_what_other_observations_told(glide, glides):
+    before = known(StaticParameters.uniform(["stone", "floor", "ball"]))
+    bounds = {"restitution": Bounds(0.0, 0.8), "density": Bounds(100.0, 1000.0, "logarithmic")}
+    after = learn(
+        [glides(np.random.default_rng(0), 0.5)],
+        glide,
+        options(100, bounds=bounds),
+        previous=before,
+    ).learned
+    names = parameter_names(after.materials)
+    values = after.posterior.space.to_values(after.posterior.draw(4000, np.random.default_rng(0)))
+    kept = [names.index(name) for name in ("density[stone]", "restitution[stone, floor]")]
+    found = values[:, kept].std(axis=0)
+    np.testing.assert_allclose(found, before.standard_deviations[kept], rtol=0.1)
+    assert values[:, names.index("restitution[floor, ball]")].std() < 0.02
 
 
 def test_new_materials_are_added(glide, glides):

@@ -11,10 +11,11 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import parameter_names
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import ObservationStore
-from intuitive_physics_learner.online.online_learner import DOUBTFUL, OnlineLearner
+from intuitive_physics_learner.online.online_learner import OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.stored_online_learning import StoredOnlineLearning
+from intuitive_physics_learner.store.observation_entries import DOUBTFUL
 
 OPTIONS = OnlineOptions(window=6)
 """A small window, so that observations leave it soon."""
@@ -213,19 +214,23 @@ def test_an_unreadable_row_is_passed_over(store, glide, gliding):
     store.add_all([gliding(generator, 0.8) for _ in range(3)])
     with store.database.writing() as connection:
         connection.execute("UPDATE observations SET json = '{' WHERE rowid = 2")
+        connection.execute("UPDATE observation_entries SET status = 'used'")
     learning = learn_all(store, glide)
     assert "is passed over" in learning.problem
     assert learning.learner.state.processed == 2
 
 
-def test_a_place_that_another_row_got_is_learned_from(store, glide, gliding):
+def test_what_was_excluded_leaves_and_comes_back_when_it_is_included(store, glide, gliding):
     generator = np.random.default_rng(7)
     store.add_all([gliding(generator, 0.8) for _ in range(3)])
     learn_all(store, glide)
-    with store.database.writing() as connection:
-        connection.execute("DELETE FROM observations WHERE rowid = 3")
-    store.add(gliding(generator, 0.8))
-    assert learn_all(store, glide).learner.state.processed == 4
+    first = store.ids()[0]
+    store.exclude([first])
+    learning = learn_all(store, glide)
+    assert first not in [one.id for one in learning.learner.state.window]
+    store.include([first])
+    learning = learn_all(store, glide)
+    assert first in [one.id for one in learning.learner.state.window]
 
 
 def test_a_state_that_cannot_be_read_only_takes_time(store, glide, gliding):

@@ -30,7 +30,11 @@ def test_a_saved_state_is_restored_and_continues(event_driven, throws, saved):
     task = LearningTask(cost, ParameterSpace(cost.materials), influence, start)
     search = make_search(saved["method"], task, np.random.default_rng(7))
     search.load_state(saved["search"])
-    assert search.state_dict() == saved["search"]
+    expected = saved["search"]
+    if saved["method"] == "adaptive_random":
+        # The rule had bounds of its step then, which are ignored.
+        expected = {**expected, "rule": {**expected["rule"], "settings": {}}}
+    assert search.state_dict() == expected
     assert search.step(20) > 0
     assert search.iterations > 5
     assert np.isfinite(search.best_cost)

@@ -127,71 +127,14 @@ def test_settings_must_be_above_zero():
         make_update_rule("grid", 2, np.random.default_rng(0), increment=-1)
 
 
-def test_grid_tries_every_combination_once():
-    rule = make_update_rule("grid", 3, np.random.default_rng(0), increment=0.25)
-    points = proposed(rule, 1000, limit=7)
-    assert len(points) == len(np.unique(points, axis=0)) == 5**3
-    assert set(points.ravel()) == {0.0, 0.25, 0.5, 0.75, 1.0}
-    # One value changes at a time, the first fastest.
-    assert (points[:6, 0] == [0.0, 0.25, 0.5, 0.75, 1.0, 0.0]).all()
-
-
-def test_coordinate_descent_sweeps_one_parameter_after_the_other():
-    points = proposed(rule_of("coordinate_descent", start=[0.5] * 4), 1 + 4 * 21)[1:]
-    swept = []
-    for part in points.reshape(4, 21, 4):
-        changing = np.flatnonzero(np.ptp(part, axis=0))
-        assert len(changing) == 1
-        np.testing.assert_allclose(part[:, changing[0]], np.arange(21) * 0.05)
-        swept.append(changing[0])
-    assert sorted(swept) == [0, 1, 2, 3]
-    # After a sweep every parameter is the best of its grid values.
-    after = proposed(rule_of("coordinate_descent", start=[0.5] * 4), 1 + 5 * 21)[-21:]
-    assert (np.count_nonzero(np.isclose(after, 0.3).all(axis=1))) == 1
-
-
-def test_parameter_gradient_halves_and_turns_its_step():
-    rule = make_update_rule("parameter_gradient", 1, np.random.default_rng(0), [0.0])
-    points = proposed(rule, 12, costs=lambda p: np.abs(p[:, 0] - 0.3))[:, 0]
-    # From 0 in steps of 0.1 until J rises at 0.4, then -0.05, +0.025 … around the lowest.
-    expected = [0.0, 0.1, 0.2, 0.3, 0.4, 0.25, 0.325, 0.2875, 0.30625]
-    np.testing.assert_allclose(points[:9], expected, atol=1e-12)
-
-
-def test_adaptive_random_steps_are_as_large_as_the_cost():
-    for cost, largest in ((10.0, 0.1), (0.04, 0.04), (0.0, 0.001)):
-        rule = rule_of("adaptive_random", size=200, start=np.full(200, 0.5))
-        rule.tell(np.full(len(rule.ask(1)), cost))
-        steps = np.abs(rule.ask(1)[0] - 0.5)
-        assert 0.9 * largest < steps.max() <= largest
-
-
-def test_hybrid_switches_after_its_random_iterations():
-    rule = make_update_rule("hybrid", 50, np.random.default_rng(0))
-    points = proposed(rule, 320)
-    best = points[:300][np.argmin(bowl(points[:300]))]
-    assert np.count_nonzero(points[300] != best) == 1
-    assert (np.count_nonzero(np.diff(points[:300], axis=0), axis=1) == 50).all()
-
-
-def test_hybrid_random_ends_with_steps_of_all_parameters():
-    points = proposed(rule_of("hybrid_random"), 400)
-    changed = np.count_nonzero(np.diff(points, axis=0), axis=1)
-    assert (changed[40:45] <= 2).all()
-    assert (changed[-10:] == 4).all()
-
-
-def test_metropolis_hastings_samples_the_distribution_of_its_temperature():
-    # With J = x the chain's stationary density is exp(-x / T) on [0, 1]; T = 0.1: mean near 0.1.
-    rule = make_update_rule(
-        "metropolis_hastings", 1, np.random.default_rng(0), temperature=0.1, learning_rate=0.5
-    )
-    accepted = []
-    for _ in range(6000):
-        point = rule.ask(1)
-        rule.tell(point[:, 0])
-        accepted.append(rule.own_state()["point"][0])
-    assert 0.08 < np.mean(accepted[500:]) < 0.12
+@given(increment=st.floats(0.01, 1.0))
+def test_levels_are_the_inverse_of_the_increment_many_and_centred(increment):
+    rule = make_update_rule("grid", 1, np.random.default_rng(0), increment=increment)
+    levels = proposed(rule, 1000)[:, 0]
+    assert len(levels) == int(1.0 / increment + 1e-9)
+    np.testing.assert_allclose(np.diff(levels), increment, rtol=1e-9)
+    np.testing.assert_allclose(levels + levels[::-1], 1.0, rtol=1e-12)
+    assert 0.0 < levels[0] <= levels[-1] < 1.0
 
 
 def test_cma_es_leaves_the_global_generator_alone():

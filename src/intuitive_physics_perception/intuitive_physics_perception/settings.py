@@ -75,13 +75,19 @@ class PerceptionSettings:
         0.05, 1e-4, 10.0, "the standard deviation of a range reading never exceeds this, m"
     )
     estimate_noise: bool = other(
-        True, "measure the range noise on the planes of the environment once they are known"
+        True,
+        "measure the range noise on the planes of the environment once they are known, and from "
+        "frame to frame how the errors of neighbouring readings go together",
     )
     lateral_noise: float = number(
         0.0008, 0.0, 0.1, "standard deviation of the direction of a reading, rad"
     )
     correlated_readings: float = number(
-        2.0, 1.0, 100.0, "neighbouring readings that share one error, as a matching window makes"
+        2.0,
+        1.0,
+        100.0,
+        "neighbouring readings that share one error, as a matching window makes; with "
+        "estimate_noise it is measured on the first frames of an organised cloud",
     )
 
     environment_frames: int = number(8, 1, 300, "frames fused to model the environment")
@@ -169,6 +175,16 @@ class PerceptionSettings:
         0.8, 0.01, 100.0, "a box or capsule reaches no further from end to end, m"
     )
     object_material: str = other("ball", "material of spheres that are no known object")
+    material_radius_step: float = number(
+        0.0,
+        0.0,
+        10.0,
+        "width of the classes of radius that have materials of their own: with 0.02 m an unknown "
+        "sphere of 30 to 50 mm radius has the material ball_40mm. To be larger than twice the "
+        "error of a radius, with the radii in use near multiples of it; 0: all have "
+        "`object_material`",
+        unit="m",
+    )
     known_objects: tuple[KnownObject, ...] = other((), "objects known by their radius")
     known_object_tolerance: float = number(
         0.006, 0.0001, 1.0, "a sphere is a known object when its radius differs by no more, m"

@@ -197,3 +197,11 @@ def test_a_thrown_box_or_capsule_goes_through_the_same_door(corner_model, shapes
     assert np.linalg.norm(thing.initial_state.position - there) < 0.02
     axes = rotation_matrix(thing.initial_state.orientation).T @ into @ turned(begun)
     assert np.abs(axes).max() > 0.98
+    seen_at = thing.detections.times - 8 * STEP
+    true_places = model.to_environment(room.to_camera(np.stack([place(t) for t in seen_at])))
+    off = (thing.detections.positions - true_places)[:, :, None]
+    spread = thing.detections.covariances + thing.detections.bias
+    squares = (off * np.linalg.solve(spread, off)).sum(axis=(1, 2))
+    # The median of χ² with 3 degrees of freedom is 2.4. That of a box is less, as its readings tell
+    # where it ends better than their spacing, by which its covariance goes.
+    assert 0.1 < np.median(squares) < 5.0

@@ -56,7 +56,7 @@ class TrajectoryDistribution:
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """Covariance of the position, shape (n_objects, n_times, 3, 3), in m²."""
+        """Covariance of the position without bias, shape (n_objects, n_times, 3, 3), in m²."""
         return self._moments[1]
 
     @cached_property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from functools import lru_cache
 from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
@@ -17,6 +18,9 @@ FORMAT = "intuitive_physics/noise_scales/1"
 
 SCALES_KEY = "noise_scales"
 """Key of the scales in a file of θ_s; those who want θ_s alone pass over it."""
+
+KEPT = 4
+"""Distributions of θ_s that are kept, each at most 8 MB: that of the ticks and of some requests."""
 
 
 @dataclass(frozen=True)
@@ -57,13 +61,8 @@ class NoiseScales:
         return StateNoise(scale=self.state, spin_scale=self.spin)
 
     def parameters(self, learned: LearnedParameters) -> UncertainParameters:
-        """Distribution of θ_s."""
-        return UncertainParameters(
-            learned,
-            scale=self.static_parameters,
-            unidentified=self.unidentified,
-            contact=self.contact,
-        )
+        """Distribution of θ_s; those made last are kept, as drawing takes a while."""
+        return _uncertain_parameters(learned, self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data that JSON and YAML hold as it is."""
@@ -87,6 +86,16 @@ class NoiseScales:
                 f"noise scale is {unknown[0]!r}; expected {', '.join(NOISE_SCALES)}"
             )
         return NoiseScales(**{name: data[name] for name in NOISE_SCALES if name in data})
+
+
+@lru_cache(maxsize=KEPT)
+def _uncertain_parameters(learned: LearnedParameters, scales: NoiseScales) -> UncertainParameters:
+    return UncertainParameters(
+        learned,
+        scale=scales.static_parameters,
+        unidentified=scales.unidentified,
+        contact=scales.contact,
+    )
 
 
 NOISE_SCALES = tuple(field.name for field in fields(NoiseScales))

@@ -67,9 +67,9 @@ def test_the_fit_finds_how_wrong_the_perceived_noise_was(truth):
 
 
 def test_chance_moves_no_scale():
-    # Outcomes of the start itself: n δ² / C is χ² with one degree of freedom, and more than half of
-    # the way is kept where it exceeds 2, in 16 % of all pasts. In 4 of 7: once in 75 runs of a
-    # right shrinkage with other seeds. Without it all of the way is kept, always.
+    # Outcomes of the start itself. Over 35 seeds 0.24 of the way is kept on average, with a
+    # standard deviation of 0.34, and more than half of it for 11 seeds: of seven seeds the mean is
+    # below this by four standard errors. Without shrinkage all of the way is kept, always.
     kept = [
         fit_noise_scales(
             past(NoiseScales(), 12, seed),
@@ -82,7 +82,7 @@ def test_chance_moves_no_scale():
         ).kept["state"]
         for seed in range(7)
     ]
-    assert np.median(kept) < 0.5
+    assert np.mean(kept) < 0.24 + 4.0 * 0.34 / np.sqrt(7)
 
 
 def test_one_outcome_cannot_be_told_from_chance():

@@ -9,9 +9,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from rosbags.interfaces import ConnectionExtRosbag2, QosDurability
+from rosbags.interfaces import (
+    ConnectionExtRosbag2,
+    MessageDefinition,
+    MessageDefinitionFormat,
+    QosDurability,
+)
 from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
@@ -64,7 +69,9 @@ class BagReader:
     Parameters
     ----------
     path : a bag's folder, or one .mcap or .db3 file
-    typestore : message types that can be decoded; None: ROS 2 Jazzy's own
+    typestore : message types that can be decoded; None: ROS 2 Jazzy's own. Of a type that is not
+        one of those, the definition in the bag goes before the one here: the messages were written
+        by it
 
     Raises
     ------
@@ -79,6 +86,7 @@ class BagReader:
             self._reader = Reader(str(self.path))
             self._reader.open()
         self._typestore = typestore or get_typestore(Stores.ROS2_JAZZY)
+        self._recorded_types: dict[str, Typestore] = {}
 
     def __enter__(self) -> BagReader:
         return self
@@ -165,7 +173,21 @@ class BagReader:
                 f"{message.topic} has the type {message.type}; expected one of ROS 2 Jazzy's own"
             )
         with self._readable():
-            return self._typestore.deserialize_cdr(message.data, message.type)
+            if message.type not in self._recorded_types:
+                self._recorded_types[message.type] = self._types_of(message.type)
+            return self._recorded_types[message.type].deserialize_cdr(message.data, message.type)
+
+    def _types_of(self, name: str) -> Typestore:
+        """Types that a message type consists of, as the bag defines them where it does."""
+        store = get_typestore(Stores.ROS2_JAZZY)
+        if name in store.fielddefs:
+            return self._typestore
+        for connection in self._reader.connections:
+            if connection.msgtype == name and _is_text(connection.msgdef):
+                types = get_types_from_msg(connection.msgdef.data, name)
+                store.register({k: v for k, v in types.items() if k not in store.fielddefs})
+                return store
+        return self._typestore
 
     @contextmanager
     def _readable(self) -> Iterator[None]:
@@ -198,6 +220,10 @@ def _check_is_bag(path: Path) -> None:
             f"{path} ends in {path.suffix or 'nothing'}; "
             "expected a bag's folder or a .mcap or .db3 file"
         )
+
+
+def _is_text(definition: MessageDefinition) -> bool:
+    return definition.format == MessageDefinitionFormat.MSG
 
 
 def _is_latched(extension: object) -> bool:

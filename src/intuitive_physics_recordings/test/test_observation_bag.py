@@ -6,33 +6,44 @@ from collections.abc import Callable
 from dataclasses import replace
 from enum import IntEnum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.messages.environment import PrimitiveKind
 from intuitive_physics.messages.object_states import ShapeKind
-from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.messages.observation import observation_to_message
+from intuitive_physics.observation import Detections, Observation, ObservedObject
 from intuitive_physics.scene import Environment, Plane, SceneObject, StaticBox
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 from intuitive_physics.state import ERROR_SIZE, ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_recordings.bag_reader import BagReader
+from intuitive_physics_recordings.bag_writing import mcap_writer
 from intuitive_physics_recordings.observation_bag import (
     OBSERVATION_TYPE,
     TOPIC,
     read_observation_bag,
     write_observation_bag,
 )
-from intuitive_physics_recordings.ros_messages import DEFINITIONS, PACKAGE, suite_typestore
+from intuitive_physics_recordings.ros_messages import (
+    DEFINITIONS,
+    PACKAGE,
+    message_maker,
+    suite_typestore,
+)
 
 SHAPES: tuple[Shape, ...] = (Sphere(0.05), Box((0.1, 0.2, 0.3)), Capsule(0.04, 0.2))
 
 
 def make_observation(seed: int, start: float = 1_750_000_000.123456) -> Observation:
-    """Return what uses every field: three shapes, a plane with edges, a box, full covariances."""
+    """Return what uses every field: three shapes, a plane with edges, a box, full covariances,
+    an object without detections and two with them."""
     generator = np.random.default_rng(seed)
     corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     environment = Environment(
@@ -53,7 +64,13 @@ def make_observation(seed: int, start: float = 1_750_000_000.123456) -> Observat
         )
         times = start + np.cumsum(generator.uniform(0.01, 0.1, 5 + k))
         trajectory = Trajectory(times, generator.normal(size=(5 + k, 3)))
-        objects.append(ObservedObject(SceneObject(f"{k}", "cork", shape), trajectory, state))
+        roots = generator.normal(size=(4 + k, 3, 3))
+        squares = roots @ roots.swapaxes(1, 2)
+        detections = Detections(
+            times[: 3 + k], generator.normal(size=(3 + k, 3)), squares[1:], squares[0]
+        )
+        thing = SceneObject(f"{k}", "cork", shape)
+        objects.append(ObservedObject(thing, trajectory, state, detections if k else None))
     return Observation(environment, tuple(objects), start, f"seen {seed}")
 
 
@@ -79,6 +96,17 @@ def assert_same(got: Observation, expected: Observation) -> None:
         np.testing.assert_allclose(mine.trajectory.times, its.trajectory.times, rtol=0, atol=3e-7)
         a, b = (numbers(one.initial_state.to_dict()) for one in (mine, its))
         np.testing.assert_allclose(a, b, rtol=1e-14, atol=1e-14)
+        assert_same_detections(mine.detections, its.detections)
+
+
+def assert_same_detections(got: Detections | None, expected: Detections | None) -> None:
+    """Equal to the last bit but for the times, which are relative in a message."""
+    assert (got is None) == (expected is None)
+    if got is not None and expected is not None:
+        np.testing.assert_allclose(got.times, expected.times, rtol=0, atol=3e-7)
+        np.testing.assert_array_equal(got.positions, expected.positions)
+        np.testing.assert_array_equal(got.covariances, expected.covariances)
+        np.testing.assert_array_equal(got.bias, expected.bias)
 
 
 @pytest.fixture
@@ -107,6 +135,40 @@ def test_others_can_read_it_without_our_definitions(bag: Path) -> None:
     with BagReader(bag) as reader:
         (topic,) = reader.topics
         assert topic.latched
+
+
+TRAJECTORY_WITHOUT_DETECTIONS = """
+ObjectState initial_state
+float64[] times
+float64[] positions
+"""
+"""The definition of `ObservedTrajectory` before it had detections."""
+
+
+def typestore_without_detections() -> Typestore:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types: dict[str, Any] = {}
+    for path in DEFINITIONS.glob("*.msg"):
+        if path.stem not in ("Detections", "ObservedTrajectory"):
+            types.update(get_types_from_msg(path.read_text(), f"{PACKAGE}/{path.stem}"))
+    types.update(get_types_from_msg(TRAJECTORY_WITHOUT_DETECTIONS, f"{PACKAGE}/ObservedTrajectory"))
+    store.register(types)
+    return store
+
+
+def test_a_bag_of_the_definition_without_detections_is_read(bag: Path) -> None:
+    store = typestore_without_detections()
+    seen = make_observation(3)
+    # It is serialised field by field as the old definition has them.
+    message = observation_to_message(seen, message_maker)
+    folder = bag.parent / "old"
+    with mcap_writer(folder) as writer:
+        connection = writer.add_connection(TOPIC, OBSERVATION_TYPE, typestore=store)
+        for stamp in (1, 2):
+            writer.write(connection, stamp, store.serialize_cdr(message, OBSERVATION_TYPE))
+    without = [replace(one, detections=None) for one in seen.objects]
+    for got in read_observation_bag(folder):
+        assert_same(got, replace(seen, objects=tuple(without)))
 
 
 def test_definitions_are_those_of_the_message_package() -> None:

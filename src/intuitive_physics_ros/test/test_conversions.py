@@ -1,6 +1,7 @@
 """What goes into a message and comes out again is the same; what is wrong is named."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_count
 from intuitive_physics.observation import Observation, ObservedObject
-from intuitive_physics.parameter_space import Bounds
+from intuitive_physics.parameter_posterior import ParameterPosterior
+from intuitive_physics.parameter_space import DEFAULT_BOUNDS, Bounds
 from intuitive_physics.scene import Environment, Plane, SceneObject, StaticBox
 from intuitive_physics.shapes import Box, Capsule, Sphere
 from intuitive_physics.state import ObjectState
@@ -99,6 +101,20 @@ def learned_parameters(draw):
         draw(st.one_of(st.just(math.nan), st.floats(0, 1e3))),
         draw(st.integers(0, 2**32 - 1)),
         draw(st.text(st.characters(codec="utf-8", exclude_characters="\0"))),
+        [draw(st.sampled_from([(math.nan, math.nan), (0.25, 1.0)])) for _ in range(size)],
+        draw(st.one_of(st.none(), posteriors(materials))),
+    )
+
+
+@st.composite
+def posteriors(draw, materials):
+    size = parameter_count(len(materials))
+    rank = draw(st.integers(0, size))
+    return ParameterPosterior(
+        materials,
+        draw(vectors(size, st.floats(0, 1))),
+        draw(arrays(float, (rank, size), elements=st.floats(-1e6, 1e6))),
+        draw(st.sampled_from([{}, {"density": Bounds(10.0, 20.0, "linear")}])),
         [draw(st.sampled_from([(math.nan, math.nan), (0.25, 1.0)])) for _ in range(size)],
     )
 
@@ -204,6 +220,12 @@ def assert_same_parameters(a, b):
     np.testing.assert_array_equal(a.intervals, b.intervals)
     np.testing.assert_array_equal(a.identified, b.identified)
     np.testing.assert_equal(a.cost, b.cost)
+    assert (a.posterior is None) == (b.posterior is None)
+    if a.posterior is not None:
+        np.testing.assert_array_equal(a.posterior.mean, b.posterior.mean)
+        np.testing.assert_array_equal(a.posterior.factor, b.posterior.factor)
+        np.testing.assert_array_equal(a.posterior.intervals, b.posterior.intervals)
+        assert a.posterior.bounds == b.posterior.bounds
     assert (a.version, a.observation_count, a.method) == (b.version, b.observation_count, b.method)
 
 
@@ -378,7 +400,7 @@ def test_wrong_observation():
         with pytest.raises(InvalidInputError, match=complaint):
             to.observation_from_message(message)
     for path, value, complaint in [
-        ("id", "", "^observation id is ''"),
+        ("id", " ", "^observation id is ' '"),
         ("objects", [], "^scene has no objects"),
         ("header.frame_id", "camera", "environment: is in the frame 'world'"),
         ("environment.gravity.z", math.nan, "environment: gravity has 1"),
@@ -403,6 +425,27 @@ def test_wrong_observation():
 )
 def test_wrong_static_parameters(path, value, complaint):
     message = to.static_parameters_to_message(LearnedParameters.defaults(["a", "b"]))
+    spoil(message, path, value)
+    with pytest.raises(InvalidInputError, match=complaint):
+        to.static_parameters_from_message(message)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "complaint"),
+    [
+        ("posterior_mean", [0.5], "posterior_mean: has 1 numbers; expected 14"),
+        ("posterior_mean", [2.0] * 14, "expected coordinates from 0 to 1"),
+        ("posterior_rank", 3, "posterior_factor: has 28 numbers; expected 42"),
+        ("posterior_factor", [math.nan] * 28, "posterior_factor: has 28 numbers that are not fin"),
+        ("posterior_bounds", [to.bounds_to_messages(DEFAULT_BOUNDS)[0]] * 2, "each once"),
+        ("posterior_lower_ends", [], "posterior_lower_ends: has 0 elements; expected 14"),
+    ],
+)
+def test_wrong_posterior(path, value, complaint):
+    factor = np.eye(14)[:2]
+    defaults = LearnedParameters.defaults(["a", "b"])
+    posterior = ParameterPosterior(["a", "b"], np.full(14, 0.5), factor)
+    message = to.static_parameters_to_message(replace(defaults, posterior=posterior))
     spoil(message, path, value)
     with pytest.raises(InvalidInputError, match=complaint):
         to.static_parameters_from_message(message)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.messages.environment import (
     environment_from_message,
@@ -20,7 +22,13 @@ from intuitive_physics.messages.object_states import (
     object_state_from_message,
     object_state_to_message,
 )
-from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.observation import (
+    Detections,
+    Observation,
+    ObservedObject,
+    symmetric_matrices,
+    unique_numbers,
+)
 from intuitive_physics.trajectory import Trajectory
 
 
@@ -44,6 +52,8 @@ def observation_to_message(observation: Observation, make: MakeMessage) -> Any:
 def observation_from_message(message: Any) -> Observation:
     """Return the observation that a message carries.
 
+    A message of the definition that had no detections is read too.
+
     Raises
     ------
     InvalidInputError
@@ -65,10 +75,12 @@ def observation_from_message(message: Any) -> Observation:
 
 
 def _object_to_message(seen: ObservedObject, stamp: Any, make: MakeMessage) -> Any:
+    start_time = seconds_from_stamp(stamp)
     return make("intuitive_physics_msgs/msg/ObservedTrajectory")(
         initial_state=object_state_to_message(seen.object, seen.initial_state, make),
-        times=float64_field(seen.trajectory.times - seconds_from_stamp(stamp)),
+        times=float64_field(seen.trajectory.times - start_time),
         positions=float64_field(seen.trajectory.positions),
+        detections=_detections_to_message(seen.detections, start_time, make),
     )
 
 
@@ -80,4 +92,36 @@ def _object_from_message(message: Any, start_time: float) -> ObservedObject:
         times = flat_array(message.times, (count,)) + start_time
     with in_field("positions"):
         positions = flat_array(message.positions, (count, 3))
-    return ObservedObject(scene_object, Trajectory(times, positions), state)
+    with in_field("detections"):
+        detections = _detections_from_message(getattr(message, "detections", None), start_time)
+    return ObservedObject(scene_object, Trajectory(times, positions), state, detections)
+
+
+def _detections_to_message(
+    detections: Detections | None, start_time: float, make: MakeMessage
+) -> Any:
+    made = make("intuitive_physics_msgs/msg/Detections")
+    if detections is None:
+        empty = float64_field(())
+        return made(times=empty, positions=empty, covariances=empty, bias=np.zeros(6))
+    return made(
+        times=float64_field(detections.times - start_time),
+        positions=float64_field(detections.positions),
+        covariances=float64_field(unique_numbers(detections.covariances)),
+        bias=unique_numbers(detections.bias),
+    )
+
+
+def _detections_from_message(message: Any, start_time: float) -> Detections | None:
+    if message is None or len(message.times) == 0:
+        return None
+    count = len(message.times)
+    with in_field("times"):
+        times = flat_array(message.times, (count,)) + start_time
+    with in_field("positions"):
+        positions = flat_array(message.positions, (count, 3))
+    with in_field("covariances"):
+        covariances = symmetric_matrices(flat_array(message.covariances, (count, 6)))
+    with in_field("bias"):
+        bias = symmetric_matrices(flat_array(message.bias, (6,)))
+    return Detections(times, positions, covariances, bias)

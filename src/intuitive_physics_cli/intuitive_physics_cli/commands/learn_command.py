@@ -7,9 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from intuitive_physics.trajectory import DISTANCE_GUIDE, DISTANCES, MEAN_DISTANCE
 from intuitive_physics_cli.commands.observation_source import (
     DATABASE_SUFFIX,
     ENGINE,
+    METHOD,
     PATH_HELP,
     add_learning_options,
     learning_options,
@@ -31,6 +33,12 @@ def add_to(commands: Any) -> None:
     parser.add_argument("path", type=Path, help=PATH_HELP)
     parser.add_argument("output", type=Path, help="YAML or JSON file for the parameters")
     add_learning_options(parser)
+    parser.add_argument(
+        "--distance",
+        choices=tuple(DISTANCES),
+        default=MEAN_DISTANCE,
+        help=f"{DISTANCE_GUIDE}; {METHOD} has none to choose (default: {MEAN_DISTANCE})",
+    )
     parser.add_argument(
         "--time-limit", type=float, metavar="S", help="s to search at most (default: no limit)"
     )
@@ -54,7 +62,8 @@ def run(options: argparse.Namespace) -> None:
 
     check_suffix(options.output)
     how = learning_options(options)
-    how = replace(how, criteria=replace(how.criteria, time_limit=options.time_limit))
+    criteria = replace(how.criteria, time_limit=options.time_limit)
+    how = replace(how, criteria=criteria, distance=options.distance)
     with CostMaker(options.cluster) as make_cost, ProgressBar("learning") as bar:
         learned = _learn(
             options.path,
@@ -66,8 +75,8 @@ def run(options: argparse.Namespace) -> None:
     save_parameters(learned, options.output)
     print(parameter_table(learned))
     print(
-        f"J is {learned.cost:.4f} m over {learned.observation_count} observations; "
-        f"saved in {options.output}"
+        f"J ({how.distance} distance) is {learned.cost:.4f} m over "
+        f"{learned.observation_count} observations; saved in {options.output}"
     )
 
 

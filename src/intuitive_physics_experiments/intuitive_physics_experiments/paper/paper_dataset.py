@@ -167,7 +167,8 @@ def make_paper_dataset(
     while lacking.any():
         chosen = _draw_objects(lacking, rng)
         lacking[chosen] -= 1
-        runs.append(_run([pool[i] for i in chosen], parameters, simulator, initial_states, rng))
+        thrown = [pool[i] for i in chosen]
+        runs.append(throw_objects(thrown, parameters, simulator, initial_states, rng))
         if on_progress is not None:
             on_progress(objects * samples - int(lacking.sum()), objects * samples)
     order = rng.permutation(len(runs))
@@ -187,13 +188,30 @@ def _draw_objects(lacking: NDArray[np.int64], rng: np.random.Generator) -> NDArr
     return rng.choice(candidates, count, replace=False)
 
 
-def _run(
+def throw_objects(
     objects: Sequence[SceneObject],
     parameters: StaticParameters,
     simulator: Simulator,
     initial_states: str,
     rng: np.random.Generator,
 ) -> PaperRun:
+    """Throw objects through the room once, from initial states drawn by Eq. 10.
+
+    Parameters
+    ----------
+    objects : each of a material of its own
+    parameters : the true θ_s
+    simulator : the engine that moves them
+    initial_states : one of `INITIAL_STATES`
+    rng : of initial states, noise and id
+
+    Raises
+    ------
+    InvalidInputError
+        When the simulation fails.
+    UnknownNameError
+        When there is no such source of initial states.
+    """
     scene = Scene(paper_room(), tuple(objects), draw_initial_states(objects, rng))
     times = np.arange(round(DURATION * SAMPLE_RATE) + 1) / SAMPLE_RATE
     rollout = simulator.rollout([scene], parameters, times, orientations=False)
@@ -202,10 +220,35 @@ def _run(
             f"simulation with {simulator.name} ended with {WorldStatus(rollout.status[0]).name}; "
             "expected another engine or seed to do better"
         )
-    positions = rollout.positions[0]
+    return observed_run(scene, times, rollout.positions[0], initial_states, rng)
+
+
+def observed_run(
+    scene: Scene,
+    times: NDArray[np.float64],
+    positions: NDArray[np.float64],
+    initial_states: str,
+    rng: np.random.Generator,
+) -> PaperRun:
+    """Return a run whose true motion is known, with the observation that a learner gets of it.
+
+    Parameters
+    ----------
+    scene : with the true initial states
+    times : (n_times,) s from 0 on
+    positions : (n_objects, n_times, 3) m, the true ones
+    initial_states : one of `INITIAL_STATES`
+    rng : of noise and id
+
+    Raises
+    ------
+    UnknownNameError
+        When there is no such source of initial states.
+    """
+    _check_source(initial_states)
     noisy = positions + rng.normal(0.0, POSITION_NOISE, positions.shape)
     seen = []
-    for scene_object, truth, points in zip(objects, scene.states, noisy, strict=True):
+    for scene_object, truth, points in zip(scene.objects, scene.states, noisy, strict=True):
         trajectory = Trajectory(times, points)
         state = _initial_state(trajectory, truth, scene.environment, initial_states)
         seen.append(ObservedObject(scene_object, trajectory, state))

@@ -142,7 +142,7 @@ def run_rgbd(
     for material, seen in by_ball.items():
         _, test = split(seen, TRAIN_FRACTION, settings.seed)
         theta = StaticParameters.from_dict(found[f"ball_{material}"]["parameters"])
-        rng = np.random.default_rng([settings.seed, len(cases)])
+        rng = np.random.default_rng([settings.seed, 1 + len(cases)])
         cases += predict_cases(test[:1], theta, engine, rng, sample_count=20)
     write_figure(folder / "predictions.png", (12.0, 4.0), lambda fig: draw_predictions(fig, cases))
     example = example_frame(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,8 +78,9 @@ def make_throws(
     first_start: float,
     duration: float,
     pause: float,
+    materials: Sequence[str] = tuple(BALL_RADII),
 ) -> list[Throw]:
-    """Throw the balls of `BALL_RADII` in turn, each in view of the camera from hand to end.
+    """Throw balls in turn, each in view of the camera from hand to end.
 
     Parameters
     ----------
@@ -87,8 +89,8 @@ def make_throws(
     first_start : s after the recording's start when the first ball appears
     duration : s of each throw
     pause : s without a ball after each
+    materials : of the balls, some of `BALL_RADII`
     """
-    materials = list(BALL_RADII)
     throws = []
     for i in range(count):
         material = materials[i % len(materials)]

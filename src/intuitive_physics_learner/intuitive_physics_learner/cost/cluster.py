@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
 from intuitive_physics.simulation import Simulator
+from intuitive_physics.trajectory import MEAN_DISTANCE
 from intuitive_physics_learner.cost.cost_function import Cost, TrajectoryCost
 from intuitive_physics_learner.cost.trials import Trials
 from intuitive_physics_learner.errors import ClusterError, MissingDependencyError
@@ -78,6 +79,7 @@ class CostMaker:
         observations: Sequence[Observation],
         simulator: Simulator,
         materials: Sequence[str] | None = None,
+        distance: str = MEAN_DISTANCE,
     ) -> Cost:
         """Return J of observations, as `TrajectoryCost` takes them.
 
@@ -89,10 +91,10 @@ class CostMaker:
             When the scheduler does not answer or has no workers.
         """
         if not self._where:
-            return TrajectoryCost(observations, simulator, materials)
+            return TrajectoryCost(observations, simulator, materials, distance)
         if self._client is None:
             self._client = self._connect()
-        return ClusterCost(self._client, observations, simulator, materials)
+        return ClusterCost(self._client, observations, simulator, materials, distance)
 
     def close(self) -> None:
         """End the processes that were started here, disconnect from a cluster that was not."""
@@ -131,7 +133,7 @@ class ClusterCost(Cost):
     Parameters
     ----------
     client : `distributed.Client` of the cluster
-    observations, simulator, materials : as `TrajectoryCost` takes them
+    observations, simulator, materials, distance : as `TrajectoryCost` takes them
     """
 
     def __init__(
@@ -140,11 +142,12 @@ class ClusterCost(Cost):
         observations: Sequence[Observation],
         simulator: Simulator,
         materials: Sequence[str] | None = None,
+        distance: str = MEAN_DISTANCE,
     ) -> None:
         super().__init__(observations, materials)
         self._client = client
         self._threads = max(1, sum(client.nthreads().values()))
-        self._local = TrajectoryCost(self.observations, simulator, self.materials)
+        self._local = TrajectoryCost(self.observations, simulator, self.materials, distance)
         self._there = self._guarded(self._sent)
 
     @property

@@ -1,4 +1,8 @@
-"""J(θ_s), the cost of Eqs. 8 and 9: mean distance between simulated and observed trajectories."""
+"""J(θ_s), the cost of Eqs. 8 and 9: mean distance between simulated and observed trajectories.
+
+The distance of two trajectories is D̄, the mean over their points, as in the paper, or D̂, the
+largest (Eqs. 6 and 7).
+"""
 
 from __future__ import annotations
 
@@ -9,9 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.errors import UnknownNameError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.simulation import Simulator
+from intuitive_physics.trajectory import DISTANCES, LARGEST_DISTANCE, MEAN_DISTANCE
 from intuitive_physics_learner.cost.cancellation import stop_if
 from intuitive_physics_learner.cost.packed_observations import (
     PackedObservations,
@@ -22,7 +28,7 @@ from intuitive_physics_learner.cost.trials import Trials
 from intuitive_physics_learner.errors import NoObservationsError
 
 FAILED_DISTANCE = 1000.0
-"""D̄ in m of each object of a world that did not simulate to its end; no distance counts more."""
+"""Distance in m of each object of a world that did not simulate to its end; none counts more."""
 
 LARGEST_CHUNK = 4_000_000
 """Coordinates simulated in one call at most, to bound the memory: 32 MB of positions."""
@@ -84,7 +90,7 @@ class Cost(ABC):
         return self.distances(candidates).mean(axis=1)
 
     def observation_costs(self, candidates: Sequence[StaticParameters]) -> NDArray[np.float64]:
-        """Mean D̄ over the objects of each observation, shape (n_candidates, n_observations), m."""
+        """Mean over the objects of each observation, shape (n_candidates, n_observations), in m."""
         distances = self.distances(candidates)
         objects = np.bincount(self.trajectory_observation, minlength=len(self.observations))
         sums = np.zeros((len(distances), len(self.observations)))
@@ -92,7 +98,7 @@ class Cost(ABC):
         return sums / objects
 
     def distances(self, candidates: Sequence[StaticParameters]) -> NDArray[np.float64]:
-        """D̄ (Eq. 6) of each trajectory, shape (n_candidates, n_trajectories), in m."""
+        """D̄ or D̂ of each trajectory, shape (n_candidates, n_trajectories), in m."""
         count = len(self.observations)
         by_trial = self.trial_distances(Trials.crossed(candidates, count))
         by_object = by_trial.reshape(len(candidates), count, -1)
@@ -111,7 +117,7 @@ class Cost(ABC):
 
     @abstractmethod
     def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
-        """D̄ (Eq. 6) of each object of each trial, shape (N, O), in m.
+        """D̄ or D̂ (Eqs. 6 and 7) of each object of each trial, shape (N, O), in m.
 
         `FAILED_DISTANCE` where a world did not simulate to its end, NaN for objects beyond those
         that an observation has.
@@ -127,8 +133,9 @@ class Cost(ABC):
         """
 
 
-MakeCost = Callable[[Sequence[Observation], Simulator, Sequence[str]], Cost]
-"""Makes the J of observations over materials, by a simulator, as `TrajectoryCost` does."""
+MakeCost = Callable[[Sequence[Observation], Simulator, Sequence[str], str], Cost]
+"""Makes the J of observations over materials, by a simulator and with a distance, as
+`TrajectoryCost` does."""
 
 
 class TrajectoryCost(Cost):
@@ -143,6 +150,12 @@ class TrajectoryCost(Cost):
     observations : Y, at least one
     simulator : the engine that makes X
     materials : of the θ_s that will be judged, in their order; by default those of the observations
+    distance : one of `trajectory.DISTANCES`
+
+    Raises
+    ------
+    UnknownNameError
+        When no distance has that name.
     """
 
     def __init__(
@@ -150,8 +163,14 @@ class TrajectoryCost(Cost):
         observations: Sequence[Observation],
         simulator: Simulator,
         materials: Sequence[str] | None = None,
+        distance: str = MEAN_DISTANCE,
     ) -> None:
         super().__init__(observations, materials)
+        if distance not in DISTANCES:
+            raise UnknownNameError(
+                f"distance is {distance!r}; expected one of {', '.join(DISTANCES)}"
+            )
+        self._largest = distance == LARGEST_DISTANCE
         self._simulator = simulator
         self._groups = packed_in_groups(self.observations, self.materials)
         self._row = np.empty(len(self.observations), dtype=np.int64)
@@ -168,10 +187,13 @@ class TrajectoryCost(Cost):
             lengths = np.sqrt(np.einsum("notk,notk->not", part.offsets, part.offsets))
             lengths[~part.counted] = 0.0
             # An object that was not seen early enough to count is at no distance.
-            means = lengths.sum(axis=2) / np.maximum(part.counted.sum(axis=2), 1)
-            means[part.failed] = FAILED_DISTANCE
-            means = np.nan_to_num(means, nan=FAILED_DISTANCE, posinf=FAILED_DISTANCE)
-            distances[part.trials, : means.shape[1]] = np.minimum(means, FAILED_DISTANCE)
+            if self._largest:
+                found = lengths.max(axis=2)
+            else:
+                found = lengths.sum(axis=2) / np.maximum(part.counted.sum(axis=2), 1)
+            found[part.failed] = FAILED_DISTANCE
+            found = np.nan_to_num(found, nan=FAILED_DISTANCE, posinf=FAILED_DISTANCE)
+            distances[part.trials, : found.shape[1]] = np.minimum(found, FAILED_DISTANCE)
         return distances
 
     def trial_residuals(self, trials: Trials) -> NDArray[np.float64]:

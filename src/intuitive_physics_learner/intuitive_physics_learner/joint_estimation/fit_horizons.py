@@ -10,10 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.stats import binom, chi
 
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.normal_equations import robust_loss
@@ -186,6 +189,27 @@ def advanced_horizons(
     return np.maximum(horizons, np.minimum(before, limits))
 
 
+@cache
+def misfit_length(window: int, points: int, false_alarm: float) -> float:
+    """Return the median length of neighbouring residuals, in σ, that noise hardly exceeds.
+
+    The length of a normal residual exceeds c σ with probability p = P(χ₃ > c). The median of n
+    neighbours can only exceed it where ⌈n/2⌉ of them do, which is binomial, and `points` hold
+    points / n windows without a common point: c is where the expected number of such windows is
+    the rate of false alarms.
+
+    Parameters
+    ----------
+    window : neighbours n
+    points : of the trajectory
+    false_alarm : expected number of windows of the trajectory that exceed it by noise alone
+    """
+    needed = (window + 1) // 2
+    rate = false_alarm * window / max(points, window)
+    share = brentq(lambda p: binom.sf(needed - 1, window, p) - rate, 0.0, 1.0)
+    return float(chi(3).isf(share))
+
+
 def misfit_starts(
     block: ObservationBlock,
     residuals: NDArray[np.float64],
@@ -211,5 +235,5 @@ def misfit_starts(
     ordered = np.take_along_axis(lengths, order, axis=1)
     medians = np.median(np.lib.stride_tricks.sliding_window_view(ordered, window, axis=1), axis=2)
     begins = np.take_along_axis(np.where(inside, block.times, np.inf), order, axis=1)
-    failing = medians > settings.misfit_length
+    failing = medians > misfit_length(window, order.shape[1], settings.misfit_false_alarm)
     return np.where(failing, begins[:, : medians.shape[1]], np.inf).min(axis=1)

@@ -134,16 +134,15 @@ class JointEstimationSettings:
         "further linearisation error allowed, a part of the standard deviation of the predicted "
         "position",
     )
-    misfit_length: float = _hand_set(
-        2.3,
-        0.1,
-        100.0,
-        "median length of neighbouring residuals above which the fit fails there; of three normal "
-        "components it is 1.54",
-        unit="σ",
+    misfit_false_alarm: float = number(
+        1e-3,
+        1e-9,
+        0.5,
+        "misfits that noise alone is expected to feign in one observation: fewer than one in the "
+        "hundreds of observations of a large set",
     )
     misfit_points: int = _hand_set(
-        6, 1, 1000, "neighbouring points whose median length is compared with `misfit_length`"
+        9, 1, 1000, "neighbouring points whose median length is compared with that of noise"
     )
     retreat: float = _hand_set(
         0.3, 0.0, 1e4, "before the first misfit, to where a fit horizon retreats", unit="s"

@@ -5,22 +5,21 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 
-from intuitive_physics_msgs.msg import Observation as ObservationMessage
 from intuitive_physics_msgs.msg import ResultCode
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
-from intuitive_physics_msgs.srv import AddObservation, GetStaticParameters, SetStaticParameters
+from intuitive_physics_msgs.srv import GetStaticParameters, SetStaticParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.observation import Observation
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner.cost.cluster import CostMaker
 from intuitive_physics_learner.errors import StorageError
 from intuitive_physics_learner.learning_job import Work
 from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.nodes.learning_services import CODES, RequestedSearches
+from intuitive_physics_learner.nodes.observation_services import ObservationServices
 from intuitive_physics_learner.nodes.parameters import (
     ONLINE_PREFIX,
     node_parameters,
@@ -29,21 +28,21 @@ from intuitive_physics_learner.nodes.parameters import (
 from intuitive_physics_learner.online.background_learning import BackgroundLearning
 from intuitive_physics_learner.online.worker import FAILED, LEARNING
 from intuitive_physics_learner.store import CurrentParameters, ObservationStore
+from intuitive_physics_learner.store.database import database_path
 from intuitive_physics_learner.stored_learning import learn_from_store
 from intuitive_physics_ros.conversions import (
-    observation_from_message,
     static_parameters_from_message,
     static_parameters_to_message,
 )
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
-from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.parameters import declare_parameters
-from intuitive_physics_ros.qos import LATCHED, OBSERVATIONS
+from intuitive_physics_ros.qos import LATCHED
 from intuitive_physics_ros.result_codes import error_result, ok_result
 from intuitive_physics_ros.run_node import run_node
 
 STOP_PATIENCE = 2.0
-"""s to wait at the end for a search to stop; it can stop after every batch of candidates."""
+"""s to wait at the end for a search to stop, which it can after every batch of candidates, and for
+observations that wait to be stored."""
 
 
 class LearnerNode(Node):
@@ -56,9 +55,8 @@ class LearnerNode(Node):
         cores = 1 if values["cluster"] else values["cores"] or len(os.sched_getaffinity(0))
         self._simulator = make_simulator(values["simulator"], threads=cores)
         self._make_cost = CostMaker(values["cluster"])
-        self._store = ObservationStore(values["database"])
+        self._store = ObservationStore(database_path(values["database"], self.get_namespace()))
         self._current = CurrentParameters(self._store)
-        self._input = InputMonitor(self, "~/observation", timeout=None)
         self._publisher = self.create_publisher(
             StaticParametersMessage, "~/static_parameters", LATCHED
         )
@@ -69,6 +67,9 @@ class LearnerNode(Node):
         )
         self._searches = RequestedSearches(
             self, self._work, self._message, self._background.stop, self._on_search_ended
+        )
+        self._observations = ObservationServices(
+            self, self._store.path, self._on_observations_changed
         )
         self._offer()
         self._publish()
@@ -84,14 +85,11 @@ class LearnerNode(Node):
         if not self._searches.stop(STOP_PATIENCE):
             self.get_logger().warning("the search did not stop in time and is left behind")
         self._make_cost.close()
+        self._observations.stop(STOP_PATIENCE)
         self._store.close()
         super().destroy_node()
 
     def _offer(self) -> None:
-        self.create_subscription(
-            ObservationMessage, "~/observation", self._on_observation, OBSERVATIONS
-        )
-        self.create_service(AddObservation, "~/add_observation", self._on_add_observation)
         self.create_service(
             GetStaticParameters, "~/get_static_parameters", self._on_get_static_parameters
         )
@@ -100,28 +98,14 @@ class LearnerNode(Node):
         )
         self.add_post_set_parameters_callback(self._on_parameters_set)
         diagnostics = Diagnostics(self)
-        diagnostics.add("observation input", self._input.check)
+        for name, check in self._observations.checks.items():
+            diagnostics.add(name, check)
         diagnostics.add("learning", self._check_learning)
         diagnostics.add("learning in the background", self._check_background)
 
-    def _on_observation(self, message: ObservationMessage) -> None:
-        try:
-            self._add(observation_from_message(message))
-        except IntuitivePhysicsError as error:
-            self._input.rejected(error)
-        else:
-            self._input.accepted()
-
-    def _on_add_observation(
-        self, request: AddObservation.Request, response: AddObservation.Response
-    ) -> AddObservation.Response:
-        try:
-            response.added = self._add(observation_from_message(request.observation))
-            response.observation_count = self._store.count()
-            response.result = ok_result()
-        except IntuitivePhysicsError as error:
-            response.result = error_result(error, CODES)
-        return response
+    def _on_observations_changed(self) -> None:
+        self._read_newest()
+        self._background.notify()
 
     def _on_get_static_parameters(
         self, request: GetStaticParameters.Request, response: GetStaticParameters.Response
@@ -179,16 +163,8 @@ class LearnerNode(Node):
             priority = self.get_parameter(f"{ONLINE_PREFIX}_priority").value
             self._background.start(online_options(self), cores, priority)
 
-    def _add(self, observation: Observation) -> bool:
-        added = self._store.add(observation)
-        if self._current.add_materials(observation.materials):
-            self._publish()
-        if added:
-            self._background.notify()
-        return added
-
     def _read_newest(self) -> None:
-        """Take over what learning in the background has stored."""
+        """Take over what was learned in the background, and materials that were observed."""
         if self._current.read():
             self._publish()
 

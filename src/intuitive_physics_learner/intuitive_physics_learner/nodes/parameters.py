@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from intuitive_physics_msgs.msg import LearningOptions as LearningOptionsMessage
@@ -13,15 +13,20 @@ from rclpy.node import Node
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.parameter_space import Bounds, ParameterSpace
-from intuitive_physics.settings import list_settings
+from intuitive_physics.settings import check_settings, choice, list_settings, number
 from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS
+from intuitive_physics.trajectory import DISTANCE_GUIDE, DISTANCES, MEAN_DISTANCE
 from intuitive_physics_learner.cost.cluster import WHERE_GUIDE
 from intuitive_physics_learner.learning_session import LearningOptions
-from intuitive_physics_learner.methods import DEFAULT_METHOD, METHODS
+from intuitive_physics_learner.methods import DEFAULT_METHOD, JOINT_METHOD, METHODS
 from intuitive_physics_learner.online.background_learning import PRIORITIES
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
-from intuitive_physics_learner.store.database import default_database_path
+from intuitive_physics_learner.store.database import (
+    NAMESPACE,
+    PLACEHOLDER_GUIDE,
+    default_database_path,
+)
 from intuitive_physics_ros.conversions import bounds_from_messages
 from intuitive_physics_ros.parameters import Parameter, setting_parameters
 from intuitive_physics_ros.result_codes import RefusedError
@@ -30,13 +35,36 @@ ONLINE_PREFIX = "online"
 """Beginning of the names of the parameters of learning in the background."""
 
 
+@dataclass(frozen=True)
+class RequestedSearchSettings:
+    """How a requested search goes where the request leaves it open."""
+
+    method: str = choice(DEFAULT_METHOD, METHODS, "of a requested search")
+    distance: str = choice(
+        MEAN_DISTANCE, DISTANCES, f"{DISTANCE_GUIDE}; {JOINT_METHOD} has none to choose"
+    )
+    max_iterations: int = number(2000, 1, 10_000_000, "evaluations of the cost J at most")
+    max_iterations_without_gain: int = number(
+        0, 0, 10_000_000, "evaluations of J without gain after which a search stops; 0: no limit"
+    )
+    cost_threshold: float = number(0.0, 0.0, 1000.0, "J below which a search stops", unit="m")
+    time_limit: float = number(
+        0.0, 0.0, 1e6, "wall time of a search at most; 0: no limit", unit="s"
+    )
+    seed: int = number(0, 0, 2**62, "of the random numbers of every search")
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
 def node_parameters() -> tuple[Parameter, ...]:
     """Parameters of the node; those that are not read-only count from the next search on."""
     return (
         Parameter(
             "database",
-            str(default_database_path()),
-            "SQLite file of observations and learned parameters; made where it does not exist",
+            str(default_database_path().parent / NAMESPACE / default_database_path().name),
+            "SQLite file of observations and learned parameters; made where it does not exist. "
+            f"{PLACEHOLDER_GUIDE}",
         ),
         Parameter(
             "simulator",
@@ -55,43 +83,8 @@ def node_parameters() -> tuple[Parameter, ...]:
             "",
             f"where a requested search evaluates J. {WHERE_GUIDE}",
         ),
-        *_search_parameters(),
+        *setting_parameters(RequestedSearchSettings, read_only=False),
         *_online_parameters(),
-    )
-
-
-def _search_parameters() -> tuple[Parameter, ...]:
-    return (
-        Parameter("method", DEFAULT_METHOD, "of the search", choices=METHODS, read_only=False),
-        Parameter(
-            "max_iterations",
-            2000,
-            "evaluations of the cost J at most",
-            range=(1, 10_000_000),
-            read_only=False,
-        ),
-        Parameter(
-            "max_iterations_without_gain",
-            0,
-            "evaluations of J without gain after which a search stops; 0: no limit",
-            range=(0, 10_000_000),
-            read_only=False,
-        ),
-        Parameter(
-            "cost_threshold",
-            0.0,
-            "m, stop when J falls below this",
-            range=(0.0, 1000.0),
-            read_only=False,
-        ),
-        Parameter(
-            "time_limit",
-            0.0,
-            "s of wall time for a search at most; 0: no limit",
-            range=(0.0, 1e6),
-            read_only=False,
-        ),
-        Parameter("seed", 0, "of the search's random numbers", range=(0, 2**62), read_only=False),
     )
 
 
@@ -167,6 +160,7 @@ def learning_options(node: Node, message: LearningOptionsMessage) -> LearningOpt
         seed=chosen("seed"),
         bounds=_bounds(message.bounds),
         observation_ids=tuple(message.observation_ids),
+        distance=node.get_parameter("distance").value,
     )
 
 

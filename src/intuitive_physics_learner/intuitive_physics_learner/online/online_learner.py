@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from intuitive_physics_learner.online.options import OnlineOptions, RecursionSet
 from intuitive_physics_learner.search.identifiability import widened_information
 from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.search_space import ActiveSpace
+from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
 
 WEIGHING_ROUNDS = 2
 """Times that weights are computed again from what they give: they hardly change any more."""
@@ -40,27 +41,6 @@ FEW = 2.0
 
 LARGEST_EXPONENT = 700.0
 """Beyond it, e to that power is not a number of double precision."""
-
-USED, DOUBTFUL = "used", "doubtful"
-"""Status of an observation that was learned from, and of one that was set aside."""
-
-
-@dataclass(frozen=True)
-class Assessment:
-    """What was found about one observation.
-
-    Parameters
-    ----------
-    id : of the observation
-    weight : probability of being good
-    reason : why it was set aside, or taken back; empty for one that is simply used
-    status : USED or DOUBTFUL
-    """
-
-    id: str
-    weight: float
-    reason: str
-    status: str
 
 
 class OnlineLearner:
@@ -122,6 +102,12 @@ class OnlineLearner:
         What is to be noted about single observations, doubtful ones and those taken back.
         """
         self._assessments = []
+        given = {seen.id for seen in observations}
+        # What a user gives back is looked at again.
+        doubtful = [one for one in self.state.doubtful if one.id not in given]
+        self.state.set_aside -= len(self.state.doubtful) - len(doubtful)
+        self.state.processed -= len(self.state.doubtful) - len(doubtful)
+        self.state.doubtful = doubtful
         known = {one.id for one in (*self.state.window, *self.state.doubtful)}
         for seen in observations:
             if seen.id not in known:

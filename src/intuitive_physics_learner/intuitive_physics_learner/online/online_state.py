@@ -75,7 +75,7 @@ class OnlineState:
     changes : last changes that were noticed, each with the pair, the number of the observation and
         the probability of a false alarm
     time : s, the latest start time of an observation
-    position : of the last observation in the store
+    position : revision of the store up to which observations are known
     """
 
     materials: tuple[str, ...]

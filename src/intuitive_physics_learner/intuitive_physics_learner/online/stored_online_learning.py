@@ -46,31 +46,27 @@ class StoredOnlineLearning:
     @property
     def pending(self) -> int:
         """Number of observations that are still to be learned from."""
-        return self._record.count_after(self.learner.state.position)
+        return self._record.count_since(self.learner.state.position)
 
     def advance(self) -> bool:
         """Learn from the next observations, a few at most; return whether there were any."""
         if self._store.newest_version() != self._version:
             self._adopt()
         state = self.learner.state
-        rows = self._record.observations_after(state.position, self._options.recursion.batch)
-        if not rows:
-            return False
-        for row in rows:
-            if row.observation is None:
-                self.problem = (
-                    f"observation {row.id} cannot be read and is passed over: {row.problem}"
-                )
-        before = self._version
-        ends = time.process_time() + self._options.seconds * len(rows)
-        self.learner.learn_from_all(
-            [row.observation for row in rows if row.observation is not None],
-            lambda: ends - time.process_time(),
+        observations, problems, position = self._record.observations_since(
+            state.position, self._options.recursion.batch
         )
+        if position == state.position:
+            return False
+        for name, problem in problems.items():
+            self.problem = f"observation {name} cannot be read and is passed over: {problem}"
+        before = self._version
+        ends = time.process_time() + self._options.seconds * len(observations)
+        assessments = self.learner.learn_from_all(observations, lambda: ends - time.process_time())
         self.problem = self.learner.problem or self.problem
-        state.position = rows[-1].position
+        state.position = position
         learned = state.published if self._version != before else None
-        if not self._store.save_online(state.to_json(), before, learned):
+        if not self._store.save_online(state.to_json(), before, learned, assessments):
             # Others have stored a version meanwhile: it counts, and these are learned from again.
             self.learner = self._resumed()
         return True
@@ -87,11 +83,8 @@ class StoredOnlineLearning:
         except InvalidInputError as error:
             self.problem = f"{error}; all observations are learned from again"
             state = OnlineState.empty()
-        ids = [one.id for one in (*state.window, *state.doubtful)]
-        if ids:
-            state.position = self._record.last_position(ids, state.position)
-        observations = self._record.observations(ids)
-        return OnlineLearner(self._simulator, self._options, state, observations)
+        kept = self._record.kept([one.id for one in (*state.window, *state.doubtful)])
+        return OnlineLearner(self._simulator, self._options, state, kept)
 
     def _adopt(self) -> None:
         """Take over the newest θ_s, which others have stored."""
@@ -103,5 +96,5 @@ class StoredOnlineLearning:
         # What the observations said before there was a state will be said by them again.
         self.learner.adopt(newest, informed=given or not first)
         if not given and not first:
-            position = self._record.position_of(newest.observation_count)
+            position = self._record.revision_of(newest.observation_count)
             self.learner.state.position = max(self.learner.state.position, position)

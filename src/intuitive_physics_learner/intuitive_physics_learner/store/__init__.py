@@ -1,7 +1,14 @@
 """The learner's database: observations, versions of θ_s, unfinished searches."""
 
 from intuitive_physics_learner.store.current_parameters import CurrentParameters
+from intuitive_physics_learner.store.observation_entries import Assessment, ObservationEntry
 from intuitive_physics_learner.store.observation_store import ObservationStore
 from intuitive_physics_learner.store.search_checkpoint import SearchCheckpoint
 
-__all__ = ["CurrentParameters", "ObservationStore", "SearchCheckpoint"]
+__all__ = [
+    "Assessment",
+    "CurrentParameters",
+    "ObservationEntry",
+    "ObservationStore",
+    "SearchCheckpoint",
+]

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.observation import observation_materials
 from intuitive_physics_learner.store.observation_store import ObservationStore
 
 
@@ -28,7 +25,7 @@ class CurrentParameters:
 
     def __init__(self, store: ObservationStore) -> None:
         self._store = store
-        self._materials = observation_materials(store.observations())
+        self._materials = store.materials()
         self.newest = store.newest_parameters()
 
     @property
@@ -36,23 +33,19 @@ class CurrentParameters:
         """Version of the newest θ_s; 0 when nothing was learned yet."""
         return 0 if self.newest is None else self.newest.version
 
-    def add_materials(self, materials: Sequence[str]) -> bool:
-        """Take note of observed materials; return whether any is new."""
-        known = len(self._materials)
-        self._materials = tuple(dict.fromkeys((*self._materials, *materials)))
-        return len(self._materials) > known
-
     def read(self) -> bool:
-        """Read the newest θ_s from the store; return whether it is newer than the present one.
+        """Read the store; return whether θ_s is newer than the present one, or the materials
+        others.
 
         Raises
         ------
         StorageError
             When the store cannot be read.
         """
+        before, self._materials = self._materials, self._store.materials()
         newest = self._store.newest_parameters()
         if newest is None or newest.version <= self.version:
-            return False
+            return self._materials != before
         self.newest = newest
         return True
 

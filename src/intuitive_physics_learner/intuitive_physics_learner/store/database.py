@@ -4,27 +4,103 @@ The file is in write-ahead-log mode with full synchronisation: a transaction tha
 ended is on the disk, whatever happens to the process or the machine afterwards. A file of an older
 version is brought up to date when it is opened. Its tables are
 
-observations        id, received_at (Unix time), json (`Observation.to_json`)
-learned_parameters  version, learned_at (Unix time), json (`LearnedParameters.to_dict`)
-searches            key, saved_at (Unix time), version, json (`SearchCheckpoint`)
-online_state        id (always 1), saved_at (Unix time), json (`OnlineState`)
+observations         id, received_at (Unix time), json (`Observation.to_json`)
+observation_entries  one narrow row for each observation (`ObservationEntry`)
+observation_counts   status, count
+observed_materials   number (order of appearance), name, count of observations it occurs in
+observation_set      revision: grows whenever an observation is added, deleted, excluded or included
+learned_parameters   version, learned_at (Unix time), json (`LearnedParameters.to_dict`)
+online_state         id (always 1), saved_at (Unix time), json (`OnlineState`)
+searches             key, saved_at (Unix time), version, json (`SearchCheckpoint`)
+
+Triggers keep the counts, the materials and the entries of deleted observations right, whichever
+program writes. Opening reads the header and one row of each table, not the whole file: damage
+elsewhere is found when what is damaged is read, or by `Database.damage`.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import sqlite3
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from datetime import datetime, timezone
 from pathlib import Path
 
-from intuitive_physics_learner.errors import StorageError
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
+from intuitive_physics_learner.store.observation_entries import COLUMNS
+from intuitive_physics_learner.store.observation_rows import insert_entry
 
 APPLICATION_ID = 0x49505331
 """Distinguishes our files from other SQLite files: "IPS1"."""
 
-MIGRATIONS: tuple[tuple[str, ...], ...] = (
+Step = str | Callable[[sqlite3.Connection], None]
+"""Of a migration: a statement, or a function for what SQL cannot do."""
+
+ENTRY_TABLES: tuple[str, ...] = (
+    "CREATE TABLE observation_entries (number INTEGER PRIMARY KEY AUTOINCREMENT, "
+    "id TEXT NOT NULL UNIQUE, received_at REAL NOT NULL, start_time REAL, first_time REAL, "
+    "last_time REAL, materials TEXT NOT NULL, object_count INTEGER NOT NULL, "
+    "point_count INTEGER NOT NULL, has_detections INTEGER NOT NULL, status TEXT NOT NULL, "
+    "weight REAL NOT NULL, reason TEXT NOT NULL, revision INTEGER NOT NULL)",
+    "CREATE INDEX entries_by_status ON observation_entries (status)",
+    "CREATE INDEX entries_by_revision ON observation_entries (revision)",
+    "CREATE INDEX entries_by_time ON observation_entries (has_detections, first_time, last_time)",
+    "CREATE INDEX entries_by_duration ON observation_entries (last_time - first_time)",
+    "CREATE TABLE observation_counts (status TEXT PRIMARY KEY NOT NULL, count INTEGER NOT NULL)",
+    "CREATE TABLE observed_materials ("
+    "number INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL UNIQUE, count INTEGER NOT NULL)",
+    "CREATE TABLE observation_set (revision INTEGER NOT NULL)",
+    "INSERT INTO observation_set VALUES (0)",
+)
+"""What `ObservationEntry` is stored in, and what is counted of it."""
+
+
+def _count(row: str, change: int) -> str:
+    """Return the statements of a trigger that count a row of `observation_entries` in or out."""
+    return (
+        f"INSERT INTO observation_counts SELECT {row}.status, {change} WHERE true "
+        f"ON CONFLICT (status) DO UPDATE SET count = count + {change};"
+    )
+
+
+def _count_materials(row: str, change: int) -> str:
+    """Return the statements of a trigger that count a row's materials in or out."""
+    return (
+        f"INSERT INTO observed_materials (name, count) SELECT value, {change} "
+        f"FROM json_each({row}.materials) WHERE true "
+        f"ON CONFLICT (name) DO UPDATE SET count = count + {change};"
+        "DELETE FROM observed_materials WHERE count <= 0;"
+    )
+
+
+ENTRY_TRIGGERS: tuple[str, ...] = (
+    "CREATE TRIGGER entry_added AFTER INSERT ON observation_entries BEGIN "
+    f"{_count('NEW', 1)} {_count_materials('NEW', 1)} END",
+    "CREATE TRIGGER entry_deleted AFTER DELETE ON observation_entries BEGIN "
+    f"{_count('OLD', -1)} {_count_materials('OLD', -1)} END",
+    "CREATE TRIGGER entry_status AFTER UPDATE OF status ON observation_entries BEGIN "
+    f"{_count('OLD', -1)} {_count('NEW', 1)} END",
+    "CREATE TRIGGER entry_materials AFTER UPDATE OF materials ON observation_entries BEGIN "
+    f"{_count_materials('NEW', 1)} {_count_materials('OLD', -1)} END",
+    "CREATE TRIGGER observation_deleted AFTER DELETE ON observations BEGIN "
+    "DELETE FROM observation_entries WHERE id = OLD.id; "
+    "UPDATE observation_set SET revision = revision + 1; END",
+)
+"""What keeps the counts right."""
+
+
+def _enter_observations(connection: sqlite3.Connection) -> None:
+    """Make the entries of all stored observations, one row in memory at a time."""
+    rows = connection.execute("SELECT id, received_at, json FROM observations ORDER BY rowid")
+    for name, received_at, text in rows:
+        insert_entry(connection, name, received_at, text)
+
+
+MIGRATIONS: tuple[tuple[Step, ...], ...] = (
     (
         "CREATE TABLE observations ("
         "id TEXT PRIMARY KEY NOT NULL, received_at REAL NOT NULL, json TEXT NOT NULL)",
@@ -36,15 +112,35 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
         "CREATE TABLE searches (key TEXT PRIMARY KEY NOT NULL, saved_at REAL NOT NULL, "
         "version INTEGER NOT NULL, json TEXT NOT NULL)",
     ),
+    (*ENTRY_TABLES, *ENTRY_TRIGGERS, _enter_observations),
     (
         "CREATE TABLE online_state (id INTEGER PRIMARY KEY CHECK (id = 1), "
         "saved_at REAL NOT NULL, json TEXT NOT NULL)",
     ),
 )
-"""Statements that lead from schema version k to k + 1; a new version is one more entry."""
+"""Steps that lead from schema version k to k + 1; a new version is one more entry."""
+
+FIRST_ROWS = (
+    "SELECT received_at, json FROM observations LIMIT 1",
+    "SELECT id FROM observations ORDER BY id LIMIT 1",
+    f"SELECT {COLUMNS} FROM observation_entries LIMIT 1",
+    "SELECT status FROM observation_entries ORDER BY status LIMIT 1",
+    "SELECT id FROM observation_entries ORDER BY id LIMIT 1",
+    "SELECT revision FROM observation_entries ORDER BY revision LIMIT 1",
+    "SELECT has_detections FROM observation_entries ORDER BY has_detections LIMIT 1",
+    "SELECT MAX(last_time - first_time) FROM observation_entries",
+    "SELECT status, count FROM observation_counts",
+    "SELECT name, count FROM observed_materials ORDER BY number",
+    "SELECT revision FROM observation_set",
+    "SELECT learned_at, json FROM learned_parameters LIMIT 1",
+    "SELECT MAX(version) FROM learned_parameters",
+    "SELECT key, json FROM searches ORDER BY key LIMIT 1",
+    "SELECT json FROM online_state",
+)
+"""Queries that touch each table and index once, which takes no time that grows with the file."""
 
 BUSY_TIMEOUT = 5.0
-"""s to wait for another process that writes."""
+"""s to wait for another process that writes, unless a store is opened with another one."""
 
 
 def default_database_path() -> Path:
@@ -56,23 +152,61 @@ def default_database_path() -> Path:
     return home / "intuitive_physics" / "learner.sqlite3"
 
 
+NAMESPACE, SESSION = "{namespace}", "{session}"
+"""Placeholders of a path that `database_path` fills in."""
+
+PLACEHOLDER_GUIDE = (
+    "{namespace} stands for the node's namespace, nothing for the root, and {session} for the time "
+    "of the node's start, such as 20260131T120000Z"
+)
+"""For those who give a path."""
+
+
+def database_path(template: str, namespace: str) -> Path:
+    """Return the path that a template with placeholders stands for.
+
+    Parameters
+    ----------
+    template : path in which `PLACEHOLDER_GUIDE` holds
+    namespace : of the node, such as "/robots/left"; each of its names becomes a folder
+
+    Raises
+    ------
+    InvalidInputError
+        When the template has another placeholder.
+    """
+    unknown = set(re.findall(r"\{\w*\}", template)) - {NAMESPACE, SESSION}
+    if unknown:
+        raise InvalidInputError(
+            f"database {template} has the placeholder {min(unknown)}; "
+            f"expected {NAMESPACE} or {SESSION}"
+        )
+    session = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%SZ")
+    path = template.replace(NAMESPACE, namespace.strip("/")).replace(SESSION, session)
+    # Without a namespace, "{namespace}/file" would be in the root folder of the machine.
+    return Path(path if template.startswith("/") else path.lstrip("/"))
+
+
 class Database:
     """An open file; may be used from several threads, and the file by several processes.
 
     Parameters
     ----------
     path : of the file; it and its folder are made where they do not exist
+    busy_timeout : s to wait for another process that writes; None takes `BUSY_TIMEOUT`
 
     Raises
     ------
     StorageError
-        When the file cannot be opened or written, is damaged, is not a database of this suite, or
-        was written by a newer version of it. The file is left as it is.
+        When the file cannot be opened or written, is seen to be damaged, is not a database of this
+        suite, or was written by a newer version of it. The file is left as it is.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: str | os.PathLike[str], busy_timeout: float | None = None) -> None:
         self.path = Path(path).expanduser()
         self._lock = threading.RLock()
+        self._damage: str | None = None
+        timeout = BUSY_TIMEOUT if busy_timeout is None else busy_timeout
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -82,8 +216,10 @@ class Database:
             ) from None
         with self._explained("open"):
             self._connection = sqlite3.connect(
-                self.path, timeout=BUSY_TIMEOUT, isolation_level=None, check_same_thread=False
+                self.path, timeout=timeout, isolation_level=None, check_same_thread=False
             )
+        # One text with a broken byte is one unreadable row and no more.
+        self._connection.text_factory = lambda text: text.decode(errors="replace")
         try:
             self._prepare()
         except BaseException:
@@ -103,8 +239,13 @@ class Database:
 
     @contextmanager
     def writing(self) -> Iterator[sqlite3.Connection]:
-        """One transaction: all of it is on the disk at the end, or none."""
-        with self._lock, self._explained("write"):
+        """One transaction: all of it is on the disk at the end, or none.
+
+        Other processes wait meanwhile: prepare what is to be written before. A thread of idle
+        priority has normal priority within, as far as the system allows it, because on a busy
+        machine it could stand still for seconds while it keeps others from writing.
+        """
+        with self._lock, self._explained("write"), _out_of_idle_priority():
             self._connection.execute("BEGIN IMMEDIATE")
             try:
                 yield self._connection
@@ -114,18 +255,26 @@ class Database:
                     self._connection.execute("ROLLBACK")
                 raise
 
+    def damage(self) -> str:
+        """Read the whole file, and return what is wrong with it; empty: nothing.
+
+        Takes about a second for each 500 MB, and longer from a slow disk.
+        """
+        with self.reading() as connection:
+            found = " ".join(_quick_check(connection, 5))
+        return "" if found == "ok" else found
+
     def _prepare(self) -> None:
         with self.reading() as connection:
-            # Reads the whole file once: damage is found now and not in the middle of learning.
-            found = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
-            if found != "ok":
-                raise StorageError(f"{self._damaged()} ({found})")
             version = schema_version(connection, self.path)
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = FULL")
         if version < latest_version():
             with self.writing() as connection:
                 migrate(connection, self.path)
+        with self.reading() as connection:
+            for query in FIRST_ROWS:
+                connection.execute(query).fetchall()
 
     @contextmanager
     def _explained(self, action: str) -> Iterator[None]:
@@ -142,13 +291,41 @@ class Database:
                 message = self._damaged()
             else:
                 message = f"cannot {action} {self.path}: {text}; {_advice(text)}"
-            raise StorageError(message) from None
+            kind = DatabaseBusyError if "locked" in text else StorageError
+            raise kind(message) from None
 
     def _damaged(self) -> str:
+        if self._damage is None:
+            # The first error is the occasion to find out how much is damaged.
+            try:
+                self._damage = f" ({' '.join(_quick_check(self._connection, 1))})"
+            except sqlite3.Error as error:
+                self._damage = f" ({error})"
         return (
-            f"{self.path} is damaged; it was left as it is: restore a copy of it, save what can be "
-            f"saved with: sqlite3 {self.path} .recover, or give another path"
+            f"{self.path} is damaged{self._damage}; it was left as it is: restore a copy of it, "
+            f"save what can be saved with: sqlite3 {self.path} .recover, or give another path"
         )
+
+
+def _quick_check(connection: sqlite3.Connection, count: int) -> list[str]:
+    """Read the whole file; return "ok" or the words of up to `count` sentences about damage."""
+    rows = connection.execute(f"PRAGMA quick_check({count})")
+    return [word for row in rows for word in row[0].split()]
+
+
+@contextmanager
+def _out_of_idle_priority() -> Iterator[None]:
+    """Give this thread normal priority where it has idle priority and the system allows it."""
+    idle = os.sched_getscheduler(0) == os.SCHED_IDLE
+    if idle:
+        # Without the right to lower its niceness a process must stay idle.
+        with suppress(PermissionError):
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    try:
+        yield
+    finally:
+        if idle:
+            os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
 def _advice(text: str) -> str:
@@ -194,6 +371,9 @@ def migrate(connection: sqlite3.Connection, path: Path) -> None:
     """Bring a file up to date, within the caller's transaction: wholly or not at all."""
     # Read within the transaction: another process may have migrated the file meanwhile.
     for step in MIGRATIONS[schema_version(connection, path) :]:
-        for statement in step:
-            connection.execute(statement)
+        for action in step:
+            if isinstance(action, str):
+                connection.execute(action)
+            else:
+                action(connection)
     connection.execute(f"PRAGMA user_version = {latest_version()}")

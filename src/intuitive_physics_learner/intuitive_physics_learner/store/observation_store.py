@@ -5,22 +5,52 @@
 
 from __future__ import annotations
 
+import heapq
 import json
 import os
 import sqlite3
 import time
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.observation import Observation
-from intuitive_physics_learner.errors import StorageError
+from intuitive_physics.observation import Observation, save_observation
+from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
 from intuitive_physics_learner.store.database import Database
+from intuitive_physics_learner.store.observation_entries import (
+    DOUBTFUL,
+    EXCLUDED,
+    STATUSES,
+    UNREADABLE,
+    USED,
+    Assessment,
+    ObservationEntry,
+    parsed_observation,
+)
+from intuitive_physics_learner.store.observation_rows import (
+    CANDIDATES,
+    ObservationSpan,
+    check_ids,
+    insert_observation,
+    list_entries,
+    overlapping_texts,
+    renew_entry,
+    set_status,
+)
 from intuitive_physics_learner.store.search_checkpoint import SearchCheckpoint
 
 LARGEST_SEARCH_COUNT = 8
 """Unfinished searches that are stored at most; those saved longest ago are deleted first."""
+
+CHUNK = 256
+"""Observations read together: some MB of text, and few enough reads."""
+
+EXCLUDED_BY_USER = "excluded by the user"
+"""Reason of an exclusion for which none is given."""
 
 
 class ObservationStore:
@@ -29,16 +59,18 @@ class ObservationStore:
     Parameters
     ----------
     path : of the database; it and its folder are made where they do not exist
+    busy_timeout : s to wait for another process that writes, before a `DatabaseBusyError`; None
+        takes `database.BUSY_TIMEOUT`
 
     Raises
     ------
     StorageError
-        When the file cannot be opened or written, is damaged, is not a database of this suite, or
-        was written by a newer version of it. The file is left as it is.
+        When the file cannot be opened or written, is seen to be damaged, is not a database of this
+        suite, or was written by a newer version of it. The file is left as it is.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        self._database = Database(path)
+    def __init__(self, path: str | os.PathLike[str], busy_timeout: float | None = None) -> None:
+        self._database = Database(path, busy_timeout)
         self.path = self._database.path
 
     def __enter__(self) -> ObservationStore:
@@ -62,75 +94,290 @@ class ObservationStore:
         Returns
         -------
         bool
-            False when one with this id was stored before; then nothing changes.
+            False when one with this id, or another measurement of the same frames
+            (`Observation.same_motion`), was stored before; then nothing changes.
         """
         return self.add_all([observation]) == 1
 
     def add_all(self, observations: Sequence[Observation]) -> int:
         """Store observations, all or none of them, and return how many were not stored before."""
-        rows = [(one.id, time.time(), one.to_json()) for one in observations]
+        fresh: list[ObservationSpan] = []
+        for one in observations:
+            span = ObservationSpan.of(one)
+            near = heapq.nsmallest(
+                CANDIDATES,
+                (other for other in fresh if other.comparable(span)),
+                key=lambda other: abs(other.observation.start_time - one.start_time),
+            )
+            same = (*self._stored_near(span), *(other.observation for other in near))
+            if not any(other.same_motion(one) for other in same):
+                fresh.append(span)
+        rows = [
+            (one.id, time.time(), one.to_json()) for one in (span.observation for span in fresh)
+        ]
         with self._database.writing() as connection:
-            return connection.executemany(
-                "INSERT INTO observations (id, received_at, json) VALUES (?, ?, ?) "
-                "ON CONFLICT (id) DO NOTHING",
-                rows,
-            ).rowcount
+            return sum(insert_observation(connection, row) for row in rows)
 
-    def count(self) -> int:
-        """Return the number of observations."""
+    def count(self, status: str | None = None) -> int:
+        """Return the number of observations, of one status or of all."""
+        counts = self.counts()
+        return sum(counts.values()) if status is None else counts[status]
+
+    def counts(self) -> dict[str, int]:
+        """Return how many observations have each status of `STATUSES`."""
         with self._database.reading() as connection:
-            return int(connection.execute("SELECT COUNT(*) FROM observations").fetchone()[0])
+            found = dict(connection.execute("SELECT status, count FROM observation_counts"))
+        return {status: found.get(status, 0) for status in STATUSES}
+
+    def revision(self) -> int:
+        """Return a number that grows whenever an observation is added, deleted, or changed by the
+        user, but not when a learner assesses one."""
+        with self._database.reading() as connection:
+            return int(connection.execute("SELECT revision FROM observation_set").fetchone()[0])
+
+    def materials(self) -> tuple[str, ...]:
+        """Return the materials of all observations in order of appearance."""
+        with self._database.reading() as connection:
+            rows = connection.execute("SELECT name FROM observed_materials ORDER BY number")
+            return tuple(row[0] for row in rows)
 
     def ids(self) -> list[str]:
         """Return the ids of all observations in the order in which they came."""
         with self._database.reading() as connection:
-            return [
-                row[0] for row in connection.execute("SELECT id FROM observations ORDER BY rowid")
-            ]
+            rows = connection.execute("SELECT id FROM observation_entries ORDER BY number")
+            return [row[0] for row in rows]
+
+    def entries(
+        self,
+        *,
+        ids: Sequence[str] = (),
+        statuses: Sequence[str] = (),
+        after: int = 0,
+        changed_after: int = -1,
+        limit: int = -1,
+        newest: bool = False,
+    ) -> list[ObservationEntry]:
+        """List observations without reading their texts.
+
+        Parameters
+        ----------
+        ids : of the observations; empty: all
+        statuses : of the observations; empty: all
+        after : only observations with a higher number
+        changed_after : only observations with a higher revision, which are those that were added,
+            excluded or included since the store had that one
+        limit : entries at most; negative: no limit
+        newest : the newest first instead of in the order in which they came
+
+        Raises
+        ------
+        UnknownNameError
+            When no observation has one of the ids, or there is no such status.
+        """
+        with self._database.reading() as connection:
+            return list_entries(
+                connection, ids, statuses, (after, changed_after), limit=limit, newest=newest
+            )
 
     def observations(self, ids: Sequence[str] = ()) -> list[Observation]:
-        """Return observations in the order in which they came: all, or those with the given ids.
+        """Return observations in the order in which they came: those used, or those with the ids.
+
+        One that is used and whose text cannot be read is marked as unreadable and left out.
 
         Raises
         ------
         UnknownNameError
             When no observation has one of the ids.
         StorageError
-            When one cannot be read.
+            When the file, or one of those asked for by its id, cannot be read.
         """
-        with self._database.reading() as connection:
-            rows = dict(connection.execute("SELECT id, json FROM observations ORDER BY rowid"))
-        missing = [name for name in ids if name not in rows]
-        if missing:
-            raise UnknownNameError(
-                f"observation id is {missing[0]!r}; expected one of the {len(rows)} that are stored"
+        if not ids:
+            return [observation for _, observation in self.each_observation()]
+        rows = self._texts(self.entries(ids=ids))
+        found = [(entry, parsed_observation(text)) for entry, text in rows]
+        for entry, observation in found:
+            if isinstance(observation, InvalidInputError):
+                self._mark_unreadable([(entry, observation)])
+                raise StorageError(
+                    f"{self.path}: observation {entry.id} cannot be read ({observation}); delete "
+                    "it or learn from others"
+                ) from None
+        return [observation for _, observation in found if isinstance(observation, Observation)]
+
+    def each_observation(
+        self,
+        statuses: Sequence[str] = (USED,),
+        after: int = 0,
+        chunk: int = CHUNK,
+        ids: Sequence[str] = (),
+    ) -> Iterator[tuple[ObservationEntry, Observation]]:
+        """Read observations one after the other, with no more than a chunk of them in memory.
+
+        Parameters
+        ----------
+        statuses : of the observations; a text that cannot be read is marked and passed over
+        after : only observations with a higher number
+        chunk : observations read together
+        ids : of the observations; empty: all
+        """
+        while entries := self.entries(ids=ids, statuses=statuses, after=after, limit=chunk):
+            unreadable: list[tuple[ObservationEntry, InvalidInputError]] = []
+            for entry, text in self._texts(entries):
+                observation = parsed_observation(text)
+                if isinstance(observation, Observation):
+                    yield entry, observation
+                else:
+                    unreadable.append((entry, observation))
+            self._mark_unreadable(unreadable)
+            after = entries[-1].number
+
+    def exclude(self, ids: Sequence[str], reason: str = EXCLUDED_BY_USER) -> int:
+        """Leave observations out of learning, until they are included; return how many changed.
+
+        Raises `UnknownNameError` when no observation has one of the ids; then none changes.
+        """
+        return self._set_status(ids, EXCLUDED, 0.0, reason)
+
+    def include(self, ids: Sequence[str]) -> int:
+        """Learn from observations again that were excluded or set aside; return how many changed.
+
+        A learner may set them aside again when it assesses them.
+
+        Raises
+        ------
+        UnknownNameError
+            When no observation has one of the ids; then none changes.
+        StorageError
+            When one of them cannot be read; then none changes.
+        """
+        self.observations(ids)
+        return self._set_status(ids, USED, 1.0, "")
+
+    def apply_assessments(self, assessments: Sequence[Assessment]) -> int:
+        """Store what a learner thinks of observations, all in one transaction.
+
+        Those that the user excluded, that cannot be read or were deleted stay as they are. What is
+        doubtful comes back with an assessment of status `USED`. The revision stays.
+
+        Returns
+        -------
+        int
+            How many were assessed.
+        """
+        with self._database.writing() as connection:
+            return _assess(connection, assessments)
+
+    def delete(self, ids: Sequence[str]) -> int:
+        """Delete observations for good; return how many there were.
+
+        Raises `UnknownNameError` when no observation has one of the ids; then none is deleted.
+        """
+        with self._database.writing() as connection:
+            check_ids(connection, ids)
+            return connection.execute(
+                "DELETE FROM observations WHERE id IN (SELECT value FROM json_each(?))",
+                (json.dumps(list(ids)),),
+            ).rowcount
+
+    def export(self, folder: str | os.PathLike[str], ids: Sequence[str] = ()) -> int:
+        """Write observations as JSON, one file each: those used, or those with the ids.
+
+        Returns
+        -------
+        int
+            How many were written.
+
+        Raises
+        ------
+        UnknownNameError
+            When no observation has one of the ids.
+        InvalidInputError
+            When the folder or a file cannot be written.
+        """
+        target = Path(folder).expanduser()
+        try:
+            target.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InvalidInputError(f"cannot make the folder {target}: {error.strerror}") from None
+        statuses = () if ids else (USED,)
+        count = 0
+        for entry, observation in self.each_observation(statuses, ids=ids):
+            save_observation(observation, target / f"{entry.number:06d}_{entry.id}.json")
+            count += 1
+        return count
+
+    def check(self) -> list[ObservationEntry]:
+        """Read the whole file and every observation, and return those that cannot be read.
+
+        They are marked so; those that were marked and can be read are used again.
+
+        Raises
+        ------
+        StorageError
+            When the file is damaged.
+        """
+        damage = self._database.damage()
+        if damage:
+            raise StorageError(
+                f"{self.path} is damaged ({damage}); it was left as it is: restore a copy of it, "
+                f"or save what can be saved with: sqlite3 {self.path} .recover"
             )
-        wanted = set(ids) or rows.keys()
-        return [self._observation(name, text) for name, text in rows.items() if name in wanted]
+        deque(self.each_observation((USED, DOUBTFUL, EXCLUDED)), maxlen=0)
+        readable = [
+            (entry, text)
+            for entry, text in self._texts(self.entries(statuses=[UNREADABLE]))
+            if isinstance(parsed_observation(text), Observation)
+        ]
+        if readable:
+            with self._database.writing() as connection:
+                for entry, text in readable:
+                    renew_entry(connection, entry.id, text)
+        return self.entries(statuses=[UNREADABLE])
 
     def add_parameters(self, learned: LearnedParameters) -> LearnedParameters:
         """Store θ_s as the next version and return it with its version."""
-        with self._database.writing() as connection:
-            return _insert(connection, learned, _newest_version(connection))
+        while True:
+            stored = self.add_improvement(learned, on=self.newest_version())
+            if stored is not None:
+                return stored
 
-    def save_online(self, state: str, on: int, learned: LearnedParameters | None = None) -> bool:
-        """Save the state of learning in the background and the θ_s that goes with it, or nothing.
+    def add_improvement(self, learned: LearnedParameters, on: int) -> LearnedParameters | None:
+        """Store θ_s as the next version if `on` is still the newest; None if it is not."""
+        numbered = replace(learned, version=on + 1)
+        text = json.dumps(numbered.to_dict(), allow_nan=False)
+        with self._database.writing() as connection:
+            if _newest_version(connection) != on:
+                return None
+            _insert_version(connection, numbered.version, text)
+        return numbered
+
+    def save_online(
+        self,
+        state: str,
+        on: int,
+        learned: LearnedParameters | None = None,
+        assessments: Sequence[Assessment] = (),
+    ) -> bool:
+        """Save the state of learning in the background with what follows from it, all or nothing.
 
         Parameters
         ----------
         state : JSON text
         on : version of θ_s that the state knows; nothing is saved if there is a newer one
         learned : the next version of θ_s; None if there is none
+        assessments : of observations, as `apply_assessments`
 
         Returns
         -------
         Whether they were saved.
         """
+        text = learned and json.dumps(replace(learned, version=on + 1).to_dict(), allow_nan=False)
         with self._database.writing() as connection:
             if _newest_version(connection) != on:
                 return False
-            if learned is not None:
-                _insert(connection, learned, on)
+            if text is not None:
+                _insert_version(connection, on + 1, text)
+            _assess(connection, assessments)
             connection.execute(
                 "INSERT OR REPLACE INTO online_state (id, saved_at, json) VALUES (1, ?, ?)",
                 (time.time(), state),
@@ -205,14 +452,47 @@ class ObservationStore:
         with self._database.writing() as connection:
             connection.execute("DELETE FROM searches WHERE key = ?", (key,))
 
-    def _observation(self, name: str, text: str) -> Observation:
-        try:
-            return Observation.from_json(text)
-        except InvalidInputError as error:
-            raise StorageError(
-                f"{self.path}: observation {name} cannot be read ({error}); delete its row or "
-                "learn from others by their ids"
-            ) from None
+    def _set_status(self, ids: Sequence[str], status: str, weight: float, reason: str) -> int:
+        with self._database.writing() as connection:
+            check_ids(connection, ids)
+            return sum(set_status(connection, name, status, weight, reason) for name in ids)
+
+    def _texts(self, entries: Sequence[ObservationEntry]) -> Iterator[tuple[ObservationEntry, str]]:
+        """Read the texts of observations; one that was deleted meanwhile is passed over."""
+        for first in range(0, len(entries), CHUNK):
+            some = entries[first : first + CHUNK]
+            names = json.dumps([entry.id for entry in some])
+            with self._database.reading() as connection:
+                texts = dict(
+                    connection.execute(
+                        "SELECT id, json FROM observations "
+                        "WHERE id IN (SELECT value FROM json_each(?))",
+                        (names,),
+                    )
+                )
+            yield from ((entry, texts[entry.id]) for entry in some if entry.id in texts)
+
+    def _stored_near(self, span: ObservationSpan) -> list[Observation]:
+        """Return stored observations that may be of the same motion."""
+        with self._database.reading() as connection:
+            texts = overlapping_texts(connection, span)
+        found = map(parsed_observation, texts)
+        return [one for one in found if isinstance(one, Observation)]
+
+    def _mark_unreadable(self, found: Sequence[tuple[ObservationEntry, InvalidInputError]]) -> None:
+        rows = [
+            (UNREADABLE, str(error), entry.id)
+            for entry, error in found
+            if entry.status != UNREADABLE
+        ]
+        if not rows:
+            return
+        # It is marked the next time it is read if another process writes now.
+        with suppress(DatabaseBusyError), self._database.writing() as connection:
+            connection.executemany(
+                "UPDATE observation_entries SET status = ?, weight = 0.0, reason = ? WHERE id = ?",
+                rows,
+            )
 
     def _parameters(self, version: int, text: str) -> LearnedParameters:
         try:
@@ -224,16 +504,21 @@ class ObservationStore:
             ) from None
 
 
-def _newest_version(connection: sqlite3.Connection) -> int:
-    return connection.execute("SELECT MAX(version) FROM learned_parameters").fetchone()[0] or 0
-
-
-def _insert(
-    connection: sqlite3.Connection, learned: LearnedParameters, newest: int
-) -> LearnedParameters:
-    numbered = replace(learned, version=newest + 1)
+def _insert_version(connection: sqlite3.Connection, version: int, text: str) -> None:
     connection.execute(
         "INSERT INTO learned_parameters (version, learned_at, json) VALUES (?, ?, ?)",
-        (numbered.version, time.time(), json.dumps(numbered.to_dict(), allow_nan=False)),
+        (version, time.time(), text),
     )
-    return numbered
+
+
+def _assess(connection: sqlite3.Connection, assessments: Sequence[Assessment]) -> int:
+    rows = [(one.status, one.weight, one.reason, one.id, USED, DOUBTFUL) for one in assessments]
+    return connection.executemany(
+        "UPDATE observation_entries SET status = ?, weight = ?, reason = ? "
+        "WHERE id = ? AND status IN (?, ?)",
+        rows,
+    ).rowcount
+
+
+def _newest_version(connection: sqlite3.Connection) -> int:
+    return connection.execute("SELECT MAX(version) FROM learned_parameters").fetchone()[0] or 0

@@ -4,6 +4,7 @@ import math
 import os
 import resource
 import signal
+import sqlite3
 import subprocess
 import sys
 import threading
@@ -15,7 +16,7 @@ import numpy as np
 import pytest
 import rclpy
 from action_msgs.msg import GoalStatus
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from intuitive_physics_msgs.action import LearnParameters
 from intuitive_physics_msgs.msg import (
     LearningOptions,
@@ -26,8 +27,12 @@ from intuitive_physics_msgs.msg import (
 )
 from intuitive_physics_msgs.srv import (
     AddObservation,
+    DeleteObservations,
+    ExportObservations,
     GetStaticParameters,
     Learn,
+    ListObservations,
+    SetObservationStatus,
     SetStaticParameters,
 )
 from rcl_interfaces.srv import SetParameters
@@ -69,6 +74,10 @@ GREETINGS = {
         static_parameters=StaticParameters(materials=["without values"])
     ),
     Learn: Learn.Request(options=LearningOptions(method="none")),
+    ListObservations: ListObservations.Request(),
+    SetObservationStatus: SetObservationStatus.Request(),
+    DeleteObservations: DeleteObservations.Request(),
+    ExportObservations: ExportObservations.Request(ids=["none"]),
 }
 """For each service a request that changes nothing, so that it can be sent more than once."""
 
@@ -142,6 +151,10 @@ class Caller:
                 (GetStaticParameters, "get_static_parameters"),
                 (SetStaticParameters, "set_static_parameters"),
                 (Learn, "learn"),
+                (ListObservations, "list_observations"),
+                (SetObservationStatus, "set_observation_status"),
+                (DeleteObservations, "delete_observations"),
+                (ExportObservations, "export_observations"),
             )
         }
         self.set_parameters = self.node.create_client(SetParameters, "/learner_node/set_parameters")
@@ -333,6 +346,12 @@ def test_wrong_requests_get_their_codes(start, caller, glides, boxed):
     assert code(time_limit=math.nan).value == ResultCode.INVALID_INPUT
     assert code(cost_threshold=-1.0).value == ResultCode.INVALID_INPUT
     assert code().value == ResultCode.OK
+    caller.set_parameter("distance", "max")
+    assert code(method="cma_es").value == ResultCode.OK
+    refused = code(method="levenberg_marquardt")
+    assert refused.value == ResultCode.INVALID_INPUT
+    assert "minimises no distance" in refused.message
+    caller.set_parameter("distance", "mean")
 
     broken = observation_to_message(replace(observation, id="broken"))
     broken.objects[0].positions = broken.objects[0].positions[:-1]
@@ -346,6 +365,84 @@ def test_wrong_requests_get_their_codes(start, caller, glides, boxed):
     _, result = caller.start_goal(LearningOptions(method="magic"))
     assert caller.result_of(result).status == GoalStatus.STATUS_ABORTED
     assert caller.result_of(result).result.result.value == ResultCode.UNKNOWN_METHOD
+
+
+def test_users_look_after_the_observations(start, caller, glides, tmp_path):
+    start()
+    for name, material in (("a", "ball"), ("b", "ball"), ("c", "cork")):
+        seen = glides(np.random.default_rng(0), 0.5, materials=(material,), start=7.0, id=name)
+        assert caller.add(seen).added
+    listed = caller.call(ListObservations, limit=2)
+    assert (listed.result.value, listed.observation_count) == (ResultCode.OK, 3)
+    assert [one.id for one in listed.observations] == ["a", "b"]
+    (rest,) = caller.call(ListObservations, after=listed.observations[-1].number).observations
+    assert (rest.id, rest.start_time, rest.status, rest.weight) == ("c", 7.0, "used", 1.0)
+    assert (list(rest.materials), rest.object_count) == (["cork", "floor"], 1)
+
+    def set_status(ids, status):
+        answer = caller.call(SetObservationStatus, ids=ids, status=status, reason="kicked")
+        return answer.result.value, answer.changed
+
+    assert set_status(["a", "c"], "excluded") == (ResultCode.OK, 2)
+    assert set_status(["a"], "used") == (ResultCode.OK, 1)
+    assert set_status(["a"], "doubtful") == (ResultCode.INVALID_INPUT, 0)
+    assert set_status(["x"], "used") == (ResultCode.UNKNOWN_NAME, 0)
+    (excluded,) = caller.call(ListObservations, statuses=["excluded"]).observations
+    assert (excluded.id, excluded.reason) == ("c", "kicked")
+    wrong = caller.call(ListObservations, statuses=["good"])
+    assert wrong.result.value == ResultCode.UNKNOWN_NAME
+
+    folder = tmp_path / "exported"
+    assert caller.call(ExportObservations, folder=str(folder)).exported == 2
+    assert len(list(folder.iterdir())) == 2
+    caller.spin_until(lambda: caller.published and "cork" in caller.published[-1].materials)
+    assert caller.call(DeleteObservations, ids=["c"]).deleted == 1
+    caller.spin_until(lambda: "cork" not in caller.published[-1].materials)
+    assert caller.call(DeleteObservations, ids=["c"]).result.value == ResultCode.UNKNOWN_NAME
+
+
+def test_no_observation_is_lost_while_another_process_writes(start, caller, glides, tmp_path):
+    start(first="import intuitive_physics_learner.nodes.observation_services as o;o.ADD_PATIENCE=1")
+    caller.greet(AddObservation)
+    observations = [glides(np.random.default_rng(0), 0.5, id=str(n)) for n in range(4)]
+    other = sqlite3.connect(tmp_path / "learner.sqlite3", isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    for one in observations[:3]:
+        caller.observations.publish(observation_to_message(one))
+    answer = caller.add(observations[3])
+    assert answer.result.value == ResultCode.STORAGE_FAILED
+    assert "another process" in answer.result.message
+    caller.spin_until(lambda: queue_status(caller) == (DiagnosticStatus.WARN, "3"))
+    other.execute("ROLLBACK")
+    other.close()
+    caller.spin_until(lambda: queue_status(caller) == (DiagnosticStatus.OK, "0"))
+    assert [one.id for one in caller.call(ListObservations).observations] == ["0", "1", "2"]
+
+
+def queue_status(caller):
+    """Level of the newest report on the queue, and how many observations wait in it."""
+    found = [
+        (status.level, {value.key: value.value for value in status.values}["waiting"])
+        for message in caller.diagnostics
+        for status in message.status
+        if status.name.endswith("observation queue")
+    ]
+    return found[-1] if found else None
+
+
+def test_an_unreadable_row_does_not_keep_it_from_starting(start, caller, glides, tmp_path):
+    with ObservationStore(tmp_path / "learner.sqlite3") as store:
+        store.add_all([glides(np.random.default_rng(0), 0.5, id=id) for id in "ab"])
+    with sqlite3.connect(tmp_path / "learner.sqlite3") as file:
+        file.execute("UPDATE observations SET json = '{' WHERE id = 'a'")
+    file.close()
+    node = start("max_iterations:=10")
+    answer = caller.call(Learn)
+    assert answer.result.value == ResultCode.OK, answer.result.message
+    assert answer.static_parameters.observation_count == 1
+    caller.spin_until(lambda: "1 of 2 observations cannot be read" in node.text)
+    statuses = [one.status for one in caller.call(ListObservations).observations]
+    assert statuses == ["unreadable", "used"]
 
 
 def test_environment_that_the_engine_cannot_simulate(start, caller, glides):

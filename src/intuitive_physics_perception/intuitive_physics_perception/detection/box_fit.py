@@ -56,7 +56,7 @@ def fit_box(
         Box((float(edges[0]), float(edges[1]), float(edges[2]))),
         center,
         faces.rotation,
-        across + settings.surface_deviation**2 * np.eye(3),
+        across,
         turn * np.eye(3),
         variance + settings.surface_deviation**2,
         len(points),

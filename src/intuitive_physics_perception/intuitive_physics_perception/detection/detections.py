@@ -22,6 +22,8 @@ class DetectedSphere:
     points : readings on its surface
     range : m from the sensor to the centre
     color : (3,) mean red, green and blue, 0 to 1; None where unknown
+    systematic_error : m, standard deviation of what errs alike in all frames, in each of centre and
+        radius; part of the covariance
     """
 
     center: NDArray[np.float64]
@@ -30,6 +32,7 @@ class DetectedSphere:
     points: int
     range: float
     color: NDArray[np.float64] | None = None
+    systematic_error: float = 0.0
 
     def moved(
         self, rotation: NDArray[np.float64], translation: NDArray[np.float64]
@@ -77,6 +80,8 @@ class DetectedSolid:
     points : readings on its surface
     misfit : mean squared distance from the surface, in variances of the noise
     color : (3,) mean red, green and blue, 0 to 1; None where unknown
+    systematic_error : m, standard deviation of what errs alike in all frames in each component of
+        the centre; part of its covariance
     """
 
     shape: Box | Capsule
@@ -88,6 +93,7 @@ class DetectedSolid:
     points: int
     misfit: float
     color: NDArray[np.float64] | None = None
+    systematic_error: float = 0.0
 
     @property
     def radius(self) -> float:
@@ -122,14 +128,16 @@ class DetectedSolid:
             rotation_covariance=rotation @ self.rotation_covariance @ rotation.T,
         )
 
-    def doubted(self, factor: float, points: int) -> DetectedSolid:
-        """Return it with all variances `factor` times as large, and its number of points."""
+    def doubted(self, factor: float, points: int, systematic_error: float) -> DetectedSolid:
+        """Return it with all variances `factor` times as large, its number of points, and what errs
+        alike in all frames, m, which is added to the covariance of its centre."""
         return replace(
             self,
-            position_covariance=factor * self.position_covariance,
+            position_covariance=factor * self.position_covariance + systematic_error**2 * np.eye(3),
             rotation_covariance=factor * self.rotation_covariance,
             size_variance=factor * self.size_variance,
             points=points,
+            systematic_error=systematic_error,
         )
 
 

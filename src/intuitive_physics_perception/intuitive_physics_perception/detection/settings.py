@@ -167,7 +167,11 @@ class SolidDetectionSettings:
         2.5, 0.1, 100.0, "standard deviations from a face within which a reading is on it"
     )
     surface_deviation: float = number(
-        0.001, 0.0, 0.1, "unevenness of a face, as a standard deviation", unit="m"
+        0.001,
+        0.0,
+        0.1,
+        "unevenness of a surface, as a standard deviation; it biases the centre in every frame",
+        unit="m",
     )
     face_angle: float = number(
         82.0, 0.0, 90.0, "angle between the normals of two faces at least", unit="degrees"

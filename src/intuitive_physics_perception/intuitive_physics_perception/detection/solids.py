@@ -111,9 +111,10 @@ class SolidFinder:
         if not fits:
             return None
         best = min(fits, key=lambda fit: fit.misfit)
-        # The fit took part of the points: the rest is as informative.
-        doubt = self._settings.correlated_readings * len(own) / total
-        return best.doubted(doubt, total)
+        # Of the readings that share one error the fit took as large a part as of all.
+        doubt = 1.0 + (self._model.noise.correlated - 1.0) * len(own) / total
+        # An uneven surface is uneven in the same way in every frame.
+        return best.doubted(doubt, total, limits.surface_deviation)
 
     def _is_static(self, fit: DetectedSolid) -> bool:
         """Whether its centre lies in a static box of the environment."""

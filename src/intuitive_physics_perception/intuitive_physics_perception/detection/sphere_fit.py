@@ -99,13 +99,21 @@ def refine_sphere(
     max_radius: float,
     sigmas: float,
     noise: Any,
+    sharing: float,
 ) -> tuple[Any, Any, float, int]:
     """Fit (x, y, z, r) by Gauss-Newton over the inliers, whose gate narrows step by step.
+
+    Neighbouring readings share their error along the ray. Least squares with the normal equations
+    A = Σ w J Jᵀ, w = 1 / σ², has the covariance A⁻¹ (Σᵢⱼ wᵢ wⱼ cov(eᵢ, eⱼ) Jᵢ Jⱼᵀ) A⁻¹. The rows J
+    of neighbours are about the same, so the inner sum is A + n B with B = Σ w² σₐ² J Jᵀ, where σₐ²
+    is the variance that the error along the ray makes and n the number of other readings that share
+    it.
 
     Parameters
     ----------
     points : (n, 3), those on the sphere among them
     beyond : (m, 3), readings of `readings_beyond`, whose rays must miss the sphere
+    sharing : n, other readings among the points that share one's error along the ray
 
     Returns
     -------
@@ -117,6 +125,7 @@ def refine_sphere(
     sphere = start.copy()
     covariance = np.zeros((4, 4))
     normal = np.empty((4, 4))
+    shared = np.empty((4, 4))
     right = np.empty(4)
     row = np.empty(4)
     misfit, inliers = 0.0, 0
@@ -124,6 +133,7 @@ def refine_sphere(
         gate = sigmas * GATES[min(step, len(GATES) - 1)]
         cx, cy, cz, r = sphere[0], sphere[1], sphere[2], sphere[3]
         normal[:] = 0.0
+        shared[:] = 0.0
         right[:] = 0.0
         inliers, total = 0, 0.0
         for i in range(points.shape[0]):
@@ -141,6 +151,7 @@ def refine_sphere(
             row[2] = (z * meets - cz) * scale
             row[3] = 1.0
             _add_equation(normal, right, row, error, 1.0 / variance)
+            _add_square(shared, row, (deviation / variance) ** 2 * max(1.0 - sine * sine, 0.0))
             inliers += 1
             total += error * error / variance
         for i in range(beyond.shape[0]):
@@ -168,9 +179,7 @@ def refine_sphere(
         sphere[3] = min(max(sphere[3], 0.5 * min_radius), 2.0 * max_radius)
         if step >= len(GATES) and move < STILL:
             break
-    for a in range(4):
-        for b in range(4):
-            covariance[a, b] *= max(misfit, 1.0)
+    _widen(covariance, shared, sharing, max(misfit, 1.0))
     return sphere, covariance, misfit, inliers
 
 
@@ -181,6 +190,33 @@ def _add_equation(normal: Any, right: Any, row: Any, error: float, weight: float
         right[a] += weight * row[a] * error
         for b in range(a + 1):
             normal[a, b] += weight * row[a] * row[b]
+
+
+@inlined
+def _add_square(matrix: Any, row: Any, weight: float) -> None:
+    """Add weight · row rowᵀ to a matrix (4, 4)."""
+    for a in range(4):
+        for b in range(4):
+            matrix[a, b] += weight * row[a] * row[b]
+
+
+@allocating_kernel
+def _widen(covariance: Any, shared: Any, sharing: float, misfit: float) -> None:
+    """Make of a covariance C = A⁻¹ (4, 4) misfit · (C + sharing · C · shared · C)."""
+    half = np.zeros((4, 4))
+    for a in range(4):
+        for b in range(4):
+            for k in range(4):
+                half[a, b] += covariance[a, k] * shared[k, b]
+    whole = np.zeros((4, 4))
+    for a in range(4):
+        for b in range(4):
+            for k in range(4):
+                whole[a, b] += half[a, k] * covariance[k, b]
+    for a in range(4):
+        for b in range(4):
+            covariance[a, b] += 0.5 * sharing * (whole[a, b] + whole[b, a])
+            covariance[a, b] *= misfit
 
 
 @allocating_entry

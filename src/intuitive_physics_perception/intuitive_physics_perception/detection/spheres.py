@@ -67,6 +67,7 @@ class SphereFinder:
         )
         self._known_radii = [one.radius for one in settings.known_objects]
         self._deviation = noise.deviation
+        self._sharing = noise.correlated - 1.0
         self._noise = np.square([noise.constant, noise.quadratic, noise.limit, noise.lateral])
 
     def find(
@@ -133,9 +134,9 @@ class SphereFinder:
         for hypothesis in self._hypotheses(fitted, len(own), thorough):
             if len(own) < self._fewest(view, hypothesis):
                 continue
-            sphere, covariance, misfit = self._refined(view, fitted, hypothesis)
-            # The fit took part of the points: the rest is as informative.
-            covariance = covariance * self._settings.correlated_readings * len(fitted) / len(own)
+            sphere, covariance, misfit = self._refined(
+                view, fitted, hypothesis, self._sharing * len(fitted) / len(own)
+            )
             sphere, covariance = with_known_radius(
                 sphere,
                 covariance,
@@ -160,6 +161,7 @@ class SphereFinder:
         view: ClusterView,
         fitted: NDArray[np.float64],
         sphere: NDArray[np.float64],
+        sharing: float,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
         """Fit twice: the outline is known well only after the first fit."""
         limits = self._settings.min_radius, self._settings.max_radius
@@ -167,7 +169,7 @@ class SphereFinder:
             around, _ = view.around(sphere)
             beyond = readings_beyond(around, sphere, self._noise)
             sphere, covariance, misfit, inliers = refine_sphere(
-                fitted, beyond, sphere, *limits, self._search.inlier_sigmas, self._noise
+                fitted, beyond, sphere, *limits, self._search.inlier_sigmas, self._noise, sharing
             )
             if not inliers or misfit > self._settings.max_misfit:
                 return sphere, covariance, np.inf
@@ -239,9 +241,15 @@ class SphereFinder:
             or not enough
         ):
             return None
-        covariance = covariance + self._search.systematic_error**2 * np.eye(4)
-        distance = float(np.linalg.norm(sphere[:3]))
-        return DetectedSphere(sphere[:3], float(sphere[3]), covariance, each * on, distance)
+        systematic = self._search.systematic_error
+        return DetectedSphere(
+            sphere[:3],
+            float(sphere[3]),
+            covariance + systematic**2 * np.eye(4),
+            each * on,
+            float(np.linalg.norm(sphere[:3])),
+            systematic_error=systematic,
+        )
 
 
 class ClusterView:

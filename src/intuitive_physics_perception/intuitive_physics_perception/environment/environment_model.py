@@ -122,7 +122,7 @@ def model_environment(
             "expected a floor or table: turn the sensor to it or lower plane_min_fraction"
         )
     planes = _support_first(planes, settings, settings.up_hint if up is None else up)
-    noise = _measured_noise(frames[-1], planes, assumed, settings, rng)
+    noise = _measured_noise(frames, planes, assumed, settings, rng)
     planes = with_edges(
         planes,
         RangeCloud(fuse(frames, settings, rng, MAX_EDGE_POINTS), noise, settings),
@@ -176,16 +176,17 @@ def _support_first(
 
 
 def _measured_noise(
-    frame: NDArray[np.float32],
+    frames: Sequence[NDArray[np.float32]],
     planes: list[DetectedPlane],
     assumed: RangeNoise,
     settings: PerceptionSettings,
     rng: np.random.Generator,
 ) -> RangeNoise:
-    """Measure the range noise of one frame on the points nearest to each plane."""
+    """Measure the range noise of the last frame on the points nearest to each plane, and how errors
+    of neighbours go together in the last two."""
     if not settings.estimate_noise:
         return assumed
-    points = fuse([frame.reshape(1, -1, 3)], settings, rng)
+    points = fuse([frames[-1].reshape(1, -1, 3)], settings, rng)
     ranges = np.linalg.norm(points, axis=1)
     normals = np.stack([plane.normal for plane in planes])
     offsets = np.array([plane.offset for plane in planes])
@@ -200,7 +201,11 @@ def _measured_noise(
         cosine
     ) * assumed.deviation(ranges)
     use = frontal & near
-    return assumed.measured(ranges[use], error[use] / cosine[use])
+    measured = assumed.measured(ranges[use], error[use] / cosine[use])
+    if len(frames) < 2:
+        return measured
+    before, after = (np.linalg.norm(frame.astype(np.float64), axis=2) for frame in frames[-2:])
+    return measured.with_correlation(before, after)
 
 
 def _gravity_aligned(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,6 +18,18 @@ MIN_READINGS_IN_BIN = 50
 
 GAUSSIAN_MAD = 1.4826
 """Standard deviation of a normal distribution in median absolute deviations, 1 / Φ⁻¹(3/4)."""
+
+CORRELATION_REACH = 8
+"""Pixels up to which errors of neighbouring readings are compared: matching windows of stereo
+cameras have 3 to 11 pixels, and errors of readings farther apart than a window share nothing."""
+
+STILL_SIGMAS = 5.0
+"""Standard deviations by which a reading of what stands still changes from frame to frame at most;
+what changes by more has moved. Set by hand."""
+
+MIN_COMPARED_READINGS = 10000
+"""Readings in which the correlation of errors is measured at least: their sum over the
+(2 · 8 + 1)² neighbours is then known to about √(289 / 10000), 0.2 readings."""
 
 SMALLEST_FACTOR = 0.1
 """Part of the assumed noise parameters that measured ones never fall below. Set by hand."""
@@ -36,12 +48,15 @@ class RangeNoise:
     quadratic : b in 1/m
     limit : m
     lateral : standard deviation of the direction of a reading, rad
+    correlated : neighbouring readings that share one error along the ray: the variance of a mean of
+        n readings is this many times σ² / n
     """
 
     constant: float
     quadratic: float
     limit: float
     lateral: float
+    correlated: float = 1.0
 
     @staticmethod
     def from_settings(settings: PerceptionSettings) -> RangeNoise:
@@ -51,6 +66,7 @@ class RangeNoise:
             settings.range_noise_quadratic,
             settings.range_noise_max,
             settings.lateral_noise,
+            settings.correlated_readings,
         )
 
     def deviation(self, ranges: ArrayLike) -> NDArray[np.float64]:
@@ -87,9 +103,58 @@ class RangeNoise:
         design = np.column_stack([np.ones_like(fourth), fourth])
         solution = _non_negative(design * weights[:, None], np.ones_like(variance))
         a, b = np.sqrt(solution)
-        return RangeNoise(
-            _within(a, self.constant), _within(b, self.quadratic), self.limit, self.lateral
+        return replace(
+            self,
+            constant=_within(a, self.constant),
+            quadratic=_within(b, self.quadratic),
         )
+
+    def with_correlation(
+        self, before: NDArray[np.float64], after: NDArray[np.float64]
+    ) -> RangeNoise:
+        """Return the noise with the correlation that two frames of the same scene show.
+
+        What stands still makes no difference between the frames, so the difference of two readings
+        of a pixel is the difference of their errors. The autocorrelation of that over the image,
+        summed over all neighbours up to `CORRELATION_REACH`, is the factor by which the variance of
+        a mean exceeds that of as many independent readings. Too few readings, or frames without
+        noise, leave it as it was.
+
+        Parameters
+        ----------
+        before, after : (height, width) m, ranges in the two frames, NaN where nothing was read
+        """
+        if before.shape != after.shape or min(before.shape) <= CORRELATION_REACH:
+            return self
+        scaled = (after - before) / (np.sqrt(2.0) * self.deviation(before))
+        still = np.abs(scaled) < STILL_SIGMAS
+        errors = np.where(still, scaled, 0.0)
+        squares = float(np.square(errors).sum())
+        if still.sum() < MIN_COMPARED_READINGS or squares == 0.0:
+            return self
+        compared = np.maximum(_neighbour_products(still.astype(np.float64)), 1.0)
+        correlations = _neighbour_products(errors) / compared * (still.sum() / squares)
+        return replace(self, correlated=max(float(correlations.sum()), 1.0))
+
+
+def _neighbour_products(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sums over an image of the products of two pixels, by their offset.
+
+    Parameters
+    ----------
+    image : (height, width)
+
+    Returns
+    -------
+    array
+        (2 · reach + 1, 2 · reach + 1) by offset of rows and columns, reach `CORRELATION_REACH`
+    """
+    # Zeros beyond the edges keep opposite edges from being neighbours.
+    size = tuple(length + CORRELATION_REACH for length in image.shape)
+    spectrum = np.fft.rfft2(image, size)
+    products = np.fft.irfft2(np.square(np.abs(spectrum)), size)
+    offsets = np.arange(-CORRELATION_REACH, CORRELATION_REACH + 1)
+    return np.asarray(products[np.ix_(offsets, offsets)])
 
 
 def _non_negative(design: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:

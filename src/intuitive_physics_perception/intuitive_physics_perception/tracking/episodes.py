@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.observation import Detections, Observation, ObservedObject
 from intuitive_physics.scene import Environment
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
@@ -93,8 +93,17 @@ class EpisodeRecorder:
 def record_of(track: Track, settings: PerceptionSettings) -> Record:
     """Return what was seen of a track, given the radius its average found.
 
-    Each detection has centre and radius with their covariance; knowing the radius better moves the
-    centre: c' = c + C_cr / C_rr (r̄ - r).
+    A sphere's detection has a centre c and a radius r with errors e of its own (covariance F), and
+    errors s that are the same in all frames (standard deviation `systematic_error` in each
+    component). The average r̄ has the error ē + s_r, where ē has the variance P_rr that the filter
+    knows. Knowing the radius better moves the centre: c' = c + g (r̄ - r) with g = F_cr / F_rr. What
+    remains is (e_c - g e_r) + g ē + s_c, for r̄ - r is free of s. The first part is independent from
+    frame to frame, of covariance F_cc - F_rr g gᵀ; the others are the same in all frames. As the
+    line of sight turns, so does g: its mean ḡ makes the bias P_rr ḡ ḡᵀ + s² I, and what differs
+    from it counts as an error of the frame, (g - ḡ) ē.
+
+    A box's or capsule's centre is not moved: it is the middle of what the frame shows, F_cc its own
+    covariance and s² I the bias.
     """
     steps = [step for step in track.steps if step.seen is not None]
     seen = [step.seen for step in steps if step.seen is not None]
@@ -102,23 +111,34 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
     attitudes = tuple(step.attitude for step in steps if step.attitude is not None)
     positions = np.stack([detection.center for detection in seen])
     covariances = np.stack([detection.covariance for detection in seen])
-    narrowed = covariances[:, :3, :3]
+    systematic = np.array([detection.systematic_error for detection in seen])
+    bias = float(np.mean(systematic**2)) * np.eye(3)
+    own = covariances[:, :3, :3] - systematic[:, None, None] ** 2 * np.eye(3)
     if not attitudes:
+        covariances = covariances - systematic[:, None, None] ** 2 * np.eye(4)
         gains = covariances[:, :3, 3] / covariances[:, 3, 3, None]
         off = track.mean[RADIUS] - np.array([detection.radius for detection in seen])
         positions = positions + gains * off[:, None]
-        left = np.maximum(covariances[:, 3, 3] - track.covariance[RADIUS, RADIUS], 0.0)
-        narrowed = narrowed - left[:, None, None] * gains[:, :, None] * gains[:, None, :]
+        own = own - covariances[:, 3, 3, None, None] * _squares(gains)
+        remaining = track.covariance[RADIUS, RADIUS]
+        own = own + remaining * _squares(gains - gains.mean(axis=0))
+        bias = bias + remaining * _squares(gains.mean(axis=0))
     path_times, path_positions = _path(track, times, settings.initial_state.path_widening)
     return Record(
         track.scene_object(settings),
         times,
         positions,
-        narrowed,
+        own,
+        bias,
         attitudes or None,
         path_times,
         path_positions,
     )
+
+
+def _squares(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Outer products (…, 3, 3) of vectors (…, 3) with themselves."""
+    return vectors[..., :, None] * vectors[..., None, :]
 
 
 def _path(
@@ -183,6 +203,12 @@ def _piece(
                         parts[k].object,
                         Trajectory(parts[k].path_times, parts[k].path_positions),
                         state,
+                        Detections(
+                            parts[k].times,
+                            parts[k].positions,
+                            parts[k].covariances,
+                            parts[k].bias,
+                        ),
                     )
                     for k, state in zip(members, known, strict=True)
                 ),

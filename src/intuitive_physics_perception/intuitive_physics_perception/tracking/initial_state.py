@@ -38,7 +38,8 @@ class Record:
     object : what it is
     times : (n,) s, strictly increasing
     positions : (n, 3) m, of the centre in the environment's frame
-    covariances : (n, 3, 3) m², of each alone
+    covariances : (n, 3, 3) m², of the error that each has of its own
+    bias : (3, 3) m², covariance of the error that is the same in all
     attitudes : of each, how a box or capsule lies and turns as far as was known then; None of a
         sphere
     path_times, path_positions : (m,) s and (m, 3) m, the same motion in the light of all frames
@@ -48,6 +49,7 @@ class Record:
     times: NDArray[np.float64]
     positions: NDArray[np.float64]
     covariances: NDArray[np.float64]
+    bias: NDArray[np.float64]
     attitudes: tuple[Attitude, ...] | None
     path_times: NDArray[np.float64]
     path_positions: NDArray[np.float64]
@@ -61,10 +63,15 @@ class Record:
             self.times[inside],
             self.positions[inside],
             self.covariances[inside],
+            self.bias,
             _chosen(self.attitudes, inside),
             self.path_times[on_path],
             self.path_positions[on_path],
         )
+
+    def covariance_at(self, k: int) -> NDArray[np.float64]:
+        """Return the covariance (3, 3) in m² of the whole error of point k."""
+        return self.covariances[k] + self.bias
 
     @property
     def travel(self) -> float:
@@ -155,7 +162,7 @@ def _accelerations(
     record: Record, start: int, environment: Environment, fit: InitialStateSettings
 ) -> list[tuple[Plane | None, NDArray[np.float64]]]:
     """Flight, and sliding where the ball touches planes; with the first plane that carries it."""
-    noise = float(np.sqrt(np.trace(record.covariances[start])))
+    noise = float(np.sqrt(np.trace(record.covariance_at(start))))
     touched = supporting_planes(
         environment,
         record.positions[start],
@@ -206,9 +213,10 @@ def _longest_stretch(
         # x(t) = x₀ + v₀ t + a t² / 2, linear in x₀ and v₀ once the last term is taken off.
         row = np.hstack([np.eye(3), t * np.eye(3)])
         seen = record.positions[k] - 0.5 * t * t * acceleration
-        weight = np.linalg.inv(record.covariances[k])
+        alone = record.covariance_at(k)
+        weight = np.linalg.inv(alone)
         if grown:
-            spread = row @ grown[-1].covariance @ row.T + record.covariances[k]
+            spread = row @ grown[-1].covariance @ row.T + alone
             surprise = seen - row @ grown[-1].mean
             if surprise @ np.linalg.solve(spread, surprise) > fit.contact_gate:
                 expected = row @ grown[-1].mean + 0.5 * t * t * acceleration
@@ -244,5 +252,5 @@ def _touches(
 ) -> bool:
     """Whether a ball expected at `position` at point k would have met a plane by then."""
     reach = record.object.shape.bounding_radius + fit.touch_slack
-    reach += fit.touch_sigmas * float(np.sqrt(np.trace(record.covariances[k])))
+    reach += fit.touch_sigmas * float(np.sqrt(np.trace(record.covariance_at(k))))
     return any(plane.signed_distances(position) < reach for plane in environment.planes)

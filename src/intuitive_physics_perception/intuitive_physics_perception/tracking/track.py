@@ -104,9 +104,17 @@ class Track:
     def scene_object(self, settings: PerceptionSettings) -> SceneObject:
         """What it is; its dimensions are averages over the track (Sec. VI-C)."""
         name = self.known.name if self.known else self.kind
-        material = self.known.material if self.known else settings.object_material
+        material = self.known.material if self.known else self._unknown_material(settings)
         shape = self.attitude.shape if self.attitude else Sphere(float(self.mean[RADIUS]))
         return SceneObject(f"{name}_{self.number}", material, shape)
+
+    def _unknown_material(self, settings: PerceptionSettings) -> str:
+        """Material of what is no known object; of a sphere, by the class of its radius."""
+        step = settings.material_radius_step
+        if step == 0.0 or self.attitude is not None:
+            return settings.object_material
+        middle = step * max(1, round(float(self.mean[RADIUS]) / step))
+        return f"{settings.object_material}_{1000.0 * middle:g}mm"
 
     def object_state(self, environment: Environment, settings: PerceptionSettings) -> ObjectState:
         """θ_d at `time`; a sphere's turning is not seen, but a rolling one's follows."""

@@ -87,7 +87,7 @@ def test_the_fit_is_unbiased_where_noise_is_large(rng) -> None:
         points = near_side(rng, center, radius, 400, 0.01)
         start = np.append(center + 0.01, 0.06)
         sphere, covariance, misfit, inliers = refine_sphere(
-            points, NOTHING, start, 0.015, 0.4, 3.0, noise
+            points, NOTHING, start, 0.015, 0.4, 3.0, noise, 0.0
         )
         assert inliers > 380
         assert misfit == pytest.approx(1.0, abs=0.4)
@@ -98,11 +98,26 @@ def test_the_fit_is_unbiased_where_noise_is_large(rng) -> None:
     assert scatter[3] < 2.0 * np.sqrt(np.median(fits[:, 4]))
 
 
+def test_readings_that_share_an_error_tell_no_more_than_one_of_them(rng) -> None:
+    """Three equal readings in place of each: the fit and its covariance stay as they were."""
+    noise = np.square([0.002, 0.0, 1.0, 1e-7])
+    points = near_side(rng, np.array([0.1, 0.2, 1.5]), 0.06, 300, 0.002)
+    limits = NOTHING, np.array([0.1, 0.2, 1.5, 0.06]), 0.015, 0.4, 3.0, noise
+    once, covariance, _, _ = refine_sphere(points, *limits, 0.0)
+    thrice, shared, _, _ = refine_sphere(np.repeat(points, 3, axis=0), *limits, 2.0)
+    _, independent, _, _ = refine_sphere(np.repeat(points, 3, axis=0), *limits, 0.0)
+    assert thrice == pytest.approx(once, abs=1e-6)
+    # Where rays graze, the second order of the error, 2 β², counts as each reading's own.
+    assert np.diag(shared) == pytest.approx(np.diag(covariance), rel=0.1)
+    assert np.diag(independent) == pytest.approx(np.diag(covariance) / 3.0, rel=0.05)
+
+
 def test_without_noise_the_fit_is_exact(rng) -> None:
     noise = np.square([1e-4, 0.0, 1.0, 1e-5])
     truth = np.array([0.3, -0.1, 1.7, 0.06])
     points = near_side(rng, truth[:3], truth[3], 500)
-    sphere, _, _, _ = refine_sphere(points, NOTHING, outline_sphere(points), 0.015, 0.4, 3.0, noise)
+    start = outline_sphere(points)
+    sphere, _, _, _ = refine_sphere(points, NOTHING, start, 0.015, 0.4, 3.0, noise, 0.0)
     assert sphere == pytest.approx(truth, abs=1e-6)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import uniform_filter
 
 from intuitive_physics_perception.environment.environment_model import (
     NoEnvironmentError,
@@ -100,6 +101,38 @@ def test_too_few_readings_leave_the_noise_as_it_was() -> None:
     assumed = RangeNoise.from_settings(SETTINGS)
     assert assumed.measured(np.zeros(0), np.zeros(0)) == assumed
     assert assumed.measured(np.ones(20), np.ones(20)) == assumed
+
+
+@pytest.mark.parametrize("window", [1, 2, 3, 5])
+@pytest.mark.parametrize("lost", [0.0, 0.3])
+def test_the_correlation_of_neighbours_is_measured(rng, window, lost) -> None:
+    """A mean over a window of w² readings makes each share its error with w² of them."""
+    noise = RangeNoise(0.002, 0.001, 0.05, 0.0008)
+    ranges = np.linspace(1.0, 4.0, 240)[:, None] + np.zeros((240, 320))
+
+    def frame():
+        white = rng.normal(size=ranges.shape)
+        errors = window * uniform_filter(white, window, mode="wrap") * noise.deviation(ranges)
+        seen = rng.random(ranges.shape) >= lost
+        return np.where(seen, ranges + errors, np.nan)
+
+    before, after = frame(), frame()
+    after[50:80, 60:90] = 0.5
+    assert noise.with_correlation(before, after).correlated == pytest.approx(window**2, rel=0.15)
+
+
+def test_frames_that_cannot_be_compared_leave_the_correlation_as_it_was(rng) -> None:
+    noise = RangeNoise(0.002, 0.001, 0.05, 0.0008, 2.0)
+    still = np.full((240, 320), 2.0)
+    cloud = np.full((1, 80000), 2.0)
+    for before, after in [
+        (still, still),
+        (still, still[:120]),
+        (cloud, cloud + 0.001 * rng.normal(size=cloud.shape)),
+        (still, np.full_like(still, np.nan)),
+        (still, still + 1.0),
+    ]:
+        assert noise.with_correlation(before, after) == noise
 
 
 def test_a_camera_looking_straight_down_takes_its_own_x_axis(make_room) -> None:

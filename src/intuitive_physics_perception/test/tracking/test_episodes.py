@@ -30,6 +30,7 @@ def record(rng, times, path, name="ball", noise=NOISE):
         np.asarray(times),
         seen,
         np.tile(noise**2 * np.eye(3), (len(path), 1, 1)),
+        np.zeros((3, 3)),
         None,
         np.asarray(times),
         seen,

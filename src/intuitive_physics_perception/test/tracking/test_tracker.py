@@ -231,6 +231,20 @@ def test_a_known_object_gives_name_material_and_radius(rng, bounce) -> None:
     assert (thing.id, thing.material) == ("sphere_1", "ball")
 
 
+def test_unknown_spheres_have_the_material_of_their_class_of_radius(rng, bounce) -> None:
+    times = np.arange(0, 0.4, STEP)
+    path = bounce(times, (0, 0, 1), (1, 0, 0), 0.05)
+    known = (KnownObject("large", 0.05, "rubber"),)
+    settings = replace(SETTINGS, known_objects=known, material_radius_step=0.02)
+    cases = {0.005: "ball_20mm", 0.033: "ball_40mm", 0.04: "ball_40mm", 0.062: "ball_60mm"}
+    for radius, material in {**cases, 0.05: "rubber"}.items():
+        alive, _ = follow(Tracker(FLOOR, settings), rng, [path], times, radius=radius)
+        (track,) = alive[-1]
+        assert track.scene_object(settings).material == material
+        if radius in cases:
+            assert track.scene_object(SETTINGS).material == "ball"
+
+
 def test_the_state_has_a_wide_spin_and_no_doubt_in_rotation(rng) -> None:
     tracker = Tracker(FLOOR, SETTINGS)
     for k in range(4):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.scene import Scene
-from intuitive_physics.settings import choice, number, other
+from intuitive_physics.settings import check_settings, choice, number, other
 from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS, Simulator, make_simulator
 from intuitive_physics.simulation.contact_noise import LARGEST_TILT, ContactNoise
 from intuitive_physics.simulation.world_batch import WorldBatch
@@ -75,6 +75,9 @@ class PredictionOptions:
     impact_tilt_noise: float = number(
         0.0, 0.0, LARGEST_TILT, "rad, standard deviation of the surface's normal at an impact"
     )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
 
     @property
     def noise_scales(self) -> NoiseScales:

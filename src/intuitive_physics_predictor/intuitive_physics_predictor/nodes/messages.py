@@ -7,7 +7,6 @@ from typing import Any
 
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates
-from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
 from intuitive_physics_msgs.msg import TrajectoryDistribution as DistributionMessage
 from std_msgs.msg import Header
 
@@ -19,7 +18,6 @@ from intuitive_physics_ros.conversions import (
     object_states_from_messages,
     seconds_from_stamp,
     stamp_from_seconds,
-    static_parameters_from_message,
 )
 
 
@@ -43,11 +41,6 @@ def environment_inputs(message: EnvironmentMessage, _: Arrival) -> dict[str, Any
         "environment": environment_from_message(message),
         "environment_version": message.version,
     }
-
-
-def parameters_inputs(message: StaticParametersMessage, _: Arrival) -> dict[str, Any]:
-    """Return the fields of the inputs that static parameters change."""
-    return {"learned": static_parameters_from_message(message)}
 
 
 def states_inputs(message: ObjectStates, arrival: Arrival) -> dict[str, Any]:

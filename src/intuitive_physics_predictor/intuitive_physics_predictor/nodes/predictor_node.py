@@ -5,7 +5,8 @@ from __future__ import annotations
 import gc
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields
 from functools import partial
 from typing import Any
@@ -21,17 +22,17 @@ from visualization_msgs.msg import MarkerArray
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_predictor.compile import warm_up
-from intuitive_physics_predictor.live.predictor import Predictor
+from intuitive_physics_predictor.live.predictor import Predictor, Snapshot
 from intuitive_physics_predictor.live.settings import PredictionOptions, PredictionSettings
 from intuitive_physics_predictor.nodes.messages import (
     Arrival,
     environment_inputs,
     header_of,
-    parameters_inputs,
     states_inputs,
 )
 from intuitive_physics_predictor.nodes.services import PredictionServices
 from intuitive_physics_predictor.nodes.ticks import PredictionTicks
+from intuitive_physics_ros.conversions import static_parameters_from_message
 from intuitive_physics_ros.diagnostics import Diagnostics
 from intuitive_physics_ros.markers import distribution_markers
 from intuitive_physics_ros.monitors import InputMonitor
@@ -102,10 +103,14 @@ class PredictorNode(Node):
         for name, kind, read, qos, expected in (
             ("environment", EnvironmentMessage, environment_inputs, LATCHED, None),
             ("object_states", ObjectStates, states_inputs, SENSOR_DATA, 2.0),
-            ("static_parameters", StaticParametersMessage, parameters_inputs, LATCHED, None),
+            ("static_parameters", StaticParametersMessage, None, LATCHED, None),
         ):
             monitor = InputMonitor(self, f"~/{name}", expected)
-            heard = partial(self._on_input, monitor, kind, read)
+            heard = (
+                partial(self._on_parameters, monitor)
+                if read is None
+                else partial(self._on_input, monitor, kind, read)
+            )
             self.create_subscription(kind, f"~/{name}", heard, qos, raw=True)
             diagnostics.add(name, monitor.check)
         diagnostics.add("prediction", self._ticks.monitor.check)
@@ -115,17 +120,25 @@ class PredictorNode(Node):
         arrival = Arrival(1e-9 * self.get_clock().now().nanoseconds, time.monotonic())
 
         def take(predictor: Predictor) -> None:
-            try:
+            with _reported(monitor):
                 predictor.take(**read(deserialize_message(message, kind), arrival))
-            except IntuitivePhysicsError as error:
-                monitor.rejected(error)
-            except Exception as error:
-                monitor.rejected(f"internal error, please report: {error!r}")
-            else:
                 monitor.accepted()
 
         # Of messages that come faster than they can be decoded the newest counts.
         self._ticks.post(take, key=monitor)
+
+    def _on_parameters(self, monitor: InputMonitor, message: bytes) -> None:
+        """Draw from newer θ_s beside the ticks, then have it taken over between two of them."""
+
+        def prepare(snapshot: Snapshot) -> None:
+            with _reported(monitor):
+                received = deserialize_message(message, StaticParametersMessage)
+                learned = static_parameters_from_message(received)
+                snapshot.settings.uncertain_parameters(learned, learned.materials)
+                self._ticks.post(lambda predictor: predictor.take(learned=learned), key=monitor)
+                monitor.accepted()
+
+        self._ticks.prepare(prepare)
 
     def _on_marker_tick(self) -> None:
         made = self._ticks.snapshot.newest
@@ -161,6 +174,17 @@ class PredictorNode(Node):
 
     def _values(self) -> dict[str, Any]:
         return {known.name: self.get_parameter(known.name).value for known in PARAMETERS}
+
+
+@contextmanager
+def _reported(monitor: InputMonitor) -> Iterator[None]:
+    """Report an input that is wrong, and go on."""
+    try:
+        yield
+    except IntuitivePhysicsError as error:
+        monitor.rejected(error)
+    except Exception as error:
+        monitor.rejected(f"internal error, please report: {error!r}")
 
 
 def settings_from_parameters(values: dict[str, Any]) -> PredictionSettings:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Hashable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 
 from intuitive_physics_msgs.msg import TrajectoryDistribution as DistributionMessage
 from rclpy.node import Node
@@ -59,6 +60,9 @@ class PredictionTicks:
         self._publisher = node.create_publisher(
             DistributionMessage, "~/trajectory_distribution", SENSOR_DATA
         )
+        self._background = ThreadPoolExecutor(1, thread_name_prefix="prepare")
+        self._to_prepare: Callable[[Snapshot], None] | None = None
+        self._prepared: Future[None] | None = None
         self._pacer = Pacer(self._on_tick, rate, self._predictor.draw_ahead)
 
     @property
@@ -70,8 +74,23 @@ class PredictionTicks:
         """Have work done with the predictor between two ticks, as `Pacer.post`."""
         self._pacer.post(lambda: work(self._predictor), key)
 
+    def prepare(self, work: Callable[[Snapshot], None]) -> None:
+        """Have work done that takes longer than a tick, in another thread; it may post.
+
+        Of work that was not begun the newest counts.
+        """
+        self._to_prepare = work
+        self._prepared = self._background.submit(self._do_newest)
+
+    def _do_newest(self) -> None:
+        work, self._to_prepare = self._to_prepare, None
+        if work is not None:
+            work(self.snapshot)
+
     def settled_snapshot(self, longest: float) -> Snapshot:
         """Return the snapshot once all that was posted is done, after `longest` s at most."""
+        if self._prepared is not None:
+            wait([self._prepared], longest)
         done = threading.Event()
         self._pacer.post(done.set)
         done.wait(longest)
@@ -101,7 +120,8 @@ class PredictionTicks:
         self._pacer.start()
 
     def stop(self) -> None:
-        """End once the tick under way is done."""
+        """End once the tick under way is done, and what is prepared."""
+        self._background.shutdown(cancel_futures=True)
         self._pacer.stop()
 
     def _on_tick(self, late: float, left_out: int) -> None:

@@ -72,13 +72,30 @@ def predict_outcomes(
     """Predict what would be seen: samples with the noise that the positions seen have.
 
     Each outcome has random numbers of its own, the same ones whatever predicts it, so that the
-    scores of two predictions differ less by chance.
+    scores of two predictions differ less by chance. They are those of no other outcome, and of no
+    generator made of a seed alone.
 
     Yields
     ------
     (n_samples, n_objects, n_times, 3) m for each outcome
     """
     for number, outcome in enumerate(outcomes):
-        positions = prediction(outcome, np.random.default_rng([seed, number]))
-        noise = np.random.default_rng([seed, number, 1]).standard_normal(positions.shape)
-        yield positions + outcome.position_noise * noise
+        samples, noise = outcome_generators(seed, number)
+        positions = prediction(outcome, samples)
+        yield positions + outcome.position_noise * noise.standard_normal(positions.shape)
+
+
+def outcome_generators(seed: int, number: int) -> tuple[np.random.Generator, np.random.Generator]:
+    """Return the generators of one outcome, of its samples and of the noise on what is seen.
+
+    Their streams are children of the seed's. NumPy reads a list of numbers as one, in which zeros
+    at the end do not count: `default_rng([0, 0])` is `default_rng(0)`.
+
+    Parameters
+    ----------
+    seed : of all outcomes
+    number : of the outcome
+    """
+    streams = np.random.SeedSequence(seed, spawn_key=(number,)).spawn(2)
+    samples, noise = (np.random.default_rng(stream) for stream in streams)
+    return samples, noise

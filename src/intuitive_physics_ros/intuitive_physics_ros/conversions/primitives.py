@@ -15,6 +15,7 @@ from geometry_msgs.msg import (
     Vector3,
 )
 from intuitive_physics_msgs.msg import (
+    Detections,
     Environment,
     ObjectState,
     ObjectStates,
@@ -49,6 +50,7 @@ MESSAGE_CLASSES: dict[str, Any] = {
     "geometry_msgs/msg/Twist": Twist,
     "geometry_msgs/msg/TwistWithCovariance": TwistWithCovariance,
     "geometry_msgs/msg/Vector3": Vector3,
+    "intuitive_physics_msgs/msg/Detections": Detections,
     "intuitive_physics_msgs/msg/Environment": Environment,
     "intuitive_physics_msgs/msg/ObjectState": ObjectState,
     "intuitive_physics_msgs/msg/ObjectStates": ObjectStates,

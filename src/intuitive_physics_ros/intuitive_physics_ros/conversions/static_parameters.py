@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -18,8 +19,10 @@ from intuitive_physics.materials import (
     StaticParameters,
     material_pairs,
     pair_count,
+    parameter_count,
 )
 from intuitive_physics.messages.fields import flat_array, float64_field, in_field
+from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, Bounds, parameter_vector
 
 SCALES = {ParameterBounds.LINEAR: "linear", ParameterBounds.LOGARITHMIC: "logarithmic"}
@@ -65,7 +68,21 @@ def static_parameters_to_message(
         cost=learned.cost,
         observation_count=learned.observation_count,
         method=learned.method,
+        **_posterior_fields(learned.posterior),
     )
+
+
+def _posterior_fields(posterior: ParameterPosterior | None) -> dict[str, Any]:
+    if posterior is None:
+        return {}
+    return {
+        "posterior_mean": float64_field(posterior.mean),
+        "posterior_rank": len(posterior.factor),
+        "posterior_factor": float64_field(posterior.factor),
+        "posterior_bounds": bounds_to_messages(posterior.bounds),
+        "posterior_lower_ends": float64_field(posterior.intervals[:, 0]),
+        "posterior_upper_ends": float64_field(posterior.intervals[:, 1]),
+    }
 
 
 def static_parameters_from_message(message: StaticParametersMessage) -> LearnedParameters:
@@ -100,7 +117,25 @@ def static_parameters_from_message(message: StaticParametersMessage) -> LearnedP
         message.observation_count,
         message.method,
         _intervals(message, pairs),
+        _posterior(message),
     )
+
+
+def _posterior(message: StaticParametersMessage) -> ParameterPosterior | None:
+    if not len(message.posterior_mean):
+        return None
+    n = parameter_count(len(message.materials))
+    with in_field("posterior_mean"):
+        mean = flat_array(message.posterior_mean, (n,))
+    with in_field("posterior_factor"):
+        factor = flat_array(message.posterior_factor, (message.posterior_rank, n))
+    with in_field("posterior_bounds"):
+        bounds = bounds_from_messages(message.posterior_bounds)
+    ends = [
+        _one_each(getattr(message, field), field, n, "parameter")
+        for field in ("posterior_lower_ends", "posterior_upper_ends")
+    ]
+    return ParameterPosterior(message.materials, mean, factor, bounds, np.stack(ends, axis=1))
 
 
 def _intervals(
@@ -137,11 +172,13 @@ def _pairs_in_order(
     return [by_pair[pair] for pair in expected]
 
 
-def _one_each(values: Sequence[float], field: str, count: int) -> NDArray[np.float64]:
+def _one_each(
+    values: Sequence[float], field: str, count: int, each: str = "material"
+) -> NDArray[np.float64]:
     with in_field(field):
         if len(values) != count:
             raise InvalidInputError(
-                f"has {len(values)} elements; expected {count}, one for each material"
+                f"has {len(values)} elements; expected {count}, one for each {each}"
             )
     return np.array(values, dtype=np.float64)
 

@@ -23,6 +23,7 @@ from intuitive_physics_learner.search.update_rules.hybrid_search import (
 )
 from intuitive_physics_learner.search.update_rules.single_point_search import (
     AdaptiveRandomSearch,
+    BoundedAdaptiveRandomSearch,
     CoordinateDescent,
     MetropolisHastings,
     ParameterGradientSearch,
@@ -55,9 +56,9 @@ UPDATE_RULES: dict[str, type[UpdateRule]] = {
 """The paper's nine."""
 
 FURTHER_RULES: dict[str, type[UpdateRule]] = {
-    rule.name: rule for rule in (SeparableCmaEs, RestartedCmaEs)
+    rule.name: rule for rule in (SeparableCmaEs, RestartedCmaEs, BoundedAdaptiveRandomSearch)
 }
-"""For what the nine are not made for: hundreds of parameters, many local optima."""
+"""For what the nine are not made for: hundreds of parameters, many local optima, large J."""
 
 ALL_RULES: dict[str, type[UpdateRule]] = {**UPDATE_RULES, **FURTHER_RULES}
 """The nine and the further ones."""

@@ -36,7 +36,7 @@ class GridSearch(UpdateRule):
         self._next = 0
 
     def propose(self) -> NDArray[np.float64]:
-        # Python's whole numbers: the grid has up to 21^945 points.
+        # Python's whole numbers: the grid has up to 20^945 points.
         last = min(self._next + GENERATION, self._levels.size**self.size)
         points = np.full((last - self._next, self.size), self._levels[0])
         for row, number in enumerate(range(self._next, last)):
@@ -59,8 +59,18 @@ class GridSearch(UpdateRule):
 
 
 def grid_levels(increment: float) -> NDArray[np.float64]:
-    """Values 0, δp, 2 δp … up to 1, shape (n_levels,)."""
-    return np.minimum(np.arange(int(1.0 / increment + 1e-9) + 1) * increment, 1.0)
+    """The 1/δp values of a parameter, δp apart, in the middle of the interval, shape (n_levels,).
+
+    The paper gives their number and not where they lie: with the middles of 1/δp equal parts, none
+    of the interval is further than δp / 2 from one of them.
+
+    Parameters
+    ----------
+    increment : δp, part of the unit interval; where 1/δp is no whole number it is rounded down
+    """
+    count = max(1, int(1.0 / increment + 1e-9))
+    steps = np.arange(count, dtype=np.float64) - 0.5 * (count - 1)
+    return np.asarray(0.5 + increment * steps)
 
 
 class RandomSearch(UpdateRule):

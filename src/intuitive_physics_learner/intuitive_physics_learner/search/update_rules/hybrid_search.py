@@ -111,7 +111,7 @@ class HybridRandomSearch(UpdateRule):
             size, generator, start, sweeps=sweeps, random_iterations=random_iterations, **steps
         )
         self._hybrid = HybridSearch(size, generator, random_iterations=random_iterations, **steps)
-        self._adaptive = AdaptiveRandomSearch(size, generator, **steps)
+        self._adaptive = AdaptiveRandomSearch(size, generator)
 
     def propose(self) -> NDArray[np.float64]:
         return self._adaptive.propose() if self._switched else self._hybrid.propose()

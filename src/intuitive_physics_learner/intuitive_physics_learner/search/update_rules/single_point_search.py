@@ -183,9 +183,33 @@ class ParameterGradientSearch(ClimbingRule):
 class AdaptiveRandomSearch(ClimbingRule):
     """Adds δp = U(-ε, ε) to all parameters at once, ε being J of the current point.
 
-    The paper gives this rule an α and a β in Table I and none in its text. Here they bound the
-    step as they do in parameter gradient search: ε, read in metres and taken as a part of the unit
-    interval, is held between β and α.
+    ε is the number of metres, taken as a part of the unit interval. A coordinate that would leave
+    the interval stays at its end. Table I gives this rule an α and a β that the paper's text does
+    not use; `BoundedAdaptiveRandomSearch` has them.
+    """
+
+    name = "adaptive_random"
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        # States of before November 2026 carry the bounds of the step that were a part of the rule.
+        super().load_state({**state, "settings": self.settings})
+
+    def _neighbours(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        epsilon = self._epsilon()
+        steps = self._generator.uniform(-epsilon, epsilon, (1, self.size))
+        return np.clip(point + steps, 0.0, 1.0)
+
+    def _epsilon(self) -> float:
+        """Largest step on the unit interval."""
+        return self.cost
+
+
+class BoundedAdaptiveRandomSearch(AdaptiveRandomSearch):
+    """Adaptive random search whose ε is held between β and α.
+
+    With J of decimetres, steps of ε = J reach over the whole interval and nothing adapts; a J near
+    0 leaves no step. Table I names an α and a β for adaptive random search; this reads them as
+    they are meant in parameter gradient search, the largest and the smallest step.
 
     Parameters
     ----------
@@ -193,7 +217,7 @@ class AdaptiveRandomSearch(ClimbingRule):
     smallest_step : β, smallest ε (Table I: 0.001)
     """
 
-    name = "adaptive_random"
+    name = "bounded_adaptive_random"
 
     def __init__(
         self,
@@ -208,11 +232,9 @@ class AdaptiveRandomSearch(ClimbingRule):
             size, generator, start, learning_rate=learning_rate, smallest_step=smallest_step
         )
 
-    def _neighbours(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        largest = max(self.settings["learning_rate"], self.settings["smallest_step"])
-        epsilon = np.clip(self.cost, self.settings["smallest_step"], largest)
-        steps = self._generator.uniform(-epsilon, epsilon, (1, self.size))
-        return np.clip(point + steps, 0.0, 1.0)
+    def _epsilon(self) -> float:
+        smallest = self.settings["smallest_step"]
+        return float(np.clip(self.cost, smallest, max(self.settings["learning_rate"], smallest)))
 
 
 class MetropolisHastings(UpdateRule):

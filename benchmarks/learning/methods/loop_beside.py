@@ -8,7 +8,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from benchmarks.learning.runs import Task
+from benchmarks.learning.paper_sets import Task
 from benchmarks.steady_loop import Lateness, watch_loops
 from intuitive_physics_learner import ObservationStore
 from intuitive_physics_learner.online.background_learning import BackgroundLearning

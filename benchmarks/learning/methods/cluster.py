@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.learning.runs import Task
+from benchmarks.learning.paper_sets import Task
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner import TrajectoryCost

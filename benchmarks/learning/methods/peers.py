@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.learning.runs import THREADS, Task, joint_run, make_task
+from benchmarks.learning.methods.histories import joint_run
+from benchmarks.learning.paper_sets import THREADS, Task, make_task
 from benchmarks.peers.mujoco_simulator import MujocoSimulator
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.simulation import Rollout, Simulator, WorldBatch, make_simulator
@@ -20,14 +21,11 @@ from intuitive_physics_learner import (
     make_update_rule,
 )
 
-RULE = "adaptive_random"
+RULE = "bounded_adaptive_random"
 """Of the paper's rules the one that gains most from few evaluations of J."""
 
 TIME_STEP = 0.01
 """s, of the other engines."""
-
-SEED = 100
-"""Of the set."""
 
 
 class OneFrictionBullet(Simulator):
@@ -68,10 +66,16 @@ class PeerResult:
     how: str
 
 
-def compare_engines(seconds: float) -> list[PeerResult]:
-    """Learn one object's parameters from its training split, `seconds` with each engine."""
-    task = make_task(1, SEED)
-    run = joint_run(task, seconds, judged=False)
+def compare_engines(seconds: float, seed: int) -> list[PeerResult]:
+    """Learn one object's parameters from the training split of one set.
+
+    Parameters
+    ----------
+    seconds : with each engine
+    seed : of the set
+    """
+    task = make_task(1, seed)
+    run = joint_run(task, seconds)
     results = [
         PeerResult(
             "auto, levenberg_marquardt",
@@ -86,7 +90,7 @@ def compare_engines(seconds: float) -> list[PeerResult]:
         ("PyBullet", OneFrictionBullet(), "object against room exactly, μ_d for μ_s"),
         ("MuJoCo", MujocoSimulator(TIME_STEP), "μ_d for μ_s, a spring tuned to e"),
     ):
-        results.append(_by_rule(make_task(1, SEED, simulator), f"{name}, {RULE}", how, seconds))
+        results.append(_by_rule(make_task(1, seed, simulator), f"{name}, {RULE}", how, seconds))
     return results
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.learning.runs import JointRun, Task
+from benchmarks.learning.methods.histories import JointRun
+from benchmarks.learning.paper_sets import Task
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
@@ -17,7 +18,7 @@ from matplotlib import pyplot as plt
 
 def draw_figure(
     histories: Mapping[str, Mapping[str, NDArray[np.float64]]],
-    joint: Mapping[str, Sequence[tuple[Task, JointRun]]],
+    joint: Mapping[str, tuple[Task, JointRun]],
     path: Path,
 ) -> None:
     """Draw a column for each set: rules above, joint estimation below.
@@ -25,14 +26,14 @@ def draw_figure(
     Parameters
     ----------
     histories : mean J over the training split after each iteration, by set and rule
-    joint : runs of joint estimation by set, the rules' set first
+    joint : a run of joint estimation by set
     path : where to write the figure
     """
     figure, axes = plt.subplots(
         2, len(histories), figsize=(4.2 * len(histories), 7.0), squeeze=False
     )
     for column, (name, rules) in enumerate(histories.items()):
-        task, run = joint[name][0]
+        task, run = joint[name]
         above, below = axes[:, column]
         for rule, costs in rules.items():
             above.plot(np.arange(1, costs.size + 1), costs, label=rule, linewidth=1.2)
@@ -42,8 +43,7 @@ def draw_figure(
         above.set_title(name)
         above.set_xlabel("iterations (evaluations of J)")
         above.set_ylabel("J, training split (m)")
-        for other, each in joint[name]:
-            below.plot(each.seconds, each.test / other.oracle[1], linewidth=1.2)
+        below.plot(run.seconds, run.test / task.oracle[1], linewidth=1.2)
         below.axhspan(0.95, 1.05, color="0.9")
         below.axhline(1.0, color="0.5", linestyle=":")
         below.set_xlabel("seconds")

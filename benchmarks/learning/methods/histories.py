@@ -1,0 +1,94 @@
+"""How J falls with iterations and time on one of the paper's synthetic sets."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.learning.paper_sets import TOLERANCE, Task
+from intuitive_physics.parameter_space import ParameterSpace
+from intuitive_physics_learner import (
+    ConvergenceCriteria,
+    ParameterSearch,
+    make_update_rule,
+)
+from intuitive_physics_learner.cost.cached_cost import CachedCost
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.joint_estimation import JointSearch
+from intuitive_physics_learner.search.learning_task import LearningTask
+
+
+def rule_history(task: Task, rule: str, seed: int, iterations: int) -> NDArray[np.float64]:
+    """J over the training split after each iteration of an update rule, (iterations,) m.
+
+    As in the paper, over all |θ_s| parameters and from a start of the rule's own.
+    """
+    space = ParameterSpace(task.start.materials)
+    made = make_update_rule(rule, space.size, np.random.default_rng(seed))
+    cost = CachedCost(task.training_cost())
+    history = ParameterSearch(cost.costs, space, made).run(ConvergenceCriteria(iterations)).history
+    # A rule that has converged has its last J from then on.
+    return np.pad(history, (0, iterations - history.size), mode="edge")
+
+
+@dataclass(frozen=True, eq=False)
+class JointRun:
+    """How joint estimation went on one set.
+
+    Parameters
+    ----------
+    seconds : (n,) wall time after each step in s, with the set-up, without the evaluations of J
+        over the test split
+    iterations : (n,) evaluations of J that would have simulated as much
+    training, test : (n,) J in m by then
+    exact : J in m over the test split from the true initial states, of what was learned
+    """
+
+    seconds: NDArray[np.float64]
+    iterations: NDArray[np.int64]
+    training: NDArray[np.float64]
+    test: NDArray[np.float64]
+    exact: float
+
+
+def joint_run(task: Task, time_limit: float) -> JointRun:
+    """Let joint estimation run until it has settled or the time is over."""
+    test = task.test_cost()
+    space = ParameterSpace(task.start.materials)
+    began = time.perf_counter()
+    cost = task.training_cost()
+    influence = parameter_influence(cost.observations, cost.materials)
+    learning = LearningTask(cost, space, influence, task.start)
+    own, generator = influence[:, learning.active], np.random.default_rng(0)
+    search = JointSearch(cost, learning.searched, own, learning.prior, generator)
+    looking = 0.0
+    rows = []
+    while True:
+        if search.step(1) == 0:
+            break
+        seconds = time.perf_counter() - began - looking
+        look = time.perf_counter()
+        here = float(test.costs([search.best_parameters])[0])
+        looking += time.perf_counter() - look
+        rows.append((seconds, search.iterations, search.best_cost, here))
+        if seconds > time_limit:
+            break
+    seconds, iterations, training, tested = np.array(rows).T
+    return JointRun(
+        seconds,
+        iterations.astype(np.int64),
+        training,
+        tested,
+        float(task.exact_cost().costs([search.best_parameters])[0]),
+    )
+
+
+def seconds_to_tolerance(run: JointRun, oracle: float) -> float:
+    """Seconds from when on J over the test split stays within the tolerance; infinite if it ends
+    above."""
+    above = np.flatnonzero(run.test > (1.0 + TOLERANCE) * oracle)
+    first = 0 if above.size == 0 else above[-1] + 1
+    return float(run.seconds[first]) if first < run.seconds.size else np.inf

@@ -1,0 +1,112 @@
+"""How long a learner takes to be ready on a database of many observations, in a fresh process."""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.scene import Environment, Plane, SceneObject
+from intuitive_physics.shapes import Sphere
+from intuitive_physics.state import ObjectState
+from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_learner.store import ObservationStore
+from intuitive_physics_learner.store.database import insert_entry
+
+POINTS = 45
+"""Of the observation: 1.5 s at 30 frames a second."""
+
+PERIOD = 10.0
+"""s from one observation to the next."""
+
+OPENING = """
+import json, resource, sys, time
+from intuitive_physics_learner.store import CurrentParameters, ObservationStore
+began, cpu = time.perf_counter(), time.process_time()
+with ObservationStore(sys.argv[1]) as store:
+    current, count = CurrentParameters(store), store.count()
+    materials = current.extended().materials
+print(json.dumps({
+    "seconds": time.perf_counter() - began,
+    "cpu_seconds": time.process_time() - cpu,
+    "process_cpu_seconds": time.process_time(),
+    "rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
+    "count": count,
+    "materials": materials,
+}))
+"""
+"""What the fresh process does; imports do not count into its seconds."""
+
+
+def start_seconds(count: int, folder: Path | None = None) -> dict[str, float]:
+    """Measure opening a database and finding θ_s and the materials in it.
+
+    Parameters
+    ----------
+    count : observations in the database
+    folder : where the database is made for a while; None takes the system's temporary folder
+
+    Returns
+    -------
+    dict
+        `seconds` and `cpu_seconds` of opening, without imports; `process_seconds` and
+        `process_cpu_seconds` of the whole process, imports included; `rss_mb`, the most memory the
+        process had, MB; `file_mb`.
+    """
+    with tempfile.TemporaryDirectory(dir=folder) as place:
+        path = Path(place) / "learner.sqlite3"
+        fill(path, count)
+        began = time.perf_counter()
+        done = subprocess.run(
+            [sys.executable, "-c", OPENING, str(path)], capture_output=True, text=True, check=True
+        )
+        whole = time.perf_counter() - began
+        found = json.loads(done.stdout)
+        if found.pop("count") != count or found.pop("materials") != ["ball", "floor"]:
+            raise RuntimeError(f"the database of {count} observations was not read as written")
+        return {**found, "process_seconds": whole, "file_mb": os.path.getsize(path) / 1e6}
+
+
+def fill(path: Path, count: int) -> None:
+    """Make a database in which one observation occurs `count` times, with other ids and times."""
+    ObservationStore(path).close()
+    connection = sqlite3.connect(path)
+    with connection:
+        for name, received_at, text in _rows(count):
+            connection.execute(
+                "INSERT INTO observations VALUES (?, ?, ?)", (name, received_at, text)
+            )
+            insert_entry(connection, name, received_at, text)
+    connection.close()
+
+
+def _rows(count: int) -> Iterator[tuple[str, float, str]]:
+    """Id, time of arrival in s and JSON text of each observation."""
+    data = json.loads(_observation().to_json())
+    (seen,) = data["objects"]
+    times = np.array(seen["times"])
+    for number in range(count):
+        start = PERIOD * number
+        data |= {"id": f"{number:032x}", "start_time": start}
+        seen["times"] = (start + times).tolist()
+        yield data["id"], start, json.dumps(data)
+
+
+def _observation() -> Observation:
+    """A ball in free flight."""
+    times = np.arange(1, POINTS + 1) / 30.0
+    velocity, gravity = np.array([1.0, 0.5, 7.5]), np.array([0.0, 0.0, -9.81])
+    state = ObjectState([0.0, 0.0, 0.1], linear_velocity=velocity)
+    positions = state.position + times[:, None] * velocity + 0.5 * times[:, None] ** 2 * gravity
+    ball = SceneObject("ball", "ball", Sphere(0.03))
+    floor = Environment([Plane("floor", "floor", [0.0, 0.0, 1.0], 0.0)])
+    return Observation(floor, (ObservedObject(ball, Trajectory(times, positions), state),), 0.0)

@@ -1,0 +1,293 @@
+"""How observations come into the learner node's database, and how its users look after them."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from intuitive_physics_msgs.msg import Observation as ObservationMessage
+from intuitive_physics_msgs.msg import ObservationEntry as EntryMessage
+from intuitive_physics_msgs.srv import (
+    AddObservation,
+    DeleteObservations,
+    ExportObservations,
+    ListObservations,
+    SetObservationStatus,
+)
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+
+from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
+from intuitive_physics.observation import Observation
+from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
+from intuitive_physics_learner.nodes.learning_services import CODES
+from intuitive_physics_learner.store import ObservationEntry, ObservationStore
+from intuitive_physics_learner.store.observation_entries import EXCLUDED, UNREADABLE, USED
+from intuitive_physics_ros.background import Background
+from intuitive_physics_ros.conversions import observation_from_message, stamp_from_seconds
+from intuitive_physics_ros.diagnostics import Level, Status
+from intuitive_physics_ros.monitors import InputMonitor
+from intuitive_physics_ros.qos import OBSERVATIONS
+from intuitive_physics_ros.result_codes import error_result, ok_result
+
+BUSY_TIMEOUT = 0.5
+"""s that one attempt to write waits for another process; what reads meanwhile waits as long."""
+
+RETRY_PERIOD = 0.5
+"""s between two attempts to store an observation."""
+
+ADD_PATIENCE = 5.0
+"""s for which `~/add_observation` tries again while another process writes."""
+
+LARGEST_QUEUE = 1000
+"""Observations that wait in memory at most, 10 to 50 MB: a quarter of an hour at one a second."""
+
+PAGE = 1000
+"""Entries of an answer of `~/list_observations` unless the request gives another number."""
+
+
+class ObservationQueue:
+    """Stores observations in a thread of its own; what cannot be stored waits and is tried again.
+
+    Parameters
+    ----------
+    store : that they go into
+    on_stored : called from the thread when some were stored
+    """
+
+    def __init__(self, store: ObservationStore, on_stored: Callable[[], None]) -> None:
+        self._store = store
+        self._on_stored = on_stored
+        self._waiting: deque[Observation] = deque()
+        self._changed = threading.Condition()
+        self._stopped = False
+        self._error = ""
+        self._lost = 0
+        self._thread = threading.Thread(target=self._run, name="observation queue", daemon=True)
+        self._thread.start()
+
+    def put(self, observation: Observation) -> None:
+        """Have an observation stored as soon as that is possible; returns at once.
+
+        Raises
+        ------
+        StorageError
+            When too many wait; then this one is lost.
+        """
+        with self._changed:
+            if len(self._waiting) >= LARGEST_QUEUE:
+                self._lost += 1
+                raise StorageError(
+                    f"{LARGEST_QUEUE} observations wait to be stored already, so this one is lost: "
+                    f"{self._error}"
+                )
+            self._waiting.append(observation)
+            self._changed.notify()
+
+    def stop(self, patience: float) -> int:
+        """Store what waits, for up to `patience` s; return how many are left and lost."""
+        with self._changed:
+            self._stopped = True
+            self._changed.notify()
+        self._thread.join(patience)
+        return len(self._waiting)
+
+    def check(self) -> Status:
+        """Say whether observations wait, and why."""
+        with self._changed:
+            values = {"waiting": len(self._waiting), "lost": self._lost}
+            error = self._error
+        if values["lost"]:
+            return Status(Level.ERROR, f"observations were lost: {error or 'too many'}", values)
+        if error:
+            return Status(Level.WARN, f"observations wait to be stored: {error}", values)
+        return Status(Level.OK, "observations are stored as they come", values)
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._stopped)
+                if not self._waiting:
+                    return
+                first = self._waiting[0]
+            try:
+                self._store.add(first)
+            except StorageError as error:
+                with self._changed:
+                    self._error = str(error)
+                    if self._stopped:
+                        return
+                time.sleep(RETRY_PERIOD)
+            else:
+                with self._changed:
+                    self._error = ""
+                    self._waiting.popleft()
+                self._on_stored()
+
+
+class ObservationServices:
+    """Offers `~/observation` and the services on stored observations, none of which blocks.
+
+    Parameters
+    ----------
+    node : that offers them
+    database : file of the store
+    on_changed : called in the node's executor when the set of observations has changed
+    """
+
+    def __init__(self, node: Node, database: Path, on_changed: Callable[[], None]) -> None:
+        self._node = node
+        self._on_changed = on_changed
+        self._store = ObservationStore(database, BUSY_TIMEOUT)
+        self._background = Background(node)
+        self._input = InputMonitor(node, "~/observation", timeout=None)
+        # Triggered in the queue's thread, called back in the node's executor.
+        self._queue = ObservationQueue(self._store, node.create_guard_condition(on_changed).trigger)
+        self._unreadable = 0
+        node.create_subscription(
+            ObservationMessage, "~/observation", self._on_observation, OBSERVATIONS
+        )
+        # While an answer waits for the database, others must go on.
+        together = ReentrantCallbackGroup()
+        for kind, name, answer in (
+            (AddObservation, "add_observation", self._add),
+            (ListObservations, "list_observations", self._list),
+            (SetObservationStatus, "set_observation_status", self._set_status),
+            (DeleteObservations, "delete_observations", self._delete),
+            (ExportObservations, "export_observations", self._export),
+        ):
+            node.create_service(
+                kind, f"~/{name}", self._in_background(answer), callback_group=together
+            )
+
+    @property
+    def checks(self) -> dict[str, Callable[[], Status]]:
+        """Checks for /diagnostics by their names."""
+        return {
+            "observation input": self._input.check,
+            "observation queue": self._queue.check,
+            "stored observations": self._check_stored,
+        }
+
+    def stop(self, patience: float) -> None:
+        """Store what waits, for up to `patience` s, and close the database."""
+        lost = self._queue.stop(patience)
+        if lost:
+            self._node.get_logger().error(f"{lost} observations could not be stored and are lost")
+        self._background.stop()
+        self._store.close()
+
+    def _on_observation(self, message: ObservationMessage) -> None:
+        try:
+            self._queue.put(observation_from_message(message))
+        except IntuitivePhysicsError as error:
+            self._input.rejected(error)
+        else:
+            self._input.accepted()
+
+    def _in_background(self, answer: Callable[[Any, Any], bool]) -> Callable[[Any, Any], Any]:
+        """Return a service's callback that fills the response in a thread.
+
+        `answer(request, response)` returns whether the set of observations may have changed.
+        """
+
+        async def on_request(request: Any, response: Any) -> Any:
+            try:
+                changed = await self._background.run(lambda: answer(request, response))
+                response.result = ok_result()
+                if changed:
+                    self._on_changed()
+            except Exception as error:
+                if not isinstance(error, IntuitivePhysicsError):
+                    self._node.get_logger().error(
+                        f"a request failed: {type(error).__name__}: {error}"
+                    )
+                response.result = error_result(error, CODES)
+            return response
+
+        return on_request
+
+    def _add(self, request: AddObservation.Request, response: AddObservation.Response) -> bool:
+        observation = observation_from_message(request.observation)
+        deadline = time.monotonic() + ADD_PATIENCE
+        while True:
+            try:
+                response.added = self._store.add(observation)
+                response.observation_count = self._store.count()
+            except DatabaseBusyError:
+                if time.monotonic() > deadline:
+                    raise
+            else:
+                return bool(response.added)
+
+    def _list(self, request: ListObservations.Request, response: ListObservations.Response) -> bool:
+        entries = self._store.entries(
+            statuses=request.statuses, after=request.after, limit=request.limit or PAGE
+        )
+        response.observations = [entry_to_message(entry) for entry in entries]
+        response.observation_count = self._store.count()
+        return False
+
+    def _set_status(
+        self, request: SetObservationStatus.Request, response: SetObservationStatus.Response
+    ) -> bool:
+        if request.status == USED:
+            response.changed = self._store.include(request.ids)
+        elif request.status == EXCLUDED:
+            given = {"reason": request.reason} if request.reason else {}
+            response.changed = self._store.exclude(request.ids, **given)
+        else:
+            raise InvalidInputError(
+                f"status is {request.status!r}; expected {USED!r} or {EXCLUDED!r}"
+            )
+        return response.changed > 0
+
+    def _delete(
+        self, request: DeleteObservations.Request, response: DeleteObservations.Response
+    ) -> bool:
+        response.deleted = self._store.delete(request.ids)
+        return response.deleted > 0
+
+    def _export(
+        self, request: ExportObservations.Request, response: ExportObservations.Response
+    ) -> bool:
+        response.exported = self._store.export(request.folder, request.ids)
+        return False
+
+    def _check_stored(self) -> Status:
+        try:
+            counts = self._store.counts()
+        except StorageError as error:
+            return Status(Level.ERROR, str(error))
+        unreadable = counts[UNREADABLE]
+        message = f"{sum(counts.values())} observations"
+        if unreadable:
+            message = (
+                f"{unreadable} of {message} cannot be read and are passed over; "
+                "~/list_observations says why"
+            )
+        if unreadable > self._unreadable:
+            self._node.get_logger().warning(message)
+        self._unreadable = unreadable
+        return Status(Level.WARN if unreadable else Level.OK, message, counts)
+
+
+def entry_to_message(entry: ObservationEntry) -> EntryMessage:
+    """Return an entry of the list as a message."""
+    return EntryMessage(
+        id=entry.id,
+        number=entry.number,
+        received_at=stamp_from_seconds(entry.received_at),
+        start_time=math.nan if entry.start_time is None else entry.start_time,
+        materials=list(entry.materials),
+        object_count=entry.object_count,
+        point_count=entry.point_count,
+        status=entry.status,
+        weight=entry.weight,
+        reason=entry.reason,
+    )

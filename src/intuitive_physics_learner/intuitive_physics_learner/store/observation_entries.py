@@ -1,0 +1,167 @@
+"""What the database knows of each observation besides its JSON text, so that lists are cheap."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.observation import Observation
+
+USED, EXCLUDED, DOUBTFUL, UNREADABLE = "used", "excluded", "doubtful", "unreadable"
+"""Status of an observation: learned from; left out by the user; set aside by the learner, which may
+take it back; its text cannot be read."""
+
+STATUSES = (USED, EXCLUDED, DOUBTFUL, UNREADABLE)
+"""Every status, in the order of lists."""
+
+COLUMNS = (
+    "number, id, received_at, start_time, first_time, last_time, materials, object_count, "
+    "point_count, has_detections, status, weight, reason, revision"
+)
+"""Columns of the table `observation_entries`, in the order of the fields of `ObservationEntry`."""
+
+
+@dataclass(frozen=True)
+class ObservationEntry:
+    """One row of the list of observations.
+
+    Parameters
+    ----------
+    number : place in the order in which observations came; never given twice
+    id : of the observation
+    received_at : Unix time in s at which it was stored
+    start_time : s, on the clock of its trajectories; None where its text cannot be read
+    first_time, last_time : s on that clock, at which any of its objects was seen; None likewise
+    materials : of objects and environment, each once
+    object_count : moving objects
+    point_count : points of all trajectories together
+    has_detections : whether one of its objects has detections
+    status : one of `STATUSES`
+    weight : probability of being a good measurement of an undisturbed motion, 0 to 1
+    reason : why it has this status or weight; empty for an observation nothing is known against
+    revision : of the store when it was added, excluded, included or given back for learning
+    """
+
+    number: int
+    id: str
+    received_at: float
+    start_time: float | None
+    first_time: float | None
+    last_time: float | None
+    materials: tuple[str, ...]
+    object_count: int
+    point_count: int
+    has_detections: bool
+    status: str
+    weight: float
+    reason: str
+    revision: int
+
+    @staticmethod
+    def from_row(row: tuple[Any, ...]) -> ObservationEntry:
+        """Read a row of `COLUMNS`."""
+        number, name, received, start, first, last, materials, objects, points, has, *rest = row
+        names = tuple(json.loads(materials))
+        return ObservationEntry(
+            number, name, received, start, first, last, names, objects, points, bool(has), *rest
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for people and other programs."""
+        return {
+            "number": self.number,
+            "id": self.id,
+            "received_at": self.received_at,
+            "start_time": self.start_time,
+            "materials": list(self.materials),
+            "objects": self.object_count,
+            "points": self.point_count,
+            "status": self.status,
+            "weight": self.weight,
+            "reason": self.reason,
+        }
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """What a learner thinks of an observation.
+
+    Parameters
+    ----------
+    id : of the observation
+    weight : probability of being a good measurement of an undisturbed motion, 0 to 1
+    reason : for people; empty where nothing is wrong
+    status : USED or DOUBTFUL
+    """
+
+    id: str
+    weight: float
+    reason: str = ""
+    status: str = USED
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.weight <= 1.0:
+            raise InvalidInputError(
+                f"weight of observation {self.id} is {self.weight}; expected 0 to 1"
+            )
+        if self.status not in (USED, DOUBTFUL):
+            raise InvalidInputError(
+                f"status of observation {self.id} is {self.status!r}; a learner may give "
+                f"{USED!r} or {DOUBTFUL!r}"
+            )
+
+
+def text_columns(text: str) -> tuple[Any, ...]:
+    """Return what the columns `start_time` to `has_detections` say of an observation's JSON text.
+
+    Only what the columns need is read, which takes a fraction of the time of a whole observation.
+
+    Raises
+    ------
+    InvalidInputError
+        When the text cannot be read.
+    """
+    try:
+        data = json.loads(text)
+        objects, environment = data["objects"], data["environment"]
+        materials = [seen["object"]["material"] for seen in objects]
+        materials += [part["material"] for part in (*environment["planes"], *environment["boxes"])]
+        start = float(data["start_time"])
+        times = list(_ends(objects))
+        return (
+            start,
+            min(times),
+            max(times),
+            json.dumps(list(dict.fromkeys(materials))),
+            len(objects),
+            sum(len(seen["times"]) for seen in objects),
+            any(seen.get("detections") is not None for seen in objects),
+        )
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        raise InvalidInputError(f"{type(error).__name__}: {error}") from None
+
+
+UNREADABLE_COLUMNS = (None, None, None, "[]", 0, 0, False)
+"""The same columns of an observation whose text cannot be read."""
+
+
+def _ends(objects: list[dict[str, Any]]) -> Iterator[float]:
+    """First and last times in s at which objects were seen."""
+    for seen in objects:
+        for times in (seen["times"], (seen.get("detections") or {}).get("times")):
+            if times:
+                yield from (float(times[0]), float(times[-1]))
+
+
+def parsed_observation(text: str) -> Observation | InvalidInputError:
+    """Return the observation of a JSON text, or what is wrong with the text."""
+    try:
+        return Observation.from_json(text)
+    except InvalidInputError as error:
+        return error
+    # A text that is JSON, but was changed by hand, can fail in any of these ways.
+    except (ValueError, TypeError, LookupError, AttributeError) as error:
+        return InvalidInputError(f"{type(error).__name__}: {error}")

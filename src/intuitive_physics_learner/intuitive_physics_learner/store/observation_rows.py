@@ -1,0 +1,168 @@
+"""Statements that keep `observations` and `observation_entries` together, within a transaction."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.observation import Observation
+from intuitive_physics_learner.store.observation_entries import (
+    COLUMNS,
+    STATUSES,
+    UNREADABLE,
+    UNREADABLE_COLUMNS,
+    USED,
+    ObservationEntry,
+    text_columns,
+)
+
+CANDIDATES = 64
+"""Stored observations that a new one is compared with at most, the nearest in time first; a camera
+sees far fewer motions at once."""
+
+
+def insert_observation(connection: sqlite3.Connection, row: tuple[str, float, str]) -> bool:
+    """Insert id, received_at and JSON text; return whether the id is new."""
+    inserted = connection.execute(
+        "INSERT INTO observations (id, received_at, json) VALUES (?, ?, ?) "
+        "ON CONFLICT (id) DO NOTHING",
+        row,
+    ).rowcount
+    if inserted:
+        insert_entry(connection, *row)
+    return bool(inserted)
+
+
+def check_ids(connection: sqlite3.Connection, ids: Sequence[str]) -> None:
+    """Raise `UnknownNameError` if no observation has one of the ids."""
+    missing = connection.execute(
+        "SELECT value FROM json_each(?) WHERE value NOT IN (SELECT id FROM observations) LIMIT 1",
+        (json.dumps(list(ids)),),
+    ).fetchone()
+    if missing is not None:
+        count = connection.execute("SELECT COUNT(*) FROM observation_entries").fetchone()[0]
+        raise UnknownNameError(
+            f"observation id is {missing[0]!r}; expected one of the {count} that are stored"
+        )
+
+
+def insert_entry(connection: sqlite3.Connection, name: str, received_at: float, text: str) -> None:
+    """Insert the entry of an observation whose JSON text is stored, as of a new revision."""
+    status, reason = USED, ""
+    try:
+        columns = text_columns(text)
+    except InvalidInputError as error:
+        status, reason, columns = UNREADABLE, str(error), UNREADABLE_COLUMNS
+    row = (name, received_at, *columns, status, float(status == USED), reason)
+    places = ", ".join("?" * len(row))
+    names = COLUMNS.removeprefix("number, ")
+    connection.execute(
+        f"INSERT INTO observation_entries ({names}) VALUES ({places}, ?)",
+        (*row, next_revision(connection)),
+    )
+
+
+def renew_entry(connection: sqlite3.Connection, name: str, text: str) -> None:
+    """Make an observation whose text can be read used again, as of a new revision."""
+    columns = COLUMNS.split(", ")[3:]
+    row = (*text_columns(text), USED, 1.0, "", next_revision(connection))
+    changes = ", ".join(f"{column} = ?" for column in columns)
+    connection.execute(f"UPDATE observation_entries SET {changes} WHERE id = ?", (*row, name))
+
+
+def next_revision(connection: sqlite3.Connection) -> int:
+    """Count the set of observations as changed, and return its new revision."""
+    connection.execute("UPDATE observation_set SET revision = revision + 1")
+    return int(connection.execute("SELECT revision FROM observation_set").fetchone()[0])
+
+
+def set_status(
+    connection: sqlite3.Connection, name: str, status: str, weight: float, reason: str
+) -> bool:
+    """Give an observation a status as of a new revision; return whether that changes it."""
+    changed = connection.execute(
+        "UPDATE observation_entries SET status = ?1, weight = ?2, reason = ?3, "
+        "revision = (SELECT revision + 1 FROM observation_set) "
+        "WHERE id = ?4 AND (status, weight, reason) != (?1, ?2, ?3)",
+        (status, weight, reason, name),
+    ).rowcount
+    if changed:
+        next_revision(connection)
+    return bool(changed)
+
+
+def list_entries(
+    connection: sqlite3.Connection,
+    ids: Sequence[str],
+    statuses: Sequence[str],
+    after: tuple[int, int],
+    *,
+    limit: int,
+    newest: bool,
+) -> list[ObservationEntry]:
+    """List observations, see `ObservationStore.entries`; `after`: number and revision."""
+    for status in statuses:
+        if status not in STATUSES:
+            raise UnknownNameError(f"status is {status!r}; expected {', '.join(STATUSES)}")
+    chosen = "number > ? AND revision > ?"
+    values: list[object] = [*after]
+    for column, names in (("id", ids), ("status", statuses)):
+        if names:
+            chosen += f" AND {column} IN (SELECT value FROM json_each(?))"
+            values.append(json.dumps(list(names)))
+    check_ids(connection, ids)
+    rows = connection.execute(
+        f"SELECT {COLUMNS} FROM observation_entries WHERE {chosen} "
+        f"ORDER BY number {'DESC' if newest else 'ASC'} LIMIT ?",
+        (*values, limit),
+    )
+    return [ObservationEntry.from_row(row) for row in rows]
+
+
+@dataclass(frozen=True)
+class ObservationSpan:
+    """An observation, the times in s that it covers, and whether any object has detections."""
+
+    observation: Observation
+    first: float
+    last: float
+    has_detections: bool
+
+    @staticmethod
+    def of(observation: Observation) -> ObservationSpan:
+        has_detections = any(seen.detections is not None for seen in observation.objects)
+        return ObservationSpan(observation, *observation.time_span, has_detections)
+
+    def comparable(self, other: ObservationSpan) -> bool:
+        """Whether more than the ids can say that both are of the same motion.
+
+        Equal ids need no comparison: the table has each id once.
+        """
+        return (
+            (self.has_detections or other.has_detections)
+            and self.first <= other.last
+            and other.first <= self.last
+        )
+
+
+def overlapping_texts(connection: sqlite3.Connection, span: ObservationSpan) -> list[str]:
+    """Return the JSON texts of stored observations comparable to one, the nearest in time first."""
+    rows = connection.execute(
+        "SELECT json FROM observations JOIN ("
+        "SELECT id, start_time FROM observation_entries "
+        "WHERE has_detections IN (?, 1) AND first_time <= ? AND first_time >= ? - "
+        "(SELECT MAX(last_time - first_time) FROM observation_entries) AND last_time >= ? "
+        "ORDER BY ABS(start_time - ?) LIMIT ?) USING (id)",
+        (
+            not span.has_detections,
+            span.last,
+            span.first,
+            span.first,
+            span.observation.start_time,
+            CANDIDATES,
+        ),
+    )
+    return [row[0] for row in rows]

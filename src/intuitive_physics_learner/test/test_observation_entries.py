@@ -1,0 +1,334 @@
+"""What the store knows of each observation: status, weight, reason, order, counts, changes."""
+
+import json
+import os
+import re
+import sqlite3
+import threading
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.observation import Detections, load_observation
+from intuitive_physics_learner import (
+    ConvergenceCriteria,
+    LearningOptions,
+    ObservationStore,
+    StorageError,
+)
+from intuitive_physics_learner.store import Assessment
+from intuitive_physics_learner.store.database import database_path
+from intuitive_physics_learner.store.observation_entries import STATUSES
+from intuitive_physics_learner.stored_learning import learn_from_store
+
+
+@pytest.fixture
+def store(tmp_path):
+    with ObservationStore(tmp_path / "learner.sqlite3") as opened:
+        yield opened
+
+
+@pytest.fixture(scope="session")
+def glide_at(glides):
+    def make(id, start=0.0, material="ball"):
+        return glides(np.random.default_rng(0), 0.5, materials=(material,), start=start, id=id)
+
+    return make
+
+
+def rewritten(store, sql, *values):
+    with sqlite3.connect(store.path) as file:
+        file.execute(sql, values)
+    file.close()
+
+
+def broken(store, id):
+    rewritten(store, "UPDATE observations SET json = substr(json, 1, 99) WHERE id = ?", id)
+
+
+def ids(entries):
+    return [entry.id for entry in entries]
+
+
+def test_an_entry_says_what_the_observation_says(store, glides):
+    seen = glides(np.random.default_rng(0), 0.5, (10, 4), ("ball", "cork"), start=7.0, id="a")
+    store.add(seen)
+    (entry,) = store.entries()
+    assert (entry.number, entry.id, entry.start_time) == (1, "a", 7.0)
+    assert (entry.first_time, entry.last_time) == seen.time_span
+    assert entry.materials == seen.materials == store.materials()
+    assert (entry.object_count, entry.point_count, entry.has_detections) == (2, 14, False)
+    assert (entry.status, entry.weight, entry.reason) == ("used", 1.0, "")
+    assert json.loads(json.dumps(entry.to_dict()))["materials"] == list(seen.materials)
+
+
+def test_an_unreadable_row_is_marked_kept_and_passed_over(store, glide_at):
+    store.add_all([glide_at(id) for id in "abc"])
+    broken(store, "b")
+    assert [one.id for one in store.observations()] == ["a", "c"]
+    (entry,) = store.entries(statuses=["unreadable"])
+    assert (entry.id, entry.weight) == ("b", 0.0)
+    assert "not whole JSON" in entry.reason
+    assert store.counts() == {"used": 2, "excluded": 0, "doubtful": 0, "unreadable": 1}
+    with pytest.raises(StorageError, match="observation b cannot be read"):
+        store.observations(["a", "b"])
+    with pytest.raises(StorageError, match="observation b cannot be read"):
+        store.include(["b"])
+    assert [one.id for one in store.observations(["c"])] == ["c"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{}",
+        "[]",
+        "7",
+        '{"format": "intuitive_physics/observation/1", "objects": [1]}',
+        '{"format": "intuitive_physics/observation/1", "objects": 5, "environment": []}',
+    ],
+)
+def test_no_text_stops_reading_or_migration(store, glide_at, text):
+    store.add_all([glide_at("a"), glide_at("b")])
+    rewritten(store, "UPDATE observations SET json = ? WHERE id = 'a'", text)
+    assert [one.id for one in store.observations()] == ["b"]
+    assert ids(store.check()) == ["a"]
+
+
+def test_a_broken_byte_is_one_unreadable_row(store, glide_at):
+    store.add_all([glide_at("a"), glide_at("b")])
+    rewritten(store, "UPDATE observations SET json = CAST(x'7b22ff' AS TEXT) WHERE id = 'a'")
+    assert [one.id for one in store.observations()] == ["b"]
+
+
+def test_a_row_that_can_be_read_again_is_used_again(store, glide_at):
+    store.add_all([glide_at("a"), glide_at("b", material="cork")])
+    broken(store, "b")
+    assert ids(store.check()) == ["b"]
+    rewritten(store, "UPDATE observations SET json = ? WHERE id = 'b'", glide_at("b").to_json())
+    before = store.revision()
+    assert store.check() == []
+    assert store.revision() > before
+    assert [one.id for one in store.observations()] == ["a", "b"]
+    assert store.materials() == ("ball", "floor")
+
+
+def test_migration_enters_rows_that_cannot_be_read(tmp_path, glide_at):
+    path = tmp_path / "old.sqlite3"
+    with ObservationStore(path) as store:
+        store.add_all([glide_at(id) for id in "abc"])
+    with sqlite3.connect(path) as old:
+        tables = ("observation_entries", "observation_counts", "observed_materials")
+        for name in (*tables, "observation_set"):
+            old.execute(f"DROP TABLE {name}")
+        old.execute("DROP TRIGGER observation_deleted")
+        old.execute("UPDATE observations SET json = 'nothing' WHERE id = 'b'")
+        old.execute("PRAGMA user_version = 2")
+    old.close()
+    with ObservationStore(path) as store:
+        assert ids(store.entries()) == ["a", "b", "c"]
+        assert [one.status for one in store.entries()] == ["used", "unreadable", "used"]
+        assert store.materials() == ("ball", "floor")
+        assert [one.id for one in store.observations()] == ["a", "c"]
+
+
+def test_the_user_excludes_and_includes(store, glide_at):
+    store.add_all([glide_at(id) for id in "abc"])
+    before = store.revision()
+    assert store.exclude(["a", "c"], "kicked by the cat") == 2
+    assert store.exclude(["a"], "kicked by the cat") == 0
+    assert [one.id for one in store.observations()] == ["b"]
+    assert [one.id for one in store.observations(["a"])] == ["a"]
+    assert ids(store.entries(statuses=["excluded"])) == ["a", "c"]
+    assert store.entries(ids=["a"])[0].reason == "kicked by the cat"
+    assert ids(store.entries(changed_after=before)) == ["a", "c"]
+    middle = store.revision()
+    assert store.include(["a"]) == 1
+    assert ids(store.entries(changed_after=middle)) == ["a"]
+    assert [one.id for one in store.observations()] == ["a", "b"]
+    with pytest.raises(UnknownNameError, match="'x'; expected one of the 3"):
+        store.exclude(["a", "x"])
+    assert store.counts()["excluded"] == 1
+
+
+def test_what_is_doubtful_can_come_back(store, glide_at):
+    store.add_all([glide_at(id) for id in "abcd"])
+    store.exclude(["c"])
+    broken(store, "d")
+    store.observations()
+    before = store.revision()
+    doubts = [Assessment(id, 0.1, "touched", "doubtful") for id in "acdx"]
+    assert store.apply_assessments([*doubts, Assessment("b", 0.9)]) == 2
+    assert [(one.status, one.weight) for one in store.entries()] == [
+        ("doubtful", 0.1),
+        ("used", 0.9),
+        ("excluded", 0.0),
+        ("unreadable", 0.0),
+    ]
+    assert [one.id for one in store.observations()] == ["b"]
+    store.apply_assessments([Assessment("a", 0.8)])
+    assert [one.id for one in store.observations()] == ["a", "b"]
+    assert store.revision() == before
+
+
+@pytest.mark.parametrize(
+    ("weight", "status"), [(-0.1, "used"), (1.1, "used"), (float("nan"), "used"), (0.5, "excluded")]
+)
+def test_assessments_that_are_none(weight, status):
+    with pytest.raises(InvalidInputError, match="of observation a is"):
+        Assessment("a", weight, status=status)
+
+
+def test_deletion_is_for_good(store, glide_at):
+    store.add_all([glide_at("a"), glide_at("b", material="cork"), glide_at("c")])
+    before = store.revision()
+    with pytest.raises(UnknownNameError):
+        store.delete(["a", "x"])
+    assert store.delete(["b", "c"]) == 2
+    assert store.ids() == ["a"]
+    assert store.materials() == ("ball", "floor")
+    assert store.revision() > before
+    # A number is never given twice, so that who follows the stream misses none.
+    store.add(glide_at("d"))
+    assert ids(store.entries(after=3)) == ["d"]
+
+
+def test_lists_are_paged(store, glide_at):
+    store.add_all([glide_at(str(n)) for n in range(10)])
+    assert ids(store.entries(after=4, limit=3)) == ["4", "5", "6"]
+    assert ids(store.entries(newest=True, limit=2)) == ["9", "8"]
+    with pytest.raises(UnknownNameError, match="'x'; expected used, excluded"):
+        store.entries(statuses=["x"])
+
+
+@pytest.mark.parametrize("chunk", [1, 3, 100])
+def test_observations_one_after_the_other(store, glide_at, chunk):
+    store.add_all([glide_at(str(n)) for n in range(7)])
+    broken(store, "2")
+    store.exclude(["4"])
+    read = list(store.each_observation(after=1, chunk=chunk))
+    assert [(entry.number, one.id) for entry, one in read] == [
+        (2, "1"),
+        (4, "3"),
+        (6, "5"),
+        (7, "6"),
+    ]
+
+
+def test_exports_what_is_used_or_asked_for(store, glide_at, tmp_path):
+    store.add_all([glide_at(id) for id in "abc"])
+    store.exclude(["b"])
+    assert store.export(tmp_path / "used") == 2
+    assert store.export(tmp_path / "asked", ["b"]) == 1
+    (file,) = (tmp_path / "asked").iterdir()
+    assert load_observation(file).to_json() == glide_at("b").to_json()
+    with pytest.raises(UnknownNameError):
+        store.export(tmp_path / "none", ["x"])
+    with pytest.raises(InvalidInputError, match="cannot make the folder"):
+        store.export(file)
+
+
+@pytest.mark.parametrize(
+    ("template", "namespace", "path"),
+    [
+        ("/data/x.sqlite3", "/robot", "/data/x.sqlite3"),
+        ("/data/{namespace}/x.sqlite3", "/", "/data/x.sqlite3"),
+        ("/data/{namespace}/x.sqlite3", "/robots/left", "/data/robots/left/x.sqlite3"),
+        ("{namespace}/x.sqlite3", "/", "x.sqlite3"),
+        ("~/{namespace}.sqlite3", "/robot", "~/robot.sqlite3"),
+    ],
+)
+def test_a_namespace_has_its_own_database(template, namespace, path):
+    assert str(database_path(template, namespace)) == path
+
+
+def test_a_session_has_its_own_database():
+    text = str(database_path("/data/{namespace}/{session}.sqlite3", "/robot"))
+    assert re.fullmatch(r"/data/robot/\d{8}T\d{6}Z\.sqlite3", text)
+    with pytest.raises(InvalidInputError, match=r"placeholder \{sesion\}; expected"):
+        database_path("/data/{sesion}.sqlite3", "/")
+
+
+MATERIALS = st.sampled_from(["ball", "cork", "wood"])
+ACTIONS = st.lists(
+    st.tuples(st.sampled_from(["add", "exclude", "include", "doubt", "delete"]), MATERIALS),
+    max_size=12,
+)
+
+
+@settings(max_examples=15, deadline=None)
+@given(actions=ACTIONS)
+def test_counts_are_those_of_the_rows(tmp_path_factory, glide_at, actions):
+    path = tmp_path_factory.mktemp("counts") / "learner.sqlite3"
+    with ObservationStore(path) as store:
+        for number, (action, material) in enumerate(actions):
+            names = store.ids()[::2]
+            if action == "add":
+                store.add(glide_at(str(number), material=material))
+            elif action == "doubt":
+                store.apply_assessments([Assessment(id, 0.2, "", "doubtful") for id in names])
+            else:
+                getattr(store, action)(names)
+            entries = store.entries()
+            found = Counter(entry.status for entry in entries)
+            assert store.counts() == {status: found[status] for status in STATUSES}
+            expected = {name for entry in entries for name in entry.materials}
+            assert set(store.materials()) == expected
+            assert [one.id for one in store.observations()] == [
+                entry.id for entry in entries if entry.status == "used"
+            ]
+
+
+def detected(observation, generator, id):
+    """As perceived from the same frames, with a third of them left out."""
+    (ball,) = observation.objects
+    times, positions = ball.trajectory.times, ball.trajectory.positions
+    kept = np.sort(generator.permutation(len(times))[: 2 * len(times) // 3])
+    covariances = np.broadcast_to(1e-6 * np.eye(3), (len(kept), 3, 3))
+    detections = Detections(times[kept], positions[kept], covariances, np.zeros((3, 3)))
+    return replace(observation, objects=(replace(ball, detections=detections),), id=id)
+
+
+def test_a_recording_that_is_played_again_adds_nothing(store, glides):
+    generator = np.random.default_rng(0)
+    seen = [
+        glides(generator, 0.5, counts=(40,), start=start, id=f"{start}")
+        for start in (10.0, 10.1, 20.0, 1000.0)
+    ]
+    first = [detected(one, generator, f"first {one.id}") for one in seen]
+    again = [detected(one, generator, f"again {one.id}") for one in seen]
+    assert store.add_all(first) == 4
+    assert store.add_all(again) == 0
+    assert not any(store.add(one) for one in again)
+    with ObservationStore(store.path.with_name("both.sqlite3")) as both:
+        assert both.add_all([*first, *again]) == 4
+
+
+def test_learning_goes_on_without_an_unreadable_row(store, glide_at, glide):
+    store.add_all([glide_at(id) for id in "abc"])
+    broken(store, "b")
+    options = LearningOptions("random", ConvergenceCriteria(max_iterations=20))
+    result = learn_from_store(store, glide, options)
+    assert result.learned.observation_count == 2
+
+
+def test_a_writer_of_idle_priority_does_not_stand_still_with_the_lock(store):
+    policies = []
+
+    def write():
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+        with store._database.writing():
+            policies.append(os.sched_getscheduler(0))
+        policies.append(os.sched_getscheduler(0))
+
+    thread = threading.Thread(target=write)
+    thread.start()
+    thread.join()
+    within, after = policies
+    assert after == os.SCHED_IDLE
+    # Who lacks the right stays idle and goes on.
+    assert within == os.SCHED_OTHER or os.geteuid() != 0

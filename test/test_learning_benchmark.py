@@ -1,0 +1,252 @@
+"""The learning benchmark's own functions: what it counts, disturbs and draws."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+
+import numpy as np
+import pytest
+from benchmarks.learning.__main__ import LINE, PARTS, chosen_parts, combined, run
+from benchmarks.learning.camera import TRUE_RANGES, draw_truth
+from benchmarks.learning.disturbances import EARLIEST, LEAST_DEVIATION, Disturber
+from benchmarks.learning.disturbed import SHARE, DisturbedSet, counted, disturbed_set
+from benchmarks.learning.disturbed import figures as disturbed_figures
+from benchmarks.learning.online import (
+    AFTER,
+    BEFORE,
+    OBSERVATIONS_BEFORE,
+    Drift,
+    changing_stream,
+    mean_drift,
+)
+from benchmarks.learning.part import Findings, Part, Plan
+from benchmarks.learning.scores import (
+    WITHIN,
+    Coverage,
+    coverage,
+    excess,
+    is_honest,
+    share_within,
+)
+from benchmarks.learning.stream import StreamCost, endless_stream, growth
+from benchmarks.learning.stream import figures as stream_figures
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import StaticParameters, parameter_names
+from intuitive_physics.parameter_space import ParameterSpace
+from intuitive_physics_experiments.paper.paper_dataset import POSITION_NOISE, make_paper_dataset
+from intuitive_physics_experiments.paper.paper_room import ROOM_MATERIAL, dataset_simulator
+
+MATERIALS = ("ball", "floor")
+"""Of θ_s that are held against the truth."""
+
+costs = st.floats(1e-3, 10.0)
+
+
+@given(costs, costs, costs, st.floats(0.1, 10.0), st.floats(0.0, 5.0))
+def test_excess_is_zero_at_the_truth_and_one_at_the_defaults(oracle, gain, cost, scale, shift):
+    default = oracle + gain
+    assert excess(oracle, oracle, default) == 0.0
+    assert excess(default, oracle, default) == pytest.approx(1.0)
+    moved = [scale * each + shift for each in (cost, oracle, default)]
+    assert excess(*moved) == pytest.approx(excess(cost, oracle, default), rel=1e-6, abs=1e-6)
+
+
+def test_excess_where_the_defaults_are_as_good_as_the_truth():
+    assert excess(0.03, 0.03, 0.03) == 0.0
+    assert excess(0.02, 0.03, 0.01) == 0.0
+    assert excess(0.04, 0.03, 0.02) == np.inf
+
+
+def stated(values: StaticParameters, deviations, intervals=None) -> LearnedParameters:
+    identified = ~np.isnan(deviations)
+    return LearnedParameters(values, deviations, identified, 1, 0.1, 1, "made up", intervals)
+
+
+@settings(max_examples=30)
+@given(st.floats(0.05, 3.9), st.sampled_from(["density", "rolling_friction", "restitution"]))
+def test_errors_are_in_stated_deviations_on_the_scale_of_the_search(sigmas, kind):
+    assume(abs(sigmas - WITHIN) > 1e-3)
+    space = ParameterSpace(MATERIALS)
+    names = parameter_names(MATERIALS)
+    axis = next(i for i, name in enumerate(names) if name.startswith(kind))
+    found, true = np.full(space.size, 0.5), np.full(space.size, 0.5)
+    true[axis] += 0.02 * sigmas
+    deviations = np.full(space.size, np.nan)
+    deviations[axis] = 0.02 * space.slopes(found)[axis, axis]
+    learned = stated(space.to_parameters(found), deviations)
+    held = coverage(learned, space.to_parameters(true), np.ones(space.size, dtype=bool))
+    assert held.identified == 1
+    assert held.active == space.size
+    assert held.scores == pytest.approx([-sigmas], rel=1e-3)
+    assert held.within == int(sigmas <= WITHIN)
+
+
+def test_what_is_not_active_or_not_identified_is_not_counted():
+    space = ParameterSpace(MATERIALS)
+    deviations = np.full(space.size, np.nan)
+    deviations[[0, 3]] = 0.1
+    active = np.ones(space.size, dtype=bool)
+    active[0] = False
+    values = StaticParameters.uniform(MATERIALS)
+    held = coverage(stated(values, deviations), values, active)
+    assert (held.identified, held.active) == (1, space.size - 1)
+
+
+def test_truth_within_a_one_sided_interval_is_within_two_deviations():
+    names = parameter_names(MATERIALS)
+    axis = names.index("dynamic_friction[ball, floor]")
+    learned = StaticParameters.uniform(MATERIALS, static_friction=0.9, dynamic_friction=0.3)
+    true = StaticParameters.uniform(MATERIALS, static_friction=0.9, dynamic_friction=0.8)
+    deviations = np.full(len(names), np.nan)
+    deviations[axis] = 0.01
+    active = np.ones(len(names), dtype=bool)
+    assert coverage(stated(learned, deviations), true, active).within == 0
+    intervals = np.full((len(names), 2), np.nan)
+    intervals[axis] = 0.28, 1.0
+    assert coverage(stated(learned, deviations, intervals), true, active).within == 1
+
+
+def test_shares_are_of_all_identified_parameters_of_all_sets():
+    first = Coverage(np.array([0.0, -1.0, 3.0]), np.zeros(3), 5)
+    second = Coverage(np.array([-2.5]), np.zeros(1), 7)
+    assert share_within([first, second]) == 0.5
+    assert share_within([]) is None
+    assert not is_honest(None)
+    assert [is_honest(share) for share in (0.89, 0.9, 0.99, 1.0)] == [False, True, True, False]
+
+
+@pytest.fixture(scope="module")
+def dataset():
+    return make_paper_dataset(1, 15, np.random.default_rng(11))
+
+
+@pytest.mark.parametrize("kind", ["kicked", "held", "mistracked"])
+def test_disturbed_throw_is_the_true_one_first_and_far_from_it_later(dataset, kind):
+    disturber = Disturber(dataset.parameters, dataset_simulator("auto"), dataset.training)
+    rng = np.random.default_rng(5)
+    for true in dataset.training[:4]:
+        disturbed = disturber.disturb(true, kind, rng)
+        away = np.linalg.norm(disturbed.positions - true.positions, axis=2)[0]
+        times = true.observation.objects[0].trajectory.times
+        assert away[times < EARLIEST].max() == 0.0
+        assert away.max() >= LEAST_DEVIATION
+        (seen,) = disturbed.observation.objects
+        noise = seen.trajectory.positions - disturbed.positions[0]
+        # 453 numbers: their standard deviation is within 5 standard errors of 3.3 %.
+        assert noise.std() == pytest.approx(POSITION_NOISE, rel=0.17)
+        assert disturbed.scene == true.scene
+        assert disturbed.observation.id != true.observation.id
+
+
+def test_a_fifth_of_the_training_throws_is_disturbed_and_the_rest_untouched(dataset):
+    disturbed, kinds = disturbed_set(dataset, np.random.default_rng(2))
+    before = {run.observation.id for run in dataset.training}
+    after = {run.observation.id for run in disturbed.training}
+    assert len(kinds) == round(SHARE * len(dataset.training))
+    assert after - before == set(kinds)
+    assert disturbed.test == dataset.test
+    same, again = disturbed_set(dataset, np.random.default_rng(2))
+    assert again == kinds
+    assert [each.to_json() for each in same.training_observations] == [
+        each.to_json() for each in disturbed.training_observations
+    ]
+
+
+def test_flags_are_counted_against_what_was_disturbed():
+    kinds = {"a": "kicked", "b": "held"}
+    good = frozenset("cdef")
+    known = DisturbedSet(1, kinds, good, {"a", "c"}, 0.2, 0.1)
+    assert counted([known]) == (1, 2, 1, 4)
+    assert counted([known], "held") == (0, 1, 1, 4)
+    assert disturbed_figures([known]) == {"excess": 0.2, "flagged": 0.5, "false": 0.25}
+    unknown = DisturbedSet(1, kinds, good, None, 0.2, 0.1)
+    assert disturbed_figures([unknown]) == {"excess": 0.2, "flagged": None, "false": None}
+
+
+def test_stream_is_the_same_however_much_of_it_is_taken():
+    short = [each.to_json() for each in itertools.islice(endless_stream(3), 4)]
+    long = [each.to_json() for each in itertools.islice(endless_stream(3), 7)]
+    assert long[:4] == short
+    assert len(set(long)) == 7
+
+
+def test_changing_stream_is_of_one_ball_and_the_same_until_the_change():
+    stream = list(changing_stream(4, 2))
+    assert len(stream) == OBSERVATIONS_BEFORE + 2
+    balls = {each.objects[0].object.material for each in stream}
+    assert len(balls) == 1
+    unchanged = list(changing_stream(4, 0))
+    assert [each.id for each in stream[:OBSERVATIONS_BEFORE]] == [each.id for each in unchanged]
+
+
+def test_change_counts_until_the_published_value_is_near():
+    assert Drift(0, (BEFORE, 0.78, AFTER + 0.005, AFTER)).observations == 2.0
+    late = Drift(0, (BEFORE, 0.78))
+    assert late.observations == np.inf
+    assert mean_drift([Drift(0, (BEFORE, AFTER)), Drift(1, (BEFORE, 0.75, AFTER))]) == 1.5
+    assert mean_drift([Drift(0, (BEFORE, AFTER)), late]) is None
+
+
+def test_stream_figures_have_null_for_what_was_not_measured():
+    found = {100: StreamCost(100, (0.2, 0.4), 3.0, 250.0), 1000: None}
+    assert stream_figures(found, None) == {
+        "cpu_s_at": {"100": 0.3, "1000": None},
+        "start_s_at_100000": None,
+        "rss_mb": 250.0,
+    }
+    assert growth(found) is None
+    assert growth({**found, 1000: StreamCost(1000, (0.6,), 9.0, 300.0)}) == pytest.approx(2.0)
+
+
+@given(st.integers(0, 10_000))
+def test_truth_of_a_camera_set_is_one_that_its_engine_can_express(seed):
+    material, true = draw_truth(seed)
+    pair = true.pair(material, ROOM_MATERIAL)
+    assert pair["static_friction"] == pair["dynamic_friction"]
+    for name, value in pair.items():
+        bounds = TRUE_RANGES[name]
+        assert bounds.lower - 1e-12 <= value <= bounds.upper + 1e-12
+
+
+def test_last_line_has_all_keys_and_a_part_that_fails_does_not_stop_the_others():
+    def failing(plan: Plan) -> Findings:
+        raise InvalidInputError("it went wrong")
+
+    good = Part("good", ("camera",), lambda plan: Findings(figures={"camera": plan.quick}))
+    outcome = combined([Part("bad", (), failing), good], Plan(True, 0))
+    assert tuple(outcome.key_figures) == LINE
+    assert outcome.key_figures["camera"] is True
+    assert outcome.key_figures["stream"] is None
+    assert outcome.complaints == ["bad: it went wrong"]
+    assert not outcome.valid
+
+
+def test_every_key_of_the_last_line_is_of_one_part_at_most():
+    keys = [key for part in PARTS for key in part.keys]
+    assert len(keys) == len(set(keys))
+    assert set(keys) <= set(LINE)
+
+
+def test_parts_are_chosen_by_name():
+    assert chosen_parts(None) == list(PARTS)
+    assert [part.name for part in chosen_parts("camera, sets")] == ["sets", "camera"]
+    with pytest.raises(InvalidInputError, match="'nothing'; expected some of sets,"):
+        chosen_parts("sets,nothing")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"first_seed": -1}, "--first-seed is -1; expected at least 0"),
+        ({"only": "sets", "write": True}, "--write was given with --only"),
+    ],
+)
+def test_options_that_make_no_sense_are_errors(changes, message):
+    given_options = {"quick": True, "first_seed": 0, "only": None, "write": False, **changes}
+    with pytest.raises(InvalidInputError, match=message):
+        run(argparse.Namespace(**given_options))

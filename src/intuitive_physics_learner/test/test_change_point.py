@@ -87,7 +87,7 @@ def test_a_change_of_one_pair_is_found_where_it_was():
     recent = [observed(generator, CENTRE) for _ in range(3)]
     recent += [observed(generator, after) for _ in range(4)]
     change = looked_for(known, recent)
-    assert change.family == ("ball", "floor")
+    assert change.pair == ("ball", "floor")
     assert change.length in (4, 5)
     assert change.probability < 1e-6
 

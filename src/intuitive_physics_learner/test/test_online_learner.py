@@ -142,9 +142,10 @@ def test_a_floor_that_was_waxed_is_noticed(event_driven, gliding, glide):
         learner.learn_from(gliding(generator, 0.8))
     assert learner.state.changes == []
     found = [restitution(learner.learn_from(gliding(generator, 0.7)))[0] for _ in range(15)]
-    assert len(learner.state.changes) == 1
-    assert learner.state.changes[0]["pair"] == ["ball", "floor"]
-    assert learner.state.changes[0]["observation"] in (10, 11)
+    ((change, before),) = learner.state.changes
+    assert change.pair == ("ball", "floor")
+    assert before in (9, 10)
+    assert OnlineState.from_json(learner.state.to_json()).changes == learner.state.changes
     assert found[-1] == pytest.approx(0.7, abs=0.01)
 
 

@@ -46,12 +46,12 @@ class ChangePoint:
 
     Parameters
     ----------
-    family : whose parameters changed, a pair of materials
-    length : number of the last observations that were made after it
+    pair : of materials, whose parameters changed
+    length : number of the last observations, when it was noticed, that were made after it
     probability : of so large a ratio without a change
     """
 
-    family: tuple[str, ...]
+    pair: tuple[str, ...]
     length: int
     probability: float
 

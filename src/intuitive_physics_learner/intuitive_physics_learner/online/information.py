@@ -44,7 +44,13 @@ class Information:
 
     @staticmethod
     def about(mean: NDArray[np.float64], matrix: NDArray[np.float64]) -> Information:
-        """Return a Gaussian of a mean (n,) and a precision (n, n), per width²."""
+        """Return a Gaussian.
+
+        Parameters
+        ----------
+        mean : (n,) on the unit cube
+        matrix : (n, n) its precision, per width²
+        """
         return Information(matrix.copy(), matrix @ mean)
 
     def copy(self) -> Information:
@@ -64,10 +70,14 @@ class Information:
         self.vector *= factor
 
     def forget(self, parameters: NDArray[np.int64]) -> None:
-        """Let nothing be known of some parameters, by their indices (k,); the others keep theirs.
+        """Let nothing be known of some parameters.
 
         What is known of the others is their marginal distribution. Directions of the parameters of
         which nothing is known have no information to give, so the inverse leaves them out.
+
+        Parameters
+        ----------
+        parameters : (k,) their indices
         """
         rest = np.setdiff1d(np.arange(self.vector.size), parameters)
         across = self.matrix[np.ix_(rest, parameters)]
@@ -79,7 +89,13 @@ class Information:
         self.vector[rest] = vector
 
     def spread(self, places: NDArray[np.int64], size: int) -> Information:
-        """Return the same among `size` parameters, its n at the indices (n,) given."""
+        """Return the same among more parameters, of which nothing is known.
+
+        Parameters
+        ----------
+        places : (n,) indices of these n parameters among all
+        size : number of all parameters
+        """
         wider = Information.none(size)
         wider.matrix[np.ix_(places, places)] = self.matrix
         wider.vector[places] = self.vector
@@ -145,18 +161,23 @@ def agreement_weights(
 
 
 def encode_array(array: NDArray[np.float64]) -> dict[str, Any]:
-    """Return an array of any shape as plain data, to its last digit."""
+    """Return an array as plain data, to its last digit.
+
+    Parameters
+    ----------
+    array : (...,) of any shape
+    """
     packed = zlib.compress(np.ascontiguousarray(array, dtype="<f8").tobytes(), FASTEST)
     return {"shape": list(array.shape), "zlib": base64.b64encode(packed).decode("ascii")}
 
 
 def decode_array(data: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Read what `encode_array` wrote."""
+    """Return the array (...,) that `encode_array` wrote."""
     raw = zlib.decompress(base64.b64decode(data["zlib"]))
     return np.frombuffer(raw, dtype="<f8").reshape(data["shape"]).astype(np.float64)
 
 
-def marginal(prior: GaussianPrior, chosen: NDArray[np.int64] | Sequence[int]) -> GaussianPrior:
+def marginal(prior: GaussianPrior, chosen: NDArray[np.int64]) -> GaussianPrior:
     """Return what a prior says of some of its parameters alone.
 
     Parameters

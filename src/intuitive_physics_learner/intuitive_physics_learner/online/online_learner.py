@@ -36,6 +36,9 @@ from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, 
 WEIGHING_ROUNDS = 2
 """Times that weights are computed again from what they give: they hardly change any more."""
 
+LARGEST_CHANGE_COUNT = 10
+"""Changes that are remembered at most."""
+
 FEW = 2.0
 """Observations that could not be explained, imagined before the first: one success is no rule."""
 
@@ -342,7 +345,7 @@ class OnlineLearner:
             return
         seen = [self._observations[one.id] for one in state.window]
         influence = parameter_influence(seen, state.materials)
-        active = influence.any(axis=0)
+        active: NDArray[np.bool_] = np.asarray(influence.any(axis=0))
         own = np.flatnonzero(active)
         prior = state.retired.prior(state.centre)
         cost = TrajectoryCost(seen, self._simulator, state.materials)
@@ -421,7 +424,9 @@ class OnlineLearner:
         """Let the least informative observations leave the window where it is too full."""
         state = self.state
         while len(state.window) > self._options.window:
-            covariance = np.linalg.inv(self._prior.precision)
+            covariance: NDArray[np.float64] = np.asarray(
+                np.linalg.inv(self._prior.precision), dtype=np.float64
+            )
             newest = state.processed - self._settings.recent
             old = [one for one in state.window if one.number <= newest] or state.window[:1]
             leaving = min(old, key=lambda one: self._worth(one, covariance))
@@ -456,18 +461,12 @@ class OnlineLearner:
         )
         if change is None:
             return
-        state.changes.append(
-            {
-                "pair": list(change.family),
-                "observation": state.processed - change.length + 1,
-                "probability": change.probability,
-            }
-        )
-        del state.changes[:-10]
+        state.changes.append((change, state.processed - change.length))
+        del state.changes[:-LARGEST_CHANGE_COUNT]
         after = kept[-change.length :]
         for member in [one for one in state.window if one not in after]:
             self._retire_member(member)
-        members = families[change.family]
+        members = families[change.pair]
         state.retired.forget(members)
         state.moves[members], state.narrowings[members] = 0.0, 0.0
         for member in [one for one in state.doubtful if one in after]:

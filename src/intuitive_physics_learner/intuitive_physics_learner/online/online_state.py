@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics_learner.joint_estimation.joint_fit import ObservationFit
 from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
+from intuitive_physics_learner.online.change_point import ChangePoint
 from intuitive_physics_learner.online.information import (
     Information,
     decode_array,
@@ -72,8 +73,7 @@ class OnlineState:
     set_aside : of these, how many are doubtful
     explained, met : number of observations that could be explained to their end, or as far as they
         can be predicted, and of all, both with forgetting
-    changes : last changes that were noticed, each with the pair, the number of the observation and
-        the probability of a false alarm
+    changes : last changes that were noticed, and how many observations there were before each
     time : s, the latest start time of an observation
     position : revision of the store up to which observations are known
     """
@@ -95,7 +95,7 @@ class OnlineState:
     set_aside: int = 0
     explained: float = 0.0
     met: float = 0.0
-    changes: list[dict[str, Any]] = field(default_factory=list)
+    changes: list[tuple[ChangePoint, int]] = field(default_factory=list)
     time: float | None = None
     position: int = 0
 
@@ -117,6 +117,7 @@ class OnlineState:
                 name: [_member_data(one) for one in getattr(self, name)]
                 for name in ("window", "doubtful")
             },
+            "changes": [{**asdict(change), "before": before} for change, before in self.changes],
             "published": None if self.published is None else self.published.to_dict(),
         }
         return json.dumps(data, allow_nan=False)
@@ -148,6 +149,7 @@ class OnlineState:
                         name: [_read_member(one) for one in data[name]]
                         for name in ("window", "doubtful")
                     },
+                    "changes": [_read_change(one) for one in data["changes"]],
                     "published": published and LearnedParameters.from_dict(published),
                 }
             )
@@ -163,7 +165,6 @@ _PLAIN = (
     "set_aside",
     "explained",
     "met",
-    "changes",
     "time",
     "position",
 )
@@ -174,6 +175,11 @@ _ARRAYS = ("centre", "unit", "moves", "narrowings")
 
 _INFORMATION = ("retired", "posterior", "published_information")
 """Fields that are an `Information`."""
+
+
+def _read_change(data: Mapping[str, Any]) -> tuple[ChangePoint, int]:
+    pair = tuple(data["pair"])
+    return ChangePoint(pair, data["length"], data["probability"]), int(data["before"])
 
 
 def _information_data(information: Information) -> dict[str, Any]:

@@ -105,10 +105,7 @@ def _publish(learning: StoredOnlineLearning, state: str) -> WorkerReport:
         learning.pending,
         known.set_aside,
         known.score,
-        [
-            f"{' on '.join(one['pair'])} since observation {one['observation']}"
-            for one in known.changes
-        ],
+        [f"{' on '.join(one.pair)} after observation {count}" for one, count in known.changes],
         0 if known.published is None else known.published.version,
         learning.problem,
     )

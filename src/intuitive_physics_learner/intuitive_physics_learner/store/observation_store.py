@@ -371,11 +371,12 @@ class ObservationStore:
         -------
         Whether they were saved.
         """
-        text = learned and json.dumps(replace(learned, version=on + 1).to_dict(), allow_nan=False)
+        versions = [] if learned is None else [replace(learned, version=on + 1).to_dict()]
+        texts = [json.dumps(one, allow_nan=False) for one in versions]
         with self._database.writing() as connection:
             if _newest_version(connection) != on:
                 return False
-            if text is not None:
+            for text in texts:
                 _insert_version(connection, on + 1, text)
             _assess(connection, assessments)
             connection.execute(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,12 +17,16 @@ from intuitive_physics.materials import (
 )
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.parameter_space import Bounds
+from intuitive_physics.prior_knowledge import GivenKnowledge
 
 FORMAT = "intuitive_physics/learned_parameters/2"
 """Format of files, which every file names."""
 
 READ_FORMATS = (FORMAT, "intuitive_physics/learned_parameters/1")
 """Formats that are read; the first version has no posterior."""
+
+Known = TypeVar("Known", ParameterPosterior, GivenKnowledge)
+"""What is known of the parameters of some materials."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +47,8 @@ class LearnedParameters:
     intervals : (|θ_s|, 2) in each parameter's SI unit: lower and upper end of the interval of
         values whose J is as small, for parameters with a one-sided interval, which the observations
         bound less to one side than the standard deviation says; NaN for all others
+    posterior : of all parameters together; None: what the fields above say of each by itself
+    given : what a user gave apart from the observations, for every search; None: nothing
     """
 
     parameters: StaticParameters
@@ -54,6 +60,7 @@ class LearnedParameters:
     method: str
     intervals: NDArray[np.float64]
     posterior: ParameterPosterior | None
+    given: GivenKnowledge | None
 
     def __init__(
         self,
@@ -66,6 +73,7 @@ class LearnedParameters:
         method: str,
         intervals: ArrayLike | None = None,
         posterior: ParameterPosterior | None = None,
+        given: GivenKnowledge | None = None,
     ) -> None:
         size = len(parameter_names(parameters.materials))
         deviations = _vector(standard_deviations, "standard deviations", size, np.float64)
@@ -85,6 +93,7 @@ class LearnedParameters:
         object.__setattr__(self, "method", str(method))
         object.__setattr__(self, "intervals", _intervals(intervals, size))
         object.__setattr__(self, "posterior", _of_materials(posterior, parameters.materials))
+        object.__setattr__(self, "given", _of_materials(given, parameters.materials))
 
     @staticmethod
     def defaults(materials: Sequence[str]) -> LearnedParameters:
@@ -139,6 +148,7 @@ class LearnedParameters:
             self.method,
             intervals,
             None if self.posterior is None else self.posterior.extended(materials),
+            None if self.given is None else self.given.extended(materials),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -163,6 +173,7 @@ class LearnedParameters:
                 if not np.isnan(ends).any()
             },
             "posterior": None if self.posterior is None else self.posterior.to_dict(),
+            "given": None if self.given is None else self.given.to_dict(),
         }
 
     @staticmethod
@@ -184,7 +195,7 @@ class LearnedParameters:
             names = parameter_names(parameters.materials)
             deviations = [_nan_for_none(data["standard_deviations"][name]) for name in names]
             known, ends = set(data["identified"]), dict(data.get("intervals", {}))
-            posterior = data.get("posterior")
+            posterior, given = data.get("posterior"), data.get("given")
             unknown = sorted((known | set(ends)) - set(names))
             if unknown:
                 raise InvalidInputError(
@@ -201,6 +212,7 @@ class LearnedParameters:
                 data["method"],
                 [ends.get(name, [np.nan, np.nan]) for name in names],
                 None if posterior is None else ParameterPosterior.from_dict(posterior),
+                None if given is None else GivenKnowledge.from_dict(given),
             )
         except (KeyError, TypeError) as error:
             raise InvalidInputError(
@@ -209,15 +221,13 @@ class LearnedParameters:
             ) from None
 
 
-def _of_materials(
-    posterior: ParameterPosterior | None, materials: tuple[str, ...]
-) -> ParameterPosterior | None:
-    if posterior is not None and posterior.materials != materials:
+def _of_materials(known: Known | None, materials: tuple[str, ...]) -> Known | None:
+    if known is not None and known.materials != materials:
         raise InvalidInputError(
-            f"the posterior is of the materials {', '.join(posterior.materials)}; expected "
+            f"what is known is of the materials {', '.join(known.materials)}; expected "
             f"{', '.join(materials)}, as the parameters"
         )
-    return posterior
+    return known
 
 
 def _in_order(data: Mapping[str, Any], materials: Sequence[str]) -> StaticParameters:

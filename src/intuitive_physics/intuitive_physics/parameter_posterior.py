@@ -238,6 +238,20 @@ class ParameterPosterior:
             self.materials, mean, combined, self.bounds, ends
         )
 
+    def combined(
+        self, factor: NDArray[np.float64], mean: NDArray[np.float64] | None = None
+    ) -> ParameterPosterior:
+        """Return a posterior that knows more.
+
+        Parameters
+        ----------
+        factor : (k, n) of independent information, per width
+        mean : (n,) of what results; None: the same as before
+        """
+        whole = compressed(np.vstack([self.factor, factor]))
+        mean = self.mean if mean is None else mean
+        return ParameterPosterior(self.materials, mean, whole, self.bounds, self.intervals)
+
     def scaled(self, scale: float) -> ParameterPosterior:
         """Return a posterior whose standard deviations are those of this one times `scale`.
 

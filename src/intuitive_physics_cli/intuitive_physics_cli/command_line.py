@@ -14,13 +14,23 @@ from intuitive_physics_cli.plugins import command_modules
 INTERRUPTED = 130
 """Exit code of a program that Ctrl-C ended, as shells have it."""
 
-OWN_COMMANDS = ("perceive", "learn", "predict", "import", "export", "observations", "report")
+OWN_COMMANDS = (
+    "perceive",
+    "learn",
+    "predict",
+    "suggest",
+    "import",
+    "export",
+    "observations",
+    "report",
+)
 """Commands that need no package beside this one's; each is a module in the folder `commands`."""
 
 ORDER = (
     "render",
     "perceive",
     "learn",
+    "suggest",
     "predict",
     "evaluate",
     "calibrate",

@@ -86,6 +86,18 @@ def test_checks_every_row(database: Path, capsys: pytest.CaptureFixture[str]) ->
     assert [one["id"] for one in run_json(capsys, "check", database)["unreadable"]] == ["b"]
 
 
+def test_learning_passes_over_what_cannot_be_read(
+    database: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with sqlite3.connect(database) as file:
+        file.execute("UPDATE observations SET json = '{' WHERE id = 'b'")
+    file.close()
+    assert main(["learn", str(database), "learned.yaml", "--iterations", "20"]) == 0
+    output = capsys.readouterr()
+    assert "3 observations; saved in learned.yaml" in output.out
+    assert "cannot be read and are passed over: 1; " in output.err
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,13 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters, parameter_names
 from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.parameter_posterior import (
+    UNIFORM_PRECISION,
     ParameterPosterior,
     unit_intervals,
     widened_bounds,
 )
 from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
+from intuitive_physics.prior_knowledge import GivenKnowledge
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.trajectory import MEAN_DISTANCE
 from intuitive_physics_learner.cost.cost_function import (
@@ -29,6 +31,7 @@ from intuitive_physics_learner.cost.cost_function import (
 )
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
+from intuitive_physics_learner.given_parameters import check_within_bounds
 from intuitive_physics_learner.methods import (
     DEFAULT_METHOD,
     check_method,
@@ -43,7 +46,7 @@ from intuitive_physics_learner.search.convergence import (
 from intuitive_physics_learner.search.identifiability import (
     Identifiability,
 )
-from intuitive_physics_learner.search.learning_task import LearningTask
+from intuitive_physics_learner.search.learning_task import GaussianPrior, LearningTask
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 
 NEGLIGIBLE_COST = 1e-6
@@ -102,7 +105,9 @@ def learn(
     simulator : the engine that simulates candidates
     options : how to learn
     previous : θ_s to start from; None starts from the defaults. Its materials that were not
-        observed do not change, nor do parameters that J does not depend on.
+        observed do not change, nor do parameters that J does not depend on. What a user gave
+        (`LearnedParameters.given`) holds: fixed values are not searched, and joint estimation takes
+        priors as such; rules that lower J only begin at their values.
     on_progress : called after each step of the search
     cancelled : looked at between batches of candidates
     resume : what `on_checkpoint` was given by a search with the same observations, options and
@@ -121,12 +126,13 @@ def learn(
     LearningCancelledError
         When `cancelled` returned True.
     InvalidInputError
-        When no object was seen with anything it could touch, `resume` is of another search, or the
-        method has no distance to choose (`check_method`).
+        When no object was seen with anything it could touch, all that could be searched is held, a
+        given value lies outside the bounds, `resume` is of another search, or the method has no
+        distance to choose (`check_method`).
     """
     previous, task = _begin(observations, simulator, options, previous, cancelled, make_cost)
     search = make_search(options.method, task, np.random.default_rng(options.seed))
-    same = _identity(options, task)
+    same = _identity(options, task, previous)
     if resume is not None:
         _check_same_task(resume, same)
         search.load_state(resume["search"])
@@ -198,10 +204,44 @@ def _begin(
             "boxes or several objects"
         )
     space = ParameterSpace(materials, options.bounds)
-    return previous, LearningTask(cost, space, influence, start)
+    if previous.given is None:
+        return previous, LearningTask(cost, space, influence, start)
+    given = previous.given.extended(materials)
+    influence &= ~given.fixed
+    if not influence.any():
+        raise InvalidInputError(
+            "all parameters that the observations could depend on are held; set one of them as a "
+            "prior or a start"
+        )
+    task = LearningTask(cost, space, influence, start)
+    return previous, replace(task, known=_given_prior(task, given))
 
 
-def _identity(options: LearningOptions, task: LearningTask) -> dict[str, Any]:
+def _given_prior(task: LearningTask, given: GivenKnowledge) -> GaussianPrior | None:
+    """What a user gave of the active parameters; None where that is nothing.
+
+    Raises
+    ------
+    InvalidInputError
+        When a value that was given lies outside the bounds of the search.
+    """
+    space, prior = task.space, given.prior
+    check_within_bounds(task.start, given.fixed, space.bounds)
+    with_prior = np.asarray(prior.factor.any(axis=0))
+    check_within_bounds(prior.space.to_parameters(prior.mean), with_prior, space.bounds)
+    active = task.active
+    if not with_prior[active].any():
+        return None
+    prior = prior.within(space.bounds)
+    precision = prior.information + UNIFORM_PRECISION * np.eye(space.size)
+    covariance = np.linalg.inv(precision)[np.ix_(active, active)]
+    mean = np.where(with_prior[active], prior.mean[active], task.begin)
+    return GaussianPrior(mean, np.linalg.inv(covariance))
+
+
+def _identity(
+    options: LearningOptions, task: LearningTask, previous: LearnedParameters
+) -> dict[str, Any]:
     """What must be the same for a search to continue, as plain JSON data."""
     bounds = task.space.bounds
     return {
@@ -211,6 +251,7 @@ def _identity(options: LearningOptions, task: LearningTask) -> dict[str, Any]:
         "bounds": {kind: [b.lower, b.upper, b.scale] for kind, b in bounds.items()},
         "observations": [seen.id for seen in task.cost.observations],
         "start": task.start.to_dict(),
+        "given": None if previous.given is None else previous.given.to_dict(),
     }
 
 
@@ -259,7 +300,9 @@ def _merged(
     deviations = previous.standard_deviations.copy()
     identified = previous.identified.copy()
     intervals = previous.intervals.copy()
-    values[searched] = parameter_vector(parameters)
+    fixed = np.zeros(values.size, dtype=bool) if previous.given is None else previous.given.fixed
+    free = ~fixed[searched]
+    values[searched[free]] = parameter_vector(parameters)[free]
     responsive = searched[identifiability.responsive]
     deviations[responsive] = identifiability.standard_deviations[identifiability.responsive]
     identified[responsive] = identifiability.identified[identifiability.responsive]
@@ -276,6 +319,7 @@ def _merged(
         method,
         intervals,
         posterior,
+        previous.given,
     )
 
 
@@ -311,6 +355,8 @@ def _merged_posterior(
         space.bounds,
     ).within(bounds)
     known = previous.whole_posterior(space.bounds).within(bounds)
-    return known.renewed(
+    renewed = known.renewed(
         chosen, whole.to_unit(merged), new.information, unit_intervals(whole, merged, ends)
     )
+    given = previous.given
+    return renewed if given is None else given.imposed_on(renewed, merged)

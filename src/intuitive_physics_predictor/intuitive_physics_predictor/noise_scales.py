@@ -60,9 +60,17 @@ class NoiseScales:
         """Noise on the perceived states."""
         return StateNoise(scale=self.state, spin_scale=self.spin)
 
-    def parameters(self, learned: LearnedParameters) -> UncertainParameters:
-        """Distribution of θ_s; those made last are kept, as drawing takes a while."""
-        return _uncertain_parameters(learned, self)
+    def parameters(
+        self, learned: LearnedParameters, materials: tuple[str, ...] | None = None
+    ) -> UncertainParameters:
+        """Distribution of θ_s; those made last are kept, as drawing takes a while.
+
+        Parameters
+        ----------
+        learned : θ_s
+        materials : that are needed of it; None: all
+        """
+        return _uncertain_parameters(learned, self, materials)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data that JSON and YAML hold as it is."""
@@ -89,12 +97,15 @@ class NoiseScales:
 
 
 @lru_cache(maxsize=KEPT)
-def _uncertain_parameters(learned: LearnedParameters, scales: NoiseScales) -> UncertainParameters:
+def _uncertain_parameters(
+    learned: LearnedParameters, scales: NoiseScales, materials: tuple[str, ...] | None
+) -> UncertainParameters:
     return UncertainParameters(
         learned,
         scale=scales.static_parameters,
         unidentified=scales.unidentified,
         contact=scales.contact,
+        materials=materials,
     )
 
 

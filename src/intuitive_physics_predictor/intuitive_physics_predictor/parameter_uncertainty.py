@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import PAIR_COEFFICIENTS
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION, ParameterPosterior
 from intuitive_physics.parameter_space import Bounds, ParameterSpace
+from intuitive_physics.prior_knowledge import with_pair_prior
 from intuitive_physics.truncated_gaussian import truncated_normal_quantiles
 from intuitive_physics.validation import non_negative_float
 
@@ -42,7 +43,9 @@ class UncertainParameters:
 
     θ_s has the learner's posterior, a Gaussian distribution with all correlations, cut off at its
     bounds (`ParameterPosterior`). What the observations say nothing of is uniform within its
-    bounds: a value that was not learned must not make a prediction look sure.
+    bounds: a value that was not learned must not make a prediction look sure. Of a pair that was
+    not seen, other pairs of its materials may suggest something (`with_pair_prior`), unless
+    `unidentified` is below 1.
 
     A pool of θ_s is drawn once; each call of `draw` takes some of them, which takes no longer where
     θ_s has many parameters or tight correlations.
@@ -60,6 +63,7 @@ class UncertainParameters:
         same deviation at all its contacts.
     bounds : of the parameters by kind, where the learner gives no posterior of its own; default:
         `DEFAULT_BOUNDS`
+    materials : that are drawn; default: those of `learned`
     """
 
     def __init__(
@@ -70,15 +74,21 @@ class UncertainParameters:
         unidentified: float = 1.0,
         contact: float = 0.0,
         bounds: Mapping[str, Bounds] | None = None,
+        materials: Sequence[str] | None = None,
     ) -> None:
         factor = non_negative_float(scale, "scale of θ_s")
         share = min(non_negative_float(unidentified, "share of what is not identified"), 1.0)
         deviation = non_negative_float(contact, "contact noise")
-        self.learned = learned
-        posterior = learned.whole_posterior(bounds)
-        box = None if share == 1.0 else _narrowed_box(posterior, share)
+        materials = learned.materials if materials is None else tuple(materials)
+        self.learned = learned.extended(materials)
+        posterior, box = learned.whole_posterior(bounds), None
+        if share < 1.0:
+            posterior = posterior.extended(materials)
+            box = _narrowed_box(posterior, share)
         if factor != 1.0:
             posterior = posterior.scaled(factor)
+        if share == 1.0:
+            posterior = with_pair_prior(posterior, materials)
         rng = np.random.default_rng(POOL_SEED)
         space = posterior.space
         count = int(np.clip(POOL_NUMBERS // space.size, SMALLEST_POOL, LARGEST_POOL))

@@ -13,6 +13,7 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_count, parameter_names
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, ParameterSpace, parameter_vector
+from intuitive_physics_predictor.noise_scales import NoiseScales
 from intuitive_physics_predictor.parameter_uncertainty import LARGEST_POOL, UncertainParameters
 
 MATERIALS = ("ball", "floor")
@@ -207,3 +208,11 @@ def test_learned_values_outside_the_bounds_are_kept():
 def test_scales_that_are_no_scales_are_refused(options):
     with pytest.raises(InvalidInputError, match="expected"):
         UncertainParameters(learned(), **options)
+
+
+def test_what_was_drawn_last_is_kept_for_the_same_parameters():
+    given = with_deviation(0.1, "restitution[ball, floor]")
+    first = NoiseScales().parameters(given)
+    assert NoiseScales().parameters(given.extended(MATERIALS)) is first
+    assert NoiseScales(contact=0.1).parameters(given) is not first
+    assert NoiseScales().parameters(learned()) is not first

@@ -21,16 +21,27 @@ def add_to(commands: Any) -> None:
     parser.add_argument(
         "input", type=Path, help=f"parameters as .yaml or .json, or observations: {PATH_HELP}"
     )
+    parser.add_argument(
+        "--as",
+        dest="given_as",
+        default="prior",
+        metavar="WHAT",
+        help="what parameters are to later searches: a prior with their standard deviations "
+        "(prior, the default), values that are held (fixed), or where a search starts (start); "
+        "the last for what was learned from observations that are in the same database, which "
+        "must not count twice",
+    )
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:
     """Import and say what."""
     from intuitive_physics_cli.commands.observation_source import read_observations
+    from intuitive_physics_learner.given_parameters import given_parameters
     from intuitive_physics_recordings.parameter_files import SUFFIXES, load_parameters
 
     if options.input.suffix in SUFFIXES:
-        learned = load_parameters(options.input)
+        learned = given_parameters(load_parameters(options.input), options.given_as)
         with open_database(options.database, new=True) as store:
             stored = store.add_parameters(learned)
         print(f"version {stored.version} of the static parameters in {options.database}")

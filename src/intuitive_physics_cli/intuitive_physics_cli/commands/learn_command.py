@@ -18,6 +18,7 @@ from intuitive_physics_cli.commands.observation_source import (
     open_database,
     progress_to,
     read_observations,
+    warn_of_unreadable,
 )
 
 
@@ -87,6 +88,8 @@ def _learn(path: Path, simulator: Any, how: Any, **watching: Any) -> Any:
 
     if path.suffix == DATABASE_SUFFIX:
         with open_database(path) as store:
-            return learn_from_store(store, simulator, how, **watching).learned
+            learned = learn_from_store(store, simulator, how, **watching).learned
+            warn_of_unreadable(store)
+            return learned
     _, observations = read_observations(path)
     return learn(observations, simulator, how, **watching).learned

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,17 @@ def open_database(path: Path, *, new: bool = False) -> Any:
     if not new and not path.expanduser().is_file():
         raise InvalidInputError(f"there is no database {path}; expected a file of a learner")
     return ObservationStore(path)
+
+
+def warn_of_unreadable(store: Any) -> None:
+    """Say on standard error how many observations of a database cannot be read, if there are."""
+    count = store.count("unreadable")
+    if count:
+        print(
+            f"intuitive-physics: warning: observations of {store.path} that cannot be read and are "
+            f"passed over: {count}; see `intuitive-physics observations list`",
+            file=sys.stderr,
+        )
 
 
 PATH_HELP = (
@@ -103,7 +115,9 @@ def read_observations(path: Path) -> tuple[str, list[Observation]]:
         raise InvalidInputError(f"there is no {path}; expected {PATH_HELP}")
     if path.suffix == DATABASE_SUFFIX:
         with open_database(path) as store:
-            return "stored observations", store.observations()
+            observations = store.observations()
+            warn_of_unreadable(store)
+            return "stored observations", observations
     read = observation_reader(path.suffix)
     if read is None and path.suffix == RECORDED_SET_SUFFIX:
         raise InvalidInputError(

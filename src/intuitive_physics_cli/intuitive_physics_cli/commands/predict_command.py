@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> None:
     contact_noise = ContactNoise(options.restitution_noise, options.tilt_noise)
     observation = load_observation(options.observation)
     learned, scales = _read_parameters(options.parameters)
-    parameters = scales.parameters(learned.extended(observation.materials))
+    parameters = scales.parameters(learned, observation.materials)
     for number, seen in enumerate(observation.objects):
         after = seen.trajectory.times > observation.start_time
         times = seen.trajectory.times[after] - observation.start_time

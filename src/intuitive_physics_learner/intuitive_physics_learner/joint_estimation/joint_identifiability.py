@@ -59,6 +59,7 @@ def joint_identifiability(
     # Those of both halves take about as long as this one.
     reserved = began - seconds_left() if np.isfinite(began) else 0.0
     agreed = _agreed(fit, sided, task, lambda: seconds_left() < reserved)
+    agreed = np.minimum(agreed, fit.prior.deviations)
     factors = agreed / posterior.deviations
     slopes = _slopes(searched, fit.unit)
     covariance = slopes @ (posterior.covariance * np.outer(factors, factors)) @ slopes.T
@@ -69,10 +70,12 @@ def joint_identifiability(
     with np.errstate(divide="ignore", invalid="ignore"):
         informed = deviations / axes.slopes < LARGEST_DEVIATION
     identified = responsive & informed & (axes.slopes > 0.0)
-    # What is left of it without the bounds, which the posterior of θ_s has by itself.
-    own = np.linalg.inv(posterior.covariance) - UNIFORM_PRECISION * np.eye(factors.size)
+    # Without the bounds, which the posterior of θ_s has by itself. What a user gave is as certain
+    # as he says, whether the halves agree or not.
+    own = np.linalg.inv(posterior.covariance) - fit.prior.precision
+    given = fit.prior.precision - UNIFORM_PRECISION * np.eye(factors.size)
     information = np.zeros((identified.size, identified.size))
-    information[np.ix_(active, active)] = widened_information(own, factors, agreed)
+    information[np.ix_(active, active)] = widened_information(own, factors, agreed) + given
     return Identifiability(
         responsive,
         identified,

@@ -15,16 +15,21 @@ from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner.cost.cluster import CostMaker
+from intuitive_physics_learner.design import suggest_from_store
 from intuitive_physics_learner.errors import StorageError
+from intuitive_physics_learner.given_parameters import given_parameters
 from intuitive_physics_learner.learning_job import Work
 from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.nodes.learning_services import CODES, RequestedSearches
 from intuitive_physics_learner.nodes.observation_services import ObservationServices
 from intuitive_physics_learner.nodes.parameters import (
     ONLINE_PREFIX,
+    bounds_of,
+    mode_of,
     node_parameters,
     online_options,
 )
+from intuitive_physics_learner.nodes.suggestion_service import SuggestionService
 from intuitive_physics_learner.online.background_learning import BackgroundLearning
 from intuitive_physics_learner.online.worker import FAILED, LEARNING
 from intuitive_physics_learner.store import CurrentParameters, ObservationStore
@@ -68,6 +73,12 @@ class LearnerNode(Node):
         self._searches = RequestedSearches(
             self, self._work, self._message, self._background.stop, self._on_search_ended
         )
+        self._suggestions = SuggestionService(
+            self,
+            lambda request, cancelled: suggest_from_store(
+                self._store, self._simulator, request, cancelled=cancelled
+            ),
+        )
         self._observations = ObservationServices(
             self, self._store.path, self._on_observations_changed
         )
@@ -82,6 +93,7 @@ class LearnerNode(Node):
     def destroy_node(self) -> None:
         """Stop all searches and close the database."""
         self._background.stop()
+        self._suggestions.stop()
         if not self._searches.stop(STOP_PATIENCE):
             self.get_logger().warning("the search did not stop in time and is left behind")
         self._make_cost.close()
@@ -125,7 +137,13 @@ class LearnerNode(Node):
         self, request: SetStaticParameters.Request, response: SetStaticParameters.Response
     ) -> SetStaticParameters.Response:
         try:
-            given = static_parameters_from_message(request.static_parameters)
+            given = given_parameters(
+                static_parameters_from_message(request.static_parameters),
+                mode_of(request),
+                request.names,
+                newest=self._current.newest,
+                bounds=bounds_of(request.bounds),
+            )
             stored = self._store.add_parameters(given)
             self._take_over(stored)
             self._background.notify()

@@ -9,6 +9,7 @@ from typing import Any
 
 from intuitive_physics_msgs.msg import LearningOptions as LearningOptionsMessage
 from intuitive_physics_msgs.msg import ParameterBounds, ResultCode
+from intuitive_physics_msgs.srv import SetStaticParameters
 from rclpy.node import Node
 
 from intuitive_physics.errors import InvalidInputError
@@ -17,6 +18,7 @@ from intuitive_physics.settings import check_settings, choice, list_settings, nu
 from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS
 from intuitive_physics.trajectory import DISTANCE_GUIDE, DISTANCES, MEAN_DISTANCE
 from intuitive_physics_learner.cost.cluster import WHERE_GUIDE
+from intuitive_physics_learner.given_parameters import FIXED, PRIOR, START
 from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.methods import DEFAULT_METHOD, JOINT_METHOD, METHODS
 from intuitive_physics_learner.online.background_learning import PRIORITIES
@@ -33,6 +35,13 @@ from intuitive_physics_ros.result_codes import RefusedError
 
 ONLINE_PREFIX = "online"
 """Beginning of the names of the parameters of learning in the background."""
+
+MODES = {
+    SetStaticParameters.Request.PRIOR: PRIOR,
+    SetStaticParameters.Request.FIXED: FIXED,
+    SetStaticParameters.Request.START: START,
+}
+"""What given values are, by the mode of a request."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +91,13 @@ def node_parameters() -> tuple[Parameter, ...]:
             "cluster",
             "",
             f"where a requested search evaluates J. {WHERE_GUIDE}",
+        ),
+        Parameter(
+            "suggestion_time_limit",
+            60.0,
+            "s of wall time for finding what to throw next at most",
+            range=(0.1, 1e6),
+            read_only=False,
         ),
         *setting_parameters(RequestedSearchSettings, read_only=False),
         *_online_parameters(),
@@ -158,13 +174,20 @@ def learning_options(node: Node, message: LearningOptionsMessage) -> LearningOpt
             time_limit=chosen("time_limit") or None,
         ),
         seed=chosen("seed"),
-        bounds=_bounds(message.bounds),
+        bounds=bounds_of(message.bounds),
         observation_ids=tuple(message.observation_ids),
         distance=node.get_parameter("distance").value,
     )
 
 
-def _bounds(messages: Sequence[ParameterBounds]) -> dict[str, Bounds]:
+def bounds_of(messages: Sequence[ParameterBounds]) -> dict[str, Bounds]:
+    """Return the bounds by kind of parameter of a request.
+
+    Raises
+    ------
+    RefusedError
+        When they are inverted or otherwise not what they must be.
+    """
     try:
         bounds = bounds_from_messages(messages)
         # How the bounds of kinds must compare does not depend on the materials.
@@ -172,3 +195,17 @@ def _bounds(messages: Sequence[ParameterBounds]) -> dict[str, Bounds]:
     except InvalidInputError as error:
         raise RefusedError(ResultCode.INVALID_BOUNDS, str(error)) from None
     return bounds
+
+
+def mode_of(request: SetStaticParameters.Request) -> str:
+    """Return what the values of a request are, one of `GIVEN_AS`.
+
+    Raises
+    ------
+    InvalidInputError
+        When its mode has no meaning.
+    """
+    if request.mode not in MODES:
+        expected = ", ".join(f"{code} ({as_what})" for code, as_what in MODES.items())
+        raise InvalidInputError(f"mode is {request.mode}; expected one of {expected}")
+    return MODES[request.mode]

@@ -7,8 +7,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from intuitive_physics.materials import StaticParameters
+from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace
+
+STATIC, DYNAMIC = map(PAIR_COEFFICIENTS.index, ("static_friction", "dynamic_friction"))
+"""Indices of μ_s and μ_d among the coefficients of a pair."""
 
 
 class SearchSpace(Protocol):
@@ -30,6 +33,9 @@ class SearchSpace(Protocol):
 class ActiveSpace:
     """The unit cube of the active parameters; the others are fixed.
 
+    Where the static friction of a pair is fixed and its dynamic friction is active, dynamic
+    friction is cut off at static friction: a larger one has no effect.
+
     Parameters
     ----------
     space : of all parameters
@@ -42,7 +48,14 @@ class ActiveSpace:
     ) -> None:
         self._space = space
         self._active = active
+        self._others = others
         self._unit = space.to_unit(others)
+        m = len(space.materials)
+        by_pair = active[m:].reshape(-1, len(PAIR_COEFFICIENTS))
+        rows, columns = np.triu_indices(m)
+        held = by_pair[:, DYNAMIC] & ~by_pair[:, STATIC]
+        self._held = np.zeros((m, m), dtype=bool)
+        self._held[rows, columns] = self._held[columns, rows] = held
 
     @property
     def size(self) -> int:
@@ -63,7 +76,15 @@ class ActiveSpace:
         """
         whole = self._unit.copy()
         whole[self._active] = unit
-        return self._space.to_parameters(whole)
+        found = self._space.to_parameters(whole)
+        if not self._held.any():
+            return found
+        # On the cube, static friction would follow dynamic friction.
+        coefficients = found.coefficients.copy()
+        static = np.where(self._held, self._others.coefficients[STATIC], coefficients[STATIC])
+        coefficients[STATIC] = static
+        coefficients[DYNAMIC] = np.minimum(coefficients[DYNAMIC], static)
+        return StaticParameters(found.materials, found.density, coefficients)
 
     def to_unit(self, parameters: StaticParameters) -> NDArray[np.float64]:
         """Map θ_s to the cube, (size,) coordinates from 0 to 1."""

@@ -166,7 +166,7 @@ class ObservationStore:
         after : only observations with a higher number
         changed_after : only observations with a higher revision, which are those that were added,
             excluded or included since the store had that one
-        limit : entries at most; negative: no limit
+        limit : entries at most; negative: no limit. Give the last number as `after` to go on
         newest : the newest first instead of in the order in which they came
 
         Raises

@@ -594,6 +594,43 @@ def test_takes_over_parameters(start, caller):
     assert list(caller.published[-1].materials) == ["ice", "steel"]
 
 
+def test_given_values_are_held_or_priors_as_the_caller_says(start, caller, throws):
+    start()
+    for one in throws(4, 0):
+        caller.add(one)
+    values = LearnedParameters.defaults(["ball", "floor"])
+    fixed = static_parameters_to_message(values)
+    pair = next(p for p in fixed.pairs if p.material_a != p.material_b)
+    pair.restitution = 0.61
+    name = "restitution[floor, ball]"
+    held = SetStaticParameters.Request.FIXED
+    answer = caller.call(SetStaticParameters, static_parameters=fixed, mode=held, names=[name])
+    assert (answer.result.value, answer.version) == (ResultCode.OK, 1)
+    pair.rolling_friction = 0.04
+    pair.standard_deviations[2] = 0.001
+    prior = SetStaticParameters.Request.PRIOR
+    name = "rolling_friction[ball, floor]"
+    answer = caller.call(SetStaticParameters, static_parameters=fixed, mode=prior, names=[name])
+    assert (answer.result.value, answer.version) == (ResultCode.OK, 2)
+    options = LearningOptions(method="random", max_iterations=50)
+    learned = caller.call(Learn, options=options).static_parameters
+    assert learned.version == 3
+    found = static_parameters_from_message(learned).parameters.pair("ball", "floor")
+    assert found["restitution"] == 0.61
+    assert found["rolling_friction"] != 0.04
+
+    pair.restitution = 0.5
+    bounds = [ParameterBounds(kind="restitution", lower=0.6, upper=0.9)]
+    answer = caller.call(SetStaticParameters, static_parameters=fixed, bounds=bounds)
+    assert answer.result.value == ResultCode.INVALID_INPUT
+    assert "restitution[ball, ball] is 0.5; expected 0.6 to 0.9" in answer.result.message
+    answer = caller.call(SetStaticParameters, static_parameters=fixed, mode=7)
+    assert answer.result.value == ResultCode.INVALID_INPUT
+    assert "mode is 7; expected one of 0 (prior), 1 (fixed), 2 (start)" in answer.result.message
+    answer = caller.call(SetStaticParameters, static_parameters=fixed, names=["restitution[a, b]"])
+    assert answer.result.value == ResultCode.UNKNOWN_NAME
+
+
 def test_nothing_is_lost_by_kill_9(start, caller, throws):
     node = start()
     for one in throws(3, 0):

@@ -54,7 +54,7 @@ def noisy_prediction(
     def sample(outcome: Outcome, rng: np.random.Generator) -> NDArray[np.float64]:
         return predict(
             outcome.scene,
-            scales.parameters(learned.extended(outcome.scene.materials)),
+            scales.parameters(learned, outcome.scene.materials),
             outcome.times,
             rng=rng,
             sample_count=sample_count,

@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from math import inf
 
 import numpy as np
+from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.geometry.closest_points import part_over_polygon
 from intuitive_physics.geometry.vectors import dot, load, sub
 from intuitive_physics.kernels import entry, kernel
+from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation.rigid_bodies.manifolds import GAP_ONLY, meet_plane_within
 from intuitive_physics.simulation.rigid_bodies.pairs import meet
@@ -22,7 +24,7 @@ from intuitive_physics.simulation.rigid_bodies.world import (
     plane_at,
     scratch_sizes,
 )
-from intuitive_physics.simulation.world_batch import CAPSULE, WorldArrays, WorldBatch
+from intuitive_physics.simulation.world_batch import CAPSULE, WorldArrays, WorldBatch, pack_worlds
 
 OVERLAP = np.dtype(
     [
@@ -148,13 +150,30 @@ def check_overlaps(scenes: Sequence[Scene], worlds: WorldBatch) -> None:
     InvalidInputError
         When two objects do, or an object and a plane or a static box.
     """
-    scratch = Scratch(*scratch_sizes(worlds), contacts_a_body=0)
-    overlaps = np.empty(worlds.size, OVERLAP)
-    find_overlaps(LARGEST_OVERLAP, worlds.arrays, scratch.world, overlaps)
+    overlaps = _found_overlaps(worlds, LARGEST_OVERLAP)
     if overlaps["found"].any():
         world = int(overlaps["found"].argmax())
         where = f"scene {world}: " if len(scenes) > 1 else ""
         raise InvalidInputError(where + _message(scenes[world], overlaps[world]))
+
+
+def overlapping(scenes: Sequence[Scene]) -> NDArray[np.bool_]:
+    """Return which scenes begin with any overlap, however small, (n_scenes,) bool.
+
+    Parameters
+    ----------
+    scenes : at least one
+    """
+    materials = tuple(dict.fromkeys(name for scene in scenes for name in scene.materials))
+    worlds = pack_worlds(scenes, StaticParameters.uniform(materials))
+    return np.asarray(_found_overlaps(worlds, 0.0)["found"] != 0)
+
+
+def _found_overlaps(worlds: WorldBatch, share: float) -> np.ndarray:
+    scratch = Scratch(*scratch_sizes(worlds), contacts_a_body=0)
+    overlaps = np.empty(worlds.size, OVERLAP)
+    find_overlaps(share, worlds.arrays, scratch.world, overlaps)
+    return overlaps
 
 
 def _message(scene: Scene, overlap: np.void) -> str:

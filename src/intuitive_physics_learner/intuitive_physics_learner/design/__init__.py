@@ -1,0 +1,42 @@
+"""Bayesian experimental design: which throw would tell most about what is asked."""
+
+from intuitive_physics_learner.design.expected_information import (
+    ExpectedPosteriors,
+    Reduction,
+    expected_posteriors,
+    gaussian_covariance,
+)
+from intuitive_physics_learner.design.questions import AboutMotion, AboutParameters, Question
+from intuitive_physics_learner.design.settings import DesignSettings
+from intuitive_physics_learner.design.stored_suggestion import (
+    SuggestionRequest,
+    suggest_from_store,
+)
+from intuitive_physics_learner.design.suggestion import Suggestion, suggest
+from intuitive_physics_learner.design.throws import (
+    Throw,
+    ThrownObject,
+    ThrowOptions,
+    ThrowRanges,
+    ViewingConditions,
+)
+
+__all__ = [
+    "AboutMotion",
+    "AboutParameters",
+    "DesignSettings",
+    "ExpectedPosteriors",
+    "Question",
+    "Reduction",
+    "Suggestion",
+    "SuggestionRequest",
+    "Throw",
+    "ThrowOptions",
+    "ThrowRanges",
+    "ThrownObject",
+    "ViewingConditions",
+    "expected_posteriors",
+    "gaussian_covariance",
+    "suggest",
+    "suggest_from_store",
+]

@@ -1,0 +1,282 @@
+"""What a throw is expected to tell of θ_s, before it is made.
+
+A throw is simulated as the observation it would become, at θ_s drawn from the present posterior and
+with the noise and rate of the camera. Near each draw its detections are linear in θ_s and in the
+initial state x, with slopes A_p and A_x, so that detections with noise σ give the information
+
+    Λ = A_pᵀ A_p / σ² - A_pᵀ A_x (A_xᵀ A_x + σ² P_x)⁻¹ A_xᵀ A_p / σ²
+
+on θ_s (P_x: precision of x before the throw), which adds to the information of the posterior.
+
+Here the same is computed detection by detection in the order of time, as a Kalman filter with the
+state (x, θ_s) does: before each one, the covariance says how well its position is predicted. As in
+the estimation (`fit_horizons`), a detection counts only if that is well enough and the slopes hold
+as far as the uncertainty reaches; from the first one on that does not, motion is chaotic to the
+estimator, and the rest of the track tells nothing.
+
+Lindley (1956), *On a measure of the information provided by an experiment*; Chaloner and Verdinelli
+(1995), *Bayesian experimental design: a review*, on linearisation at draws from the posterior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.parameter_posterior import UNIFORM_PRECISION, ParameterPosterior
+from intuitive_physics.simulation import Simulator
+from intuitive_physics_learner.cost.cancellation import stop_if
+from intuitive_physics_learner.cost.cost_function import Cost, TrajectoryCost
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.design.settings import DesignSettings
+from intuitive_physics_learner.design.throws import Throw, ViewingConditions
+from intuitive_physics_learner.joint_estimation.fit_horizons import first_horizons
+from intuitive_physics_learner.joint_estimation.linearisation import (
+    Linearisation,
+    ParameterSteps,
+    linearise,
+    separate_groups,
+)
+from intuitive_physics_learner.joint_estimation.observation_blocks import (
+    ObservationBlock,
+    observation_blocks,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedPosteriors:
+    """What would be known after each of W throws that depend on q parameters each.
+
+    Parameters
+    ----------
+    throws : (W,) index of each among all candidates
+    parameters : (W, q) indices of the parameters that each depends on
+    covariances : (n_draws, W, q, q) of these parameters after the throw, in widths², were θ_s as
+        drawn
+    """
+
+    throws: NDArray[np.int64]
+    parameters: NDArray[np.int64]
+    covariances: NDArray[np.float64]
+
+    def reduction(
+        self, covariance: NDArray[np.float64], directions: NDArray[np.float64]
+    ) -> Reduction:
+        """Return what is left of the covariance of r linear functions of θ_s after each throw.
+
+        Parameters
+        ----------
+        covariance : (n, n) widths², of all parameters before the throw
+        directions : (r, n) slopes of the functions per width of each parameter
+        """
+        crossed = covariance @ directions.T
+        own = covariance[self.parameters[:, :, None], self.parameters[:, None, :]]
+        gains = np.asarray(np.linalg.solve(own, crossed[self.parameters]), dtype=np.float64)
+        swapped = gains.transpose(0, 2, 1)
+        return Reduction(directions @ crossed, swapped, own - self.covariances.mean(axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class Reduction:
+    """Covariances of r functions of θ_s before throws, B, and expected after each, B - U D Uᵀ.
+
+    U has as many columns as the throw has parameters, which are few, whatever r is. D is the mean
+    over the draws of θ_s: the covariance that is expected decides, not its logarithm. A throw that
+    determines a friction exactly at one draw, and not at all at the others, at which the ball does
+    not slide, has a high mean logarithm and most often leaves the friction as unknown as it was.
+
+    Parameters
+    ----------
+    before : (r, r) B, in squared units of the functions
+    gains : (W, r, q) U, units of the functions per width of the throw's parameters
+    lost : (W, q, q) D, widths²
+    """
+
+    before: NDArray[np.float64]
+    gains: NDArray[np.float64]
+    lost: NDArray[np.float64]
+
+    @property
+    def variances(self) -> NDArray[np.float64]:
+        """Diagonals (W, r) of the covariances after each throw, never negative."""
+        fall = ((self.gains @ self.lost) * self.gains).sum(axis=2)
+        return np.maximum(np.diag(self.before) - fall, 0.0)
+
+    def determinant_fall(self, blur: float) -> NDArray[np.float64]:
+        """Fall (W,) of ln det of the covariances, `blur`² added to each variance.
+
+        By the matrix determinant lemma det(M - U D Uᵀ) = det M det(I - D Uᵀ M⁻¹ U).
+
+        Parameters
+        ----------
+        blur : in the units of the functions
+        """
+        blurred = self.before + blur**2 * np.eye(len(self.before))
+        weighted = self.gains.transpose(0, 2, 1) @ np.linalg.solve(blurred, self.gains)
+        left = np.eye(self.lost.shape[2]) - self.lost @ weighted
+        return -np.asarray(np.linalg.slogdet(left)[1])
+
+
+def gaussian_covariance(posterior: ParameterPosterior) -> NDArray[np.float64]:
+    """Covariance (n, n), widths², of the normal distribution that stands for a posterior.
+
+    Bounds and one-sided intervals count by the variance of a number that is uniform between them.
+
+    Parameters
+    ----------
+    posterior : of θ_s
+    """
+    precision = posterior.information + UNIFORM_PRECISION * np.eye(posterior.mean.size)
+    lengths = np.nan_to_num(posterior.intervals[:, 1] - posterior.intervals[:, 0])
+    return np.asarray(np.linalg.inv(precision) + np.diag(lengths**2 / UNIFORM_PRECISION))
+
+
+def expected_posteriors(
+    throws: Sequence[Throw],
+    posterior: ParameterPosterior,
+    units: NDArray[np.float64],
+    viewing: ViewingConditions,
+    simulator: Simulator,
+    settings: DesignSettings,
+    rng: np.random.Generator,
+    *,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> Iterator[ExpectedPosteriors]:
+    """Judge throws, those together that have equally many unknowns.
+
+    Parameters
+    ----------
+    throws : at least one, of materials that the posterior knows
+    posterior : of θ_s before the throw
+    units : (n_draws, n) draws of θ_s from it, points of the unit cube
+    viewing : how the throw will be observed
+    simulator : of the throws
+    settings : steps of slopes, and how well throws are made
+    rng : of the errors with which throws are made
+    cancelled : looked at before each draw
+
+    Raises
+    ------
+    LearningCancelledError
+        When `cancelled` returned True.
+    """
+    observations = [viewing.observation(throw.scene) for throw in throws]
+    cost = TrajectoryCost(observations, simulator, posterior.materials)
+    influence = parameter_influence(observations, posterior.materials)
+    blocks = observation_blocks(observations, influence, settings.estimation)
+    groups = separate_groups(influence)
+    space, covariance = posterior.space, gaussian_covariance(posterior)
+    misses = [_execution_errors(throws, block, len(units), settings, rng) for block in blocks]
+    steps = np.full(posterior.mean.size, 2.0 * settings.parameter_step)
+    for block, missed in zip(blocks, misses, strict=True):
+        own = covariance[block.parameters[:, :, None], block.parameters[:, None, :]]
+        found = np.empty((len(units), *own.shape))
+        for k, unit in enumerate(units):
+            stop_if(cancelled)
+            at = ParameterSteps(unit, steps, groups, space.to_parameters, settings.estimation)
+            linear = _linearised(cost, block, missed[k], at, settings)
+            found[k] = _filtered(linear, block, own, at, viewing, settings)
+        yield ExpectedPosteriors(block.members, block.parameters, found)
+
+
+def _execution_errors(
+    throws: Sequence[Throw],
+    block: ObservationBlock,
+    draws: int,
+    settings: DesignSettings,
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """Errors (n_draws, W, d), in SI units, with which the throws of a block are made."""
+    widths = np.zeros((block.members.size, block.initial_states.observed.shape[1] * 12))
+    for row, member in zip(widths, block.members, strict=True):
+        own = throws[member].widths.ravel()
+        row[: own.size] = own
+    own_widths = np.take_along_axis(widths, block.initial_states.components, axis=1)
+    normal = rng.standard_normal((draws, *own_widths.shape))
+    return np.asarray(settings.execution_error * own_widths * normal)
+
+
+def _linearised(
+    cost: Cost,
+    block: ObservationBlock,
+    estimate: NDArray[np.float64],
+    at: ParameterSteps,
+    settings: DesignSettings,
+) -> Linearisation:
+    deviations = np.full(block.prior_deviations.shape, 2.0 * settings.state_step)
+    return linearise(cost, block, estimate, deviations, at, block.durations, settings.estimation)
+
+
+def _filtered(
+    linear: Linearisation,
+    block: ObservationBlock,
+    own: NDArray[np.float64],
+    at: ParameterSteps,
+    viewing: ViewingConditions,
+    settings: DesignSettings,
+) -> NDArray[np.float64]:
+    """Covariance (W, q, q) of each throw's parameters after its track, in widths².
+
+    Parameters
+    ----------
+    linear : at the draw; its residuals are positions, as nothing was observed yet
+    block : W throws of up to P detections
+    own : (W, q, q) covariance of each one's parameters before the throw, in widths²
+    at : steps of the slopes
+    viewing : noise and region in view
+    settings : of what counts
+    """
+    how, noise = settings.estimation, viewing.noise
+    count, k, points = linear.slopes.shape[:3]
+    d = block.prior_deviations.shape[1]
+    covariance = np.zeros((count, k, k))
+    covariance[:, range(d), range(d)] = block.prior_deviations**2
+    covariance[:, d:, d:] = own
+    curvatures = _curvatures(linear, block, at, settings)
+    usable = linear.valid & _in_view(linear.residuals, block, viewing)
+    first = block.times <= first_horizons(block, how)[:, None]
+    alive = np.ones(count, dtype=bool)
+    rows = np.arange(count)
+    order = np.argsort(block.times, axis=1, kind="stable")
+    for turn in range(points):
+        p = order[:, turn]
+        slopes = linear.slopes[rows, :, p]
+        reach = covariance @ slopes
+        predicted = slopes.transpose(0, 2, 1) @ reach
+        spreads = np.sqrt(np.trace(predicted, axis1=1, axis2=2))
+        # A bend of slope c per unit of the unknown errs by c σ² / 4 at half of σ, as `linearise`.
+        variances = np.diagonal(covariance, axis1=1, axis2=2)[:, :, None]
+        bends = np.sqrt(((0.25 * variances * curvatures[rows, :, p]) ** 2).sum(axis=(1, 2)))
+        straight = bends <= how.largest_bend * noise + how.largest_bend_share * spreads
+        predictable = (spreads <= how.largest_spread) & straight
+        seen = usable[rows, p]
+        alive &= ~seen | predictable | first[rows, p]
+        counted = (alive & seen)[:, None, None]
+        gains = np.linalg.solve(predicted + noise**2 * np.eye(3), reach.transpose(0, 2, 1))
+        covariance -= np.where(counted, reach @ gains, 0.0)
+    return np.ascontiguousarray(covariance[:, d:, d:])
+
+
+def _curvatures(
+    linear: Linearisation, block: ObservationBlock, at: ParameterSteps, settings: DesignSettings
+) -> NDArray[np.float64]:
+    """Change of each slope per unit of its unknown, (W, k, P, 3); 0 where one side is a bound."""
+    steps = np.full(linear.slopes.shape[:2], settings.state_step)
+    sides = np.minimum(at.up, at.down)[block.parameters]
+    steps[:, block.prior_deviations.shape[1] :] = sides
+    up, down = linear.one_sided
+    widths = np.broadcast_to(steps[:, :, None, None], up.shape)
+    return np.divide(up - down, widths, out=np.zeros_like(up), where=widths > 0.0)
+
+
+def _in_view(
+    positions: NDArray[np.float64], block: ObservationBlock, viewing: ViewingConditions
+) -> NDArray[np.bool_]:
+    """Whether each detection (W, P) comes before its object leaves the region in view."""
+    low, high = viewing.region.T
+    inside = ((positions >= low) & (positions <= high)).all(axis=2)
+    by_object = inside.reshape(len(inside), -1, viewing.times.size)
+    return np.logical_and.accumulate(by_object, axis=2).reshape(inside.shape)

@@ -1,0 +1,443 @@
+"""Throws that could be made next: which objects, from what initial states, and how observed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.scene import Environment, Scene, SceneObject
+from intuitive_physics.simulation.rigid_bodies.overlaps import overlapping
+from intuitive_physics.state import ERROR_SIZE, ObjectState
+from intuitive_physics.trajectory import Trajectory
+from intuitive_physics.validation import finite_array
+from intuitive_physics_learner.cost.packed_observations import times_after_start
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.errors import NoObservationsError
+from intuitive_physics_learner.joint_estimation.trajectory_model import position_noise
+
+ATTEMPTS = 50
+"""Draws of all candidates at most until enough of them are valid."""
+
+IDENTITY = (0.0, 0.0, 0.0, 1.0)
+"""Orientation (x, y, z, w) of an object whose axes are those of the environment."""
+
+
+@dataclass(frozen=True, eq=False)
+class ThrowRanges:
+    """Between what initial states a throw may begin, in the environment's frame.
+
+    Parameters
+    ----------
+    position : (3, 2) m, lowest and highest of each axis
+    linear_velocity : (3, 2) m/s, likewise
+    angular_velocity : (3, 2) rad/s, likewise
+    """
+
+    position: NDArray[np.float64]
+    linear_velocity: NDArray[np.float64]
+    angular_velocity: NDArray[np.float64]
+
+    def __init__(
+        self,
+        position: ArrayLike,
+        linear_velocity: ArrayLike,
+        angular_velocity: ArrayLike = ((0.0, 0.0),) * 3,
+    ) -> None:
+        for name, value in (
+            ("position", position),
+            ("linear_velocity", linear_velocity),
+            ("angular_velocity", angular_velocity),
+        ):
+            words = f"range of the {name.replace('_', ' ')}"
+            ends = finite_array(value, words, (3, 2))
+            if (ends[:, 0] > ends[:, 1]).any():
+                raise InvalidInputError(
+                    f"{words} is {ends.tolist()}; expected lowest ≤ highest on each axis"
+                )
+            object.__setattr__(self, name, ends)
+
+    @staticmethod
+    def seen(states: Sequence[ObjectState]) -> ThrowRanges:
+        """Return the smallest ranges that hold all of some initial states, at least one."""
+
+        def span(values: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+            return np.stack([np.min(values, axis=0), np.max(values, axis=0)], axis=1)
+
+        return ThrowRanges(
+            span([state.position for state in states]),
+            span([state.linear_velocity for state in states]),
+            span([state.angular_velocity for state in states]),
+        )
+
+    @property
+    def lower(self) -> NDArray[np.float64]:
+        """Lowest position (m), linear (m/s) and angular velocity (rad/s), (9,)."""
+        return self._all[:, 0]
+
+    @property
+    def widths(self) -> NDArray[np.float64]:
+        """Widths of the ranges in the order of `lower`, (9,)."""
+        return np.asarray(self._all[:, 1] - self._all[:, 0])
+
+    @property
+    def _all(self) -> NDArray[np.float64]:
+        return np.concatenate([self.position, self.linear_velocity, self.angular_velocity])
+
+
+@dataclass(frozen=True, eq=False)
+class ThrownObject:
+    """One object of a throw, and between what initial states it may begin.
+
+    Parameters
+    ----------
+    object : with material and shape
+    ranges : of position and velocities
+    covariance : (12, 12) of its initial state as it will be observed, in the order of `ObjectState`
+    orientations : (n, 4) unit quaternions (x, y, z, w), from one of which it may begin
+    """
+
+    object: SceneObject
+    ranges: ThrowRanges
+    covariance: NDArray[np.float64]
+    orientations: NDArray[np.float64]
+
+    def __init__(
+        self,
+        object: SceneObject,
+        ranges: ThrowRanges,
+        covariance: ArrayLike | None = None,
+        orientations: ArrayLike = (IDENTITY,),
+    ) -> None:
+        set_field = super().__setattr__
+        set_field("object", object)
+        set_field("ranges", ranges)
+        shape = (ERROR_SIZE, ERROR_SIZE)
+        given = np.zeros(shape) if covariance is None else covariance
+        set_field("covariance", finite_array(given, "state covariance", shape))
+        set_field("orientations", finite_array(orientations, "orientations", (None, 4)))
+
+    def state(self, place: NDArray[np.float64], orientation: NDArray[np.float64]) -> ObjectState:
+        """Return the initial state at a place of the ranges.
+
+        Parameters
+        ----------
+        place : (9,) from 0 to 1, in the order of `ThrowRanges.lower`
+        orientation : (4,) unit quaternion (x, y, z, w)
+        """
+        values = self.ranges.lower + place * self.ranges.widths
+        return ObjectState(values[0:3], orientation, values[3:6], values[6:9], self.covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class ViewingConditions:
+    """How a throw will be observed.
+
+    Parameters
+    ----------
+    times : (n_times,) s after the start, of the detections
+    noise : m, standard deviation of a detected position on each axis
+    region : (3, 2) m, lowest and highest position on each axis that is in view; a track ends where
+        its object leaves it
+    """
+
+    times: NDArray[np.float64]
+    noise: float
+    region: NDArray[np.float64]
+
+    @staticmethod
+    def seen(
+        observations: Sequence[Observation], smallest_noise: float, margin: float = 0.0
+    ) -> ViewingConditions:
+        """Return what observations, at least one, have in common.
+
+        Parameters
+        ----------
+        observations : whose rate, duration and noise (their medians) and region are taken
+        smallest_noise : m, taken at least
+        margin : by which the region is larger on all sides, a part of its largest extent
+        """
+        tracks = [(each, seen) for each in observations for seen in each.objects]
+        periods = np.concatenate([np.diff(seen.trajectory.times) for _, seen in tracks])
+        ends = [float(times_after_start(each, seen)[-1]) for each, seen in tracks]
+        period, duration = float(np.median(periods)), float(np.median(ends))
+        positions = np.concatenate([seen.trajectory.positions for _, seen in tracks])
+        low, high = positions.min(axis=0), positions.max(axis=0)
+        around = margin * float((high - low).max())
+        intervals = max(1, round(duration / period))
+        return ViewingConditions(
+            np.linspace(0.0, intervals * period, intervals + 1),
+            _detection_noise(observations, smallest_noise),
+            np.stack([low - around, high + around], axis=1),
+        )
+
+    def with_starts(self, options: ThrowOptions) -> ViewingConditions:
+        """Return the same with all in view from where objects may be thrown."""
+        starts = [one.ranges.position for cast in options.casts for one in cast]
+        return replace(
+            self,
+            region=np.stack(
+                [
+                    np.min([self.region[:, 0], *(each[:, 0] for each in starts)], axis=0),
+                    np.max([self.region[:, 1], *(each[:, 1] for each in starts)], axis=0),
+                ],
+                axis=1,
+            ),
+        )
+
+    def observation(self, scene: Scene) -> Observation:
+        """Return an observation of a throw with its detections still to be simulated, all zero."""
+        unseen = np.zeros((self.times.size, 3))
+        return Observation(
+            scene.environment,
+            tuple(
+                ObservedObject(item, Trajectory(self.times, unseen), state)
+                for item, state in zip(scene.objects, scene.states, strict=True)
+            ),
+            0.0,
+            "suggested",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ThrowOptions:
+    """What can be thrown into an environment.
+
+    Parameters
+    ----------
+    environment : Ω_e
+    casts : at least one; each holds the objects of one throw, which begin at the same time
+    """
+
+    environment: Environment
+    casts: tuple[tuple[ThrownObject, ...], ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "casts", tuple(map(tuple, self.casts)))
+        if not self.casts or not all(self.casts):
+            raise InvalidInputError("nothing can be thrown; expected at least one object")
+
+    @property
+    def materials(self) -> tuple[str, ...]:
+        """Materials of the objects, then of the environment, each once."""
+        own = [thrown.object.material for cast in self.casts for thrown in cast]
+        return tuple(dict.fromkeys((*own, *self.environment.materials)))
+
+    @staticmethod
+    def seen(observations: Sequence[Observation], only: str | None = None) -> ThrowOptions:
+        """Return what was thrown so far: the same objects from between the same initial states.
+
+        Objects of one material and kind of shape count as the same one. What was seen together is
+        thrown together. The environment, and the shape of each object, are the newest.
+
+        Parameters
+        ----------
+        observations : in the order of time
+        only : id or material that an object of each throw must have; None: any
+
+        Raises
+        ------
+        NoObservationsError
+            When there are no observations.
+        InvalidInputError
+            When no object is as `only` says.
+        """
+        if not observations:
+            raise NoObservationsError("there are no observations; expected at least one throw")
+        newest: dict[tuple[tuple[str, str], ...], Observation] = {}
+        tracks: dict[tuple[str, str], list[ObservedObject]] = {}
+        for each in observations:
+            newest[tuple(sorted(map(_kind, each.objects)))] = each
+            for seen in each.objects:
+                tracks.setdefault(_kind(seen), []).append(seen)
+        thrown = {kind: _thrown_as_seen(same) for kind, same in tracks.items()}
+        casts = []
+        for each in newest.values():
+            words = {word for one in each.objects for word in (one.object.id, one.object.material)}
+            if only is None or only in words:
+                cast = [
+                    ThrownObject(one.object, like.ranges, like.covariance, like.orientations)
+                    for one in each.objects
+                    for like in [thrown[_kind(one)]]
+                ]
+                casts.append(tuple(cast))
+        if not casts:
+            known = sorted({one.object.material for same in tracks.values() for one in same})
+            raise InvalidInputError(
+                f"no object {only!r} was seen; expected an id, or a material: {', '.join(known)}"
+            )
+        return ThrowOptions(observations[-1].environment, tuple(casts))
+
+    def between(
+        self,
+        position: ArrayLike | None,
+        linear_velocity: ArrayLike | None,
+        angular_velocity: ArrayLike | None,
+    ) -> ThrowOptions:
+        """Return the same with other ranges; None leaves those of each object as they are.
+
+        Parameters
+        ----------
+        position : (3, 2) m
+        linear_velocity : (3, 2) m/s
+        angular_velocity : (3, 2) rad/s
+        """
+
+        def moved(one: ThrownObject) -> ThrownObject:
+            own = one.ranges
+            ranges = ThrowRanges(
+                own.position if position is None else position,
+                own.linear_velocity if linear_velocity is None else linear_velocity,
+                own.angular_velocity if angular_velocity is None else angular_velocity,
+            )
+            return ThrownObject(one.object, ranges, one.covariance, one.orientations)
+
+        return ThrowOptions(self.environment, tuple(tuple(map(moved, cast)) for cast in self.casts))
+
+    def influential(self, materials: Sequence[str]) -> NDArray[np.bool_]:
+        """Which parameters (n,) of these materials any throw can depend on, by their names."""
+        about = ViewingConditions(np.array([0.0, 1.0]), 1.0, np.zeros((3, 2)))
+        at_origin = [
+            Scene(
+                self.environment,
+                tuple(one.object for one in cast),
+                tuple(ObjectState(np.zeros(3)) for _ in cast),
+            )
+            for cast in self.casts
+        ]
+        observations = [about.observation(scene) for scene in at_origin]
+        return np.asarray(parameter_influence(observations, materials).any(axis=0))
+
+    def draw(self, count: int, rng: np.random.Generator) -> list[Throw]:
+        """Draw valid throws, spread over the ranges; the casts take turns.
+
+        Latin hypercube sampling (McKay, Beckman and Conover 1979): of n candidates of a cast, one
+        lies in each n-th part of every range.
+
+        Parameters
+        ----------
+        count : of throws
+        rng : of all randomness
+
+        Raises
+        ------
+        InvalidInputError
+            When hardly any initial state within the ranges is free of overlaps.
+        """
+        found: list[Throw] = []
+        for _ in range(ATTEMPTS):
+            drawn = list(self._drawn(count, rng))
+            wrong = overlapping([throw.scene for throw in drawn])
+            found += [one for one, bad in zip(drawn, wrong, strict=True) if not bad]
+            if len(found) >= count:
+                return found[:count]
+        raise InvalidInputError(
+            f"{len(found)} of {ATTEMPTS * count} throws begin without an overlap; expected ranges "
+            "in which objects are outside planes, boxes and one another"
+        )
+
+    def _drawn(self, count: int, rng: np.random.Generator) -> Iterator[Throw]:
+        each = -(-count // len(self.casts))
+        places = []
+        for cast in self.casts:
+            rows = np.tile(np.arange(each)[:, None], (1, 9 * len(cast)))
+            strata = rng.permuted(rows, axis=0)
+            places.append((strata + rng.random(strata.shape)) / each)
+        for turn in range(count):
+            k = turn % len(self.casts)
+            cast, place = self.casts[k], places[k][turn // len(self.casts)].reshape(-1, 9)
+            turns = [rng.integers(len(one.orientations)) for one in cast]
+            states = [
+                one.state(at, one.orientations[turned])
+                for one, at, turned in zip(cast, place, turns, strict=True)
+            ]
+            yield Throw(self.environment, cast, tuple(states))
+
+
+@dataclass(frozen=True, eq=False)
+class Throw:
+    """One throw that could be made.
+
+    Parameters
+    ----------
+    environment : Ω_e
+    cast : the objects that are thrown at the same time
+    states : θ_d of each, with the covariance that it will be observed with
+    """
+
+    environment: Environment
+    cast: tuple[ThrownObject, ...]
+    states: tuple[ObjectState, ...]
+
+    def nearby(self, count: int, spread: float, rng: np.random.Generator) -> list[Throw]:
+        """Return valid throws whose initial states differ a little, `count` of them at most.
+
+        Parameters
+        ----------
+        count : of throws
+        spread : standard deviation of the differences, a part of the width of each range; at the
+            ends of the ranges they are reflected
+        rng : of all randomness
+        """
+        found = []
+        for _ in range(count):
+            states = []
+            for one, state in zip(self.cast, self.states, strict=True):
+                vector, widths = state.to_vector(), one.ranges.widths
+                values = np.concatenate([vector[0:3], vector[7:13]]) - one.ranges.lower
+                place = np.divide(values, widths, out=np.zeros(9), where=widths > 0.0)
+                moved = place + spread * rng.standard_normal(9)
+                inside = np.clip(np.abs((moved + 1.0) % 2.0 - 1.0), 0.0, 1.0)
+                states.append(one.state(inside, state.orientation))
+            found.append(Throw(self.environment, self.cast, tuple(states)))
+        if not found:
+            return []
+        wrong = overlapping([throw.scene for throw in found])
+        return [throw for throw, bad in zip(found, wrong, strict=True) if not bad]
+
+    @property
+    def scene(self) -> Scene:
+        """The world to simulate."""
+        return Scene(self.environment, tuple(one.object for one in self.cast), self.states)
+
+    @property
+    def widths(self) -> NDArray[np.float64]:
+        """Widths of the ranges of each object, (n_objects, 12), in the order of the state's errors.
+
+        Zero for orientations, which are not thrown for.
+        """
+        widths = np.zeros((len(self.cast), ERROR_SIZE))
+        for row, one in zip(widths, self.cast, strict=True):
+            row[[0, 1, 2, 6, 7, 8, 9, 10, 11]] = one.ranges.widths
+        return widths
+
+
+def _detection_noise(observations: Sequence[Observation], smallest: float) -> float:
+    """Standard deviation in m of a detection on each axis, as detections state it, if there are."""
+    variances = [
+        np.trace(seen.detections.covariances, axis1=1, axis2=2) / 3.0
+        for each in observations
+        for seen in each.objects
+        if seen.detections is not None
+    ]
+    if not variances:
+        return position_noise(observations, smallest)
+    return max(float(np.sqrt(np.median(np.concatenate(variances)))), smallest)
+
+
+def _kind(seen: ObservedObject) -> tuple[str, str]:
+    return seen.object.material, type(seen.object.shape).__name__
+
+
+def _thrown_as_seen(tracks: Sequence[ObservedObject]) -> ThrownObject:
+    states = [seen.initial_state for seen in tracks]
+    return ThrownObject(
+        tracks[-1].object,
+        ThrowRanges.seen(states),
+        np.mean([state.covariance for state in states], axis=0),
+        np.array([state.orientation for state in states]),
+    )

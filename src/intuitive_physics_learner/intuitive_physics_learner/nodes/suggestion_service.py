@@ -1,0 +1,149 @@
+"""The learner node's service that says which throw would tell most."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from intuitive_physics_msgs.msg import ResultCode, SuggestedThrow
+from intuitive_physics_msgs.srv import Suggest
+from numpy.typing import NDArray
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+
+from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
+from intuitive_physics_learner.design import (
+    AboutMotion,
+    Suggestion,
+    SuggestionRequest,
+)
+from intuitive_physics_learner.errors import LearningCancelledError
+from intuitive_physics_learner.nodes.learning_services import CODES
+from intuitive_physics_ros.background import Background
+from intuitive_physics_ros.conversions import (
+    object_state_to_message,
+    region_from_message,
+    scene_from_messages,
+)
+from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_result
+
+TIME_LIMIT = "suggestion_time_limit"
+"""Name of the node's parameter."""
+
+DEFAULT_COUNT = 5
+"""Throws suggested where a request names no number."""
+
+MakeSuggestions = Callable[[SuggestionRequest, Callable[[], bool]], list[Suggestion]]
+"""Takes a request and `cancelled`, and returns the best throws."""
+
+
+class SuggestionService:
+    """Offers `~/suggest`, which is answered by a thread beside the node, one request at a time.
+
+    Parameters
+    ----------
+    node : that offers it
+    make : what finds suggestions
+    """
+
+    def __init__(self, node: Node, make: MakeSuggestions) -> None:
+        self._node = node
+        self._make = make
+        self._background = Background(node)
+        self._ending = threading.Event()
+        self._busy = False
+        node.create_service(
+            Suggest, "~/suggest", self._on_suggest, callback_group=ReentrantCallbackGroup()
+        )
+
+    def stop(self) -> None:
+        """Cancel the request under way and wait for its end."""
+        self._ending.set()
+        self._background.stop()
+
+    async def _on_suggest(
+        self, request: Suggest.Request, response: Suggest.Response
+    ) -> Suggest.Response:
+        if self._busy:
+            response.result = ResultCode(
+                value=ResultCode.BUSY,
+                message="another suggestion is being made; wait for its answer",
+            )
+            return response
+        self._busy = True
+        try:
+            asked = _request(request)
+            began = time.monotonic()
+            found = await self._background.run(lambda: self._made(asked, began))
+            _fill(response, found)
+            response.computation_time = time.monotonic() - began
+            response.result = ok_result()
+        except Exception as error:
+            if not isinstance(error, IntuitivePhysicsError):
+                text = f"no suggestion could be made: {type(error).__name__}: {error}"
+                self._node.get_logger().error(text)
+            response.result = error_result(error, CODES)
+        finally:
+            self._busy = False
+        return response
+
+    def _made(self, request: SuggestionRequest, began: float) -> list[Suggestion]:
+        limit = self._node.get_parameter(TIME_LIMIT).value
+
+        def cancelled() -> bool:
+            return self._ending.is_set() or time.monotonic() - began > limit
+
+        try:
+            return self._make(request, cancelled)
+        except LearningCancelledError:
+            raise RefusedError(
+                ResultCode.CANCELLED,
+                f"not all throws were judged within {limit:g} s; raise {TIME_LIMIT}",
+            ) from None
+
+
+def _request(message: Suggest.Request) -> SuggestionRequest:
+    query = None
+    if message.objects and message.about:
+        raise InvalidInputError(
+            "parameters and a query are asked about; expected about or objects to be empty"
+        )
+    if message.objects:
+        region = region_from_message(message.region) if message.region.kind else None
+        scene = scene_from_messages(message.environment, message.objects)
+        query = AboutMotion(scene, message.object_id, message.time, region)
+    return SuggestionRequest(
+        about=tuple(message.about),
+        query=query,
+        object=message.thrown or None,
+        position=_range(message.position, "position"),
+        linear_velocity=_range(message.linear_velocity, "linear_velocity"),
+        angular_velocity=_range(message.angular_velocity, "angular_velocity"),
+        count=message.count or DEFAULT_COUNT,
+        seed=message.seed,
+    )
+
+
+def _range(numbers: Sequence[float], name: str) -> NDArray[np.float64] | None:
+    if len(numbers) not in (0, 6):
+        raise InvalidInputError(f"{name} has {len(numbers)} numbers; expected none or 6")
+    return np.reshape(np.array(numbers), (3, 2)) if len(numbers) else None
+
+
+def _fill(response: Suggest.Response, found: Sequence[Suggestion]) -> None:
+    response.header.frame_id = found[0].throw.environment.frame_id
+    response.asked = list(found[0].asked)
+    response.standard_deviations = found[0].before.tolist()
+    response.throws = [
+        SuggestedThrow(
+            objects=[
+                object_state_to_message(one.object, state)
+                for one, state in zip(each.throw.cast, each.throw.states, strict=True)
+            ],
+            information=each.gain,
+            standard_deviations=each.after.tolist(),
+        )
+        for each in found
+    ]

@@ -1,0 +1,155 @@
+"""The learner node's suggestions as others see them: a process of its own, spoken to over DDS."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import rclpy
+from intuitive_physics_msgs.msg import ResultCode
+from intuitive_physics_msgs.srv import GetStaticParameters, Suggest
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+
+from intuitive_physics.scene import Scene
+from intuitive_physics_learner import ObservationStore
+from intuitive_physics_ros.conversions import environment_to_message, object_state_to_message
+
+PATIENCE = 60.0
+"""Seconds to wait for what takes a few, on a machine that is busy with other things."""
+
+RANGES = {
+    "position": [-1.0, 0.0, -1.0, 0.0, 0.1, 0.8],
+    "linear_velocity": [-2.0, 2.0] * 3,
+    "angular_velocity": [0.0, 0.0] * 3,
+}
+E = "restitution[ball, floor]"
+
+
+class Asking:
+    """A learner node on a database, and a client of it."""
+
+    def __init__(self, database, *parameters):
+        values = [f"database:={database}", "online:=false", "simulator:=event_driven", *parameters]
+        words = [word for one in values for word in ("-p", one)]
+        main = "from intuitive_physics_learner.nodes.learner_node import main; exit(main())"
+        self.process = subprocess.Popen([sys.executable, "-c", main, "--ros-args", *words])
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.node = rclpy.create_node("asking", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.clients = {
+            kind: self.node.create_client(kind, f"/learner_node/{name}")
+            for kind, name in ((Suggest, "suggest"), (GetStaticParameters, "get_static_parameters"))
+        }
+        self.call(GetStaticParameters)
+        self.call(Suggest, about=["none"])
+
+    def send(self, kind, **fields):
+        self.spin_until(self.clients[kind].service_is_ready)
+        return self.clients[kind].call_async(kind.Request(**fields))
+
+    def call(self, kind, **fields):
+        future = self.send(kind, **fields)
+        self.spin_until(future.done)
+        return future.result()
+
+    def spin_until(self, holds):
+        deadline = time.monotonic() + PATIENCE
+        while not holds():
+            assert time.monotonic() < deadline, "waited in vain"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def close(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        return self.process.wait(PATIENCE)
+
+
+@pytest.fixture
+def asking(tmp_path, throws):
+    """Start a node on a database of thrown balls, and ask it."""
+    opened = []
+
+    def start(*parameters, count=4):
+        database = tmp_path / "learner.sqlite3"
+        with ObservationStore(database) as store:
+            store.add_all(throws(count, 0, 0.002, 0.002))
+        opened.append(Asking(database, *parameters))
+        return opened[-1]
+
+    yield start
+    for one in opened:
+        one.close()
+
+
+def test_suggests_throws_of_what_was_seen(asking, throws):
+    node = asking()
+    answer = node.call(Suggest, about=[E], count=3, seed=1, **RANGES)
+    assert answer.result.value == ResultCode.OK, answer.result.message
+    assert answer.asked == [E]
+    assert answer.header.frame_id == "world"
+    assert len(answer.throws) == 3
+    gains = [each.information for each in answer.throws]
+    assert gains == sorted(gains, reverse=True)
+    (ball,) = answer.throws[0].objects
+    assert ball.material == "ball"
+    assert -1.0 <= ball.pose.pose.position.x <= 0.0
+    assert answer.throws[0].standard_deviations[0] < 0.5 * answer.standard_deviations[0]
+    again = node.call(Suggest, about=[E], count=3, seed=1, **RANGES)
+    assert [each.information for each in again.throws] == gains
+    # All parameters, from what was seen.
+    assert len(node.call(Suggest).asked) == 4
+    # The answer to a query.
+    (seen,) = throws(1, 0)
+    scene: Scene = seen.scene()
+    query = {
+        "environment": environment_to_message(scene.environment),
+        "objects": [object_state_to_message(scene.objects[0], scene.states[0])],
+    }
+    answer = node.call(Suggest, object_id="ball", time=0.8, **query, **RANGES)
+    assert answer.asked == [f"{axis} of ball at 0.8 s" for axis in "xyz"]
+    both = node.call(Suggest, about=[E], object_id="ball", time=0.8, **query)
+    assert both.result.value == ResultCode.INVALID_INPUT
+
+
+def test_refuses_what_it_cannot_do_and_ends_well(asking):
+    node = asking()
+    for fields, code, words in (
+        ({"about": ["bounce"]}, ResultCode.UNKNOWN_NAME, "expected one of"),
+        ({"thrown": "cup"}, ResultCode.INVALID_INPUT, "no object 'cup' was seen"),
+        ({"position": [0.0, 1.0]}, ResultCode.INVALID_INPUT, "expected none or 6"),
+    ):
+        result = node.call(Suggest, **fields).result
+        assert result.value == code
+        assert words in result.message
+    assert node.close() == 0
+
+
+def test_an_empty_database_has_nothing_to_throw(asking):
+    node = asking(count=0)
+    assert node.call(Suggest).result.value == ResultCode.NO_OBSERVATIONS
+
+
+def test_one_at_a_time_within_the_time_limit_and_responsive(asking):
+    # So many throws of so many unknowns are not judged within the limit.
+    node = asking("suggestion_time_limit:=0.1")
+    first = node.send(Suggest, **RANGES)
+    second = node.send(Suggest, **RANGES)
+    began = time.monotonic()
+    assert node.call(GetStaticParameters).result.value == ResultCode.OK
+    assert time.monotonic() - began < PATIENCE / 2
+    node.spin_until(lambda: first.done() and second.done())
+    codes = {first.result().result.value, second.result().result.value}
+    assert codes == {ResultCode.BUSY, ResultCode.CANCELLED}
+    (late,) = (
+        each.result().result
+        for each in (first, second)
+        if each.result().result.value == ResultCode.CANCELLED
+    )
+    assert "raise suggestion_time_limit" in late.message

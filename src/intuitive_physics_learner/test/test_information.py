@@ -12,6 +12,7 @@ from intuitive_physics_learner.online.information import (
     agreement_weights,
     decode_array,
     encode_array,
+    jackknife_variances,
     marginal,
 )
 from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
@@ -88,6 +89,24 @@ def test_what_contradicts_all_others_counts_less():
     for one in seen[:-1]:
         alike.add(one)
     assert agreement_weights(alike, best, seen[:-1], np.ones(8), 4.0) == pytest.approx(np.ones(8))
+
+
+def test_jackknife_is_the_variance_of_a_mean_and_distrusts_a_lone_witness():
+    generator = np.random.default_rng(3)
+    count, sharpness = 400, 1e4
+    known, seen = Information.none(1), []
+    for _ in range(count):
+        about = np.array([0.5])
+        best = about + generator.normal(0.0, sharpness**-0.5, 1)
+        matrix = np.array([[sharpness]])
+        seen.append(LocalLikelihood(np.array([0]), about, matrix, matrix @ (about - best), 0.0))
+        known.add(seen[-1])
+    (variance,) = jackknife_variances(known, np.array([0.5]), seen, np.ones(count))
+    assert variance == pytest.approx(1.0 / (count * sharpness), rel=0.3)
+    lone = LocalLikelihood(np.array([0]), np.array([0.6]), np.array([[1e9]]), np.zeros(1), 0.0)
+    known.add(lone)
+    (variance,) = jackknife_variances(known, np.array([0.5]), [*seen, lone], np.ones(count + 1))
+    assert np.sqrt(variance) == pytest.approx(0.1, rel=0.05)
 
 
 @given(arrays(np.float64, st.tuples(st.integers(0, 4), st.integers(0, 4))))

@@ -5,9 +5,10 @@ published; `StoredOnlineLearning` does so from a store; `background_learning` in
 own.
 """
 
+from intuitive_physics_learner.online.lone_fit import LoneFit
 from intuitive_physics_learner.online.online_learner import OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.stored_online_learning import StoredOnlineLearning
 
-__all__ = ["OnlineLearner", "OnlineOptions", "OnlineState", "StoredOnlineLearning"]
+__all__ = ["LoneFit", "OnlineLearner", "OnlineOptions", "OnlineState", "StoredOnlineLearning"]

@@ -113,6 +113,58 @@ class Information:
         return GaussianPrior(centre + np.linalg.solve(precision, pull), precision)
 
 
+def jackknife_variances(
+    known: Information,
+    centre: NDArray[np.float64],
+    likelihoods: Sequence[LocalLikelihood],
+    weights: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Variances (n,), widths², of the mean by how it moves without each of some observations.
+
+    With N observations of a parameter, (N - 1) / N Σ (m_without - m)². Where knowledge rests on one
+    observation whose linearisation may be wrong, this is the uncertainty without it. 0 for
+    parameters that fewer than two of them depend on.
+
+    Parameters
+    ----------
+    known : of n parameters, from all observations
+    centre : (n,) mean where nothing is known
+    likelihoods : of the observations that may be left out
+    weights : (n_observations,) with which `known` has them
+    """
+    prior = known.prior(centre)
+    covariance = np.linalg.inv(prior.precision)
+    squares, counts = np.zeros(centre.size), np.zeros(centre.size)
+    for one, weight in zip(likelihoods, weights, strict=True):
+        mean, _ = _without(prior, covariance, one, weight)
+        squares[one.parameters] += (mean - prior.mean[one.parameters]) ** 2
+        counts[one.parameters] += 1.0
+    return squares * np.maximum(counts - 1.0, 0.0) / np.maximum(counts, 1.0)
+
+
+def _without(
+    prior: GaussianPrior, covariance: NDArray[np.float64], one: LocalLikelihood, weight: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean (q,) and covariance (q, q) of an observation's parameters without its likelihood.
+
+    Parameters
+    ----------
+    prior : of all n parameters, with it
+    covariance : (n, n) of that, widths²
+    one : the likelihood
+    weight : with which the prior has it
+    """
+    own = one.parameters
+    precision = np.linalg.inv(covariance[np.ix_(own, own)])
+    rest = precision - weight * one.information
+    pulls = precision @ prior.mean[own]
+    pulls -= weight * (one.information @ one.estimate - one.scores)
+    values, vectors = np.linalg.eigh(0.5 * (rest + rest.T))
+    # The bounds are always known.
+    without = (vectors / np.maximum(values, UNIFORM_PRECISION)) @ vectors.T
+    return without @ pulls, without
+
+
 def agreement_weights(
     known: Information,
     centre: NDArray[np.float64],
@@ -141,16 +193,9 @@ def agreement_weights(
     covariance = np.linalg.inv(prior.precision)
     found = []
     for one, weight in zip(likelihoods, weights, strict=True):
-        own, information = one.parameters, one.information
-        precision = np.linalg.inv(covariance[np.ix_(own, own)])
-        rest = precision - weight * information
-        pulls = precision @ prior.mean[own]
-        pulls -= weight * (information @ one.estimate - one.scores)
-        values, vectors = np.linalg.eigh(0.5 * (rest + rest.T))
-        # The bounds are always known.
-        values = np.maximum(values, UNIFORM_PRECISION)
-        without = (vectors / values) @ vectors.T
-        scores = one.scores + information @ (without @ pulls - one.estimate)
+        information = one.information
+        mean, without = _without(prior, covariance, one, weight)
+        scores = one.scores + information @ (mean - one.estimate)
         spread = information @ without @ information + information
         values, vectors = np.linalg.eigh(0.5 * (spread + spread.T))
         informed = values > UNIFORM_PRECISION

@@ -24,7 +24,12 @@ from intuitive_physics_learner.cost.parameter_influence import parameter_influen
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.online.change_point import find_change
-from intuitive_physics_learner.online.information import Information, agreement_weights, marginal
+from intuitive_physics_learner.online.information import (
+    Information,
+    agreement_weights,
+    jackknife_variances,
+    marginal,
+)
 from intuitive_physics_learner.online.lone_fit import ENDLESS_PATIENCE, LoneFit
 from intuitive_physics_learner.online.online_state import Member, OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions, RecursionSettings
@@ -523,7 +528,7 @@ class OnlineLearner:
         state, space = self.state, self.space
         parameters = space.to_parameters(state.unit)
         factors = self.widening
-        widths = factors * self._prior.deviations
+        widths = np.maximum(factors * self._prior.deviations, self._jackknife_deviations())
         information = widened_information(state.posterior.matrix, factors, widths)
         posterior = ParameterPosterior.from_information(state.materials, state.unit, information)
         identified = widths < LARGEST_DEVIATION
@@ -542,6 +547,17 @@ class OnlineLearner:
             JOINT_METHOD,
             posterior=posterior,
         )
+
+    def _jackknife_deviations(self) -> NDArray[np.float64]:
+        """Standard deviations (n,), widths, by leaving out each observation of the window."""
+        state = self.state
+        variances = jackknife_variances(
+            state.posterior,
+            state.centre,
+            [one.likelihood for one in state.window],
+            np.array([one.weight for one in state.window]),
+        )
+        return np.sqrt(np.minimum(variances, 1.0 / UNIFORM_PRECISION))
 
     def _drop_observations(self) -> None:
         kept = {one.id for one in (*self.state.window, *self.state.doubtful)}

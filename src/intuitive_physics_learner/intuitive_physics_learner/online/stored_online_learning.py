@@ -9,8 +9,7 @@ from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.online.online_learner import OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
-from intuitive_physics_learner.store import ObservationStore
-from intuitive_physics_learner.store.online_record import OnlineRecord
+from intuitive_physics_learner.store import ObservationStore, OnlineRecord
 
 
 class StoredOnlineLearning:

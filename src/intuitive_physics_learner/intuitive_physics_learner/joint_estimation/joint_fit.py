@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,10 @@ from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import compatible_moves
 from intuitive_physics_learner.joint_estimation.fit_horizons import advanced_horizons
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
+from intuitive_physics_learner.joint_estimation.local_likelihood import (
+    LocalLikelihood,
+    local_likelihoods,
+)
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     NormalEquations,
     Posterior,
@@ -24,6 +29,22 @@ from intuitive_physics_learner.search.search_space import SearchSpace
 
 SMALLEST_RESPONSE = 1e-9
 """m per width of a parameter; a slope below this is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObservationFit:
+    """What a fit found for one observation, from which another fit can begin.
+
+    Parameters
+    ----------
+    estimate : (d,) deviations from the observed initial states, in SI units
+    deviations : (d,) standard deviation of each, in SI units
+    horizon : s, the last time that is fitted
+    """
+
+    estimate: NDArray[np.float64]
+    deviations: NDArray[np.float64]
+    horizon: float
 
 
 class JointFit:
@@ -97,6 +118,43 @@ class JointFit:
         deviations : (n,) widths, as `TrajectoryModel.curvature_posterior`
         """
         return self._model.curvature_posterior(self._estimate)
+
+    def likelihoods(self) -> list[LocalLikelihood]:
+        """Return the likelihood of θ_s near the estimate, of each observation."""
+        return local_likelihoods(self._model, self._estimate)
+
+    def observation_fits(self) -> list[ObservationFit]:
+        """Return what was found for each observation."""
+        found = {
+            int(member): ObservationFit(part.estimate[k], part.deviations[k], part.horizons[k])
+            for block, part in zip(self._model.blocks, self._estimate.fits, strict=True)
+            for k, member in enumerate(block.members)
+        }
+        return [found[member] for member in range(len(found))]
+
+    def begin_at(
+        self,
+        unit: NDArray[np.float64],
+        deviations: NDArray[np.float64],
+        fits: Sequence[ObservationFit | None],
+    ) -> None:
+        """Continue from what other fits have found.
+
+        Parameters
+        ----------
+        unit : (n,) θ_s on the unit cube
+        deviations : (n,) widths, standard deviation of each parameter
+        fits : of each observation; None begins with the observed initial states
+        """
+        self._estimate.unit = unit.copy()
+        self._estimate.deviations = deviations.copy()
+        for block, part in zip(self._model.blocks, self._estimate.fits, strict=True):
+            for k, member in enumerate(block.members):
+                found = fits[member]
+                if found is not None:
+                    part.estimate[k] = found.estimate
+                    part.deviations[k] = found.deviations
+                    part.horizons[k] = found.horizon
 
     def step(self) -> None:
         """Take a damped Gauss-Newton step in all unknowns, then move the fit horizons."""

@@ -97,7 +97,7 @@ class TrajectoryModel:
     def initial_estimate(self) -> Estimate:
         """Return the estimate before any step: the prior, and the observed initial states."""
         fits = [TrajectoryFits.initial(block, self.settings) for block in self.blocks]
-        return Estimate(self.prior.mean.copy(), self.prior.deviations, fits)
+        return Estimate(np.clip(self.prior.mean, 0.0, 1.0), self.prior.deviations, fits)
 
     def parts(self, estimate: Estimate) -> Iterator[tuple[ObservationBlock, TrajectoryFits]]:
         """Yield blocks, with the points that horizons can reach in one step, and their fits."""
@@ -152,14 +152,16 @@ class TrajectoryModel:
 
         Returns
         -------
-        rises : (n, n_levels) change of the loss, without a unit, of the observations that each
-            parameter influences
+        rises : (n, n_levels) change of the loss, without a unit, of the prior and of the
+            observations that each parameter influences
         found : of each block, (q, n_levels, W, d) deviations from the observed initial states, in
             SI units, fitted to the levels
         """
         each = np.tile(levels, (estimate.unit.size, 1))
         candidates = ScanCandidates(estimate.unit, self._groups, self.space, each)
-        rises = np.zeros(candidates.index.shape)
+        away = np.array(levels) - estimate.unit[:, None]
+        rises = self.prior.scores(estimate.unit)[:, None] * away
+        rises += 0.5 * np.diag(self.prior.precision)[:, None] * away**2
         found = []
         for (block, part), slopes in zip(self.parts(estimate), linear, strict=True):
             states, residuals = scanned_states(

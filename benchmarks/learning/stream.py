@@ -32,7 +32,7 @@ from intuitive_physics_experiments.paper.paper_room import (
     draw_pool,
 )
 from intuitive_physics_learner import ObservationStore
-from intuitive_physics_learner.online.improvement import OnlineOptions
+from intuitive_physics_learner.online.options import OnlineOptions
 
 STORED, QUICK_STORED = (100, 1000, 10000), (20, 100)
 """Numbers of stored observations at which the next ones are measured."""

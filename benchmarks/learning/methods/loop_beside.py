@@ -11,15 +11,15 @@ from benchmarks.learning.paper_sets import Task
 from benchmarks.steady_loop import Lateness, watch_loops
 from intuitive_physics_learner import ObservationStore
 from intuitive_physics_learner.online.background_learning import BackgroundLearning
-from intuitive_physics_learner.online.improvement import OnlineOptions
-from intuitive_physics_learner.online.worker import SEARCHING
+from intuitive_physics_learner.online.options import OnlineOptions
+from intuitive_physics_learner.online.worker import LEARNING
 
 PATIENCE = 60.0
 """s that the learner has to be at work."""
 
 
 def compare_lateness(task: Task, seconds: float) -> list[Lateness]:
-    """Run the loop alone, and beside a learner that never ends, on the one core that it has."""
+    """Run the loop alone, and beside a learner that has much to do, on the one core that it has."""
     core = sorted(os.sched_getaffinity(0))[-1:]
     rows = [watch_loops("nothing", seconds, core)]
     with tempfile.TemporaryDirectory() as folder:
@@ -28,8 +28,7 @@ def compare_lateness(task: Task, seconds: float) -> list[Lateness]:
             store.add_all(task.dataset.training_observations)
         for priority in ("idle", "normal"):
             background = BackgroundLearning(path, "auto", lambda: None)
-            endless = OnlineOptions("random", seconds=1e6, iterations_without_gain=10**9)
-            background.start(endless, cores=1, priority=priority)
+            background.start(OnlineOptions(), cores=1, priority=priority)
             try:
                 busy = "" if _at_work(background) else ", which got no core to begin with"
                 beside = f"the learner, priority {priority}{busy}"
@@ -40,9 +39,9 @@ def compare_lateness(task: Task, seconds: float) -> list[Lateness]:
 
 
 def _at_work(background: BackgroundLearning) -> bool:
-    """Wait until the learner searches; return whether it does: others may have all the cores."""
+    """Wait until the learner learns; return whether it does: others may have all the cores."""
     deadline = time.monotonic() + PATIENCE
-    while background.report.state != SEARCHING or background.report.iteration == 0:
+    while background.report.state != LEARNING or background.report.processed == 0:
         if time.monotonic() > deadline:
             return False
         time.sleep(0.05)

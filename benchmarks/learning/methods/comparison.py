@@ -76,7 +76,7 @@ def measure(plan: Plan) -> Findings:
     report_progress("other engines")
     peers = compare_engines(effort.peer_seconds, plan.first_seed)
     report_progress("beside a loop, and on a cluster")
-    beside = compare_lateness(joint["1x50"][0], effort.loop_seconds)
+    beside = compare_lateness(joint["10x50"][0], effort.loop_seconds)
     paces = compare_paces(joint["10x50"][0])
     return Findings(
         tables=tables(Measured(joint, histories, further, peers, beside, paces)),

@@ -54,7 +54,7 @@ def local_likelihoods(model: TrajectoryModel, estimate: Estimate) -> list[LocalL
     for (block, part), slopes, own in zip(model.parts(estimate), linear, equations, strict=True):
         eliminated = own.eliminated()
         present = part.estimate[None], slopes.residuals[None]
-        losses = part.losses(block, *present, model.noise, model.settings)[0]
+        losses = part.losses(block, *present, model.settings)[0]
         d = own.state_size
         scale = block.prior_deviations
         inner = own.hessian[:, :d, :d] * scale[:, :, None] * scale[:, None, :]

@@ -22,6 +22,7 @@ from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.point_noise import detected
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.online.change_point import find_change
 from intuitive_physics_learner.online.information import (
@@ -188,7 +189,7 @@ class OnlineLearner:
         if not influence.any():
             return
         try:
-            cost = TrajectoryCost([seen], self._simulator, state.materials)
+            cost = TrajectoryCost([detected(seen)], self._simulator, state.materials)
             fit = self._lone_fit(cost, influence, self._prior)
             if fit.blocked:
                 fit = self._lone_fit(cost, influence, self._prior, careful=True)
@@ -271,7 +272,7 @@ class OnlineLearner:
             return
         seen = self._observations[member.id]
         influence = parameter_influence([seen], state.materials)[0]
-        cost = TrajectoryCost([seen], self._simulator, state.materials)
+        cost = TrajectoryCost([detected(seen)], self._simulator, state.materials)
         fit = self._lone_fit(cost, influence, self._prior)
         del state.doubtful[0]
         if fit.blocked:
@@ -353,7 +354,8 @@ class OnlineLearner:
         active: NDArray[np.bool_] = np.asarray(influence.any(axis=0))
         own = np.flatnonzero(active)
         prior = state.retired.prior(state.centre)
-        cost = TrajectoryCost(seen, self._simulator, state.materials)
+        points = [detected(each) for each in seen]
+        cost = TrajectoryCost(points, self._simulator, state.materials)
         space = ActiveSpace(self.space, active, self.space.to_parameters(state.unit))
         problem = WindowProblem(cost, space, influence[:, active], marginal(prior, own), settings)
         scans = (2,) if self._scans() else ()

@@ -63,7 +63,7 @@ def _table(found: Sequence[SuggestionResult]) -> Table:
                 seed,
                 _count(suggested, each.exhausted[0]),
                 _count(random, each.exhausted[1]),
-                each.ratio,
+                each.suggested_over_random,
                 BAR,
             ]
         )
@@ -83,7 +83,7 @@ def _table(found: Sequence[SuggestionResult]) -> Table:
         ),
         remarks=[
             f"ratio of the means over {len(found)} worlds {ratio_of_means(found):.2f}, median of "
-            f"the ratios {np.median([each.ratio for each in found]):.2f}"
+            f"the ratios {np.median([each.suggested_over_random for each in found]):.2f}"
         ],
     )
 

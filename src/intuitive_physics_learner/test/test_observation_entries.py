@@ -123,7 +123,7 @@ def test_migration_enters_rows_that_cannot_be_read(tmp_path, glide_at):
         store.add_all([glide_at(id) for id in "abc"])
     with sqlite3.connect(path) as old:
         tables = ("observation_entries", "observation_counts", "observed_materials")
-        for name in (*tables, "observation_set"):
+        for name in (*tables, "observation_set", "online_state"):
             old.execute(f"DROP TABLE {name}")
         old.execute("DROP TRIGGER observation_deleted")
         old.execute("UPDATE observations SET json = 'nothing' WHERE id = 'b'")

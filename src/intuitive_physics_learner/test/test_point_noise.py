@@ -15,6 +15,10 @@ from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.normal_equations import (
+    NormalEquations,
+    Posterior,
+)
 from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
 from intuitive_physics_learner.joint_estimation.point_noise import detected, track_noises
 
@@ -91,9 +95,25 @@ def test_shared_errors_have_the_covariance_of_the_bias():
     ((noise,),) = track_noises([detected(track)], SETTINGS)
     np.testing.assert_allclose(noise.shared.T @ noise.shared, bias, atol=1e-12)
     (block,) = observation_blocks([detected(track)], np.ones((1, 1), dtype=bool), SETTINGS)
-    # One nuisance parameter more than the components of the initial state, of unit variance.
-    assert block.prior_deviations[0, -1] == 1.0
-    moved = block.displaced(
-        np.zeros((1, 50, 3)), 1.5 * np.eye(1, block.prior_deviations.shape[1])[:, ::-1]
-    )
-    np.testing.assert_allclose(np.abs(moved[0] @ axis), 1.5 * 2e-3)
+    # Three nuisance parameters more than the components of the initial state, of unit variance.
+    assert (block.prior_deviations[0, -3:] == 1.0).all()
+    amounts = np.zeros(block.prior_deviations.shape)
+    amounts[0, -3:] = 1.5 * axis
+    moved = block.displaced(np.zeros((1, 50, 3)), amounts)
+    np.testing.assert_allclose(moved[0], np.tile(1.5 * 2e-3 * axis, (50, 1)), atol=1e-9)
+
+
+def test_what_all_observations_share_does_not_average_out():
+    """x_i = θ + b + ε_i / √n with b ~ N(0, β²) common: σ_θ² = (n/σ²)⁻¹ + β², however many i."""
+    beta, sigma, count = 0.3, 0.1, 400
+    # Unknowns of each: the amount of the shared error in units of β, then θ.
+    slopes = np.array([beta, 1.0]) / sigma
+    hessian = np.tile(np.outer(slopes, slopes) + np.diag([1.0, 0.0]), (count, 1, 1))
+    zero = np.zeros((count, 1), dtype=np.int64)
+    equations = NormalEquations(zero, 1, hessian, np.zeros((count, 2)))
+    common = equations.with_common(zero, 1).eliminated()
+    precision = np.diag([1e-12, 1.0])
+    covariance = Posterior.of([common], precision).covariance
+    assert covariance[0, 0] == pytest.approx(sigma**2 / count + beta**2, rel=1e-6)
+    apart = Posterior.of([equations.eliminated()], precision[:1, :1]).covariance
+    assert apart[0, 0] == pytest.approx((sigma**2 + beta**2) / count, rel=1e-6)

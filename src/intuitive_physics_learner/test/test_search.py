@@ -96,7 +96,7 @@ def test_time_limit_and_cancel():
 
 
 def test_ends_when_there_is_nothing_left_to_try():
-    rule = make_update_rule("grid", SPACE.size, np.random.default_rng(0), increment=1.0)
+    rule = make_update_rule("grid", SPACE.size, np.random.default_rng(0), increment=0.5)
     result = ParameterSearch(bowl, SPACE, rule).run(ConvergenceCriteria(1000))
     assert result.stop_reason is StopReason.EXHAUSTED
     assert result.iterations == 2**5

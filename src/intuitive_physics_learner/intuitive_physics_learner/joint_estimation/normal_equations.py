@@ -96,6 +96,24 @@ class NormalEquations:
         gradient[:, :d] += precision * estimate
         return NormalEquations(block.parameters, d, hessian, gradient)
 
+    def with_common(self, index: NDArray[np.int64], first: int) -> NormalEquations:
+        """Return the equations with shared errors as parameters that observations have in common.
+
+        Their prior is left out: it holds once for all observations.
+
+        Parameters
+        ----------
+        index : (W, b) index of each observation's shared errors, the last nuisance parameters
+        first : number of parameters, from which on shared errors are counted
+        """
+        count = index.shape[1]
+        d = self.state_size - count
+        hessian = self.hessian.copy()
+        diagonal = np.arange(d, self.state_size)
+        hessian[:, diagonal, diagonal] -= 1.0
+        parameters = np.hstack([first + index, self.parameters])
+        return NormalEquations(parameters, d, hessian, self.gradient)
+
     def eliminated(self, damping: float = 0.0) -> Elimination:
         """Solve for the initial states, their diagonal enlarged by the part `damping`."""
         d = self.state_size

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.geometry.rotations import rotate_quaternions
-from intuitive_physics.observation import Observation
+from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import LINEAR_VELOCITY, POSITION, ROTATION
 from intuitive_physics_learner.cost.packed_observations import times_after_start
@@ -147,6 +147,8 @@ class ObservationBlock:
         last point
     shared : (W, b, P, 3) m, displacement of each point by one standard deviation of each shared
         error
+    shared_index : (W, b) index of each shared error among all: objects of one material have theirs
+        in common, since the same camera measured the same radius against the same planes
     """
 
     members: NDArray[np.int64]
@@ -158,6 +160,7 @@ class ObservationBlock:
     prior_deviations: NDArray[np.float64]
     whitening: NDArray[np.float64]
     shared: NDArray[np.float64]
+    shared_index: NDArray[np.int64]
 
     @property
     def noise(self) -> NDArray[np.float64]:
@@ -227,8 +230,9 @@ def observation_blocks(
         InitialStateDeviations.of(seen, settings, free_states) for seen in observations
     ]
     noises = track_noises(observations, settings)
+    materials = observation_materials(observations)
     points = [
-        _ObservedPoints.of(seen, noise, free_states)
+        _ObservedPoints.of(seen, noise, materials, free_states)
         for seen, noise in zip(observations, noises, strict=True)
     ]
     groups: dict[tuple[int, int, int, int], list[int]] = {}
@@ -248,31 +252,37 @@ class _ObservedPoints:
     times : (n,) s after the start
     whitening : (n, 3, 3) 1/m
     shared : (b, n, 3) m, displacement by one standard deviation of each shared error
+    shared_index : (b,) index of each shared error: three for each material
     """
 
     times: NDArray[np.float64]
     whitening: NDArray[np.float64]
     shared: NDArray[np.float64]
+    shared_index: NDArray[np.int64]
 
     @staticmethod
-    def of(observation: Observation, noises: Sequence[TrackNoise], free: bool) -> _ObservedPoints:
+    def of(
+        observation: Observation,
+        noises: Sequence[TrackNoise],
+        materials: Sequence[str],
+        free: bool,
+    ) -> _ObservedPoints:
         """Put together the points of all objects; `free` is whether shared errors are unknowns."""
         times = [times_after_start(observation, seen) for seen in observation.objects]
         counted = [each >= 0.0 for each in times]
-        whitening = [noise.whitening[own] for noise, own in zip(noises, counted, strict=True)]
-        size = sum(int(own.sum()) for own in counted)
-        shared, begin = [], 0
-        for noise, own in zip(noises, counted, strict=True):
-            end = begin + int(own.sum())
-            for axis in noise.shared if free else ():
-                rows = np.zeros((size, 3))
-                rows[begin:end] = axis
-                shared.append(rows)
-            begin = end
+        owners = np.repeat(np.arange(len(times)), [int(own.sum()) for own in counted])
+        shared, index = [], []
+        for j, (seen, noise) in enumerate(zip(observation.objects, noises, strict=True)):
+            for axis in np.flatnonzero(noise.shared.any(axis=1)) if free else ():
+                shared.append((owners == j)[:, None] * noise.shared[axis])
+                index.append(3 * materials.index(seen.object.material) + int(axis))
         return _ObservedPoints(
             np.concatenate([each[own] for each, own in zip(times, counted, strict=True)]),
-            np.concatenate(whitening),
-            np.array(shared).reshape(-1, size, 3),
+            np.concatenate(
+                [noise.whitening[own] for noise, own in zip(noises, counted, strict=True)]
+            ),
+            np.array(shared).reshape(-1, owners.size, 3),
+            np.array(index, dtype=np.int64),
         )
 
 
@@ -302,4 +312,5 @@ def _block(
         np.hstack([deviations, np.ones((len(members), shared_count))]),
         whitening,
         shared,
+        np.array([points[i].shared_index for i in members]),
     )

@@ -35,9 +35,6 @@ from intuitive_physics_learner.joint_estimation.settings import JointEstimationS
 MEDIAN_LENGTH_3 = 1.5381722544550522
 """Median of the length of three independent standard normal components: √(median of χ²₃)."""
 
-LEAST_VARIANCE = 1e-14
-"""m²; a shared error of less variance along an axis is rounding."""
-
 
 SAME_SIGN_SHARE = 0.5 - np.arcsin(0.75) / np.pi
 """Share of neighbouring third differences of white noise that have the same sign."""
@@ -64,7 +61,8 @@ class TrackNoise:
     Parameters
     ----------
     whitening : (n, 3, 3) 1/m, which makes the error of each point standard normal
-    shared : (b, 3) m, orthogonal standard deviations of the error that all points share
+    shared : (3, 3) m, symmetric root of the covariance of the error that all points share: a row
+        for each of three independent amounts of unit variance. 0 where there is none.
     """
 
     whitening: NDArray[np.float64]
@@ -191,10 +189,10 @@ def _track_noise(
         state = np.trace(seen.initial_state.covariance[POSITION, POSITION]) / 3.0
         smoothed = state if _is_smoothed(seen) else 0.0
         length = np.sqrt(np.nanmax([variance, smoothed, smallest**2]))
-        return TrackNoise(unit / length, np.zeros((0, 3)))
+        return TrackNoise(unit / length, np.zeros((3, 3)))
     factor = np.sqrt(1.0 if np.isnan(variance) else variance)
     values, axes = np.linalg.eigh(found.bias)
-    shared = (axes * np.sqrt(np.maximum(values, 0.0))).T[values > LEAST_VARIANCE]
+    shared = (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
     # No component of an error is smaller than the smallest noise.
     left, scales, right = np.linalg.svd(unit / max(factor, np.finfo(float).tiny))
     return TrackNoise((left * np.minimum(scales, 1.0 / smallest)[:, None]) @ right, shared)

@@ -139,6 +139,27 @@ class TrajectoryModel:
         eliminated = [each.eliminated() for each in equations]
         return Posterior.of(eliminated, self.prior.precision), eliminated
 
+    def marginal_posterior(self, equations: Sequence[NormalEquations]) -> Posterior:
+        """Return the posterior of the parameters, with errors that all observations share.
+
+        Each observation is fitted with shared errors of its own, which does no harm. But were they
+        independent, many observations would average them out: here they are the same in all.
+
+        Parameters
+        ----------
+        equations : of each block
+        """
+        size = len(self.prior.mean)
+        common = [
+            each.with_common(block.shared_index, size)
+            for each, block in zip(equations, self.blocks, strict=True)
+        ]
+        most = max((int(part.parameters.max(initial=0)) for part in common), default=0)
+        precision = np.eye(max(most + 1, size))
+        precision[:size, :size] = self.prior.precision
+        whole = Posterior.of([part.eliminated() for part in common], precision)
+        return Posterior(whole.covariance[:size, :size])
+
     def scanned(
         self, estimate: Estimate, linear: Sequence[Linearisation], levels: Sequence[float]
     ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
@@ -188,11 +209,11 @@ class TrajectoryModel:
             friction only has to be large enough, the curvature is zero on one side
         """
         linear = self.linearised(estimate, self.settings.curvature_widening)
-        posterior = self.posterior(self.equations(estimate, linear))[0]
+        posterior = self.marginal_posterior(self.equations(estimate, linear))
         deviations = [posterior.deviations]
         for side in range(2):
             sided = [replace(each, slopes=each.one_sided[side]) for each in linear]
-            deviations.append(self.posterior(self.equations(estimate, sided))[0].deviations)
+            deviations.append(self.marginal_posterior(self.equations(estimate, sided)).deviations)
         rises, _ = self.scanned(estimate, linear, self._curvature_levels)
         away = np.abs(np.array(self._curvature_levels) - estimate.unit[:, None])
         deviations.append(np.where(rises < PLAUSIBLE_RISE, 0.5 * away, 0.0).max(axis=1))

@@ -88,7 +88,7 @@ def test_detections_have_their_covariance_times_a_factor_of_the_track(factor, se
 
 def test_shared_errors_have_the_covariance_of_the_bias():
     rng = np.random.default_rng(3)
-    axis = np.array([0.6, 0.0, 0.8])
+    axis = np.array([2.0, 3.0, 6.0]) / 7.0
     bias = 2e-3**2 * np.outer(axis, axis)
     covariances = np.broadcast_to(1e-3**2 * np.eye(3), (50, 3, 3))
     track = flight(rng, np.arange(50) / 30.0, rng.normal(0, 1e-3, (50, 3)), (covariances, bias))

@@ -21,11 +21,12 @@ from benchmarks.learning.online import ONLINE
 from benchmarks.learning.part import Findings, Part, Plan
 from benchmarks.learning.sets import SETS
 from benchmarks.learning.stream import STREAM
+from benchmarks.learning.suggested import SUGGESTED
 from benchmarks.peers.engine import MissingPeerError
 from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 
-PARTS = (SETS, CAMERA, ONLINE, MASS_RATIO, DISTURBED, STREAM, METHODS)
+PARTS = (SETS, CAMERA, ONLINE, MASS_RATIO, DISTURBED, STREAM, SUGGESTED, METHODS)
 """In the order in which they are measured and reported."""
 
 LINE = (

@@ -9,7 +9,8 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics_learner import ObservationStore
-from intuitive_physics_learner.online.improvement import OnlineOptions, OnlineSearch
+from intuitive_physics_learner.online.options import OnlineOptions
+from intuitive_physics_learner.online.stored_online_learning import StoredOnlineLearning
 
 
 def published_after_each(
@@ -37,9 +38,6 @@ def learn_what_is_stored(
     store: ObservationStore, simulator: Simulator, options: OnlineOptions
 ) -> None:
     """Do what the worker does when observations were added."""
-    while True:
-        search = OnlineSearch(store, simulator, options)
-        while not search.finished and not search.outdated:
-            search.run_slice()
-        if not search.outdated:
-            return
+    learning = StoredOnlineLearning(store, simulator, options)
+    while learning.advance():
+        pass

@@ -45,9 +45,9 @@ class Effort:
 
 FULL = Effort(
     seconds=(4.0, 20.0, 60.0),
-    rule_seeds=(3, 1, 1),
+    rule_seeds=(2, 1, 1),
     iterations=(500, 150, 60),
-    further_iterations=(0, 300, 150),
+    further_iterations=(0, 200, 100),
     peer_seconds=10.0,
     loop_seconds=5.0,
 )
@@ -76,7 +76,7 @@ def measure(plan: Plan) -> Findings:
     report_progress("other engines")
     peers = compare_engines(effort.peer_seconds, plan.first_seed)
     report_progress("beside a loop, and on a cluster")
-    beside = compare_lateness(joint["1x50"][0], effort.loop_seconds)
+    beside = compare_lateness(joint["10x50"][0], effort.loop_seconds)
     paces = compare_paces(joint["10x50"][0])
     return Findings(
         tables=tables(Measured(joint, histories, further, peers, beside, paces)),

@@ -5,31 +5,40 @@ from __future__ import annotations
 import os
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.learning.paper_sets import Task
 from benchmarks.steady_loop import Lateness, watch_loops
 from intuitive_physics_learner import ObservationStore
 from intuitive_physics_learner.online.background_learning import BackgroundLearning
-from intuitive_physics_learner.online.improvement import OnlineOptions
-from intuitive_physics_learner.online.worker import SEARCHING
+from intuitive_physics_learner.online.options import OnlineOptions
+from intuitive_physics_learner.online.worker import LEARNING
+
+COPIES = 1000
+"""Of each observation, so that there is more to learn from than time."""
 
 PATIENCE = 60.0
 """s that the learner has to be at work."""
 
 
 def compare_lateness(task: Task, seconds: float) -> list[Lateness]:
-    """Run the loop alone, and beside a learner that never ends, on the one core that it has."""
+    """Run the loop alone, and beside a learner with endless work, on the one core that it has."""
     core = sorted(os.sched_getaffinity(0))[-1:]
     rows = [watch_loops("nothing", seconds, core)]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "learner.sqlite3"
         with ObservationStore(path) as store:
-            store.add_all(task.dataset.training_observations)
+            for copy in range(COPIES):
+                store.add_all(
+                    [
+                        replace(one, id=f"{one.id} {copy}")
+                        for one in task.dataset.training_observations
+                    ]
+                )
         for priority in ("idle", "normal"):
             background = BackgroundLearning(path, "auto", lambda: None)
-            endless = OnlineOptions("random", seconds=1e6, iterations_without_gain=10**7)
-            background.start(endless, cores=1, priority=priority)
+            background.start(OnlineOptions(), cores=1, priority=priority)
             try:
                 busy = "" if _at_work(background) else ", which got no core to begin with"
                 beside = f"the learner, priority {priority}{busy}"
@@ -40,9 +49,9 @@ def compare_lateness(task: Task, seconds: float) -> list[Lateness]:
 
 
 def _at_work(background: BackgroundLearning) -> bool:
-    """Wait until the learner searches; return whether it does: others may have all the cores."""
+    """Wait until the learner learns; return whether it does: others may have all the cores."""
     deadline = time.monotonic() + PATIENCE
-    while background.report.state != SEARCHING or background.report.iteration == 0:
+    while background.report.state != LEARNING:
         if time.monotonic() > deadline:
             return False
         time.sleep(0.05)

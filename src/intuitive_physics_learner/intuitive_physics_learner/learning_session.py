@@ -25,6 +25,7 @@ from intuitive_physics.prior_knowledge import GivenKnowledge
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.trajectory import MEAN_DISTANCE
 from intuitive_physics_learner.cost.cost_function import (
+    Cost,
     InterruptibleCost,
     MakeCost,
     TrajectoryCost,
@@ -32,8 +33,10 @@ from intuitive_physics_learner.cost.cost_function import (
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
 from intuitive_physics_learner.given_parameters import check_within_bounds
+from intuitive_physics_learner.joint_estimation.point_noise import detected
 from intuitive_physics_learner.methods import (
     DEFAULT_METHOD,
+    JOINT_METHOD,
     check_method,
     make_search,
 )
@@ -193,9 +196,16 @@ def _begin(
     previous = previous.extended(tuple(dict.fromkeys((*previous.materials, *seen))))
     # In the order of all known materials, so that a pair has the same name in both.
     materials = tuple(name for name in previous.materials if name in seen)
-    cost = make_cost(observations, simulator, materials, options.distance)
-    if cancelled is not None:
-        cost = InterruptibleCost(cost, cancelled)
+
+    def cost_over(some: Sequence[Observation]) -> Cost:
+        cost = make_cost(some, simulator, materials, options.distance)
+        return cost if cancelled is None else InterruptibleCost(cost, cancelled)
+
+    cost, detected_cost = cost_over(observations), None
+    if options.method == JOINT_METHOD and any(
+        one.detections is not None for seen in observations for one in seen.objects
+    ):
+        detected_cost = cost_over([detected(seen) for seen in observations])
     start = previous.parameters.extended(materials)
     influence = parameter_influence(observations, materials)
     if not influence.any():
@@ -205,7 +215,7 @@ def _begin(
         )
     space = ParameterSpace(materials, options.bounds)
     if previous.given is None:
-        return previous, LearningTask(cost, space, influence, start)
+        return previous, LearningTask(cost, space, influence, start, None, detected_cost)
     given = previous.given.extended(materials)
     influence &= ~given.fixed
     if not influence.any():
@@ -213,7 +223,7 @@ def _begin(
             "all parameters that the observations could depend on are held; set one of them as a "
             "prior or a start"
         )
-    task = LearningTask(cost, space, influence, start)
+    task = LearningTask(cost, space, influence, start, None, detected_cost)
     return previous, replace(task, known=_given_prior(task, given))
 
 

@@ -26,7 +26,9 @@ DEFAULT_METHOD = JOINT_METHOD
 
 def _joint_search(task: LearningTask, generator: np.random.Generator) -> Search:
     own = task.influence[:, task.active]
-    return JointSearch(task.cost, task.searched, own, task.prior, generator)
+    return JointSearch(
+        task.cost, task.searched, own, task.prior, generator, fitted=task.fitted_cost
+    )
 
 
 def _search_by_rule(name: str, task: LearningTask, generator: np.random.Generator) -> Search:

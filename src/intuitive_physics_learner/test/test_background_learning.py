@@ -11,13 +11,14 @@ import pytest
 
 from intuitive_physics_learner import ObservationStore
 from intuitive_physics_learner.online.background_learning import BackgroundLearning
-from intuitive_physics_learner.online.improvement import OnlineOptions
-from intuitive_physics_learner.online.worker import FAILED, SEARCHING, WAITING
+from intuitive_physics_learner.online.options import OnlineOptions
+from intuitive_physics_learner.online.worker import FAILED, WAITING
+from intuitive_physics_learner.store.online_record import OnlineRecord
 
 PATIENCE = 60.0
 """s for what takes about one, on a machine that is busy with other things."""
 
-ENDLESS = OnlineOptions("random", seconds=1e5, iterations_without_gain=10**7)
+OPTIONS = OnlineOptions()
 
 
 @pytest.fixture
@@ -47,43 +48,44 @@ def ended(process):
 
 
 def test_learns_as_observations_arrive(store, background, throws, true_parameters):
-    background.start(
-        OnlineOptions(seconds=5.0, iterations_without_gain=400), cores=1, priority="normal"
-    )
+    background.start(OPTIONS, cores=1, priority="normal")
     assert background.running
-    for seen in throws(6, 0, noise=0.003):
+    for seen in throws(6, 0, noise=0.003, state_noise=0.01):
         store.add(seen)
         background.notify()
     assert background.improved.wait(PATIENCE), background.report
-    wait_until(lambda: background.report.state == WAITING and background.report.version > 0)
+    wait_until(lambda: background.report.state == WAITING and background.report.processed == 6)
+    assert background.report.pending == 0
     newest = store.newest_parameters()
     assert newest.version == background.report.version
-    assert newest.observation_count == 6
     got = newest.parameters.pair("ball", "floor")["restitution"]
     assert got == pytest.approx(true_parameters.pair("ball", "floor")["restitution"], abs=0.02)
 
 
-def saved_iterations(store):
-    """Evaluations of J that the stored checkpoint has behind it."""
-    with store._database.reading() as connection:
-        row = connection.execute("SELECT json FROM searches").fetchone()
-    return 0 if row is None else len(json.loads(row[0])["state"]["search"]["history"])
+def saved(store):
+    text = OnlineRecord(store.database).state()
+    return 0 if text is None else json.loads(text)["processed"]
 
 
-def test_stops_within_a_second_and_goes_on_where_it_was(store, background, throws):
-    store.add_all(throws(10, 0))
-    background.start(ENDLESS, cores=1, priority="normal")
-    wait_until(lambda: saved_iterations(store) > 0)
-    process = background._process
-    began = time.monotonic()
-    background.stop()
-    wait_until(lambda: ended(process), 1.0)
-    assert time.monotonic() - began < 1.0
-    assert not background.running
-    saved = saved_iterations(store)
-    background.start(ENDLESS, cores=1, priority="normal")
-    wait_until(lambda: background.report.iteration > 0)
-    assert background.report.iteration > saved
+def test_killed_at_any_instant_it_goes_on_where_it_was(store, background, throws):
+    observed = throws(40, 0, noise=0.003, state_noise=0.01, times=20)
+    store.add_all(observed)
+    seen = []
+    while saved(store) < len(observed):
+        background.start(OPTIONS, cores=1, priority="normal")
+        before = saved(store)
+        wait_until(lambda least=before: saved(store) > least)
+        process = background._process
+        began = time.monotonic()
+        background.stop()
+        wait_until(lambda stopped=process: ended(stopped), 1.0)
+        assert time.monotonic() - began < 1.0
+        seen.append(saved(store))
+        # The state and the version that goes with it: both or none.
+        state = json.loads(OnlineRecord(store.database).state())
+        assert state["published"]["version"] == store.newest_version()
+    assert seen == sorted(seen)
+    assert len(seen) >= 2
 
 
 @pytest.mark.parametrize(
@@ -91,7 +93,7 @@ def test_stops_within_a_second_and_goes_on_where_it_was(store, background, throw
     [("idle", 19, os.SCHED_IDLE), ("low", 19, os.SCHED_OTHER), ("normal", 0, os.SCHED_OTHER)],
 )
 def test_leaves_the_cores_to_others(background, priority, niceness, policy):
-    background.start(ENDLESS, cores=1, priority=priority)
+    background.start(OPTIONS, cores=1, priority=priority)
     pid = background._process.pid
     assert os.getpriority(os.PRIO_PROCESS, pid) == niceness
     assert os.sched_getscheduler(pid) == policy
@@ -100,8 +102,8 @@ def test_leaves_the_cores_to_others(background, priority, niceness, policy):
 
 def test_ends_with_the_process_that_started_it(store, background, throws):
     store.add_all(throws(3, 0))
-    background.start(ENDLESS, cores=1, priority="normal")
-    wait_until(lambda: background.report.iteration > 0)
+    background.start(OPTIONS, cores=1, priority="normal")
+    wait_until(lambda: background.report.processed > 0)
     process = background._process
     # What the end of this process would do.
     process.stdin.close()
@@ -109,30 +111,31 @@ def test_ends_with_the_process_that_started_it(store, background, throws):
 
 
 def test_ctrl_c_is_left_to_the_process_that_started_it(store, background, throws):
-    store.add_all(throws(3, 0))
-    background.start(ENDLESS, cores=1, priority="normal")
-    wait_until(lambda: background.report.iteration > 0)
+    store.add_all(throws(3, 0, times=20))
+    background.start(OPTIONS, cores=1, priority="normal")
+    wait_until(lambda: background.report.processed == 3)
     background._process.send_signal(signal.SIGINT)
-    iteration = background.report.iteration
-    wait_until(lambda: background.report.iteration > iteration)
+    store.add_all(throws(1, 1, times=20))
+    background.notify()
+    wait_until(lambda: background.report.processed == 4)
 
 
 def test_says_that_it_died_and_starts_again_with_the_next_observation(store, background, throws):
-    background.start(ENDLESS, cores=1, priority="normal")
+    background.start(OPTIONS, cores=1, priority="normal")
     store.add_all(throws(3, 0))
     background._process.kill()
     wait_until(lambda: background.report.state == FAILED)
     assert "ended with code -9" in background.report.message
     store.add_all(throws(1, 1))
     background.notify()
-    wait_until(lambda: background.report.state == SEARCHING)
+    wait_until(lambda: background.report.processed == 4)
 
 
 def test_says_why_it_cannot_start(tmp_path):
     garbage = tmp_path / "garbage"
     garbage.write_bytes(np.random.default_rng(0).bytes(5000))
     background = BackgroundLearning(garbage, "event_driven", lambda: None)
-    background.start(ENDLESS, cores=1, priority="normal")
+    background.start(OPTIONS, cores=1, priority="normal")
     wait_until(lambda: background.report.state == FAILED)
     assert "is not an SQLite database" in background.report.message
     assert "Traceback" not in background.report.message
@@ -141,7 +144,9 @@ def test_says_why_it_cannot_start(tmp_path):
 
 def test_says_what_it_cannot_learn_from_and_goes_on(store, background, throws, boxed):
     store.add(boxed)
-    background.start(ENDLESS, cores=1, priority="normal")
-    wait_until(lambda: background.report.state == FAILED)
+    store.add_all(throws(1, 0, times=20))
+    background.start(OPTIONS, cores=1, priority="normal")
+    wait_until(lambda: background.report.state == WAITING and background.report.processed == 2)
     assert "not a sphere" in background.report.message
-    assert not ended(background._process)
+    assert background.report.doubtful == 1
+    assert store.newest_version() == 1

@@ -51,6 +51,7 @@ def test_initial_states_are_the_ridge_regression_of_each_level(gliding_task):
     task = gliding_task([0.6, 0.3], position_deviation=deviation, noise=0.01)
     influence = task.influence[:, task.active]
     (block,) = observation_blocks(task.cost.observations, influence, SETTINGS)
+    block = replace(block, whitening=np.broadcast_to(np.eye(3) / noise, block.whitening.shape))
     fits = TrajectoryFits.initial(block, SETTINGS)
     steps = ParameterSteps(
         task.begin,
@@ -62,7 +63,7 @@ def test_initial_states_are_the_ridge_regression_of_each_level(gliding_task):
     until = fits.horizons
     linear = linearise(task.cost, block, fits.estimate, fits.deviations, steps, until, SETTINGS)
     estimates, residuals = scanned_states(
-        task.cost, block, fits, linear, candidates_of(task), noise, SETTINGS
+        task.cost, block, fits, linear, candidates_of(task), SETTINGS
     )
     estimates = estimates.reshape(4, LEVELS.size, 2, 3)
     residuals = residuals.reshape(4, LEVELS.size, 2, -1, 3)

@@ -30,7 +30,7 @@ def block(gliding_task):
     """Two balls seen at 100 points, 0.04 s apart, with free initial positions."""
     task = gliding_task([0.5, 0.5], position_deviation=0.02, count=100)
     (made,) = observation_blocks(task.cost.observations, task.influence, SETTINGS)
-    return made
+    return replace(made, whitening=np.broadcast_to(np.eye(3) / NOISE, made.whitening.shape))
 
 
 def bent(block, bends):
@@ -58,7 +58,7 @@ def test_horizons_advance_to_where_the_linearisation_error_exceeds_its_limit(blo
     horizons = first_horizons(block, SETTINGS)
     for _ in range(20):
         before = horizons
-        horizons = advanced_horizons(block, linear, spreads, horizons, NOISE, SETTINGS)
+        horizons = advanced_horizons(block, linear, spreads, horizons, SETTINGS)
         assert (horizons >= before).all()
         assert (horizons <= before + SETTINGS.largest_advance + 1e-12).all()
     np.testing.assert_allclose(horizons, expected)
@@ -69,7 +69,7 @@ def test_horizons_advance_to_where_the_spread_exceeds_its_limit(block):
     horizons = np.array([0.4, 2.0])
     for _ in range(20):
         horizons = advanced_horizons(
-            block, bent(block, 0.0 * block.times), spreads, horizons, NOISE, SETTINGS
+            block, bent(block, 0.0 * block.times), spreads, horizons, SETTINGS
         )
     # 0.1 m/s reaches 0.15 m at 1.5 s, before which 1.48 s is the last point; what was fitted
     # already stays so.
@@ -79,7 +79,7 @@ def test_horizons_advance_to_where_the_spread_exceeds_its_limit(block):
 def test_horizons_end_with_the_trajectory(block):
     horizons = np.array([3.9, 3.95])
     predictable = bent(block, 0.0 * block.times)
-    moved = advanced_horizons(block, predictable, 0.0 * block.times, horizons, NOISE, SETTINGS)
+    moved = advanced_horizons(block, predictable, 0.0 * block.times, horizons, SETTINGS)
     np.testing.assert_allclose(moved, block.durations)
 
 
@@ -95,9 +95,9 @@ def test_a_misfit_starts_where_half_of_its_neighbours_are_off(first):
     residuals = np.zeros((1, 100, 3))
     residuals[0, first:, 0] = 10.0 * NOISE
     block = _Times(times)
-    start = misfit_starts(block, residuals, np.array([4.0]), NOISE, SETTINGS)
+    start = misfit_starts(block, residuals, np.array([4.0]), SETTINGS)
     np.testing.assert_allclose(start, times[0, first - HALF])
-    beyond = misfit_starts(block, residuals, times[0, first - 1 : first], NOISE, SETTINGS)
+    beyond = misfit_starts(block, residuals, times[0, first - 1 : first], SETTINGS)
     assert np.isinf(beyond).all()
 
 
@@ -106,6 +106,9 @@ class _Times:
 
     def __init__(self, times):
         self.times = times
+
+    def whitened(self, residuals):
+        return residuals / NOISE
 
 
 @pytest.mark.parametrize(("window", "points"), [(9, 151), (6, 60), (1, 10)])
@@ -124,7 +127,7 @@ def test_noise_alone_is_a_misfit_as_seldom_as_stated(window, points):
 def test_two_outliers_are_no_misfit(block):
     residuals = np.zeros((2, 100, 3))
     residuals[:, 50:52] = 1.0
-    assert np.isinf(misfit_starts(block, residuals, block.durations, NOISE, SETTINGS)).all()
+    assert np.isinf(misfit_starts(block, residuals, block.durations, SETTINGS)).all()
 
 
 def test_a_horizon_retreats_to_before_its_misfit_and_others_reach_their_goals(block):
@@ -133,7 +136,7 @@ def test_a_horizon_retreats_to_before_its_misfit_and_others_reach_their_goals(bl
     residuals = np.zeros((2, 100, 3))
     residuals[1, 49:, 0] = 10.0 * NOISE
     goals = np.array([3.2, 3.2])
-    moved, misfits = fits.advance(block, residuals, goals, NOISE, SETTINGS)
+    moved, misfits = fits.advance(block, residuals, goals, SETTINGS)
     assert (moved, misfits) == (True, 1)
     start = block.times[1, 49 - HALF]
     np.testing.assert_allclose(fits.horizons, [3.2, start - SETTINGS.retreat])
@@ -148,10 +151,10 @@ def test_losses_are_hubers_and_the_priors(block):
     residuals[0, :, 0, 0] = 2.0 * NOISE
     residuals[0, :, 1, 0] = 5.0 * NOISE
     # ½ 2² inside; beyond 3 σ, 3 (5 - 3/2); later points do not count; ½ 2² of the prior.
-    got = fits.losses(block, estimates, residuals, NOISE, SETTINGS)
+    got = fits.losses(block, estimates, residuals, SETTINGS)
     np.testing.assert_allclose(got, [[2.0 + 2.0, 2.0 + 10.5]])
     residuals[0, 0, 0] = np.nan
-    failed = fits.losses(block, estimates, residuals, NOISE, SETTINGS)[0, 0]
+    failed = fits.losses(block, estimates, residuals, SETTINGS)[0, 0]
     assert failed == pytest.approx(2.0 + 3.0 * (FAILED_LENGTH - 1.5))
 
 

@@ -33,7 +33,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     InitialStateDeviations,
     InitialStates,
 )
-from intuitive_physics_learner.joint_estimation.trajectory_model import position_noise
+from intuitive_physics_learner.joint_estimation.point_noise import position_noise
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.search.learning_task import GaussianPrior, LearningTask
 

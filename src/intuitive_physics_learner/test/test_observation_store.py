@@ -23,6 +23,7 @@ from intuitive_physics_learner import ObservationStore, StorageError
 from intuitive_physics_learner.store import SearchCheckpoint
 from intuitive_physics_learner.store import database as database_module
 from intuitive_physics_learner.store.database import latest_version
+from intuitive_physics_learner.store.online_record import OnlineRecord
 
 DATA = Path(__file__).parent / "data"
 
@@ -327,9 +328,11 @@ def test_an_improvement_counts_only_on_the_newest_version(path):
     theta = LearnedParameters.defaults(["ball", "floor"])
     with ObservationStore(path) as store:
         assert store.newest_version() == 0
-        assert store.add_improvement(theta, on=0).version == 1
-        assert store.add_improvement(theta, on=0) is None
-        assert store.add_improvement(theta, on=1).version == store.newest_version() == 2
+        assert store.save_online("{}", 0, theta)
+        assert not store.save_online("[]", 0, theta)
+        assert OnlineRecord(store.database).state() == "{}"
+        assert store.save_online("1", 1, theta)
+        assert store.newest_version() == 2
         assert store.parameters(1).version == 1
         with pytest.raises(UnknownNameError, match="version is 3; expected 1 to 2"):
             store.parameters(3)

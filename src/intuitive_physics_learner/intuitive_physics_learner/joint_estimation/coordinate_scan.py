@@ -66,7 +66,6 @@ def scanned_states(
     fits: TrajectoryFits,
     linear: Linearisation,
     candidates: ScanCandidates,
-    noise: float,
     settings: JointEstimationSettings,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Fit the initial states of a block to each level of each of its parameters.
@@ -78,7 +77,6 @@ def scanned_states(
     fits : their present initial states and fit horizons
     linear : at these initial states
     candidates : the levels
-    noise : m, standard deviation of an observed position on each axis
     settings : of the weight of outliers
 
     Returns
@@ -93,17 +91,18 @@ def scanned_states(
     tried = np.broadcast_to(estimate, (len(index), count, d))
     residuals = residuals_at(cost, block, tried, candidates.parameters, index, until)
     at_estimate = replace(linear, slopes=linear.slopes[:, :d])
-    inner = NormalEquations.of(block, estimate, at_estimate, until, noise, settings).hessian
-    slopes = at_estimate.slopes.reshape(count, d, 3 * block.times.shape[1])
+    inner = NormalEquations.of(block, estimate, at_estimate, until, settings).hessian
+    slopes = np.einsum("wpij,wkpj->wkpi", block.whitening, at_estimate.slopes)
+    slopes = slopes.reshape(count, d, 3 * block.times.shape[1])
     # The slopes, and so the inner matrix, are taken to be the same at all levels.
-    gains = np.linalg.solve(inner, slopes / noise**2)
+    gains = np.linalg.solve(inner, slopes)
     shrinking = np.linalg.solve(inner, (estimate * block.prior_deviations**-2)[..., None])[..., 0]
     counted = linear.valid & (block.times <= until[:, None])
     estimates = np.empty(tried.shape)
     for k, left in enumerate(residuals):
         reached = counted & np.isfinite(left).all(axis=2)
-        left = np.where(reached[..., None], left, 0.0)
-        weights = np.minimum(1.0, outlier * noise / np.maximum(np.linalg.norm(left, axis=2), 1e-12))
+        left = block.whitened(np.where(reached[..., None], left, 0.0))
+        weights = np.minimum(1.0, outlier / np.maximum(np.linalg.norm(left, axis=2), 1e-12))
         target = (left * weights[..., None]).reshape(count, -1, 1)
         estimates[k] = estimate - (gains @ target)[..., 0] - shrinking
     return estimates, residuals_at(cost, block, estimates, candidates.parameters, index, until)

@@ -181,7 +181,10 @@ class CostDescent:
         for block, part in zip(self._blocks, linear, strict=True):
             still = np.zeros((block.members.size, 0))
             weighted = self._by_trajectory(block, part)
-            equations = NormalEquations.of(block, still, weighted, block.durations, scale, settings)
+            points = replace(
+                block, whitening=np.broadcast_to(np.eye(3) / scale, block.whitening.shape)
+            )
+            equations = NormalEquations.of(points, still, weighted, block.durations, settings)
             equations.eliminated().add_to(information, scores)
         # What no point depends on stays where it is.
         still_there = np.diag(information) <= 0.0

@@ -34,7 +34,8 @@ class TrajectoryFits:
 
     Parameters
     ----------
-    estimate : (W, d) deviations from the observed initial states, in SI units
+    estimate : (W, d) nuisance parameters: deviations from the observed initial states, in SI units,
+        and amounts of shared errors
     deviations : (W, d) standard deviation of each, in SI units
     horizons : (W,) s, the last time of each observation that is fitted
     misfits : (W,) consecutive steps in which each had a misfit
@@ -60,7 +61,6 @@ class TrajectoryFits:
         block: ObservationBlock,
         estimates: NDArray[np.float64],
         residuals: NDArray[np.float64],
-        noise: float,
         settings: JointEstimationSettings,
     ) -> NDArray[np.float64]:
         """Loss (c, W), without a unit, of each observation up to its horizon.
@@ -70,10 +70,9 @@ class TrajectoryFits:
         block : W observations
         estimates : (c, W, d) deviations from the observed initial states, in SI units
         residuals : (c, W, P, 3) m, of simulations from these initial states
-        noise : m, standard deviation of an observed position on each axis
         settings : of the weight of outliers
         """
-        lengths = np.linalg.norm(residuals, axis=3) / noise
+        lengths = np.linalg.norm(block.whitened(residuals), axis=3)
         lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
         counted = block.times <= self.horizons[:, None]
         fit = (robust_loss(lengths, settings.outlier_length) * counted).sum(axis=2)
@@ -84,7 +83,6 @@ class TrajectoryFits:
         block: ObservationBlock,
         residuals: NDArray[np.float64],
         goals: NDArray[np.float64],
-        noise: float,
         settings: JointEstimationSettings,
     ) -> tuple[bool, int]:
         """Move horizons to their goals; where a misfit has lasted too long, to before it.
@@ -94,7 +92,6 @@ class TrajectoryFits:
         block : W observations
         residuals : (W, P, 3) m, of the present estimate
         goals : (W,) s, to which horizons may advance
-        noise : m, standard deviation of an observed position on each axis
         settings : of misfits and retreats
 
         Returns
@@ -102,7 +99,7 @@ class TrajectoryFits:
         moved : whether any horizon did
         misfits : number of observations with a misfit
         """
-        starts = misfit_starts(block, residuals, self.horizons, noise, settings)
+        starts = misfit_starts(block, residuals, self.horizons, settings)
         misfit = np.isfinite(starts)
         self.misfits = np.where(misfit, self.misfits + 1, 0)
         back = self.misfits >= settings.misfit_patience
@@ -159,7 +156,6 @@ def advanced_horizons(
     linear: Linearisation,
     spreads: NDArray[np.float64],
     horizons: NDArray[np.float64],
-    noise: float,
     settings: JointEstimationSettings,
 ) -> NDArray[np.float64]:
     """Include points, in the order of time, up to the first one that cannot be predicted.
@@ -173,14 +169,14 @@ def advanced_horizons(
     linear : at the present estimate, simulated up to `farthest_horizons`
     spreads : (W, P) m, standard deviation of the predicted positions
     horizons : (W,) s, the present ones
-    noise : m, standard deviation of an observed position on each axis
     settings : how large spreads and linearisation errors may be
 
     Returns
     -------
     (W,) s, never below the present horizons.
     """
-    straight = linear.bends <= settings.largest_bend * noise + settings.largest_bend_share * spreads
+    allowed = settings.largest_bend * block.noise + settings.largest_bend_share * spreads
+    straight = linear.bends <= allowed
     predictable = (spreads <= settings.largest_spread) & straight
     blocked = ~(predictable & linear.valid) & (block.times > horizons[:, None])
     first_blocked = np.where(blocked, block.times, np.inf).min(axis=1)
@@ -214,7 +210,6 @@ def misfit_starts(
     block: ObservationBlock,
     residuals: NDArray[np.float64],
     horizons: NDArray[np.float64],
-    noise: float,
     settings: JointEstimationSettings,
 ) -> NDArray[np.float64]:
     """Return the time (W,), in s, at which each fit begins to fail; infinite where it does not.
@@ -224,11 +219,10 @@ def misfit_starts(
     block : W observations of up to P points
     residuals : (W, P, 3) m, of the present estimate
     horizons : (W,) s; later points do not count
-    noise : m, standard deviation of an observed position on each axis
     settings : what a misfit is
     """
     inside = block.times <= horizons[:, None]
-    lengths = np.linalg.norm(residuals, axis=2) / noise
+    lengths = np.linalg.norm(block.whitened(residuals), axis=2)
     lengths = np.where(inside, np.nan_to_num(lengths, nan=np.inf), 0.0)
     order = np.argsort(np.where(inside, block.times, np.inf), axis=1, kind="stable")
     window = min(settings.misfit_points, order.shape[1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,10 @@ from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import compatible_moves
 from intuitive_physics_learner.joint_estimation.fit_horizons import advanced_horizons
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
+from intuitive_physics_learner.joint_estimation.local_likelihood import (
+    LocalLikelihood,
+    local_likelihoods,
+)
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     NormalEquations,
     Posterior,
@@ -24,6 +29,22 @@ from intuitive_physics_learner.search.search_space import SearchSpace
 
 SMALLEST_RESPONSE = 1e-9
 """m per width of a parameter; a slope below this is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObservationFit:
+    """What a fit found for one observation, from which another fit can begin.
+
+    Parameters
+    ----------
+    estimate : (d,) deviations from the observed initial states, in SI units
+    deviations : (d,) standard deviation of each, in SI units
+    horizon : s, the last time that is fitted
+    """
+
+    estimate: NDArray[np.float64]
+    deviations: NDArray[np.float64]
+    horizon: float
 
 
 class JointFit:
@@ -98,6 +119,43 @@ class JointFit:
         """
         return self._model.curvature_posterior(self._estimate)
 
+    def likelihoods(self) -> list[LocalLikelihood]:
+        """Return the likelihood of θ_s near the estimate, of each observation."""
+        return local_likelihoods(self._model, self._estimate)
+
+    def observation_fits(self) -> list[ObservationFit]:
+        """Return what was found for each observation."""
+        found = {
+            int(member): ObservationFit(part.estimate[k], part.deviations[k], part.horizons[k])
+            for block, part in zip(self._model.blocks, self._estimate.fits, strict=True)
+            for k, member in enumerate(block.members)
+        }
+        return [found[member] for member in range(len(found))]
+
+    def begin_at(
+        self,
+        unit: NDArray[np.float64],
+        deviations: NDArray[np.float64],
+        fits: Sequence[ObservationFit | None],
+    ) -> None:
+        """Continue from what other fits have found.
+
+        Parameters
+        ----------
+        unit : (n,) θ_s on the unit cube
+        deviations : (n,) widths, standard deviation of each parameter
+        fits : of each observation; None begins with the observed initial states
+        """
+        self._estimate.unit = unit.copy()
+        self._estimate.deviations = deviations.copy()
+        for block, part in zip(self._model.blocks, self._estimate.fits, strict=True):
+            for k, member in enumerate(block.members):
+                found = fits[member]
+                if found is not None:
+                    part.estimate[k] = found.estimate
+                    part.deviations[k] = found.deviations
+                    part.horizons[k] = found.horizon
+
     def step(self) -> None:
         """Take a damped Gauss-Newton step in all unknowns, then move the fit horizons."""
         linear = self._model.linearised(self._estimate)
@@ -154,11 +212,7 @@ class JointFit:
         ):
             part.deviations = posterior.state_deviations(own, left)
             spreads = posterior.spreads(slopes, own, left)
-            goals.append(
-                advanced_horizons(
-                    block, slopes, spreads, part.horizons, self._model.noise, self.settings
-                )
-            )
+            goals.append(advanced_horizons(block, slopes, spreads, part.horizons, self.settings))
         return goals
 
     def _move(self, equations: Sequence[NormalEquations], goals: list[NDArray[np.float64]]) -> None:
@@ -179,7 +233,7 @@ class JointFit:
                 model.cost, block, trying, candidates, index[:, None], part.horizons
             )
             model.simulations += len(index) * block.members.size
-            own = part.losses(block, trying, residuals, model.noise, settings)
+            own = part.losses(block, trying, residuals, settings)
             for u in range(len(units)):
                 losses[u] += own[index == u].min(axis=0).sum()
             tried.append((trying, residuals, own))
@@ -205,9 +259,7 @@ class JointFit:
             pick = options[np.argmin(own[options], axis=0)]
             every = np.arange(block.members.size)
             part.estimate = trying[pick, every]
-            moving, failing = part.advance(
-                block, residuals[pick, every], goal, self._model.noise, self.settings
-            )
+            moving, failing = part.advance(block, residuals[pick, every], goal, self.settings)
             advanced |= moving
             misfits += failing
         self.misfits = misfits / len(self._model.cost.observations)

@@ -217,7 +217,11 @@ def _agreed(
         return deviations
     fits = [
         JointFit(
-            PartialCost(task.cost, members), searched, influence[members], fit.prior, fit.settings
+            PartialCost(task.fitted_cost, members),
+            searched,
+            influence[members],
+            fit.prior,
+            fit.settings,
         )
         for members in halves(influence)
     ]

@@ -39,6 +39,7 @@ class JointSearch(Search):
     prior : of the n parameters; the search begins at its mean
     generator : of the random numbers of the descent of J
     settings : of the estimation
+    fitted : simulates the points to be fitted; None: those of `cost`
 
     Attributes
     ----------
@@ -53,12 +54,14 @@ class JointSearch(Search):
         prior: GaussianPrior,
         generator: np.random.Generator,
         settings: JointEstimationSettings | None = None,
+        *,
+        fitted: Cost | None = None,
     ) -> None:
         super().__init__()
         self._settings = settings or JointEstimationSettings()
         self._cost = cost
         self._space = space
-        self.fit = JointFit(cost, space, influence, prior, self._settings)
+        self.fit = JointFit(fitted or cost, space, influence, prior, self._settings)
         self._descent = CostDescent(cost, space, influence, generator, self._settings)
         self._misfits: list[float] = []
         self._lowest = self.fit.unit

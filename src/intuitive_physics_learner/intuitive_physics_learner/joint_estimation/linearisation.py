@@ -25,7 +25,7 @@ from intuitive_physics_learner.joint_estimation.settings import JointEstimationS
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """Of a block's W observations, with P points and k = d + q unknowns: initial states, then θ_s.
+    """Of a block's W observations, with P points and k = d + q unknowns: nuisance, then θ_s.
 
     Parameters
     ----------
@@ -131,15 +131,17 @@ def linearise(
     ----------
     cost : simulates the observations
     block : W of them
-    estimate : (W, d) deviations from the observed initial states, in SI units
+    estimate : (W, d) nuisance parameters, as `ObservationBlock`
     state_deviations : (W, d) standard deviation of each, in the same units
     steps : of the parameters
     until : (W,) s up to which each observation is simulated
     settings : of the sizes of the initial states' steps
     """
+    count, shared = len(estimate), block.shared.shape[1]
+    d = estimate.shape[1] - shared
+    state_deviations = state_deviations[:, :d]
     state_steps = settings.difference_steps(state_deviations)
-    trials = _trials(block, estimate, state_steps, steps, until, _most_objects(cost))
-    count, d = estimate.shape
+    trials = _trials(block, estimate[:, :d], state_steps, steps, until, _most_objects(cost))
     q = block.parameters.shape[1]
     points = block.times.shape[1]
     rows = cost.trial_residuals(trials)[:, block.columns].reshape(
@@ -159,7 +161,21 @@ def linearise(
     both = (up_steps > 0.0) & (down_steps > 0.0)
     scale = np.where(both, 0.5 * np.minimum(spread, 1.0), 0.0)[:, :, None, None]
     bends = np.sqrt((((one_sided[0] - one_sided[1]) * scale) ** 2).sum(axis=(1, 3)))
-    return Linearisation(base[:, 0], slopes, valid, bends, one_sided)
+    # Shared errors displace points alike wherever these are.
+    straight = np.where(valid[:, None, :, None], block.shared, 0.0)
+    return Linearisation(
+        block.displaced(base[:, 0], estimate),
+        _inserted(slopes, d, straight),
+        valid,
+        bends,
+        (_inserted(one_sided[0], d, straight), _inserted(one_sided[1], d, straight)),
+    )
+
+
+def _inserted(
+    slopes: NDArray[np.float64], place: int, others: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    return np.concatenate([slopes[:, :place], others, slopes[:, place:]], axis=1)
 
 
 def _quotients(changes: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -181,7 +197,7 @@ def residuals_at(
     ----------
     cost : simulates the observations
     block : W of them
-    estimates : (c, W, d) deviations from the observed initial states, in SI units
+    estimates : (c, W, d) nuisance parameters, as `ObservationBlock`
     candidates : the θ_s that occur
     candidate_index : (c, W) index of the candidate of each, or (c, 1) for all observations alike
     until : (W,) s up to which each observation is simulated
@@ -201,7 +217,8 @@ def residuals_at(
         np.tile(until, count),
     )
     points = block.times.shape[1]
-    return cost.trial_residuals(trials)[:, block.columns].reshape(count, members, points, 3)
+    residuals = cost.trial_residuals(trials)[:, block.columns].reshape(count, members, points, 3)
+    return block.displaced(residuals, estimates)
 
 
 def _trials(

@@ -1,7 +1,9 @@
 """Normal equations of θ_s and initial states, with the initial states eliminated.
 
-With the residuals r of one observation divided by the noise, their slopes A = [A_s A_p] along its
-initial states s and its parameters p, weights W against outliers, and the prior precision P_s of s:
+With the whitened residuals r of one observation (each multiplied by L⁻¹, where C = L Lᵀ is the
+covariance of the noise of its point), their slopes A = [A_s A_p] along its nuisance parameters s,
+mostly its initial states, and its parameters p, weights W against outliers, and the prior precision
+P_s of s:
 
     H = Aᵀ W A + diag(P_s, 0),    g = Aᵀ W r + (P_s s, 0).
 
@@ -61,7 +63,6 @@ class NormalEquations:
         estimate: NDArray[np.float64],
         linear: Linearisation,
         until: NDArray[np.float64],
-        noise: float,
         settings: JointEstimationSettings,
     ) -> NormalEquations:
         """Set them up with the points up to a time.
@@ -72,16 +73,16 @@ class NormalEquations:
         estimate : (W, d) deviations from the observed initial states, in SI units
         linear : at that estimate
         until : (W,) s, the last time that counts
-        noise : m, standard deviation of a point on each axis
         settings : of the weight of outliers
         """
         outlier = settings.outlier_length
         counted = linear.valid & (block.times <= until[:, None])
-        residuals = np.where(counted[..., None], linear.residuals, 0.0) / noise
+        residuals = block.whitened(np.where(counted[..., None], linear.residuals, 0.0))
         lengths = np.linalg.norm(residuals, axis=2)
         weights = np.sqrt(np.minimum(1.0, outlier / np.maximum(lengths, outlier))) * counted
         count, k = linear.slopes.shape[:2]
-        weighted = linear.slopes * (weights / noise)[:, None, :, None]
+        slopes = np.einsum("wpij,wkpj->wkpi", block.whitening, linear.slopes)
+        weighted = slopes * weights[:, None, :, None]
         weighted = weighted.reshape(count, k, 3 * lengths.shape[1])
         # Not by BLAS: on matrices so small its threads wait for one another, the longer the busier
         # the machine is.

@@ -13,6 +13,7 @@ from intuitive_physics.observation import Observation
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import LINEAR_VELOCITY, POSITION, ROTATION
 from intuitive_physics_learner.cost.packed_observations import times_after_start
+from intuitive_physics_learner.joint_estimation.point_noise import TrackNoise, track_noises
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 
 
@@ -92,7 +93,8 @@ class InitialStates:
 
         Parameters
         ----------
-        deviations : (W, n, d) from those observed, in the SI unit of each component
+        deviations : (W, n, at least d) from those observed, in the SI unit of each component; what
+            follows the first d is not of the initial states
         objects : number of objects to pad to with states at rest
 
         Returns
@@ -103,7 +105,8 @@ class InitialStates:
         own = self.observed.shape[1]
         errors = np.zeros((count, each, own * 12))
         rows = np.arange(count)[:, None, None], np.arange(each)[:, None]
-        errors[rows[0], rows[1], self.components[:, None]] = deviations
+        own_deviations = deviations[..., : self.components.shape[1]]
+        errors[rows[0], rows[1], self.components[:, None]] = own_deviations
         errors = errors.reshape(count, each, own, 12)
         states = resting(count, each, objects)
         states[:, :, :own] = self.observed[:, None]
@@ -125,7 +128,10 @@ def resting(*shape: int) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class ObservationBlock:
-    """W observations, each with d free components of initial states, q parameters and ≤ P points.
+    """W observations, each with d nuisance parameters, q parameters and ≤ P points.
+
+    The nuisance parameters are f free components of the initial states, then b amounts of errors
+    that all points of an object share, in standard deviations.
 
     Parameters
     ----------
@@ -135,7 +141,12 @@ class ObservationBlock:
     times : (W, P) s after the start of each point; NaN beyond the last
     columns : (P,) index of each point among those that `Cost.trial_residuals` returns
     durations : (W,) s, time of the last point of each observation
-    prior_deviations : (W, d) standard deviations of the initial states' components, in SI units
+    prior_deviations : (W, d) standard deviations of the nuisance parameters, those of components
+        of initial states in SI units
+    whitening : (W, P, 3, 3) 1/m, which makes the error of each point standard normal; 0 beyond the
+        last point
+    shared : (W, b, P, 3) m, displacement of each point by one standard deviation of each shared
+        error
     """
 
     members: NDArray[np.int64]
@@ -145,6 +156,39 @@ class ObservationBlock:
     columns: NDArray[np.int64]
     durations: NDArray[np.float64]
     prior_deviations: NDArray[np.float64]
+    whitening: NDArray[np.float64]
+    shared: NDArray[np.float64]
+
+    @property
+    def noise(self) -> NDArray[np.float64]:
+        """Standard deviation (W, P) of each point in m, the mean of its axes."""
+        squares = (self.whitening**2).sum(axis=(2, 3))
+        return np.sqrt(3.0 / np.where(squares > 0.0, squares, np.inf))
+
+    def whitened(self, residuals: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return residuals in standard deviations of the noise.
+
+        Parameters
+        ----------
+        residuals : (..., W, P, 3) m
+        """
+        return np.asarray((self.whitening @ residuals[..., None])[..., 0])
+
+    def displaced(
+        self, residuals: NDArray[np.float64], estimates: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return residuals (..., W, P, 3) in m, shared errors taken out of what was observed.
+
+        Parameters
+        ----------
+        residuals : (..., W, P, 3) m, simulated minus observed
+        estimates : (..., W, d) nuisance parameters
+        """
+        count = self.shared.shape[1]
+        if count == 0:
+            return residuals
+        amounts = estimates[..., estimates.shape[-1] - count :]
+        return residuals + np.einsum("...wb,wbpk->...wpk", amounts, self.shared)
 
     def shortened(self, until: NDArray[np.float64]) -> ObservationBlock:
         """Return the block without the points that are later than `until` in all observations.
@@ -154,7 +198,13 @@ class ObservationBlock:
         until : (W,) s
         """
         left = (self.times <= until[:, None]).any(axis=0)
-        return replace(self, times=self.times[:, left], columns=self.columns[left])
+        return replace(
+            self,
+            times=self.times[:, left],
+            columns=self.columns[left],
+            whitening=self.whitening[:, left],
+            shared=self.shared[:, :, left],
+        )
 
 
 def observation_blocks(
@@ -176,28 +226,72 @@ def observation_blocks(
     initial_states = [
         InitialStateDeviations.of(seen, settings, free_states) for seen in observations
     ]
-    times = [
-        np.concatenate([times_after_start(seen, one) for one in seen.objects])
-        for seen in observations
+    noises = track_noises(observations, settings)
+    points = [
+        _ObservedPoints.of(seen, noise, free_states)
+        for seen, noise in zip(observations, noises, strict=True)
     ]
-    times = [each[each >= 0.0] for each in times]
-    groups: dict[tuple[int, int, int], list[int]] = {}
-    for i in range(len(observations)):
-        size = times[i].size.bit_length()
-        key = (len(initial_states[i].axes), int(influence[i].sum()), size)
+    groups: dict[tuple[int, int, int, int], list[int]] = {}
+    for i, seen in enumerate(points):
+        axes, size = len(initial_states[i].axes), seen.times.size.bit_length()
+        key = (axes, int(influence[i].sum()), size, len(seen.shared))
         groups.setdefault(key, []).append(i)
-    return [_block(groups[key], initial_states, influence, times) for key in sorted(groups)]
+    return [_block(groups[key], initial_states, influence, points) for key in sorted(groups)]
+
+
+@dataclass(frozen=True, eq=False)
+class _ObservedPoints:
+    """The n points of an observation, those of one object after those of the other.
+
+    Parameters
+    ----------
+    times : (n,) s after the start
+    whitening : (n, 3, 3) 1/m
+    shared : (b, n, 3) m, displacement by one standard deviation of each shared error
+    """
+
+    times: NDArray[np.float64]
+    whitening: NDArray[np.float64]
+    shared: NDArray[np.float64]
+
+    @staticmethod
+    def of(observation: Observation, noises: Sequence[TrackNoise], free: bool) -> _ObservedPoints:
+        """Put together the points of all objects; `free` is whether shared errors are unknowns."""
+        times = [times_after_start(observation, seen) for seen in observation.objects]
+        counted = [each >= 0.0 for each in times]
+        whitening = [noise.whitening[own] for noise, own in zip(noises, counted, strict=True)]
+        size = sum(int(own.sum()) for own in counted)
+        shared, begin = [], 0
+        for noise, own in zip(noises, counted, strict=True):
+            end = begin + int(own.sum())
+            for axis in noise.shared if free else ():
+                rows = np.zeros((size, 3))
+                rows[begin:end] = axis
+                shared.append(rows)
+            begin = end
+        return _ObservedPoints(
+            np.concatenate([each[own] for each, own in zip(times, counted, strict=True)]),
+            np.concatenate(whitening),
+            np.array(shared).reshape(-1, size, 3),
+        )
 
 
 def _block(
     members: list[int],
     initial_states: list[InitialStateDeviations],
     influence: NDArray[np.bool_],
-    times: list[NDArray[np.float64]],
+    points: list[_ObservedPoints],
 ) -> ObservationBlock:
-    padded = np.full((len(members), max(times[i].size for i in members)), np.nan)
+    most, shared_count = max(points[i].times.size for i in members), len(points[members[0]].shared)
+    padded = np.full((len(members), most), np.nan)
+    whitening = np.zeros((len(members), most, 3, 3))
+    shared = np.zeros((len(members), shared_count, most, 3))
     for row, i in enumerate(members):
-        padded[row, : times[i].size] = times[i]
+        size = points[i].times.size
+        padded[row, :size] = points[i].times
+        whitening[row, :size] = points[i].whitening
+        shared[row, :, :size] = points[i].shared
+    deviations = np.array([initial_states[i].standard_deviations for i in members])
     return ObservationBlock(
         np.array(members),
         InitialStates.of([initial_states[i] for i in members]),
@@ -205,5 +299,7 @@ def _block(
         padded,
         np.arange(padded.shape[1]),
         np.nanmax(padded, axis=1),
-        np.array([initial_states[i].standard_deviations for i in members]),
+        np.hstack([deviations, np.ones((len(members), shared_count))]),
+        whitening,
+        shared,
     )

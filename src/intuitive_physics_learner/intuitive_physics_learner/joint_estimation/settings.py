@@ -36,6 +36,13 @@ class JointEstimationSettings:
         "it stays well conditioned",
         unit="m",
     )
+    pooled_differences: float = number(
+        20.0,
+        0.0,
+        1e6,
+        "differences as which the noise of all tracks counts beside a track's own: the median of "
+        "as many has a relative error of a quarter",
+    )
     prior_widening: float = _hand_set(
         10.0,
         1.0,

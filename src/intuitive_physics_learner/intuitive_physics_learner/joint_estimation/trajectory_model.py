@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.observation import Observation
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
     ScanCandidates,
@@ -44,30 +43,6 @@ PLAUSIBLE_RISE = 2.0
 """Loss that two standard deviations cost: half of two squared."""
 
 
-def position_noise(observations: Sequence[Observation], smallest: float) -> float:
-    """Estimate the standard deviation in m of an observed position on each axis.
-
-    Third differences of free flight and of uniform motion vanish at equal time steps, so those of
-    what was observed are noise, with twenty times its variance; a median ignores contacts. Steps
-    that are not equal leave in some of the motion: then the estimate is too large rather than too
-    small.
-
-    Parameters
-    ----------
-    observations : whose trajectories are looked at
-    smallest : m, returned at least
-    """
-    differences = [
-        np.diff(observed.trajectory.positions, 3, axis=0).ravel()
-        for observation in observations
-        for observed in observation.objects
-    ]
-    pooled = np.abs(np.concatenate(differences))
-    if pooled.size == 0:
-        return smallest
-    return max(float(np.median(pooled)) / NORMAL_MEDIAN / np.sqrt(20.0), smallest)
-
-
 @dataclass(eq=False)
 class Estimate:
     """θ_s and initial states with their uncertainty.
@@ -98,7 +73,6 @@ class TrajectoryModel:
     Attributes
     ----------
     prior : as given
-    noise : m, standard deviation of an observed position on each axis
     blocks : the observations
     simulations : of single observations, so far
     """
@@ -116,7 +90,6 @@ class TrajectoryModel:
         self.influence = influence
         self.prior = prior
         self.settings = settings
-        self.noise = position_noise(cost.observations, settings.smallest_noise)
         self.simulations = 0
         self.blocks = observation_blocks(cost.observations, influence, settings)
         self._groups = separate_groups(influence)
@@ -124,7 +97,7 @@ class TrajectoryModel:
     def initial_estimate(self) -> Estimate:
         """Return the estimate before any step: the prior, and the observed initial states."""
         fits = [TrajectoryFits.initial(block, self.settings) for block in self.blocks]
-        return Estimate(self.prior.mean.copy(), self.prior.deviations, fits)
+        return Estimate(np.clip(self.prior.mean, 0.0, 1.0), self.prior.deviations, fits)
 
     def parts(self, estimate: Estimate) -> Iterator[tuple[ObservationBlock, TrajectoryFits]]:
         """Yield blocks, with the points that horizons can reach in one step, and their fits."""
@@ -140,7 +113,7 @@ class TrajectoryModel:
         found = []
         for block, part in self.parts(estimate):
             until = farthest_horizons(block, part.horizons, self.settings)
-            unknowns = part.estimate.shape[1] + block.parameters.shape[1]
+            unknowns = block.initial_states.components.shape[1] + block.parameters.shape[1]
             self.simulations += block.members.size * (1 + 2 * unknowns)
             state_deviations = widening * part.deviations
             found.append(
@@ -155,7 +128,7 @@ class TrajectoryModel:
     ) -> list[NormalEquations]:
         """Set up the equations of each block with the points up to the fit horizons."""
         return [
-            NormalEquations.of(block, part.estimate, each, part.horizons, self.noise, self.settings)
+            NormalEquations.of(block, part.estimate, each, part.horizons, self.settings)
             for (block, part), each in zip(self.parts(estimate), linear, strict=True)
         ]
 
@@ -179,24 +152,26 @@ class TrajectoryModel:
 
         Returns
         -------
-        rises : (n, n_levels) change of the loss, without a unit, of the observations that each
-            parameter influences
+        rises : (n, n_levels) change of the loss, without a unit, of the prior and of the
+            observations that each parameter influences
         found : of each block, (q, n_levels, W, d) deviations from the observed initial states, in
             SI units, fitted to the levels
         """
         each = np.tile(levels, (estimate.unit.size, 1))
         candidates = ScanCandidates(estimate.unit, self._groups, self.space, each)
-        rises = np.zeros(candidates.index.shape)
+        away = np.array(levels) - estimate.unit[:, None]
+        rises = self.prior.scores(estimate.unit)[:, None] * away
+        rises += 0.5 * np.diag(self.prior.precision)[:, None] * away**2
         found = []
         for (block, part), slopes in zip(self.parts(estimate), linear, strict=True):
             states, residuals = scanned_states(
-                self.cost, block, part, slopes, candidates, self.noise, self.settings
+                self.cost, block, part, slopes, candidates, self.settings
             )
             self.simulations += 2 * len(states) * block.members.size
             parameters = block.parameters.shape[1]
             present = part.estimate[None], slopes.residuals[None]
-            here = part.losses(block, *present, self.noise, self.settings)
-            there = part.losses(block, states, residuals, self.noise, self.settings) - here
+            here = part.losses(block, *present, self.settings)
+            there = part.losses(block, states, residuals, self.settings) - here
             by_level = there.T.reshape(*block.parameters.shape, len(levels))
             np.add.at(rises, block.parameters, by_level)
             found.append(states.reshape(parameters, len(levels), *part.estimate.shape))
@@ -230,7 +205,7 @@ class TrajectoryModel:
             block.members.size
             * (
                 1
-                + 2 * block.prior_deviations.shape[1]
+                + 2 * block.initial_states.components.shape[1]
                 + 2 * (1 + len(self._curvature_levels)) * block.parameters.shape[1]
             )
             for block in self.blocks

@@ -31,7 +31,7 @@ from intuitive_physics_learner.nodes.parameters import (
 )
 from intuitive_physics_learner.nodes.suggestion_service import SuggestionService
 from intuitive_physics_learner.online.background_learning import BackgroundLearning
-from intuitive_physics_learner.online.worker import FAILED, SEARCHING
+from intuitive_physics_learner.online.worker import FAILED, LEARNING
 from intuitive_physics_learner.store import CurrentParameters, ObservationStore
 from intuitive_physics_learner.store.database import database_path
 from intuitive_physics_learner.stored_learning import learn_from_store
@@ -221,13 +221,18 @@ class LearnerNode(Node):
             return Status(Level.OK, "waits for the end of the search that was asked for")
         report = self._background.report
         values = {
-            "iteration": report.iteration,
-            "best cost": "" if report.best_cost is None else report.best_cost,
-            "newest improvement": f"version {report.version}" if report.version else "none yet",
+            "observations learned from": report.processed - report.doubtful,
+            "observations waiting": report.pending,
+            "observations set aside": report.doubtful,
+            "prequential score of the candidate": report.score,
+            "changes noticed": "; ".join(report.changes) or "none",
+            "newest version": f"version {report.version}" if report.version else "none yet",
         }
         if report.state == FAILED:
             return Status(Level.ERROR, report.message, values)
-        sentence = "searching" if report.state == SEARCHING else "waiting for observations"
+        if report.message:
+            return Status(Level.WARN, report.message, values)
+        sentence = "learning" if report.state == LEARNING else "waiting for observations"
         return Status(Level.OK, sentence, values)
 
 

@@ -22,7 +22,7 @@ from intuitive_physics_learner.given_parameters import FIXED, PRIOR, START
 from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.methods import DEFAULT_METHOD, JOINT_METHOD, METHODS
 from intuitive_physics_learner.online.background_learning import PRIORITIES
-from intuitive_physics_learner.online.improvement import OnlineOptions
+from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 from intuitive_physics_learner.store.database import (
     NAMESPACE,
@@ -127,6 +127,14 @@ def _online_parameters() -> tuple[Parameter, ...]:
             choices=PRIORITIES,
             read_only=False,
         ),
+        Parameter(
+            f"{ONLINE_PREFIX}_iterations_without_gain",
+            0,
+            "accepted for configurations of earlier versions and without effect: what an "
+            "observation takes is bounded by itself",
+            range=(0, 10_000_000),
+            read_only=False,
+        ),
         *(
             replace(parameter, name=f"{ONLINE_PREFIX}_{parameter.name}")
             for parameter in setting_parameters(OnlineOptions, read_only=False)
@@ -140,7 +148,7 @@ def online_options(node: Node) -> OnlineOptions:
         setting.name: node.get_parameter(f"{ONLINE_PREFIX}_{setting.name}").value
         for setting in list_settings(OnlineOptions)
     }
-    return OnlineOptions(seed=node.get_parameter("seed").value, **given)
+    return OnlineOptions(**given)
 
 
 def learning_options(node: Node, message: LearningOptionsMessage) -> LearningOptions:

@@ -13,10 +13,11 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
-from intuitive_physics_learner.online.improvement import OnlineOptions
+from intuitive_physics.settings import list_settings
+from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.worker import FAILED, WAITING, WorkerReport
 
 LOWEST_NICENESS = 19
@@ -101,7 +102,9 @@ class BackgroundLearning:
             "database": str(self._database),
             "simulator": self._simulator,
             "cores": cores,
-            "options": asdict(options),
+            "options": {
+                one.name: getattr(options, one.name) for one in list_settings(OnlineOptions)
+            },
         }
         threads = {name: str(cores) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
         process = subprocess.Popen(

@@ -12,18 +12,14 @@ import os
 import signal
 import sys
 import threading
-import time
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.simulation import make_simulator
-from intuitive_physics_learner.online.improvement import OnlineOptions, OnlineSearch
-from intuitive_physics_learner.search.convergence import SearchProgress
+from intuitive_physics_learner.online.options import OnlineOptions
+from intuitive_physics_learner.online.stored_online_learning import StoredOnlineLearning
 from intuitive_physics_learner.store import ObservationStore
-from intuitive_physics_learner.store.observation_entries import USED
-
-REPORT_PERIOD = 0.2
-"""s between two reports of progress at least."""
 
 
 @dataclass(frozen=True)
@@ -32,26 +28,33 @@ class WorkerReport:
 
     Parameters
     ----------
-    state : SEARCHING, WAITING (for observations) or FAILED
-    iteration : evaluations of J for the present observations
-    best_cost : lowest J among them, m; None before the first
-    version : of the newest improvement; 0: none yet
-    message : what went wrong, when it failed
+    state : LEARNING, WAITING (for observations) or FAILED
+    processed : observations learned from or set aside so far
+    pending : observations that are still to be learned from
+    doubtful : observations that are set aside
+    score : by how much the candidate has predicted observations better than what is published, as
+        the logarithm of a ratio of probabilities
+    changes : the last changes of parameters that were noticed, in words
+    version : of the newest θ_s that it has published; 0: none yet
+    message : what went wrong; empty where nothing did
     """
 
     state: str
-    iteration: int = 0
-    best_cost: float | None = None
+    processed: int = 0
+    pending: int = 0
+    doubtful: int = 0
+    score: float = 0.0
+    changes: Sequence[str] = ()
     version: int = 0
     message: str = ""
 
 
-SEARCHING, WAITING, FAILED = "searching", "waiting", "failed"
+LEARNING, WAITING, FAILED = "learning", "waiting", "failed"
 """States of a worker."""
 
 
 class Worker:
-    """Searches whenever there is something to learn from.
+    """Learns whenever there are observations to learn from.
 
     Parameters
     ----------
@@ -68,48 +71,46 @@ class Worker:
         self._simulator = make_simulator(simulator_name, threads=cores)
         self._options = options
         self._notified = threading.Event()
-        self._report = WorkerReport(WAITING)
-        self._published_at = 0.0
         threading.Thread(target=self._listen, name="commands", daemon=True).start()
 
     def run(self) -> None:
-        """Search, and wait for new observations, until the process ends."""
+        """Learn, and wait for new observations, until the process ends."""
+        report = WorkerReport(WAITING)
         while True:
             self._notified.clear()
             try:
-                self._learn()
+                learning = StoredOnlineLearning(self._store, self._simulator, self._options)
+                while learning.advance():
+                    report = _publish(learning, LEARNING)
+                report = _publish(learning, WAITING)
             except IntuitivePhysicsError as error:
-                self._publish(state=FAILED, message=str(error))
-            else:
-                self._publish(state=WAITING, message="")
+                print(
+                    json.dumps(asdict(replace(report, state=FAILED, message=str(error)))),
+                    flush=True,
+                )
             self._notified.wait()
-
-    def _learn(self) -> None:
-        """Search until the searches over the stored observations have ended."""
-        while self._store.count(USED) > 0:
-            search = OnlineSearch(self._store, self._simulator, self._options)
-            while not search.finished and not search.outdated:
-                self._publish(state=SEARCHING, message="")
-                improved = search.run_slice(on_progress=self._on_progress)
-                if improved is not None:
-                    self._publish(version=improved.version)
-            if not search.outdated:
-                return
-
-    def _on_progress(self, progress: SearchProgress) -> None:
-        if time.monotonic() >= self._published_at + REPORT_PERIOD:
-            self._publish(iteration=progress.iteration, best_cost=progress.best_cost)
-
-    def _publish(self, **changes: object) -> None:
-        self._report = WorkerReport(**{**asdict(self._report), **changes})
-        self._published_at = time.monotonic()
-        print(json.dumps(asdict(self._report)), flush=True)
 
     def _listen(self) -> None:
         for _ in sys.stdin:
             self._notified.set()
         # The process that started this one has ended.
         os._exit(0)
+
+
+def _publish(learning: StoredOnlineLearning, state: str) -> WorkerReport:
+    known = learning.learner.state
+    report = WorkerReport(
+        state,
+        known.processed,
+        learning.pending,
+        known.set_aside,
+        known.score,
+        [f"{' on '.join(one.pair)} after observation {count}" for one, count in known.changes],
+        0 if known.published is None else known.published.version,
+        learning.problem,
+    )
+    print(json.dumps(asdict(report)), flush=True)
+    return report
 
 
 def main() -> None:

@@ -68,6 +68,8 @@ class LearningTask:
     influence : (n_observations, |θ_s|) bool, as `parameter_influence`
     start : θ_s to begin from
     known : of the active parameters, before these observations; None: only their bounds
+    detected_cost : over the same observations as they were detected, before any smoothing, for
+        methods that fit points with their noise; None: they are those of `cost`
     """
 
     cost: Cost
@@ -75,6 +77,12 @@ class LearningTask:
     influence: NDArray[np.bool_]
     start: StaticParameters
     known: GaussianPrior | None = None
+    detected_cost: Cost | None = None
+
+    @property
+    def fitted_cost(self) -> Cost:
+        """What simulates the points to be fitted: those detected, where they are known."""
+        return self.detected_cost or self.cost
 
     @property
     def active(self) -> NDArray[np.bool_]:

@@ -3,6 +3,7 @@
 from intuitive_physics_learner.store.current_parameters import CurrentParameters
 from intuitive_physics_learner.store.observation_entries import Assessment, ObservationEntry
 from intuitive_physics_learner.store.observation_store import ObservationStore
+from intuitive_physics_learner.store.online_record import OnlineRecord
 from intuitive_physics_learner.store.search_checkpoint import SearchCheckpoint
 
 __all__ = [
@@ -10,5 +11,6 @@ __all__ = [
     "CurrentParameters",
     "ObservationEntry",
     "ObservationStore",
+    "OnlineRecord",
     "SearchCheckpoint",
 ]

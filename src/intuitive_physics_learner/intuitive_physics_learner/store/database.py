@@ -10,6 +10,7 @@ observation_counts   status, count
 observed_materials   number (order of appearance), name, count of observations it occurs in
 observation_set      revision: grows whenever an observation is added, deleted, excluded or included
 learned_parameters   version, learned_at (Unix time), json (`LearnedParameters.to_dict`)
+online_state         id (always 1), saved_at (Unix time), json (`OnlineState`)
 searches             key, saved_at (Unix time), version, json (`SearchCheckpoint`)
 
 Triggers keep the counts, the materials and the entries of deleted observations right, whichever
@@ -112,6 +113,10 @@ MIGRATIONS: tuple[tuple[Step, ...], ...] = (
         "version INTEGER NOT NULL, json TEXT NOT NULL)",
     ),
     (*ENTRY_TABLES, *ENTRY_TRIGGERS, _enter_observations),
+    (
+        "CREATE TABLE online_state (id INTEGER PRIMARY KEY CHECK (id = 1), "
+        "saved_at REAL NOT NULL, json TEXT NOT NULL)",
+    ),
 )
 """Steps that lead from schema version k to k + 1; a new version is one more entry."""
 
@@ -130,6 +135,7 @@ FIRST_ROWS = (
     "SELECT learned_at, json FROM learned_parameters LIMIT 1",
     "SELECT MAX(version) FROM learned_parameters",
     "SELECT key, json FROM searches ORDER BY key LIMIT 1",
+    "SELECT json FROM online_state",
 )
 """Queries that touch each table and index once, which takes no time that grows with the file."""
 

@@ -83,6 +83,11 @@ class ObservationStore:
         """Close the file; what was added is on the disk already."""
         self._database.close()
 
+    @property
+    def database(self) -> Database:
+        """The open file."""
+        return self._database
+
     def add(self, observation: Observation) -> bool:
         """Store an observation; once this returns it survives any crash.
 
@@ -259,13 +264,8 @@ class ObservationStore:
         int
             How many were assessed.
         """
-        rows = [(one.status, one.weight, one.reason, one.id, USED, DOUBTFUL) for one in assessments]
         with self._database.writing() as connection:
-            return connection.executemany(
-                "UPDATE observation_entries SET status = ?, weight = ?, reason = ? "
-                "WHERE id = ? AND status IN (?, ?)",
-                rows,
-            ).rowcount
+            return _assess(connection, assessments)
 
     def delete(self, ids: Sequence[str]) -> int:
         """Delete observations for good; return how many there were.
@@ -348,11 +348,42 @@ class ObservationStore:
         with self._database.writing() as connection:
             if _newest_version(connection) != on:
                 return None
-            connection.execute(
-                "INSERT INTO learned_parameters (version, learned_at, json) VALUES (?, ?, ?)",
-                (numbered.version, time.time(), text),
-            )
+            _insert_version(connection, numbered.version, text)
         return numbered
+
+    def save_online(
+        self,
+        state: str,
+        on: int,
+        learned: LearnedParameters | None = None,
+        assessments: Sequence[Assessment] = (),
+    ) -> bool:
+        """Save the state of learning in the background with what follows from it, all or nothing.
+
+        Parameters
+        ----------
+        state : JSON text
+        on : version of θ_s that the state knows; nothing is saved if there is a newer one
+        learned : the next version of θ_s; None if there is none
+        assessments : of observations, as `apply_assessments`
+
+        Returns
+        -------
+        Whether they were saved.
+        """
+        versions = [] if learned is None else [replace(learned, version=on + 1).to_dict()]
+        texts = [json.dumps(one, allow_nan=False) for one in versions]
+        with self._database.writing() as connection:
+            if _newest_version(connection) != on:
+                return False
+            for text in texts:
+                _insert_version(connection, on + 1, text)
+            _assess(connection, assessments)
+            connection.execute(
+                "INSERT OR REPLACE INTO online_state (id, saved_at, json) VALUES (1, ?, ?)",
+                (time.time(), state),
+            )
+        return True
 
     def newest_version(self) -> int:
         """Return the highest version of θ_s; 0 when nothing was learned yet."""
@@ -472,6 +503,22 @@ class ObservationStore:
                 f"{self.path}: version {version} of the learned parameters cannot be read "
                 f"({error}); delete its row"
             ) from None
+
+
+def _insert_version(connection: sqlite3.Connection, version: int, text: str) -> None:
+    connection.execute(
+        "INSERT INTO learned_parameters (version, learned_at, json) VALUES (?, ?, ?)",
+        (version, time.time(), text),
+    )
+
+
+def _assess(connection: sqlite3.Connection, assessments: Sequence[Assessment]) -> int:
+    rows = [(one.status, one.weight, one.reason, one.id, USED, DOUBTFUL) for one in assessments]
+    return connection.executemany(
+        "UPDATE observation_entries SET status = ?, weight = ?, reason = ? "
+        "WHERE id = ? AND status IN (?, ?)",
+        rows,
+    ).rowcount
 
 
 def _newest_version(connection: sqlite3.Connection) -> int:

@@ -701,35 +701,28 @@ def test_learns_in_the_background_as_observations_arrive(start, caller, throws, 
     caller.spin_until(lambda: background_status(caller) == "waiting for observations", 60.0)
     newest = caller.call(GetStaticParameters).static_parameters
     assert caller.published[-1].version == newest.version
-    on_the_same = [one.cost for one in caller.published if one.observation_count == 6]
-    assert on_the_same == sorted(on_the_same, reverse=True)
     learned = static_parameters_from_message(newest)
     got = learned.parameters.pair("ball", "floor")["restitution"]
     assert got == pytest.approx(true_parameters.pair("ball", "floor")["restitution"], abs=0.02)
 
 
 def test_the_background_gives_way_and_can_be_turned_off_and_on(start, caller, throws):
-    endless = (
-        "online_seconds:=100000.0",
-        "online_iterations_without_gain:=10000000",
-        "online_method:=random",
-        "online_priority:=normal",
-    )
-    start("online:=true", *endless)
-    for one in throws(6, 0):
+    start("online:=true", "online_priority:=normal")
+    for one in throws(200, 0):
         caller.add(one)
-    caller.spin_until(lambda: background_status(caller) == "searching", 60.0)
-    _, result = caller.start_goal(LearningOptions(method="random", max_iterations=20_000))
+    caller.spin_until(lambda: background_status(caller) == "learning", 60.0)
+    _, result = caller.start_goal(LearningOptions(method="random", max_iterations=2000))
     caller.spin_until(lambda: background_status(caller).startswith("waits for the end"))
     assert caller.result_of(result).result.result.value == ResultCode.OK
-    caller.spin_until(lambda: background_status(caller) == "searching", 60.0)
+    # That search has learned from all of them.
+    caller.spin_until(lambda: background_status(caller) == "waiting for observations", 60.0)
     workers = children_of(start.nodes[0])
     assert len(workers) == 1
     caller.set_parameter("online", False)
     caller.spin_until(lambda: not children_of(start.nodes[0]), 1.0)
     caller.spin_until(lambda: background_status(caller).startswith("off"))
     caller.set_parameter("online", True)
-    caller.spin_until(lambda: background_status(caller) == "searching", 60.0)
+    caller.spin_until(lambda: background_status(caller) == "waiting for observations", 60.0)
     assert start.nodes[0].stop() == 0
     caller.spin_until(lambda: not any(map(alive, workers)))
 

@@ -1,0 +1,200 @@
+"""The noise of observed points: its covariance, how heavy it is for each track, what errs alike.
+
+An observed position is the true one plus an error of its own, with the covariance C of its point
+times a factor s² of its track, plus one error that all points of the object share. C is what the
+detections carry; where an observation has none, it is the identity and s a length.
+
+The factor is found without a model of the motion. At any four times t_k the weights
+
+    w_k ∝ 1 / ∏_{j≠k} (t_k - t_j),    Σ w_k² = 1
+
+(those of the third divided difference) annul parabolas, so free flight and uniform motion vanish in
+Σ w_k x_k and the noise is left with its own variance. The median of their lengths passes over
+contacts and outliers. A track of few points says little of its noise, so its variance is averaged
+with that of all tracks.
+
+Differences of a track that was smoothed say nothing of its error. White noise has a correlation of
+-3/4 between neighbouring differences, which therefore have the same sign with the probability
+½ - arcsin(¾) / π = 0.23; those of a smooth curve have it as often as not or more. A smoothed track
+without detections is taken to be known no better than the initial state that came with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.observation import Detections, Observation, ObservedObject
+from intuitive_physics.state import POSITION
+from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+
+MEDIAN_LENGTH_3 = 1.5381722544550522
+"""Median of the length of three independent standard normal components: √(median of χ²₃)."""
+
+LEAST_VARIANCE = 1e-14
+"""m²; a shared error of less variance along an axis is rounding."""
+
+
+SAME_SIGN_SHARE = 0.5 - np.arcsin(0.75) / np.pi
+"""Share of neighbouring third differences of white noise that have the same sign."""
+
+
+def detected(observation: Observation) -> Observation:
+    """Return the observation with each track as it was detected, before any smoothing.
+
+    Objects without detections keep their trajectory.
+    """
+    objects = tuple(
+        replace(seen, trajectory=Trajectory(seen.detections.times, seen.detections.positions))
+        if seen.detections is not None
+        else seen
+        for seen in observation.objects
+    )
+    return replace(observation, objects=objects)
+
+
+@dataclass(frozen=True, eq=False)
+class TrackNoise:
+    """The noise of one object's track.
+
+    Parameters
+    ----------
+    whitening : (n, 3, 3) 1/m, which makes the error of each point standard normal
+    shared : (b, 3) m, orthogonal standard deviations of the error that all points share
+    """
+
+    whitening: NDArray[np.float64]
+    shared: NDArray[np.float64]
+
+
+def track_noises(
+    observations: Sequence[Observation], settings: JointEstimationSettings
+) -> list[list[TrackNoise]]:
+    """Find the noise of each object of each observation.
+
+    Parameters
+    ----------
+    observations : as `detected` returns them
+    settings : of the smallest noise, and of how tracks are averaged
+    """
+    tracks = [seen for observation in observations for seen in observation.objects]
+    units = [_unit_whitening(seen) for seen in tracks]
+    lengths = [_difference_lengths(seen, unit) for seen, unit in zip(tracks, units, strict=True)]
+    variances = _track_variances(tracks, lengths, settings.pooled_differences)
+    noises = iter(
+        _track_noise(seen, unit, variance, settings.smallest_noise)
+        for seen, unit, variance in zip(tracks, units, variances, strict=True)
+    )
+    return [[next(noises) for _ in observation.objects] for observation in observations]
+
+
+def position_noise(observations: Sequence[Observation], smallest: float) -> float:
+    """Estimate the standard deviation in m of an observed position on each axis, one for all.
+
+    Parameters
+    ----------
+    observations : whose trajectories are looked at
+    smallest : m, returned at least
+    """
+    lengths = [
+        _difference_lengths(seen, np.broadcast_to(np.eye(3), (len(seen.trajectory.times), 3, 3)))
+        for observation in observations
+        for seen in observation.objects
+    ]
+    pooled = np.concatenate(lengths)
+    if pooled.size == 0:
+        return smallest
+    return max(float(np.median(pooled)) / MEDIAN_LENGTH_3, smallest)
+
+
+def _detections_of(seen: ObservedObject) -> Detections | None:
+    """Return the detections where the trajectory is made of them, as by `detected`."""
+    found = seen.detections
+    if found is None or not np.array_equal(found.times, seen.trajectory.times):
+        return None
+    return found
+
+
+def _unit_whitening(seen: ObservedObject) -> NDArray[np.float64]:
+    """Whitening (n, 3, 3) by the covariances of the detections; the identity where there are none.
+
+    With C = L Lᵀ it is L⁻¹.
+    """
+    count = len(seen.trajectory.times)
+    found = _detections_of(seen)
+    if found is None:
+        return np.broadcast_to(np.eye(3), (count, 3, 3))
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(found.covariances)))
+
+
+def _differences(seen: ObservedObject) -> NDArray[np.float64]:
+    """Third differences (n - 3, 3) in m, normed so that they have the variance of the noise."""
+    times, positions = seen.trajectory.times, seen.trajectory.positions
+    if times.size < 4:
+        return np.empty((0, 3))
+    windows = np.lib.stride_tricks.sliding_window_view(times, 4)
+    gaps = windows[:, :, None] - windows[:, None, :]
+    weights = 1.0 / np.where(np.eye(4, dtype=bool), 1.0, gaps).prod(axis=2)
+    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    near = np.lib.stride_tricks.sliding_window_view(positions, 4, axis=0)
+    return np.asarray(np.einsum("nk,nik->ni", weights, near))
+
+
+def _is_smoothed(seen: ObservedObject) -> bool:
+    """Whether signs of differences are nearer to those of a smooth curve than to white noise's."""
+    signs = np.sign(_differences(seen))
+    if len(signs) < 2:
+        return False
+    same = float(np.mean(signs[1:] * signs[:-1] > 0.0))
+    return same > 0.5 * (SAME_SIGN_SHARE + 0.5)
+
+
+def _difference_lengths(
+    seen: ObservedObject, whitening: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Lengths (n - 3,) of third differences, in the inverse unit of the whitening (n, 3, 3)."""
+    differences = _differences(seen)
+    # Neighbours are seen alike, so the covariance of one stands for all four.
+    middle = whitening[1 : len(differences) + 1]
+    return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", middle, differences), axis=1))
+
+
+def _track_variances(
+    tracks: Sequence[ObservedObject], lengths: Sequence[NDArray[np.float64]], pooled: float
+) -> NDArray[np.float64]:
+    """Variance (n_tracks,) of whitened errors; NaN where no track of that kind has differences."""
+    variances = np.full(len(tracks), np.nan)
+    has_detections = np.array([_detections_of(seen) is not None for seen in tracks])
+    for kind in (False, True):
+        members = np.flatnonzero(has_detections == kind).tolist()
+        own = [lengths[i] for i in members]
+        together = np.concatenate([*own, np.empty(0)])
+        if together.size == 0:
+            continue
+        common = (float(np.median(together)) / MEDIAN_LENGTH_3) ** 2
+        for i in members:
+            count = lengths[i].size
+            single = (np.median(lengths[i]) / MEDIAN_LENGTH_3) ** 2 if count else common
+            variances[i] = (count * single + pooled * common) / (count + pooled)
+    return variances
+
+
+def _track_noise(
+    seen: ObservedObject, unit: NDArray[np.float64], variance: float, smallest: float
+) -> TrackNoise:
+    found = _detections_of(seen)
+    if found is None:
+        state = np.trace(seen.initial_state.covariance[POSITION, POSITION]) / 3.0
+        smoothed = state if _is_smoothed(seen) else 0.0
+        length = np.sqrt(np.nanmax([variance, smoothed, smallest**2]))
+        return TrackNoise(unit / length, np.zeros((0, 3)))
+    factor = np.sqrt(1.0 if np.isnan(variance) else variance)
+    values, axes = np.linalg.eigh(found.bias)
+    shared = (axes * np.sqrt(np.maximum(values, 0.0))).T[values > LEAST_VARIANCE]
+    # No component of an error is smaller than the smallest noise.
+    left, scales, right = np.linalg.svd(unit / max(factor, np.finfo(float).tiny))
+    return TrackNoise((left * np.minimum(scales, 1.0 / smallest)[:, None]) @ right, shared)

@@ -1,0 +1,176 @@
+"""Whether the parameters of a pair have changed: a generalised likelihood ratio.
+
+Before some observations θ_s is known as a Gaussian about m with the covariance P. Those
+observations together have the information L = Σ Λ_i and, at m, the scores G = Σ g_i(m). While θ_s
+stays what it was, their own estimate differs from m by N(0, P + L⁺), so that
+
+    G ~ N(0, S),    S = L P L + L.
+
+Had the parameters of one pair changed by δ (E selects them) right before these observations, G
+would have the mean -L E δ and the same covariance. The logarithm of the likelihood ratio, at the
+most likely δ and doubled, is
+
+    T = vᵀ V⁺ v,    v = Eᵀ (1 + L P)⁻¹ G,    V = Eᵀ (1 + L P)⁻¹ L E,
+
+since L S⁻¹ = (1 + L P)⁻¹. Without a change T is χ² distributed with as many degrees of freedom as
+V has directions that the observations inform. The change may have come before any of the last
+observations, so each of these is tried (Willsky and Jones 1976, *A generalized likelihood ratio
+approach to the detection and estimation of jumps in linear systems*), and the rate of false alarms
+is shared among the trials (Bonferroni).
+
+One disturbed observation makes T as large as a change does. A change needs several observations
+that agree with each other: T must be as improbable without any one of them, and most of them must
+be as near to the estimate that they have in common as chance puts them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
+from intuitive_physics_learner.online.information import Information
+from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
+
+AGREEMENT = 0.01
+"""Probability under which the median observation does not agree with the others."""
+
+
+@dataclass(frozen=True)
+class ChangePoint:
+    """A change that was noticed.
+
+    Parameters
+    ----------
+    pair : of materials, whose parameters changed
+    length : number of the last observations, when it was noticed, that were made after it
+    probability : of so large a ratio without a change
+    """
+
+    pair: tuple[str, ...]
+    length: int
+    probability: float
+
+
+def chi_square_tail(value: float, degrees: int) -> float:
+    """Probability that a χ² variable of that many degrees of freedom exceeds a value.
+
+    By Q(k + 2) = Q(k) + (x/2)^(k/2) e^(-x/2) / Γ(k/2 + 1) from k = 1 or 2; 1 for no degrees.
+    """
+    if degrees == 0 or value <= 0.0:
+        return 1.0
+    half = 0.5 * value
+    first = 1 if degrees % 2 else 2
+    tail = math.erfc(math.sqrt(half)) if first == 1 else math.exp(-half)
+    for k in range(first, degrees, 2):
+        tail += math.exp(0.5 * k * math.log(half) - half - math.lgamma(0.5 * k + 1.0))
+    return min(tail, 1.0)
+
+
+def find_change(
+    known: Information,
+    centre: NDArray[np.float64],
+    recent: Sequence[tuple[LocalLikelihood, float]],
+    families: Mapping[tuple[str, ...], NDArray[np.int64]],
+    counts: Mapping[tuple[str, ...], int],
+    false_alarm_rate: float,
+    fewest: int,
+) -> ChangePoint | None:
+    """Look for a change before any of the last observations.
+
+    Parameters
+    ----------
+    known : all that is known of the n parameters
+    centre : (n,) mean where nothing is known
+    recent : the last observations in the order in which they came, each with its weight in `known`
+    families : indices (k,) of the parameters of each pair of materials
+    counts : observations in `known` of each pair
+    false_alarm_rate : chance of a false alarm for each observation
+    fewest : observations that must agree on a change
+    """
+    asked = max(len(recent) - fewest + 1, 0) * len(families)
+    best: ChangePoint | None = None
+    for length in range(fewest, len(recent) + 1):
+        before = known.copy()
+        for likelihood, weight in recent[-length:]:
+            before.add(likelihood, -weight)
+        prior = before.prior(centre)
+        if np.linalg.eigvalsh(prior.precision)[0] <= 0.0:
+            continue
+        for family, members in families.items():
+            influenced = [k for k in recent[-length:] if np.isin(k[0].parameters, members).any()]
+            earlier = counts[family] - sum(weight > 0.0 for _, weight in influenced)
+            if min(len(influenced), earlier) < fewest:
+                continue
+            own = [likelihood for likelihood, _ in influenced]
+            probability = _agreed_probability(prior, own, members)
+            if probability < min(
+                false_alarm_rate / asked, best.probability if best is not None else 1.0
+            ) and _agree(before, centre, own, members):
+                best = ChangePoint(family, length, probability)
+    return best
+
+
+def change_probability(
+    prior: GaussianPrior, likelihoods: Sequence[LocalLikelihood], members: NDArray[np.int64]
+) -> float:
+    """Probability of so large a ratio T without a change.
+
+    Parameters
+    ----------
+    prior : of the n parameters, from before these observations
+    likelihoods : of the observations
+    members : (k,) indices of the parameters that may have changed
+    """
+    size = prior.mean.size
+    information, scores = np.zeros((size, size)), np.zeros(size)
+    for one in likelihoods:
+        information[np.ix_(one.parameters, one.parameters)] += one.information
+        away = prior.mean[one.parameters] - one.estimate
+        scores[one.parameters] += one.scores + one.information @ away
+    # (1 + L P)⁻¹ = P⁻¹ (P⁻¹ + L)⁻¹.
+    solved = prior.precision @ np.linalg.solve(
+        prior.precision + information, np.column_stack([information, scores])
+    )
+    projected = solved[np.ix_(members, members)]
+    values, vectors = np.linalg.eigh(0.5 * (projected + projected.T))
+    informed = values > UNIFORM_PRECISION
+    along = vectors[:, informed].T @ solved[members, -1]
+    return chi_square_tail(float((along**2 / values[informed]).sum()), int(informed.sum()))
+
+
+def _agreed_probability(
+    prior: GaussianPrior, likelihoods: Sequence[LocalLikelihood], members: NDArray[np.int64]
+) -> float:
+    """The largest probability (of T) that is left without any one of the observations."""
+    return max(
+        change_probability(prior, [one for one in likelihoods if one is not left_out], members)
+        for left_out in likelihoods
+    )
+
+
+def _agree(
+    before: Information,
+    centre: NDArray[np.float64],
+    likelihoods: Sequence[LocalLikelihood],
+    members: NDArray[np.int64],
+) -> bool:
+    """Whether most observations are as near to their common estimate as chance puts them."""
+    after = before.copy()
+    after.forget(members)
+    for one in likelihoods:
+        after.add(one)
+    common = after.prior(centre).mean
+    probabilities = []
+    for one in likelihoods:
+        scores = one.scores + one.information @ (common[one.parameters] - one.estimate)
+        values, vectors = np.linalg.eigh(one.information)
+        informed = values > UNIFORM_PRECISION
+        along = vectors[:, informed].T @ scores
+        distance = float((along**2 / values[informed]).sum())
+        probabilities.append(chi_square_tail(distance, int(informed.sum())))
+    return bool(np.median(probabilities) > AGREEMENT)

@@ -1,0 +1,234 @@
+"""Gaussian knowledge of θ_s in information form, to which observations are added.
+
+A Gaussian about the mean m with the precision Y is kept as Y and y = Y m, so that independent
+observations add up. One whose negative log likelihood near û is gᵀ (u - û) + ½ (u - û)ᵀ Λ (u - û)
+adds Λ to Y and Λ û - g to y. Knowledge of nothing is Y = 0. Parameters are on the unit cube of
+`ParameterSpace(materials)`.
+"""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
+from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
+
+FASTEST = 1
+"""Level of zlib: matrices are mostly zeros where materials are many, and that is all it finds."""
+
+
+@dataclass(eq=False)
+class Information:
+    """Of n parameters.
+
+    Parameters
+    ----------
+    matrix : (n, n) Y, per width²
+    vector : (n,) y, per width
+    """
+
+    matrix: NDArray[np.float64]
+    vector: NDArray[np.float64]
+
+    @staticmethod
+    def none(size: int) -> Information:
+        """Nothing is known of `size` parameters."""
+        return Information(np.zeros((size, size)), np.zeros(size))
+
+    @staticmethod
+    def about(mean: NDArray[np.float64], matrix: NDArray[np.float64]) -> Information:
+        """Return a Gaussian.
+
+        Parameters
+        ----------
+        mean : (n,) on the unit cube
+        matrix : (n, n) its precision, per width²
+        """
+        return Information(matrix.copy(), matrix @ mean)
+
+    def copy(self) -> Information:
+        """Return an independent copy."""
+        return Information(self.matrix.copy(), self.vector.copy())
+
+    def add(self, likelihood: LocalLikelihood, weight: float = 1.0) -> None:
+        """Add what one observation says, times a weight."""
+        own = likelihood.parameters
+        self.matrix[np.ix_(own, own)] += weight * likelihood.information
+        pulls = likelihood.information @ likelihood.estimate - likelihood.scores
+        self.vector[own] += weight * pulls
+
+    def discount(self, factor: float) -> None:
+        """Keep that part of what is known."""
+        self.matrix *= factor
+        self.vector *= factor
+
+    def forget(self, parameters: NDArray[np.int64]) -> None:
+        """Let nothing be known of some parameters.
+
+        What is known of the others is their marginal distribution. Directions of the parameters of
+        which nothing is known have no information to give, so the inverse leaves them out.
+
+        Parameters
+        ----------
+        parameters : (k,) their indices
+        """
+        rest = np.setdiff1d(np.arange(self.vector.size), parameters)
+        across = self.matrix[np.ix_(rest, parameters)]
+        gains = across @ np.linalg.pinv(self.matrix[np.ix_(parameters, parameters)], hermitian=True)
+        vector = self.vector[rest] - gains @ self.vector[parameters]
+        matrix = self.matrix[np.ix_(rest, rest)] - gains @ across.T
+        self.matrix[:], self.vector[:] = 0.0, 0.0
+        self.matrix[np.ix_(rest, rest)] = 0.5 * (matrix + matrix.T)
+        self.vector[rest] = vector
+
+    def spread(self, places: NDArray[np.int64], size: int) -> Information:
+        """Return the same among more parameters, of which nothing is known.
+
+        Parameters
+        ----------
+        places : (n,) indices of these n parameters among all
+        size : number of all parameters
+        """
+        wider = Information.none(size)
+        wider.matrix[np.ix_(places, places)] = self.matrix
+        wider.vector[places] = self.vector
+        return wider
+
+    def prior(self, centre: NDArray[np.float64]) -> GaussianPrior:
+        """Return this with the knowledge that parameters lie within their bounds.
+
+        Parameters
+        ----------
+        centre : (n,) mean where nothing else is known
+        """
+        precision = self.matrix + UNIFORM_PRECISION * np.eye(self.vector.size)
+        pull = self.vector - self.matrix @ centre
+        return GaussianPrior(centre + np.linalg.solve(precision, pull), precision)
+
+
+def jackknife_variances(
+    known: Information,
+    centre: NDArray[np.float64],
+    likelihoods: Sequence[LocalLikelihood],
+    weights: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Variances (n,), widths², of the mean by how it moves without each of some observations.
+
+    With N observations of a parameter, (N - 1) / N Σ (m_without - m)². Where knowledge rests on one
+    observation whose linearisation may be wrong, this is the uncertainty without it. 0 for
+    parameters that fewer than two of them depend on.
+
+    Parameters
+    ----------
+    known : of n parameters, from all observations
+    centre : (n,) mean where nothing is known
+    likelihoods : of the observations that may be left out
+    weights : (n_observations,) with which `known` has them
+    """
+    prior = known.prior(centre)
+    covariance: NDArray[np.float64] = np.linalg.inv(prior.precision)
+    squares, counts = np.zeros(centre.size), np.zeros(centre.size)
+    for one, weight in zip(likelihoods, weights, strict=True):
+        mean, _ = _without(prior, covariance, one, weight)
+        squares[one.parameters] += (mean - prior.mean[one.parameters]) ** 2
+        counts[one.parameters] += 1.0
+    return squares * np.maximum(counts - 1.0, 0.0) / np.maximum(counts, 1.0)
+
+
+def _without(
+    prior: GaussianPrior, covariance: NDArray[np.float64], one: LocalLikelihood, weight: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean (q,) and covariance (q, q) of an observation's parameters without its likelihood.
+
+    Parameters
+    ----------
+    prior : of all n parameters, with it
+    covariance : (n, n) of that, widths²
+    one : the likelihood
+    weight : with which the prior has it
+    """
+    own = one.parameters
+    precision = np.linalg.inv(covariance[np.ix_(own, own)])
+    rest = precision - weight * one.information
+    pulls = precision @ prior.mean[own]
+    pulls -= weight * (one.information @ one.estimate - one.scores)
+    values, vectors = np.linalg.eigh(0.5 * (rest + rest.T))
+    # The bounds are always known.
+    without = (vectors / np.maximum(values, UNIFORM_PRECISION)) @ vectors.T
+    return without @ pulls, without
+
+
+def agreement_weights(
+    known: Information,
+    centre: NDArray[np.float64],
+    likelihoods: Sequence[LocalLikelihood],
+    weights: NDArray[np.float64],
+    freedom: float,
+) -> NDArray[np.float64]:
+    """Weights (n_observations,) by which observations that contradict all others count less.
+
+    Without an observation θ_s is known as a Gaussian about m with the covariance P. Its scores at m
+    have the covariance S = Λ P Λ + Λ if its linearisation is right. Where it is not, as in a fit
+    that ended in a local optimum, d² = gᵀ S⁻¹ g exceeds the number q of its parameters. The weight
+    is that of Student's distribution with ν degrees of freedom, at most 1:
+
+        w = min(1, (ν + q) / (ν + d²)).
+
+    Parameters
+    ----------
+    known : of n parameters, from all observations
+    centre : (n,) mean where nothing is known
+    likelihoods : of the observations that may be wrong
+    weights : (n_observations,) with which `known` has them
+    freedom : ν
+    """
+    prior = known.prior(centre)
+    covariance: NDArray[np.float64] = np.linalg.inv(prior.precision)
+    found = []
+    for one, weight in zip(likelihoods, weights, strict=True):
+        information = one.information
+        mean, without = _without(prior, covariance, one, weight)
+        scores = one.scores + information @ (mean - one.estimate)
+        spread = information @ without @ information + information
+        values, vectors = np.linalg.eigh(0.5 * (spread + spread.T))
+        informed = values > UNIFORM_PRECISION
+        along = vectors[:, informed].T @ scores
+        distance = float((along**2 / values[informed]).sum())
+        found.append((freedom + informed.sum()) / (freedom + distance))
+    return np.minimum(found, 1.0)
+
+
+def encode_array(array: NDArray[np.float64]) -> dict[str, Any]:
+    """Return an array as plain data, to its last digit.
+
+    Parameters
+    ----------
+    array : (...,) of any shape
+    """
+    packed = zlib.compress(np.ascontiguousarray(array, dtype="<f8").tobytes(), FASTEST)
+    return {"shape": list(array.shape), "zlib": base64.b64encode(packed).decode("ascii")}
+
+
+def decode_array(data: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Return the array (...,) that `encode_array` wrote."""
+    raw = zlib.decompress(base64.b64decode(data["zlib"]))
+    return np.frombuffer(raw, dtype="<f8").reshape(data["shape"]).astype(np.float64)
+
+
+def marginal(prior: GaussianPrior, chosen: NDArray[np.int64]) -> GaussianPrior:
+    """Return what a prior says of some of its parameters alone.
+
+    Parameters
+    ----------
+    prior : of n parameters
+    chosen : (k,) indices of parameters
+    """
+    covariance = np.linalg.inv(prior.precision)[np.ix_(chosen, chosen)]
+    return GaussianPrior(prior.mean[chosen], np.linalg.inv(covariance))

@@ -1,0 +1,109 @@
+"""The fit of one observation to what is known, and its evidence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.parameter_space import ParameterSpace
+from intuitive_physics_learner.cost.cost_function import Cost
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit, ObservationFit
+from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
+from intuitive_physics_learner.online.information import marginal
+from intuitive_physics_learner.online.options import RecursionSettings
+from intuitive_physics_learner.search.learning_task import GaussianPrior
+from intuitive_physics_learner.search.search_space import ActiveSpace
+
+ENDLESS_PATIENCE = 1000
+"""Steps with a misfit that a fit up to a given horizon bears: more than it takes."""
+
+
+class LoneFit:
+    """Fits one observation by itself to a prior of θ_s, up to where it can be explained.
+
+    Parameters
+    ----------
+    cost : of the one observation
+    space : of the n parameters
+    influence : (n,) bool, which parameters the observation can depend on, at least one
+    prior : of the n parameters
+    settings : of the steps
+    scans : numbers of steps after which all parameters are tried over their whole range
+
+    Attributes
+    ----------
+    blocked : whether the motion cannot be explained farther than `horizon`
+    """
+
+    def __init__(
+        self,
+        cost: Cost,
+        space: ParameterSpace,
+        influence: NDArray[np.bool_],
+        prior: GaussianPrior,
+        settings: RecursionSettings,
+        scans: tuple[int, ...] = (),
+    ) -> None:
+        self._cost = cost
+        self._settings = settings
+        self._own = np.flatnonzero(influence)
+        self._prior = marginal(prior, self._own)
+        centre = space.to_parameters(np.clip(prior.mean, 0.0, 1.0))
+        self._space = ActiveSpace(space, influence, centre)
+        self._fit = JointFit(
+            cost, self._space, self._everything, self._prior, settings.joint(scans=scans)
+        )
+        self.blocked = False
+
+    def run(self) -> None:
+        """Take steps until the fit has settled, or as many as the settings allow."""
+        since = self._settings.misfit_steps
+        for _ in range(self._settings.lone_steps):
+            if self._fit.settled:
+                break
+            self._fit.step()
+            since = 0 if self._fit.misfits else since + 1
+        self.blocked = since < self._settings.misfit_steps
+
+    @property
+    def simulations(self) -> int:
+        """Simulations of the observation so far."""
+        return self._fit.simulations
+
+    @property
+    def found(self) -> ObservationFit:
+        """Initial states and fit horizon."""
+        return self._fit.observation_fits()[0]
+
+    def likelihood(self) -> LocalLikelihood:
+        """Return the likelihood of all n parameters near the estimate."""
+        return self._among_all(self._fit.likelihoods()[0])
+
+    def log_evidence(self, horizon: float) -> float:
+        """Return ln ∫ p(points up to a horizon | θ_s) p(θ_s) dθ_s by Laplace's approximation.
+
+        Parameters
+        ----------
+        horizon : s, the last time that counts; evidences up to different ones do not compare
+        """
+        fixed = replace(
+            self._settings.joint(), largest_advance=0.0, misfit_patience=ENDLESS_PATIENCE
+        )
+        fit = JointFit(self._cost, self._space, self._everything, self._prior, fixed)
+        deviations = self._prior.deviations
+        fit.begin_at(self._fit.unit, deviations, [replace(self.found, horizon=horizon)])
+        for _ in range(self._settings.scoring_steps):
+            fit.step()
+        (likelihood,) = fit.likelihoods()
+        loss = likelihood.loss + float(self._prior.losses(fit.unit[None])[0])
+        narrowed = np.linalg.slogdet(self._prior.precision + likelihood.information)[1]
+        return -loss - 0.5 * float(narrowed - np.linalg.slogdet(self._prior.precision)[1])
+
+    @property
+    def _everything(self) -> NDArray[np.bool_]:
+        return np.ones((1, self._own.size), dtype=bool)
+
+    def _among_all(self, likelihood: LocalLikelihood) -> LocalLikelihood:
+        return replace(likelihood, parameters=self._own[likelihood.parameters])

@@ -1,0 +1,639 @@
+"""Recursive learning: each observation is predicted, then learned from, at a bounded cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import UnsupportedSceneError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import PAIR_COEFFICIENTS, material_pairs, parameter_names
+from intuitive_physics.observation import Observation
+from intuitive_physics.parameter_posterior import (
+    LARGEST_DEVIATION,
+    UNIFORM_PRECISION,
+    ParameterPosterior,
+)
+from intuitive_physics.parameter_space import ParameterSpace
+from intuitive_physics.simulation import Simulator
+from intuitive_physics_learner.cost.cost_function import TrajectoryCost
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.point_noise import detected
+from intuitive_physics_learner.methods import JOINT_METHOD
+from intuitive_physics_learner.online.change_point import find_change
+from intuitive_physics_learner.online.information import (
+    Information,
+    agreement_weights,
+    jackknife_variances,
+    marginal,
+)
+from intuitive_physics_learner.online.lone_fit import ENDLESS_PATIENCE, LoneFit
+from intuitive_physics_learner.online.online_state import Member, OnlineState
+from intuitive_physics_learner.online.options import OnlineOptions, RecursionSettings
+from intuitive_physics_learner.search.identifiability import widened_information
+from intuitive_physics_learner.search.learning_task import GaussianPrior
+from intuitive_physics_learner.search.search_space import ActiveSpace
+from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
+
+WEIGHING_ROUNDS = 2
+"""Times that weights are computed again from what they give: they hardly change any more."""
+
+LARGEST_CHANGE_COUNT = 10
+"""Changes that are remembered at most."""
+
+FEW = 2.0
+"""Observations that could not be explained, imagined before the first: one success is no rule."""
+
+LARGEST_EXPONENT = 700.0
+"""Beyond it, e to that power is not a number of double precision."""
+
+
+class OnlineLearner:
+    """Learns from one observation after the other; what it knows is `state`.
+
+    Parameters
+    ----------
+    simulator : the engine that simulates candidates
+    options : how to learn; None for the defaults
+    state : of a learner to continue exactly; None to begin with nothing
+    observations : those that the state keeps, in any order (`kept_observations`)
+
+    Attributes
+    ----------
+    state : to be stored after `learn_from_all`
+    simulations : of single observations so far
+    problem : why the last observation that was passed over cannot be simulated; empty if none was
+    """
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        options: OnlineOptions | None = None,
+        state: OnlineState | None = None,
+        observations: Iterable[Observation] = (),
+    ) -> None:
+        self._simulator = simulator
+        self._options = options or OnlineOptions()
+        self._settings = self._options.recursion
+        self.state = OnlineState.empty() if state is None else state
+        self.simulations = 0
+        self.problem = ""
+        self._observations = {one.id: one for one in observations}
+        self._assessments: list[Assessment] = []
+        for name in ("window", "doubtful"):
+            there = [one for one in getattr(self.state, name) if one.id in self._observations]
+            setattr(self.state, name, there)
+
+    def learn_from(self, observation: Observation) -> LearnedParameters:
+        """Learn from one more observation; return the newest published θ_s."""
+        self.learn_from_all([observation])
+        published = self.state.published
+        return published or LearnedParameters.defaults(observation.materials)
+
+    def learn_from_all(
+        self,
+        observations: Sequence[Observation],
+        seconds_left: Callable[[], float] = lambda: np.inf,
+    ) -> list[Assessment]:
+        """Learn from new observations, in their order; those that are known are passed over.
+
+        Parameters
+        ----------
+        observations : new ones
+        seconds_left : looked at between steps; each observation takes its part in any case
+
+        Returns
+        -------
+        What is to be noted about single observations, doubtful ones and those taken back.
+        """
+        self._assessments = []
+        given = {seen.id for seen in observations}
+        # What a user gives back is looked at again.
+        doubtful = [one for one in self.state.doubtful if one.id not in given]
+        self.state.set_aside -= len(self.state.doubtful) - len(doubtful)
+        self.state.processed -= len(self.state.doubtful) - len(doubtful)
+        self.state.doubtful = doubtful
+        known = {one.id for one in (*self.state.window, *self.state.doubtful)}
+        for seen in observations:
+            if seen.id not in known:
+                self._meet(seen)
+                known.add(seen.id)
+        self._look_again()
+        before = self.state.unit.copy(), self._prior.deviations**2
+        self._fit_window(seconds_left)
+        self._note_move(*before)
+        self._notice_change(seconds_left)
+        self._publish()
+        self._drop_observations()
+        return self._assessments
+
+    def adopt(self, learned: LearnedParameters, *, informed: bool) -> None:
+        """Begin again from a version of θ_s that was stored by others.
+
+        Parameters
+        ----------
+        learned : the version; it is what is published from now on
+        informed : whether its uncertainty is knowledge to start with; otherwise only its values are
+            a start, and the observations say the rest
+        """
+        self._know_materials(learned.materials)
+        state = self.state
+        whole = learned.extended(state.materials)
+        posterior = whole.whole_posterior().within(self.space.bounds)
+        known = Information.about(posterior.mean, posterior.information)
+        state.centre, state.unit = posterior.mean.copy(), posterior.mean.copy()
+        state.retired = known if informed else Information.none(state.unit.size)
+        state.posterior = state.retired.copy()
+        state.window, state.doubtful = [], []
+        state.published, state.published_information = whole, known.copy()
+        state.score, state.compared = 0.0, 0
+        state.moves[:], state.narrowings[:] = 0.0, 0.0
+        self._drop_observations()
+
+    @property
+    def kept_observations(self) -> list[Observation]:
+        """Observations without which the state cannot go on, a bounded number."""
+        return list(self._observations.values())
+
+    @property
+    def widening(self) -> NDArray[np.float64]:
+        """Factors (n,) by which the stated standard deviations are too small, at least 1.
+
+        A posterior mean is a martingale: the variance of a move is that by which the posterior
+        narrows. An estimate that moves more than this was less certain than it was stated to be.
+        """
+        state = self.state
+        return np.sqrt(np.maximum((1.0 + state.moves) / (1.0 + state.narrowings), 1.0))
+
+    @property
+    def space(self) -> ParameterSpace:
+        """Of the parameters of all known materials."""
+        return ParameterSpace(self.state.materials)
+
+    @property
+    def _prior(self) -> GaussianPrior:
+        """What is known before the next observation."""
+        return self.state.posterior.prior(self.state.centre)
+
+    def _meet(self, seen: Observation) -> None:
+        """Predict an observation, then take it into the window or set it aside."""
+        state = self.state
+        state.processed += 1
+        self._know_materials(seen.materials)
+        self._forget_until(seen.start_time)
+        influence = parameter_influence([seen], state.materials)[0]
+        if not influence.any():
+            return
+        try:
+            cost = TrajectoryCost([detected(seen)], self._simulator, state.materials)
+            fit = self._lone_fit(cost, influence, self._prior)
+            if fit.blocked:
+                fit = self._lone_fit(cost, influence, self._prior, careful=True)
+        except UnsupportedSceneError as error:
+            self.problem = f"observation {seen.id} is passed over: {error}"
+            self._assessments.append(Assessment(seen.id, 0.0, str(error), DOUBTFUL))
+            state.set_aside += 1
+            return
+        self._observations[seen.id] = seen
+        doubt = self._doubt(cost, influence, fit)
+        if doubt is None:
+            self._score(cost, influence, fit)
+            state.window.append(self._member(seen, fit))
+        else:
+            free, assessment = doubt
+            self._set_aside(self._member(seen, free), assessment)
+
+    def _member(self, seen: Observation, fit: LoneFit) -> Member:
+        return Member(seen.id, self.state.processed, seen.start_time, fit.found, fit.likelihood())
+
+    def _lone_fit(
+        self,
+        cost: TrajectoryCost,
+        influence: NDArray[np.bool_],
+        prior: GaussianPrior,
+        scans: tuple[int, ...] = (),
+        careful: bool = False,
+    ) -> LoneFit:
+        settings = self._settings.careful() if careful else self._settings
+        fit = LoneFit(cost, self.space, influence, prior, settings, scans)
+        fit.run()
+        self.simulations += fit.simulations
+        return fit
+
+    def _doubt(
+        self, cost: TrajectoryCost, influence: NDArray[np.bool_], fit: LoneFit
+    ) -> tuple[LoneFit, Assessment] | None:
+        """Compare with a fit that knows nothing; None when the observation is not doubtful."""
+        state, settings = self.state, self._settings
+        share = state.explained / (state.met + FEW)
+        kept = np.exp(-1.0 / settings.memory)
+        state.met = kept * state.met + 1.0
+        state.explained = kept * state.explained + (0.0 if fit.blocked else 1.0)
+        if not fit.blocked:
+            return None
+        (seen,) = cost.observations
+        nothing = Information.none(state.centre.size).prior(self._prior.mean)
+        free = self._lone_fit(cost, influence, nothing, scans=settings.free_scans)
+        horizon = max(free.found.horizon, fit.found.horizon)
+        gain = free.log_evidence(horizon) - fit.log_evidence(horizon)
+        if gain > settings.conflict:
+            weight = float(np.exp(-min(gain, LARGEST_EXPONENT)))
+            reason = (
+                f"contradicts what is known of its materials: e^{gain:.0f} times as likely with "
+                "other parameters"
+            )
+            return free, Assessment(seen.id, weight, reason, DOUBTFUL)
+        if free.blocked and share > settings.smallest_explained:
+            reason = (
+                f"no parameters explain its motion after {horizon:.2f} s, as they do that of "
+                f"{100.0 * share:.0f} % of the last observations"
+            )
+            return free, Assessment(seen.id, 1.0 - share, reason, DOUBTFUL)
+        return None
+
+    def _set_aside(self, member: Member, assessment: Assessment) -> None:
+        state = self.state
+        state.doubtful.append(replace(member, weight=0.0))
+        del state.doubtful[: -self._settings.doubtful or None]
+        state.set_aside += 1
+        self._assessments.append(assessment)
+
+    def _look_again(self) -> None:
+        """Fit the doubtful observation that was looked at longest ago to what is known now."""
+        state = self.state
+        if not state.doubtful:
+            return
+        member = state.doubtful[0]
+        if member.number > state.processed - self._settings.recent:
+            return
+        seen = self._observations[member.id]
+        influence = parameter_influence([seen], state.materials)[0]
+        cost = TrajectoryCost([detected(seen)], self._simulator, state.materials)
+        fit = self._lone_fit(cost, influence, self._prior)
+        del state.doubtful[0]
+        if fit.blocked:
+            state.doubtful.append(member)
+        else:
+            self._take_back(replace(member, fit=fit.found, likelihood=fit.likelihood()))
+
+    def _take_back(self, member: Member) -> None:
+        self.state.window.append(replace(member, weight=1.0))
+        self.state.set_aside -= 1
+        self._assessments.append(Assessment(member.id, 1.0, "agrees with later observations", USED))
+
+    def _score(self, cost: TrajectoryCost, influence: NDArray[np.bool_], fit: LoneFit) -> None:
+        """Add how much better the candidate predicted an observation than what is published."""
+        state = self.state
+        if state.published is None or self._is_published():
+            return
+        published = state.published_information.prior(state.centre)
+        other = self._lone_fit(cost, influence, published)
+        horizon = max(fit.found.horizon, other.found.horizon)
+        gain = fit.log_evidence(horizon) - other.log_evidence(horizon)
+        largest = self._settings.largest_score
+        state.score += float(np.clip(gain, -largest, largest))
+        state.compared += 1
+
+    def _is_published(self) -> bool:
+        mine, other = self.state.posterior, self.state.published_information
+        return bool(
+            np.array_equal(mine.matrix, other.matrix) and np.array_equal(mine.vector, other.vector)
+        )
+
+    def _know_materials(self, materials: Sequence[str]) -> None:
+        state = self.state
+        together = tuple(dict.fromkeys((*state.materials, *materials)))
+        if together == state.materials:
+            return
+        place = {name: i for i, name in enumerate(parameter_names(together))}
+        places = np.array([place[n] for n in parameter_names(state.materials)], dtype=np.int64)
+        space = ParameterSpace(together)
+        centre = space.to_unit(LearnedParameters.defaults(together).parameters)
+        unit = centre.copy()
+        centre[places], unit[places] = state.centre, state.unit
+        for name in ("moves", "narrowings"):
+            wider = np.zeros(centre.size)
+            wider[places] = getattr(state, name)
+            setattr(state, name, wider)
+        state.materials, state.centre, state.unit = together, centre, unit
+        for name in ("retired", "posterior", "published_information"):
+            setattr(state, name, getattr(state, name).spread(places, centre.size))
+        for member in (*state.window, *state.doubtful):
+            own = places[member.likelihood.parameters]
+            member.likelihood = replace(member.likelihood, parameters=own)
+        if state.published is not None:
+            state.published = state.published.extended(together)
+
+    def _forget_until(self, stamp: float) -> None:
+        """Let what is known grow older, to the start time in s of a new observation."""
+        state = self.state
+        last, state.time = state.time, stamp if state.time is None else max(state.time, stamp)
+        if last is not None and self._options.time_constant > 0.0:
+            factor = float(np.exp(-(state.time - last) / self._options.time_constant))
+            state.retired.discount(factor)
+            state.posterior.discount(factor)
+
+    def _age_weight(self, member: Member) -> float:
+        """Weight of an observation by its age, 0 to 1."""
+        if self._options.time_constant == 0.0 or self.state.time is None:
+            return 1.0
+        return float(np.exp(-(self.state.time - member.stamp) / self._options.time_constant))
+
+    def _fit_window(self, seconds_left: Callable[[], float]) -> None:
+        """Retire what is too much, fit the rest jointly and take the posterior over."""
+        state, settings = self.state, self._settings
+        self._retire()
+        if not state.window:
+            return
+        seen = [self._observations[one.id] for one in state.window]
+        influence = parameter_influence(seen, state.materials)
+        active: NDArray[np.bool_] = np.asarray(influence.any(axis=0))
+        own = np.flatnonzero(active)
+        prior = state.retired.prior(state.centre)
+        points = [detected(each) for each in seen]
+        cost = TrajectoryCost(points, self._simulator, state.materials)
+        space = ActiveSpace(self.space, active, self.space.to_parameters(state.unit))
+        problem = WindowProblem(cost, space, influence[:, active], marginal(prior, own), settings)
+        scans = (2,) if self._scans() else ()
+        deviations = self._prior.deviations[own]
+        fit = problem.fit(scans)
+        fit.begin_at(state.unit[own], deviations, [one.fit for one in state.window])
+        run(fit, settings.window_steps, seconds_left)
+        if self._restarts():
+            other = problem.fit(settings.restart_scans)
+            run(other, settings.restart_steps, seconds_left)
+            fit = problem.better(fit, other)
+        self._take_over(fit, own, prior)
+        self.simulations += fit.simulations
+
+    def _restarts(self) -> bool:
+        """Whether a fit from the beginning is tried: at a number of observations that doubles."""
+        count = self.state.processed
+        period = self._options.window
+        return count % period == 0 if count > period else count & (count - 1) == 0
+
+    def _note_move(self, unit: NDArray[np.float64], variances: NDArray[np.float64]) -> None:
+        """Compare the move from an estimate (n,) with the variances (n,), widths², it had."""
+        state, kept = self.state, np.exp(-1.0 / self._settings.memory)
+        after = self._prior.deviations**2
+        move = (state.unit - unit) ** 2 / after
+        narrowing = np.maximum(variances - after, 0.0) / after
+        # The first observations narrow so much that nothing else would count beside them.
+        scale = np.maximum(narrowing, 1.0)
+        state.moves = kept * state.moves + move / scale
+        state.narrowings = kept * state.narrowings + narrowing / scale
+
+    def _scans(self) -> bool:
+        """Whether this fit looks for other optima: always at first, then now and then."""
+        full = len(self.state.window) >= self._options.window
+        return not full or self.state.processed % self._settings.scan_period == 0
+
+    def _take_over(self, fit: JointFit, own: NDArray[np.int64], prior: GaussianPrior) -> None:
+        state = self.state
+        moved = np.zeros(state.unit.size, dtype=bool)
+        moved[own] = True
+        # Parameters that the window does not depend on follow those that they correlate with.
+        rest = np.flatnonzero(~moved)
+        across = prior.precision[np.ix_(rest, own)] @ (fit.unit - prior.mean[own])
+        gains = np.linalg.solve(prior.precision[np.ix_(rest, rest)], across)
+        state.unit[own] = fit.unit
+        state.unit[rest] = np.clip(prior.mean[rest] - gains, 0.0, 1.0)
+        for member, found, likelihood in zip(
+            state.window, fit.observation_fits(), fit.likelihoods(), strict=True
+        ):
+            member.fit = found
+            member.likelihood = replace(likelihood, parameters=own[likelihood.parameters])
+        self._weigh()
+
+    def _weigh(self) -> None:
+        """Find the weights of the window's observations, and all that is known."""
+        state = self.state
+        ages = np.array([self._age_weight(one) for one in state.window])
+        likelihoods = [one.likelihood for one in state.window]
+        weights = ages
+        for _ in range(WEIGHING_ROUNDS):
+            state.posterior = state.retired.copy()
+            for likelihood, weight in zip(likelihoods, weights, strict=True):
+                state.posterior.add(likelihood, float(weight))
+            weights = ages * agreement_weights(
+                state.posterior, state.centre, likelihoods, weights, self._settings.freedom
+            )
+        state.posterior = state.retired.copy()
+        for member, weight in zip(state.window, weights, strict=True):
+            member.weight = float(weight)
+            state.posterior.add(member.likelihood, member.weight)
+
+    def _retire(self) -> None:
+        """Let the least informative observations leave the window where it is too full."""
+        state = self.state
+        while len(state.window) > self._options.window:
+            covariance: NDArray[np.float64] = np.asarray(
+                np.linalg.inv(self._prior.precision), dtype=np.float64
+            )
+            newest = state.processed - self._settings.recent
+            old = [one for one in state.window if one.number <= newest] or state.window[:1]
+            leaving = min(old, key=lambda one: self._worth(one, covariance))
+            self._retire_member(leaving)
+
+    def _worth(self, member: Member, covariance: NDArray[np.float64]) -> float:
+        """What an observation says of what is uncertain: tr(P Λ)."""
+        own = member.likelihood.parameters
+        part = covariance[np.ix_(own, own)]
+        return member.weight * float(np.sum(part * member.likelihood.information))
+
+    def _retire_member(self, member: Member) -> None:
+        state = self.state
+        state.retired.add(member.likelihood, member.weight)
+        state.window = [one for one in state.window if one is not member]
+
+    def _notice_change(self, seconds_left: Callable[[], float]) -> None:
+        """Where parameters have changed, forget what was known of them and learn them again."""
+        state, settings = self.state, self._settings
+        kept = [*state.window, *state.doubtful]
+        newest = state.processed - settings.recent
+        kept = sorted((k for k in kept if k.number > newest), key=lambda k: k.number)
+        families = self._families()
+        change = find_change(
+            state.posterior,
+            state.centre,
+            [(one.likelihood, one.weight) for one in kept],
+            families,
+            {family: self._count_of(own) for family, own in families.items()},
+            self._options.false_alarm_rate,
+            settings.fewest_changed,
+        )
+        if change is None:
+            return
+        state.changes.append((change, state.processed - change.length))
+        del state.changes[:-LARGEST_CHANGE_COUNT]
+        after = kept[-change.length :]
+        for member in [one for one in state.window if one not in after]:
+            self._retire_member(member)
+        members = families[change.pair]
+        state.retired.forget(members)
+        state.moves[members], state.narrowings[members] = 0.0, 0.0
+        for member in [one for one in state.doubtful if one in after]:
+            state.doubtful.remove(member)
+            self._take_back(member)
+        self._weigh()
+        state.unit = np.clip(self._prior.mean, 0.0, 1.0)
+        self._fit_window(seconds_left)
+
+    def _count_of(self, parameters: NDArray[np.int64]) -> int:
+        """Number of observations that inform some parameters; retired ones are enough."""
+        state = self.state
+        retired = state.retired.matrix[np.ix_(parameters, parameters)].any()
+        own = [one for one in state.window if np.isin(one.likelihood.parameters, parameters).any()]
+        return len(own) + (self._settings.recent if retired else 0)
+
+    def _families(self) -> dict[tuple[str, ...], NDArray[np.int64]]:
+        first, each = len(self.state.materials), len(PAIR_COEFFICIENTS)
+        return {
+            pair: first + each * k + np.arange(each)
+            for k, pair in enumerate(material_pairs(self.state.materials))
+        }
+
+    def _publish(self) -> None:
+        """Publish the candidate if it predicted as well, and says something new."""
+        state = self.state
+        if state.posterior.matrix.any() and self._is_worth_publishing():
+            if state.published is not None and self._surprises() and not state.compared:
+                return
+            if state.score < 0.0:
+                return
+            state.published = self._learned()
+            state.published_information = state.posterior.copy()
+            state.score, state.compared = 0.0, 0
+
+    def _surprises(self) -> bool:
+        """Whether the candidate is farther from what is published than that allows."""
+        published = self.state.published_information.prior(self.state.centre)
+        away = np.abs(self.state.unit - published.mean)
+        return bool((away > self._settings.surprising_move * published.deviations).any())
+
+    def _is_worth_publishing(self) -> bool:
+        state, settings = self.state, self._settings
+        if state.published is None:
+            return True
+        published = state.published_information.prior(state.centre)
+        deviations = self._prior.deviations
+        moved = np.abs(state.unit - published.mean) > settings.smallest_move * deviations
+        changed = np.abs(deviations / published.deviations - 1.0) > settings.smallest_narrowing
+        return bool((moved | changed).any())
+
+    def _learned(self) -> LearnedParameters:
+        """Return the candidate as the next version of θ_s."""
+        state, space = self.state, self.space
+        parameters = space.to_parameters(state.unit)
+        factors = self.widening
+        widths = np.maximum(factors * self._prior.deviations, self._jackknife_deviations())
+        information = widened_information(state.posterior.matrix, factors, widths)
+        posterior = ParameterPosterior.from_information(state.materials, state.unit, information)
+        identified = widths < LARGEST_DEVIATION
+        slopes = space.slopes(state.unit)
+        covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(widths.size))
+        deviations = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
+        seen = [self._observations[one.id] for one in state.window]
+        cost = TrajectoryCost(seen, self._simulator, state.materials).costs([parameters])[0]
+        return LearnedParameters(
+            parameters,
+            np.where(identified, deviations, np.nan),
+            identified,
+            (0 if state.published is None else state.published.version) + 1,
+            float(cost),
+            state.processed - state.set_aside,
+            JOINT_METHOD,
+            posterior=posterior,
+        )
+
+    def _jackknife_deviations(self) -> NDArray[np.float64]:
+        """Standard deviations (n,), widths, by leaving out each observation of the window."""
+        state = self.state
+        variances = jackknife_variances(
+            state.posterior,
+            state.centre,
+            [one.likelihood for one in state.window],
+            np.array([one.weight for one in state.window]),
+        )
+        return np.sqrt(np.minimum(variances, 1.0 / UNIFORM_PRECISION))
+
+    def _drop_observations(self) -> None:
+        kept = {one.id for one in (*self.state.window, *self.state.doubtful)}
+        self._observations = {id: one for id, one in self._observations.items() if id in kept}
+
+
+class WindowProblem:
+    """The joint fit of some observations to a prior.
+
+    Parameters
+    ----------
+    cost : of the observations
+    space : of their n parameters
+    influence : (n_observations, n) bool, which observation can depend on which parameter
+    prior : of these parameters
+    settings : of the steps
+    """
+
+    def __init__(
+        self,
+        cost: TrajectoryCost,
+        space: ActiveSpace,
+        influence: NDArray[np.bool_],
+        prior: GaussianPrior,
+        settings: RecursionSettings,
+    ) -> None:
+        self._task = (cost, space, influence, prior)
+        self._prior = prior
+        self._settings = settings
+
+    def fit(self, scans: tuple[int, ...]) -> JointFit:
+        """Return a fit that begins at the prior's mean.
+
+        Parameters
+        ----------
+        scans : numbers of steps after which it scans all parameters
+        """
+        return JointFit(*self._task, self._settings.joint(scans=scans))
+
+    def better(self, one: JointFit, other: JointFit) -> JointFit:
+        """Return the fit of the larger evidence, up to the longer horizon of each observation."""
+        pairs = zip(one.observation_fits(), other.observation_fits(), strict=True)
+        horizons = [max(a.horizon, b.horizon) for a, b in pairs]
+        evidences = [self._log_evidence(fit, horizons) for fit in (one, other)]
+        return one if evidences[0] >= evidences[1] else other
+
+    def _log_evidence(self, fit: JointFit, horizons: Sequence[float]) -> float:
+        settings = replace(
+            self._settings.joint(), largest_advance=0.0, misfit_patience=ENDLESS_PATIENCE
+        )
+        fixed = JointFit(*self._task, settings)
+        begin = [
+            replace(one, horizon=h) for one, h in zip(fit.observation_fits(), horizons, strict=True)
+        ]
+        fixed.begin_at(fit.unit, self._prior.deviations, begin)
+        run(fixed, self._settings.scoring_steps)
+        precision = self._prior.precision.copy()
+        loss = float(self._prior.losses(fixed.unit[None])[0])
+        for one in fixed.likelihoods():
+            precision[np.ix_(one.parameters, one.parameters)] += one.information
+            loss += one.loss
+        return -loss - 0.5 * float(np.linalg.slogdet(precision)[1])
+
+
+def run(fit: JointFit, steps: int, seconds_left: Callable[[], float] = lambda: np.inf) -> None:
+    """Take steps, at least one, until the fit has settled or the time is over.
+
+    Parameters
+    ----------
+    fit : to continue
+    steps : at most
+    seconds_left : looked at between steps
+    """
+    for _ in range(steps):
+        if fit.settled or (fit.steps and seconds_left() <= 0.0):
+            break
+        fit.step()

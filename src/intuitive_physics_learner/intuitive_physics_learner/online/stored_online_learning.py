@@ -1,0 +1,99 @@
+"""Recursive learning from a store: it goes on where it was, whatever happened to the process."""
+
+from __future__ import annotations
+
+import time
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.simulation import Simulator
+from intuitive_physics_learner.online.online_learner import OnlineLearner
+from intuitive_physics_learner.online.online_state import OnlineState
+from intuitive_physics_learner.online.options import OnlineOptions
+from intuitive_physics_learner.store import ObservationStore, OnlineRecord
+
+
+class StoredOnlineLearning:
+    """Learns from the observations of a store, in the order in which they came.
+
+    The state is stored with each new version of θ_s, both or none. What others store as the newest
+    θ_s becomes the state: values that a user gave with their uncertainty, or the result of a search
+    over all observations, which are not learned from a second time.
+
+    Parameters
+    ----------
+    store : of observations, versions of θ_s and the state
+    simulator : the engine that simulates candidates
+    options : how to learn
+
+    Attributes
+    ----------
+    learner : holds the state
+    problem : why the last observation that was passed over cannot be learned from; empty if none
+        was
+    """
+
+    def __init__(
+        self, store: ObservationStore, simulator: Simulator, options: OnlineOptions
+    ) -> None:
+        self._store = store
+        self._record = OnlineRecord(store.database)
+        self._simulator = simulator
+        self._options = options
+        self.problem = ""
+        self.learner = self._resumed()
+
+    @property
+    def pending(self) -> int:
+        """Number of observations that are still to be learned from."""
+        return self._record.count_since(self.learner.state.position)
+
+    def advance(self) -> bool:
+        """Learn from the next observations, a few at most; return whether there were any."""
+        if self._store.newest_version() != self._version:
+            self._adopt()
+        state = self.learner.state
+        observations, problems, position = self._record.observations_since(
+            state.position, self._options.recursion.batch
+        )
+        if position == state.position:
+            return False
+        for name, problem in problems.items():
+            self.problem = f"observation {name} cannot be read and is passed over: {problem}"
+        before = self._version
+        ends = time.process_time() + self._options.seconds * len(observations)
+        assessments = self.learner.learn_from_all(observations, lambda: ends - time.process_time())
+        self.problem = self.learner.problem or self.problem
+        state.position = position
+        learned = state.published if self._version != before else None
+        if not self._store.save_online(state.to_json(), before, learned, assessments):
+            # Others have stored a version meanwhile: it counts, and these are learned from again.
+            self.learner = self._resumed()
+        return True
+
+    @property
+    def _version(self) -> int:
+        published = self.learner.state.published
+        return 0 if published is None else published.version
+
+    def _resumed(self) -> OnlineLearner:
+        text = self._record.state()
+        try:
+            state = OnlineState.empty() if text is None else OnlineState.from_json(text)
+        except InvalidInputError as error:
+            self.problem = f"{error}; all observations are learned from again"
+            state = OnlineState.empty()
+        kept = self._record.kept([one.id for one in (*state.window, *state.doubtful)])
+        return OnlineLearner(self._simulator, self._options, state, kept)
+
+    def _adopt(self) -> None:
+        """Take over the newest θ_s, which others have stored."""
+        newest = self._store.newest_parameters()
+        if newest is None:
+            return
+        first = self.learner.state.processed == 0
+        given = not newest.method
+        # What the observations said before there was a state will be said by them again.
+        self.learner.adopt(newest, informed=given or not first)
+        if not given and not first:
+            position = self._record.revision_of(newest.observation_count)
+            self.learner.state.position = max(self.learner.state.position, position)

@@ -1,0 +1,96 @@
+"""What learning in the background reads: new observations, those it keeps, and its own state."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+
+from intuitive_physics.observation import Observation
+from intuitive_physics_learner.store.database import Database
+from intuitive_physics_learner.store.observation_entries import (
+    DOUBTFUL,
+    USED,
+    parsed_observation,
+)
+
+
+class OnlineRecord:
+    """The part of an open database that learning in the background reads.
+
+    Reading takes no longer the more observations there are.
+
+    Parameters
+    ----------
+    database : open
+    """
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def observations_since(
+        self, revision: int, limit: int
+    ) -> tuple[list[Observation], dict[str, str], int]:
+        """Read the first observations that were added or given back since a revision.
+
+        Parameters
+        ----------
+        revision : of the store; 0 for the beginning
+        limit : number of observations at most
+
+        Returns
+        -------
+        observations : in the order in which they were added or given back
+        problems : of each observation that cannot be read, by its id
+        revision : from which to read on; the same where there are none
+        """
+        with self._database.reading() as connection:
+            rows = connection.execute(
+                "SELECT entry.revision, entry.id, json FROM observation_entries AS entry "
+                "JOIN observations USING (id) WHERE entry.revision > ? AND entry.status = ? "
+                "ORDER BY entry.revision LIMIT ?",
+                (revision, USED, limit),
+            ).fetchall()
+        found, problems = [], {}
+        for _, name, text in rows:
+            one = parsed_observation(text)
+            if isinstance(one, Observation):
+                found.append(one)
+            else:
+                problems[name] = str(one)
+        return found, problems, rows[-1][0] if rows else revision
+
+    def count_since(self, revision: int) -> int:
+        """Return the number of observations that were added or given back since a revision."""
+        with self._database.reading() as connection:
+            (count,) = connection.execute(
+                "SELECT COUNT(*) FROM observation_entries WHERE revision > ? AND status = ?",
+                (revision, USED),
+            ).fetchone()
+        return int(count)
+
+    def revision_of(self, count: int) -> int:
+        """Return the revision of the last of the first `count` observations; 0 for none."""
+        with self._database.reading() as connection:
+            row = connection.execute(
+                "SELECT MAX(revision) FROM (SELECT revision FROM observation_entries "
+                "WHERE status = ? ORDER BY revision LIMIT ?)",
+                (USED, count),
+            ).fetchone()
+        return int(row[0] or 0)
+
+    def kept(self, ids: Sequence[str]) -> list[Observation]:
+        """Read those of some observations that nobody has excluded or deleted since."""
+        with self._database.reading() as connection:
+            rows = connection.execute(
+                "SELECT json FROM observations JOIN observation_entries USING (id) "
+                "WHERE id IN (SELECT value FROM json_each(?)) AND status IN (?, ?)",
+                (json.dumps(list(ids)), USED, DOUBTFUL),
+            ).fetchall()
+        found = [parsed_observation(text) for (text,) in rows]
+        return [one for one in found if isinstance(one, Observation)]
+
+    def state(self) -> str | None:
+        """Return the state that was saved last; None before the first."""
+        with self._database.reading() as connection:
+            row = connection.execute("SELECT json FROM online_state").fetchone()
+        return None if row is None else str(row[0])

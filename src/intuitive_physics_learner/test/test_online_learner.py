@@ -1,0 +1,246 @@
+"""Recursive learning: what is published, what is set aside, what is remembered, what it takes."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import parameter_names
+from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_learner import ObservationStore
+from intuitive_physics_learner.online.online_learner import OnlineLearner
+from intuitive_physics_learner.online.online_state import OnlineState
+from intuitive_physics_learner.online.options import OnlineOptions
+from intuitive_physics_learner.online.stored_online_learning import StoredOnlineLearning
+from intuitive_physics_learner.store.observation_entries import DOUBTFUL
+
+OPTIONS = OnlineOptions(window=6)
+"""A small window, so that observations leave it soon."""
+
+
+def noisy_throws(throws, count, seed):
+    return throws(count, seed, noise=0.003, state_noise=0.01, times=24)
+
+
+def restitution(learned):
+    place = parameter_names(learned.materials).index("restitution[ball, floor]")
+    return learned.parameters.pair("ball", "floor")["restitution"], learned.standard_deviations[
+        place
+    ]
+
+
+def kicked(seen):
+    """The same throw, but that the ball was kicked on its way."""
+    (ball,) = seen.objects
+    times = ball.trajectory.times
+    moved = ball.trajectory.positions + np.maximum(times - 0.4, 0.0)[:, None] * [2.0, -1.0, 1.0]
+    return replace(seen, objects=(replace(ball, trajectory=Trajectory(times, moved)),))
+
+
+@pytest.fixture(scope="module")
+def stream(event_driven, throws):
+    """What a learner published after each of some throws, and the learner."""
+    learner = OnlineLearner(event_driven, OPTIONS)
+    counts, published = [], []
+    for seen in noisy_throws(throws, 24, 0):
+        before = learner.simulations
+        published.append(learner.learn_from(seen))
+        counts.append(learner.simulations - before)
+    return learner, published, counts
+
+
+def test_data_that_confirm_make_the_published_uncertainty_smaller(stream, true_parameters):
+    _, published, _ = stream
+    truth = true_parameters.pair("ball", "floor")["restitution"]
+    (_, early), (value, late) = restitution(published[3]), restitution(published[-1])
+    assert late < 0.7 * early
+    assert abs(value - truth) < 4.0 * late < 0.02
+    versions = [one.version for one in published]
+    assert versions == sorted(versions)
+    assert published[-1].version > published[3].version
+    assert published[-1].observation_count == 24
+
+
+def test_what_leaves_the_window_still_counts(stream):
+    learner, published, _ = stream
+    state = learner.state
+    assert len(state.window) == OPTIONS.window
+    place = parameter_names(state.materials).index("restitution[ball, floor]")
+    everything = state.posterior.matrix[place, place]
+    of_window = sum(
+        one.weight * one.likelihood.information[list(one.likelihood.parameters).index(place)][-1]
+        for one in state.window
+    )
+    assert everything > 1.5 * of_window
+    assert published[-1].posterior.information[place, place] > 0.0
+
+
+def test_an_observation_takes_no_more_the_more_there_were(stream):
+    _, _, counts = stream
+    assert np.mean(counts[16:]) < 1.5 * np.mean(counts[8:16])
+
+
+def test_a_disturbed_throw_is_set_aside_and_changes_nothing(event_driven, throws, stream):
+    learner = OnlineLearner(
+        event_driven,
+        OPTIONS,
+        OnlineState.from_json(stream[0].state.to_json()),
+        stream[0].kept_observations,
+    )
+    before, information = learner.state.published, learner.state.posterior.matrix.copy()
+    (seen,) = noisy_throws(throws, 1, 77)
+    (assessment,) = learner.learn_from_all([kicked(seen)])
+    assert (assessment.id, assessment.status) == (seen.id, DOUBTFUL)
+    assert assessment.weight < 0.5
+    assert assessment.reason
+    assert learner.state.set_aside == 1
+    assert restitution(learner.state.published)[0] == pytest.approx(
+        restitution(before)[0], abs=2.0 * restitution(before)[1]
+    )
+    assert np.diag(learner.state.posterior.matrix) == pytest.approx(np.diag(information), rel=0.5)
+
+
+def test_goes_on_exactly_where_it_was(event_driven, throws):
+    observed = noisy_throws(throws, 9, 1)
+    whole = OnlineLearner(event_driven, OPTIONS)
+    parts = OnlineLearner(event_driven, OPTIONS)
+    for seen in observed:
+        whole.learn_from(seen)
+        state = OnlineState.from_json(parts.state.to_json())
+        parts = OnlineLearner(event_driven, OPTIONS, state, parts.kept_observations)
+        parts.learn_from(seen)
+    assert parts.state.to_json() == whole.state.to_json()
+
+
+def test_the_same_observation_counts_once(event_driven, throws):
+    learner = OnlineLearner(event_driven, OPTIONS)
+    (seen,) = noisy_throws(throws, 1, 2)
+    learner.learn_from_all([seen, seen])
+    learner.learn_from(seen)
+    assert learner.state.processed == len(learner.state.window) == 1
+
+
+def test_forgets_with_the_time_constant(event_driven, throws):
+    learner = OnlineLearner(event_driven, OnlineOptions(window=6, time_constant=10.0))
+    (first,) = noisy_throws(throws, 1, 3)
+    learner.learn_from(first)
+    known = learner.state.posterior.matrix.copy()
+    learner._forget_until(first.start_time + 10.0)
+    assert learner.state.posterior.matrix == pytest.approx(known / np.e)
+    # An observation that is older than the last one makes nothing younger.
+    learner._forget_until(first.start_time)
+    assert learner.state.posterior.matrix == pytest.approx(known / np.e)
+
+
+def test_a_floor_that_was_waxed_is_noticed(event_driven, gliding, glide):
+    generator = np.random.default_rng(4)
+    learner = OnlineLearner(glide, OPTIONS)
+    for _ in range(10):
+        learner.learn_from(gliding(generator, 0.8))
+    assert learner.state.changes == []
+    found = [restitution(learner.learn_from(gliding(generator, 0.7)))[0] for _ in range(15)]
+    ((change, before),) = learner.state.changes
+    assert change.pair == ("ball", "floor")
+    assert before in (9, 10)
+    assert OnlineState.from_json(learner.state.to_json()).changes == learner.state.changes
+    assert found[-1] == pytest.approx(0.7, abs=0.01)
+
+
+@pytest.fixture(scope="session")
+def gliding(glides):
+    """Make observations of a gliding ball, with noise and with a noisy initial state."""
+
+    def make(generator, e):
+        seen = glides(generator, e, counts=(12,))
+        (ball,) = seen.objects
+        positions = ball.trajectory.positions + generator.normal(0.0, 0.002, (12, 3))
+        covariance = np.diag(np.repeat([1.0, 0.0, 0.0, 0.0], 3)) * 0.002**2
+        state = replace(ball.initial_state, covariance=covariance)
+        trajectory = Trajectory(ball.trajectory.times, positions)
+        return replace(seen, objects=(replace(ball, trajectory=trajectory, initial_state=state),))
+
+    return make
+
+
+@pytest.mark.parametrize("text", ["", "{}", '{"format": "other"}', "[1]", '{"format": 3}'])
+def test_a_state_that_is_none_is_refused(text):
+    with pytest.raises(InvalidInputError, match="state of on-line learning"):
+        OnlineState.from_json(text)
+
+
+@pytest.fixture
+def store(tmp_path):
+    with ObservationStore(tmp_path / "learner.sqlite3") as opened:
+        yield opened
+
+
+def learn_all(store, simulator):
+    learning = StoredOnlineLearning(store, simulator, OPTIONS)
+    while learning.advance():
+        pass
+    return learning
+
+
+def test_values_that_a_user_sets_are_knowledge_to_go_on_from(store, glide, gliding):
+    generator = np.random.default_rng(5)
+    store.add_all([gliding(generator, 0.8) for _ in range(5)])
+    learn_all(store, glide)
+    given = store.newest_parameters()
+    given = replace_value(given, 0.3, deviation=0.001)
+    stored = store.add_parameters(given)
+    store.add(gliding(generator, 0.3))
+    learning = learn_all(store, glide)
+    newest = store.newest_parameters()
+    assert restitution(newest)[0] == pytest.approx(0.3, abs=0.003)
+    assert newest.version >= stored.version
+    assert learning.pending == 0
+    assert len(learning.learner.state.window) == 1
+
+
+def replace_value(learned, value, deviation):
+    parameters = learned.parameters.with_pair("ball", "floor", restitution=value)
+    place = parameter_names(learned.materials).index("restitution[ball, floor]")
+    deviations = np.full(len(learned.identified), np.nan)
+    deviations[place] = deviation
+    return LearnedParameters(
+        parameters, deviations, np.isfinite(deviations), 0, float("nan"), 0, ""
+    )
+
+
+def test_an_unreadable_row_is_passed_over(store, glide, gliding):
+    generator = np.random.default_rng(6)
+    store.add_all([gliding(generator, 0.8) for _ in range(3)])
+    with store.database.writing() as connection:
+        connection.execute("UPDATE observations SET json = '{' WHERE rowid = 2")
+        connection.execute("UPDATE observation_entries SET status = 'used'")
+    learning = learn_all(store, glide)
+    assert "is passed over" in learning.problem
+    assert learning.learner.state.processed == 2
+
+
+def test_what_was_excluded_leaves_and_comes_back_when_it_is_included(store, glide, gliding):
+    generator = np.random.default_rng(7)
+    store.add_all([gliding(generator, 0.8) for _ in range(3)])
+    learn_all(store, glide)
+    first = store.ids()[0]
+    store.exclude([first])
+    learning = learn_all(store, glide)
+    assert first not in [one.id for one in learning.learner.state.window]
+    store.include([first])
+    learning = learn_all(store, glide)
+    assert first in [one.id for one in learning.learner.state.window]
+
+
+def test_a_state_that_cannot_be_read_only_takes_time(store, glide, gliding):
+    generator = np.random.default_rng(8)
+    store.add_all([gliding(generator, 0.8) for _ in range(3)])
+    learn_all(store, glide)
+    with store.database.writing() as connection:
+        connection.execute("UPDATE online_state SET json = '{'")
+    learning = learn_all(store, glide)
+    assert "cannot be read" in learning.problem
+    assert learning.learner.state.processed == 3
+    assert json.loads(learning.learner.state.to_json())["processed"] == 3

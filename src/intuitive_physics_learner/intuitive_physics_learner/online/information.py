@@ -133,7 +133,7 @@ def jackknife_variances(
     weights : (n_observations,) with which `known` has them
     """
     prior = known.prior(centre)
-    covariance: NDArray[np.float64] = np.linalg.inv(prior.precision)
+    covariance = np.asarray(np.linalg.inv(prior.precision), dtype=np.float64)
     squares, counts = np.zeros(centre.size), np.zeros(centre.size)
     for one, weight in zip(likelihoods, weights, strict=True):
         mean, _ = _without(prior, covariance, one, weight)
@@ -190,7 +190,7 @@ def agreement_weights(
     freedom : ν
     """
     prior = known.prior(centre)
-    covariance: NDArray[np.float64] = np.linalg.inv(prior.precision)
+    covariance = np.asarray(np.linalg.inv(prior.precision), dtype=np.float64)
     found = []
     for one, weight in zip(likelihoods, weights, strict=True):
         information = one.information

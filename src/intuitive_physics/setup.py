@@ -11,7 +11,7 @@ setup(
         ("share/" + package_name, ["package.xml"]),
     ],
     python_requires=">=3.10",
-    install_requires=["setuptools", "numpy>=1.26", "numba>=0.58"],
+    install_requires=["setuptools", "numpy>=1.26", "numba>=0.58", "scipy"],
     extras_require={"bullet": ["pybullet"], "test": ["pytest", "hypothesis"]},
     zip_safe=False,
     maintainer="Intuitive Physics maintainers",

@@ -14,7 +14,7 @@ setup(
         "console_scripts": ["learner_node = intuitive_physics_learner.nodes.learner_node:main"]
     },
     python_requires=">=3.10",
-    install_requires=["setuptools", "intuitive_physics", "numpy>=1.26", "cma"],
+    install_requires=["setuptools", "intuitive_physics", "numpy>=1.26", "scipy", "cma"],
     extras_require={
         "cluster": ["distributed"],
         "test": ["pytest", "hypothesis", "pyyaml", "distributed", "pybullet"],

@@ -74,6 +74,32 @@ def test_counts_its_simulations(gliding_task):
     assert model.simulations == model.curvature_simulations
 
 
+def test_moves_end_where_the_loss_of_least_squares_is_no_longer_plausible(gliding_task):
+    # f(e) = min(e, ½) at e = ½: a rise of ½ (move / σ)² downwards, none upwards until worlds fail.
+    task = gliding_task([0.5, 0.5], effect=lambda e: np.minimum(e, 0.5), position_deviation=0.01)
+    model = model_of(task)
+    estimate = model.initial_estimate()
+    information = information_of(task, model, estimate.fits[0].horizons)
+    expected = np.sqrt(2.0 * SETTINGS.largest_move_rise / information)
+    moves = model.plausible_moves(estimate, np.full(4, 2.0 * expected))
+    # Seven bisections leave less than 2 % of it.
+    assert moves[E, 0] == pytest.approx(expected, rel=0.02)
+    assert moves[E, 1] > 0.45
+    # What has no effect can be moved to its bounds.
+    unit = estimate.unit[:E]
+    np.testing.assert_allclose(moves[:E], np.stack([unit, 1.0 - unit], axis=1))
+    assert model.simulations <= model.move_simulations
+
+
+def test_no_move_where_the_loss_is_a_parabola(gliding_task):
+    task = gliding_task([0.5, 0.5, 0.5], position_deviation=0.01)
+    model = model_of(task)
+    estimate = model.initial_estimate()
+    posterior, _ = model.curvature_posterior(estimate)
+    first = SETTINGS.one_sided_deviations * np.sqrt(3.0) * posterior.deviations
+    assert (model.plausible_moves(estimate, first)[E] == 0.0).all()
+
+
 def test_eliminating_initial_states_is_the_inverse_of_the_whole_matrix(gliding_task):
     # The posterior of (s, θ) has the covariance H⁻¹; its parts are what elimination gives.
     task = gliding_task([0.5], position_deviation=0.01)

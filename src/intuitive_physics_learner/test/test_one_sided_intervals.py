@@ -7,15 +7,24 @@ from hypothesis import strategies as st
 from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.parameter_space import ParameterSpace
-from intuitive_physics.scene import Scene
+from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
+from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_learner import TrajectoryCost, identify
+from intuitive_physics_learner import (
+    ConvergenceCriteria,
+    LearningOptions,
+    TrajectoryCost,
+    identify,
+    learn,
+)
 from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE
+from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.search.one_sided_intervals import is_acceptable
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
 from intuitive_physics_learner.search.settings import IdentifiabilitySettings
 
+FLOOR = Environment([Plane("floor", "floor", [0, 0, 1], 0.0)])
 MATERIALS = ("ball", "floor")
 SETTINGS = IdentifiabilitySettings()
 PAIR = parameter_names(MATERIALS).index("dynamic_friction[ball, floor]")
@@ -82,6 +91,58 @@ def test_friction_that_only_has_to_be_large_enough_has_a_one_sided_interval(
     assert found.identified[PAIR]
     assert 0.2 < low < 0.29
     assert high == 1.0
+
+
+def gentle_throw(simulator, parameters, generator):
+    """A ball that needs a friction of at most 0.35 to roll on from its first impact."""
+    height, need = generator.uniform(0.3, 0.8), generator.uniform(0.1, 0.35)
+    slip = 3.5 * need * (1.0 + 0.7) * np.sqrt(2.0 * 9.81 * height)
+    ball = SceneObject("ball", "ball", Sphere(0.05))
+    state = ObjectState((0.0, 0.0, height + 0.05), linear_velocity=(slip, 0.0, 0.0))
+    times = np.arange(40) / 30.0
+    positions = simulator.rollout([Scene(FLOOR, (ball,), (state,))], parameters, times).positions
+    believed = ObjectState(
+        state.position + generator.normal(0.0, 0.01, 3),
+        linear_velocity=state.linear_velocity + generator.normal(0.0, 0.05, 3),
+        covariance=np.diag(np.repeat([1.0, 0.0, 25.0, 0.0], 3)) * 0.01**2,
+    )
+    noisy = Trajectory(times, positions[0, 0] + generator.normal(0.0, 0.003, (40, 3)))
+    return Observation(FLOOR, (ObservedObject(ball, noisy, believed),), 0.0)
+
+
+def jointly_learned(observed, simulator):
+    options = LearningOptions(JOINT_METHOD, ConvergenceCriteria(700))
+    return learn(observed, simulator, options).learned
+
+
+def test_joint_estimation_knows_what_only_has_to_be_large_enough(event_driven, true_parameters):
+    # No throw slips at 0.35 or more. An estimate that lets a ball slip by what noise feigns has a
+    # slope that gives μ to ± 0.002; the true one is 0.6.
+    true = replace_pair(true_parameters, 0.6)
+    sided = 0
+    for seed in range(6):
+        generator = np.random.default_rng(seed)
+        observed = [gentle_throw(event_driven, true, generator) for _ in range(8)]
+        learned = jointly_learned(observed, event_driven)
+        assert learned.identified[PAIR] == np.isfinite(learned.intervals[PAIR]).all()
+        if learned.identified[PAIR]:
+            sided += 1
+            low, high = learned.intervals[PAIR]
+            assert 0.1 < low < 0.35
+            assert high == 1.0
+            ends = learned.posterior.intervals[PAIR]
+            assert ends[0] < learned.posterior.mean[PAIR] <= ends[1] == 1.0
+        # What is known on both sides has none.
+        others = np.delete(learned.intervals, PAIR, axis=0)
+        assert np.isnan(others).all()
+        assert learned.identified[PAIR + 1 : PAIR + 3].all()
+    assert sided >= 1
+
+
+def test_joint_estimation_of_what_is_known_on_both_sides_has_no_interval(event_driven, throws):
+    learned = jointly_learned(throws(8, 3, 0.003, 0.01), event_driven)
+    assert learned.identified[PAIR : PAIR + 3].all()
+    assert np.isnan(learned.intervals).all()
 
 
 def replace_pair(parameters, friction):

@@ -109,6 +109,11 @@ class JointFit:
         """Simulations of single observations that `posterior` takes."""
         return self._model.curvature_simulations
 
+    @property
+    def move_simulations(self) -> int:
+        """Simulations of single observations that `plausible_moves` takes at most."""
+        return self._model.move_simulations
+
     def posterior(self) -> tuple[Posterior, NDArray[np.float64]]:
         """Return the posterior at the estimate.
 
@@ -118,6 +123,15 @@ class JointFit:
         deviations : (n,) widths, as `TrajectoryModel.curvature_posterior`
         """
         return self._model.curvature_posterior(self._estimate)
+
+    def plausible_moves(self, first: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far each parameter can be moved, (n, 2) widths down and up.
+
+        Parameters
+        ----------
+        first : (n,) widths, as `TrajectoryModel.plausible_moves`
+        """
+        return self._model.plausible_moves(self._estimate, first)
 
     def likelihoods(self) -> list[LocalLikelihood]:
         """Return the likelihood of θ_s near the estimate, of each observation."""

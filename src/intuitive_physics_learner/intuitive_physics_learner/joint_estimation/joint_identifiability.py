@@ -11,6 +11,10 @@ that of u. By how much
 
 is more than one, uncertainties are widened. Nor can all data be more informative than both halves
 together: where the curvature at u alone is high, u is a peculiar place.
+
+A parameter that only has to be large enough, or small enough, is known to one side only. Where the
+loss hardly rises much farther to one side than slopes say, there is an interval, and the deviation
+is that of its ends. Within it the halves cannot disagree, nor need they be bound by slopes.
 """
 
 from __future__ import annotations
@@ -31,6 +35,7 @@ from intuitive_physics_learner.joint_estimation.settings import JointEstimationS
 from intuitive_physics_learner.joint_estimation.trajectory_model import NORMAL_MEDIAN
 from intuitive_physics_learner.search.identifiability import Identifiability, widened_information
 from intuitive_physics_learner.search.learning_task import LearningTask
+from intuitive_physics_learner.search.one_sided_intervals import UNIFORM
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
@@ -58,7 +63,13 @@ def joint_identifiability(
     posterior, sided = fit.posterior()
     # Those of both halves take about as long as this one.
     reserved = began - seconds_left() if np.isfinite(began) else 0.0
-    agreed = _agreed(fit, sided, task, lambda: seconds_left() < reserved)
+    free, ends = np.zeros((sided.size, 2)), sided
+    if seconds_left() > reserved:
+        free, ends = one_sided_moves(fit, posterior.deviations, sided)
+    agreed = _agreed(fit, ends, free, task, lambda: seconds_left() < reserved)
+    least = fit.settings.one_sided_deviations * UNIFORM
+    one_sided = (free.max(axis=1) > least * agreed) & (agreed < LARGEST_DEVIATION)
+    agreed = np.where(one_sided, agreed, np.maximum(agreed, sided))
     agreed = np.minimum(agreed, fit.prior.deviations)
     factors = agreed / posterior.deviations
     slopes = _slopes(searched, fit.unit)
@@ -70,6 +81,9 @@ def joint_identifiability(
     with np.errstate(divide="ignore", invalid="ignore"):
         informed = deviations / axes.slopes < LARGEST_DEVIATION
     identified = responsive & informed & (axes.slopes > 0.0)
+    moves = np.maximum(free, UNIFORM * agreed[:, None])
+    intervals = _intervals(searched, fit.unit, moves, one_sided, active)
+    intervals[~identified] = np.nan
     # Without the bounds, which the posterior of θ_s has by itself. What a user gave is as certain
     # as he says, whether the halves agree or not.
     own = np.linalg.inv(posterior.covariance) - fit.prior.precision
@@ -80,9 +94,32 @@ def joint_identifiability(
         responsive,
         identified,
         np.where(identified, deviations, np.nan),
-        np.full((identified.size, 2), np.nan),
+        intervals,
         information,
     )
+
+
+def one_sided_moves(
+    fit: JointFit, deviations: NDArray[np.float64], sided: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Find the parameters that the observations bind to one side only.
+
+    Parameters
+    ----------
+    fit : that has converged
+    deviations : (n,) widths, standard deviation of each parameter by slopes to both sides
+    sided : (n,) widths, the largest by slopes to any side
+
+    Returns
+    -------
+    free : (n, 2) widths, how far they can be moved down and up; 0 for the other parameters
+    ends : (n,) widths, standard deviation of their ends; `sided` for the other parameters
+    """
+    least = fit.settings.one_sided_deviations * UNIFORM
+    moves = fit.plausible_moves(least * deviations)
+    ends = np.maximum(deviations, moves.min(axis=1) / UNIFORM)
+    one_sided = (moves.max(axis=1) > least * ends) & (ends < LARGEST_DEVIATION)
+    return np.where(one_sided[:, None], moves, 0.0), np.where(one_sided, ends, sided)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +195,7 @@ def agreed_deviations(
     halves: tuple[Half, Half],
     families: Sequence[NDArray[np.int64]],
     settings: JointEstimationSettings,
+    free: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Standard deviations (n,), in widths, with which both halves agree.
 
@@ -169,12 +207,17 @@ def agreed_deviations(
     families : arrays (n_members,) of indices of parameters that are likely to err alike, each
         parameter in one
     settings : of what disagreement is more than chance
+    free : (n, 2) widths, how far parameters that are bound to one side only can be moved down and
+        up, 0 for others; None: all are bound to both
     """
-    apart = np.array([(half.unit - unit) ** 2 for half in halves])
+    free = np.zeros((unit.size, 2)) if free is None else free
+    low, high = unit - free[:, 0], unit + free[:, 1]
+    apart = np.array([(half.unit - np.clip(half.unit, low, high)) ** 2 for half in halves])
     variances = np.array([half.deviations for half in halves]) ** 2
     informative = variances < LARGEST_DEVIATION**2
     ratios = np.sqrt(_mean(apart / (0.5 * variances), informative))
-    pooled = (1.0 / variances).sum(axis=0) ** -0.5
+    # Slopes of a half that lies where the loss is flat tell nothing of the end.
+    pooled = np.where(free.any(axis=1), 0.0, (1.0 / variances).sum(axis=0) ** -0.5)
     factors = _family_factors(ratios, families, settings.family_weight)
     agreed = np.maximum(deviations * factors, pooled)
     scatter = np.sqrt(_mean(apart, informative))
@@ -208,6 +251,7 @@ def _family_factors(
 def _agreed(
     fit: JointFit,
     deviations: NDArray[np.float64],
+    free: NDArray[np.float64],
     task: LearningTask,
     out_of_time: Callable[[], bool],
 ) -> NDArray[np.float64]:
@@ -232,13 +276,31 @@ def _agreed(
                 part.step()
     first, second = (Half(part.unit, part.posterior()[1]) for part in fits)
     families = _families(searched.names)
-    return agreed_deviations(fit.unit, deviations, (first, second), families, fit.settings)
+    return agreed_deviations(fit.unit, deviations, (first, second), families, fit.settings, free)
 
 
 def _families(names: list[str]) -> list[NDArray[np.int64]]:
     """Parameters of one pair belong together, and the densities."""
     of_pair = [name.partition("[")[2] if "," in name else "density" for name in names]
     return [np.flatnonzero([own == family for own in of_pair]) for family in dict.fromkeys(of_pair)]
+
+
+def _intervals(
+    searched: ActiveSpace,
+    unit: NDArray[np.float64],
+    moves: NDArray[np.float64],
+    one_sided: NDArray[np.bool_],
+    active: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """Intervals (|θ_s|, 2) in SI units, NaN for parameters that are not bound to one side only."""
+    intervals = np.full((active.size, 2), np.nan)
+    for axis in np.flatnonzero(one_sided):
+        parameter = np.flatnonzero(active)[axis]
+        for side, sign in enumerate((-1.0, 1.0)):
+            moved = unit.copy()
+            moved[axis] = np.clip(unit[axis] + sign * moves[axis, side], 0.0, 1.0)
+            intervals[parameter, side] = _vector(searched, moved)[parameter]
+    return intervals
 
 
 def _slopes(searched: ActiveSpace, unit: NDArray[np.float64]) -> NDArray[np.float64]:

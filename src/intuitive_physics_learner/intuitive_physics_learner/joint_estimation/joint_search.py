@@ -109,7 +109,8 @@ class JointSearch(Search):
             return super().identifiability_seconds(task, seconds)
         # The fits to both halves simulate as much as the fit to all.
         simulations = max(self.fit.simulations, 1)
-        return seconds * (1.0 + 2.0 * self.fit.posterior_simulations / simulations)
+        judged = 2 * self.fit.posterior_simulations + self.fit.move_simulations
+        return seconds * (1.0 + judged / simulations)
 
     def own_state(self) -> dict[str, Any]:
         return {

@@ -169,7 +169,7 @@ class ObservationBlock:
         return np.sqrt(3.0 / np.where(squares > 0.0, squares, np.inf))
 
     def whitened(self, residuals: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return residuals in standard deviations of the noise.
+        """Return residuals (..., W, P, 3) in standard deviations of the noise.
 
         Parameters
         ----------

@@ -180,6 +180,30 @@ class JointEstimationSettings:
         100.0,
         "factor on the steps of the finite differences from which the posterior is computed",
     )
+    move_rounds: int = _hand_set(
+        8,
+        1,
+        100,
+        "rounds of moving a parameter outwards from the estimate, and of bisecting the end",
+    )
+    move_growth: float = _hand_set(
+        3.0, 1.0, 100.0, "factor on the distance from one round outwards to the next"
+    )
+    largest_move_rise: float = number(
+        4.5,
+        0.0,
+        5.9,
+        "rise of the loss up to which a move is plausible, that of three standard deviations: a "
+        "fit may gain more than that of two by making a ball slip that does not; below the 6 of a "
+        "parabola at 2 √3 standard deviations",
+    )
+    one_sided_deviations: float = number(
+        2.0,
+        1.0,
+        100.0,
+        "distance, in those of a uniform distribution with the parameter's standard deviation, "
+        "beyond which a plausible move gives a one-sided interval; as that of J",
+    )
     fewest_observations: int = number(
         4, 2, 1000, "observations from which on fits to two halves are compared: two in each half"
     )

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
@@ -33,7 +33,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     observation_blocks,
 )
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
-from intuitive_physics_learner.search.learning_task import GaussianPrior
+from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
 from intuitive_physics_learner.search.search_space import SearchSpace
 
 NORMAL_MEDIAN = 0.6745
@@ -161,7 +161,7 @@ class TrajectoryModel:
         return Posterior(whole.covariance[:size, :size])
 
     def scanned(
-        self, estimate: Estimate, linear: Sequence[Linearisation], levels: Sequence[float]
+        self, estimate: Estimate, linear: Sequence[Linearisation], levels: ArrayLike
     ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
         """Try each parameter at each level.
 
@@ -169,7 +169,7 @@ class TrajectoryModel:
         ----------
         estimate : to move from
         linear : of each block, at the estimate
-        levels : places on the unit interval
+        levels : (n_levels,) places on the unit interval, or (n, n_levels) of each parameter
 
         Returns
         -------
@@ -178,9 +178,9 @@ class TrajectoryModel:
         found : of each block, (q, n_levels, W, d) deviations from the observed initial states, in
             SI units, fitted to the levels
         """
-        each = np.tile(levels, (estimate.unit.size, 1))
+        each = np.broadcast_to(levels, (estimate.unit.size, np.shape(levels)[-1]))
         candidates = ScanCandidates(estimate.unit, self._groups, self.space, each)
-        away = np.array(levels) - estimate.unit[:, None]
+        away = each - estimate.unit[:, None]
         rises = self.prior.scores(estimate.unit)[:, None] * away
         rises += 0.5 * np.diag(self.prior.precision)[:, None] * away**2
         found = []
@@ -193,9 +193,9 @@ class TrajectoryModel:
             present = part.estimate[None], slopes.residuals[None]
             here = part.losses(block, *present, self.settings)
             there = part.losses(block, states, residuals, self.settings) - here
-            by_level = there.T.reshape(*block.parameters.shape, len(levels))
+            by_level = there.T.reshape(*block.parameters.shape, each.shape[1])
             np.add.at(rises, block.parameters, by_level)
-            found.append(states.reshape(parameters, len(levels), *part.estimate.shape))
+            found.append(states.reshape(parameters, each.shape[1], *part.estimate.shape))
         return rises, found
 
     def curvature_posterior(self, estimate: Estimate) -> tuple[Posterior, NDArray[np.float64]]:
@@ -218,6 +218,58 @@ class TrajectoryModel:
         away = np.abs(np.array(self._curvature_levels) - estimate.unit[:, None])
         deviations.append(np.where(rises < PLAUSIBLE_RISE, 0.5 * away, 0.0).max(axis=1))
         return posterior, np.max(deviations, axis=0)
+
+    def plausible_moves(
+        self, estimate: Estimate, first: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return how far each parameter can be moved without an implausible rise of the loss.
+
+        Each is moved outwards from the estimate, with initial states fitted to each place, and the
+        end is bisected. A rise that its bounds alone bring does not count.
+
+        Parameters
+        ----------
+        estimate : to move from
+        first : (n,) widths, the first move to each side; a parameter that can be moved by it to no
+            side is not looked at further
+
+        Returns
+        -------
+        (n, 2) widths down and up, 0 for parameters that are not looked at further
+        """
+        linear = self.linearised(estimate, self.settings.curvature_widening)
+        unit = estimate.unit
+        room = np.stack([unit, 1.0 - unit], axis=1)
+        inner, outer = np.zeros_like(room), np.full_like(room, np.inf)
+        moves = np.minimum(first[:, None], room)
+        asked = np.ones(unit.size, dtype=bool)
+        for _ in range(self.settings.move_rounds):
+            away = moves * (-1.0, 1.0)
+            rises, _ = self.scanned(estimate, linear, unit[:, None] + away)
+            from_mean = (unit - self.prior.mean)[:, None]
+            rises -= UNIFORM_PRECISION * (from_mean * away + 0.5 * away**2)
+            plausible = rises < self.settings.largest_move_rise
+            inner = np.where(plausible, moves, inner)
+            outer = np.where(plausible, outer, moves)
+            asked &= (inner > 0.0).any(axis=1)
+            if not asked.any():
+                break
+            outwards = np.minimum(self.settings.move_growth * moves, room)
+            moves = np.where(np.isinf(outer), outwards, 0.5 * (inner + outer))
+        return np.where(asked[:, None], inner, 0.0)
+
+    @property
+    def move_simulations(self) -> int:
+        """Simulations of single observations that `plausible_moves` takes at most."""
+        return sum(
+            block.members.size
+            * (
+                1
+                + 2 * block.initial_states.components.shape[1]
+                + (2 + 4 * self.settings.move_rounds) * block.parameters.shape[1]
+            )
+            for block in self.blocks
+        )
 
     @property
     def curvature_simulations(self) -> int:

@@ -106,7 +106,7 @@ class Reduction:
         return np.maximum(np.diag(self.before) - fall, 0.0)
 
     def determinant_fall(self, blur: float) -> NDArray[np.float64]:
-        """Fall (W,) of ln det of the covariances, `blur`² added to each variance.
+        """Fall (W,) of ln det of the covariances, the square of `blur` added to each variance.
 
         By the matrix determinant lemma det(M - U D Uᵀ) = det M det(I - D Uᵀ M⁻¹ U).
 

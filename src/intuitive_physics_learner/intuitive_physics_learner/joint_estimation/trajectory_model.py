@@ -231,7 +231,7 @@ class TrajectoryModel:
         ----------
         estimate : to move from
         first : (n,) widths, the first move to each side; a parameter that can be moved by it to no
-            side is not looked at further
+            side, or that its bounds leave no room for it, is not looked at further
 
         Returns
         -------
@@ -242,7 +242,7 @@ class TrajectoryModel:
         room = np.stack([unit, 1.0 - unit], axis=1)
         inner, outer = np.zeros_like(room), np.full_like(room, np.inf)
         moves = np.minimum(first[:, None], room)
-        asked = np.ones(unit.size, dtype=bool)
+        asked = first < room.max(axis=1)
         for _ in range(self.settings.move_rounds):
             away = moves * (-1.0, 1.0)
             rises, _ = self.scanned(estimate, linear, unit[:, None] + away)

@@ -110,7 +110,7 @@ def test_what_all_observations_share_does_not_average_out():
     slopes = np.array([beta, 1.0]) / sigma
     hessian = np.tile(np.outer(slopes, slopes) + np.diag([1.0, 0.0]), (count, 1, 1))
     zero = np.zeros((count, 1), dtype=np.int64)
-    equations = NormalEquations(zero, 1, hessian, np.zeros((count, 2)))
+    equations = NormalEquations(zero, 1, hessian, np.zeros((count, 2)), np.ones(count))
     common = equations.with_common(zero, 1).eliminated()
     precision = np.diag([1e-12, 1.0])
     covariance = Posterior.of([common], precision).covariance

@@ -39,12 +39,14 @@ class TrajectoryFits:
     deviations : (W, d) standard deviation of each, in SI units
     horizons : (W,) s, the last time of each observation that is fitted
     misfits : (W,) consecutive steps in which each had a misfit
+    weights : (W,) with which each counts in what it says of θ_s
     """
 
     estimate: NDArray[np.float64]
     deviations: NDArray[np.float64]
     horizons: NDArray[np.float64]
     misfits: NDArray[np.int64]
+    weights: NDArray[np.float64]
 
     @staticmethod
     def initial(block: ObservationBlock, settings: JointEstimationSettings) -> TrajectoryFits:
@@ -54,6 +56,7 @@ class TrajectoryFits:
             np.minimum(block.prior_deviations, settings.largest_state_deviation),
             first_horizons(block, settings),
             np.zeros(block.members.size, dtype=np.int64),
+            np.ones(block.members.size),
         )
 
     def losses(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from intuitive_physics_learner.joint_estimation.local_likelihood import (
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     NormalEquations,
     Posterior,
+    agreement_weights,
     bounded_step,
 )
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
@@ -176,7 +177,7 @@ class JointFit:
         if self.steps in self.settings.scan_steps and self._scan(linear):
             linear = self._model.linearised(self._estimate)
         self.steps += 1
-        equations = self._model.equations(self._estimate, linear)
+        equations = self._weighed(self._model.equations(self._estimate, linear))
         self._note_responses(linear)
         goals = self._predict(linear, equations)
         self._move(equations, goals)
@@ -207,6 +208,25 @@ class JointFit:
         self.responsive = np.array(state["responsive"])
         for part, saved in zip(self._estimate.fits, state["fits"], strict=True):
             part.load_state(saved)
+
+    def _weighed(self, equations: list[NormalEquations]) -> list[NormalEquations]:
+        """Give each observation the weight with which it agrees with the others."""
+        posterior, eliminated = self._model.posterior(equations)
+        scores = self.prior.scores(self.unit)
+        for part in eliminated:
+            np.add.at(scores, part.parameters, part.scores)
+        found = agreement_weights(
+            eliminated,
+            [each.weights for each in equations],
+            posterior,
+            -posterior.covariance @ scores,
+            self.settings.agreement_freedom,
+        )
+        for fits, weights in zip(self._estimate.fits, found, strict=True):
+            fits.weights = weights
+        return [
+            replace(each, weights=weights) for each, weights in zip(equations, found, strict=True)
+        ]
 
     def _note_responses(self, linear: Sequence[Linearisation]) -> None:
         for block, slopes in zip(self._model.blocks, linear, strict=True):
@@ -249,7 +269,7 @@ class JointFit:
             model.simulations += len(index) * block.members.size
             own = part.losses(block, trying, residuals, settings)
             for u in range(len(units)):
-                losses[u] += own[index == u].min(axis=0).sum()
+                losses[u] += (part.weights * own[index == u].min(axis=0)).sum()
             tried.append((trying, residuals, own))
         best = int(np.argmin(losses))
         moved = np.abs(units[best] - self.unit) / self._estimate.deviations

@@ -50,12 +50,14 @@ class NormalEquations:
     state_size : d
     hessian : (W, d + q, d + q) H, in inverse units of the unknowns
     gradient : (W, d + q) g, likewise
+    weights : (W,) above 0, with which each observation counts in what it says of the parameters
     """
 
     parameters: NDArray[np.int64]
     state_size: int
     hessian: NDArray[np.float64]
     gradient: NDArray[np.float64]
+    weights: NDArray[np.float64]
 
     @staticmethod
     def of(
@@ -64,6 +66,7 @@ class NormalEquations:
         linear: Linearisation,
         until: NDArray[np.float64],
         settings: JointEstimationSettings,
+        weights: NDArray[np.float64] | None = None,
     ) -> NormalEquations:
         """Set them up with the points up to a time.
 
@@ -74,27 +77,29 @@ class NormalEquations:
         linear : at that estimate
         until : (W,) s, the last time that counts
         settings : of the weight of outliers
+        weights : (W,) of the observations; None: 1
         """
         outlier = settings.outlier_length
         counted = linear.valid & (block.times <= until[:, None])
         residuals = block.whitened(np.where(counted[..., None], linear.residuals, 0.0))
         lengths = np.linalg.norm(residuals, axis=2)
-        weights = np.sqrt(np.minimum(1.0, outlier / np.maximum(lengths, outlier))) * counted
+        rooted = np.sqrt(np.minimum(1.0, outlier / np.maximum(lengths, outlier))) * counted
         count, k = linear.slopes.shape[:2]
         slopes = np.einsum("wpij,wkpj->wkpi", block.whitening, linear.slopes)
-        weighted = slopes * weights[:, None, :, None]
+        weighted = slopes * rooted[:, None, :, None]
         weighted = weighted.reshape(count, k, 3 * lengths.shape[1])
         # Not by BLAS: on matrices so small its threads wait for one another, the longer the busier
         # the machine is.
         hessian = np.einsum("wip,wjp->wij", weighted, weighted)
-        target = (residuals * weights[..., None]).reshape(count, -1)
+        target = (residuals * rooted[..., None]).reshape(count, -1)
         gradient = np.einsum("wip,wp->wi", weighted, target)
         d = estimate.shape[1]
         precision = block.prior_deviations**-2
         diagonal = np.arange(d)
         hessian[:, diagonal, diagonal] += precision
         gradient[:, :d] += precision * estimate
-        return NormalEquations(block.parameters, d, hessian, gradient)
+        own = np.ones(count) if weights is None else weights
+        return NormalEquations(block.parameters, d, hessian, gradient, own)
 
     def with_common(self, index: NDArray[np.int64], first: int) -> NormalEquations:
         """Return the equations with shared errors as parameters that observations have in common.
@@ -112,7 +117,7 @@ class NormalEquations:
         diagonal = np.arange(d, self.state_size)
         hessian[:, diagonal, diagonal] -= 1.0
         parameters = np.hstack([first + index, self.parameters])
-        return NormalEquations(parameters, d, hessian, self.gradient)
+        return NormalEquations(parameters, d, hessian, self.gradient, self.weights)
 
     def eliminated(self, damping: float = 0.0) -> Elimination:
         """Solve for the initial states, their diagonal enlarged by the part `damping`."""
@@ -128,8 +133,8 @@ class NormalEquations:
             self.parameters,
             gains,
             offsets,
-            self.hessian[:, d:, d:] - across @ gains,
-            self.gradient[:, d:] - (across @ offsets[..., None])[..., 0],
+            (self.hessian[:, d:, d:] - across @ gains) * self.weights[:, None, None],
+            (self.gradient[:, d:] - (across @ offsets[..., None])[..., 0]) * self.weights[:, None],
         )
 
 
@@ -142,8 +147,8 @@ class Elimination:
     parameters : (W, q) indices of each observation's parameters
     gains : (W, d, q) H_ss⁻¹ H_sp, SI units per width
     offsets : (W, d) H_ss⁻¹ g_s, in SI units
-    information : (W, q, q) H_pp - H_ps H_ss⁻¹ H_sp, per width²
-    scores : (W, q) g_p - H_ps H_ss⁻¹ g_s, per width
+    information : (W, q, q) H_pp - H_ps H_ss⁻¹ H_sp, per width², times the observation's weight
+    scores : (W, q) g_p - H_ps H_ss⁻¹ g_s, per width, likewise
     """
 
     parameters: NDArray[np.int64]
@@ -173,6 +178,67 @@ class Elimination:
         """
         own = parameter_steps[self.parameters][..., None]
         return -self.offsets - (self.gains @ own)[..., 0]
+
+
+NEGLIGIBLE = 1e-7
+"""Part of the largest eigenvalue of a covariance below which one counts as rounding."""
+
+
+def agreement_weights(
+    eliminations: Sequence[Elimination],
+    weights: Sequence[NDArray[np.float64]],
+    posterior: Posterior,
+    step: NDArray[np.float64],
+    freedom: float,
+) -> list[NDArray[np.float64]]:
+    """Weigh observations by how well each agrees with all others.
+
+    A fit that has taken a wrong turn at some contact holds the parameters with all the information
+    of what follows, so that a few such observations can outweigh hundreds. Without observation i
+    the parameters would be u + δ, with the covariance C₋ᵢ = (C⁻¹ - w_i Λ_i)⁻¹ (C of all), where
+    δ = C₋ᵢ (C⁻¹ Δ + w_i g_i) and Δ is the Newton step of all. There its own score
+
+        g_i + Λ_i δ  has the covariance  V = Λ_i + Λ_i C₋ᵢ Λ_i,
+
+    so its square T by V⁻¹ has the distribution χ² with r = rank V degrees of freedom where all is
+    right. The weight is that of Student's distribution with ν degrees of freedom (Lange, Little and
+    Taylor 1989), (ν + r) / (ν + T / t), at most 1, where t is the median of T / r, at least 1:
+    what all observations disagree about is no fault of one.
+
+    Parameters
+    ----------
+    eliminations : of each block, weighted
+    weights : of each block, (W,) those weights
+    posterior : of the n parameters, from all of these
+    step : (n,) widths, Newton step of all
+    freedom : ν
+
+    Returns
+    -------
+    Of each block, (W,) weights.
+    """
+    squares, ranks = [], []
+    for part, weight in zip(eliminations, weights, strict=True):
+        rows, columns = part.parameters[:, :, None], part.parameters[:, None, :]
+        own = posterior.covariance[rows, columns]
+        left = np.linalg.inv(np.eye(own.shape[1]) - own @ part.information)
+        without = left @ own
+        moved = left @ step[part.parameters][..., None] + without @ part.scores[..., None]
+        information = part.information / weight[:, None, None]
+        scores = part.scores / weight[:, None] + (information @ moved)[..., 0]
+        spread = information + information @ without @ information
+        values, vectors = np.linalg.eigh(0.5 * (spread + spread.transpose(0, 2, 1)))
+        along = np.einsum("wij,wi->wj", vectors, scores)
+        counted = values > np.maximum(NEGLIGIBLE * values[:, -1:], np.finfo(float).tiny)
+        parts = np.where(counted, along**2 / np.where(counted, values, 1.0), 0.0)
+        squares.append(parts.sum(axis=1))
+        ranks.append(counted.sum(axis=1))
+    ratios = np.concatenate(squares) / np.maximum(np.concatenate(ranks), 1)
+    typical = max(float(np.median(ratios)), 1.0)
+    return [
+        np.minimum((freedom + rank) / (freedom + square / typical), 1.0)
+        for square, rank in zip(squares, ranks, strict=True)
+    ]
 
 
 def bounded_step(

@@ -90,6 +90,14 @@ class JointEstimationSettings:
         unit="σ",
     )
 
+    agreement_freedom: float = number(
+        4.0,
+        0.1,
+        1e6,
+        "degrees of freedom of Student's distribution by which observations that contradict all "
+        "others count less; the value that is usual for robust regression (Lange, Little and "
+        "Taylor 1989)",
+    )
     first_damping: float = _hand_set(
         1e-2, 1e-12, 1e12, "damping of the first Levenberg-Marquardt step, a part of the diagonal"
     )

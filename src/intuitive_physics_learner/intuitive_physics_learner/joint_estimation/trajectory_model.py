@@ -128,7 +128,9 @@ class TrajectoryModel:
     ) -> list[NormalEquations]:
         """Set up the equations of each block with the points up to the fit horizons."""
         return [
-            NormalEquations.of(block, part.estimate, each, part.horizons, self.settings)
+            NormalEquations.of(
+                block, part.estimate, each, part.horizons, self.settings, part.weights
+            )
             for (block, part), each in zip(self.parts(estimate), linear, strict=True)
         ]
 

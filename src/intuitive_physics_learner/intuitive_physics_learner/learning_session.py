@@ -100,7 +100,9 @@ def learn(
 ) -> LearningResult:
     """Learn from observations without a store.
 
-    Only parameters that the observations could depend on are searched (`active_parameters`).
+    Only parameters that the observations could depend on are searched (`active_parameters`). Where
+    the search ends at a θ_s that explains the observations less well than a previous learned one,
+    by the measure of its method, that one is kept.
 
     Parameters
     ----------
@@ -149,6 +151,9 @@ def learn(
     )
     if found.stop_reason is StopReason.CANCELLED:
         raise LearningCancelledError
+    if task.start_was_learned and search.keep_start(task):
+        kept = search.best_parameters
+        found = replace(found, parameters=kept, cost=float(task.cost.costs([kept])[0]))
     limit = options.criteria.time_limit
     identifiability = search.identifiability(
         task,
@@ -214,17 +219,24 @@ def _begin(
             "boxes or several objects"
         )
     space = ParameterSpace(materials, options.bounds)
-    if previous.given is None:
-        return previous, LearningTask(cost, space, influence, start, None, detected_cost)
-    given = previous.given.extended(materials)
-    influence &= ~given.fixed
-    if not influence.any():
-        raise InvalidInputError(
-            "all parameters that the observations could depend on are held; set one of them as a "
-            "prior or a start"
-        )
-    task = LearningTask(cost, space, influence, start, None, detected_cost)
-    return previous, replace(task, known=_given_prior(task, given))
+    given = None if previous.given is None else previous.given.extended(materials)
+    if given is not None:
+        influence &= ~given.fixed
+        if not influence.any():
+            raise InvalidInputError(
+                "all parameters that the observations could depend on are held; set one of them as "
+                "a prior or a start"
+            )
+    task = LearningTask(
+        cost,
+        space,
+        influence,
+        start,
+        detected_cost=detected_cost,
+        start_was_learned=previous.version > 0,
+    )
+    known = None if given is None else _given_prior(task, given)
+    return previous, replace(task, known=known)
 
 
 def _given_prior(task: LearningTask, given: GivenKnowledge) -> GaussianPrior | None:

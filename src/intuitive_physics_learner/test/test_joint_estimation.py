@@ -87,6 +87,32 @@ def test_noisy_initial_states_do_not_bias(event_driven, throws, true_parameters)
     assert not learned.identified[names == "restitution[ball, ball]"].any()
 
 
+def test_a_short_search_keeps_what_explains_the_observations_better(
+    event_driven, throws, true_parameters
+):
+    observed = throws(8, 5, NOISE, STATE_NOISE)
+    search = joint_search(observed, event_driven)
+    fit = search.fit
+    while not fit.settled:
+        fit.step()
+    good, start = fit.unit.copy(), fit.prior.mean.copy()
+    assert not fit.return_if_better(start)
+    np.testing.assert_array_equal(fit.unit, good)
+    fit.begin_at(start, fit.prior.deviations, fit.observation_fits())
+    assert fit.return_if_better(good)
+    np.testing.assert_array_equal(fit.unit, good)
+    # One step from the first short horizons says less than many from long ones.
+    options = LearningOptions(JOINT_METHOD, ConvergenceCriteria(1000))
+    learned = learn(observed, event_driven, options).learned
+    short = replace(options, criteria=ConvergenceCriteria(20))
+    again = learn(observed, event_driven, short, previous=learned).learned
+    truth = true_parameters.pair(*MATERIALS)["restitution"]
+    errors = [
+        abs(each.parameters.pair(*MATERIALS)["restitution"] - truth) for each in (learned, again)
+    ]
+    assert errors[1] <= errors[0] + 1e-4
+
+
 def test_stated_deviations_cover_the_truth(event_driven, throws, true_parameters):
     scores = []
     for seed in range(10):

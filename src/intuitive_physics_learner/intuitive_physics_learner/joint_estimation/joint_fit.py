@@ -32,6 +32,10 @@ SMALLEST_RESPONSE = 1e-9
 """m per width of a parameter; a slope below this is rounding."""
 
 
+HELD_PRECISION = 1e12
+"""Per width², of a parameter that is held: it moves by rounding alone."""
+
+
 @dataclass(frozen=True, eq=False)
 class ObservationFit:
     """What a fit found for one observation, from which another fit can begin.
@@ -111,6 +115,12 @@ class JointFit:
         return self._model.curvature_simulations
 
     @property
+    def held_simulations(self) -> int:
+        """Simulations of single observations that `return_if_better` takes, about."""
+        each = self.simulations / max(self.steps, 1)
+        return int(3 * (self.settings.held_steps + 1) * each)
+
+    @property
     def move_simulations(self) -> int:
         """Simulations of single observations that `plausible_moves` takes at most."""
         return self._model.move_simulations
@@ -170,6 +180,50 @@ class JointFit:
                     part.estimate[k] = found.estimate
                     part.deviations[k] = found.deviations
                     part.horizons[k] = found.horizon
+
+    def return_if_better(self, unit: NDArray[np.float64]) -> bool:
+        """Go back to a θ_s where trajectories fit better from it, up to the present horizons.
+
+        Both θ_s are held while initial states are fitted, from those found here and from those
+        observed. The gain of a single observation counts up to `largest_vote`, so that no single
+        fit that took a wrong turn decides.
+
+        Parameters
+        ----------
+        unit : (n,) θ_s on the unit cube
+
+        Returns
+        -------
+        bool
+            Whether it was better.
+        """
+        here, found = self._held(self.unit, self.observation_fits())
+        nothing = [replace(one, estimate=0.0 * one.estimate) for one in found]
+        there, states = self._held(unit, found)
+        others, other_states = self._held(unit, nothing)
+        fresh = others < there
+        there = np.where(fresh, others, there)
+        votes = np.clip(here - there, -self.settings.largest_vote, self.settings.largest_vote)
+        if votes.sum() <= 0.0:
+            return False
+        chosen = [b if new else a for a, b, new in zip(states, other_states, fresh, strict=True)]
+        self.begin_at(unit, self._estimate.deviations, chosen)
+        return True
+
+    def _held(
+        self, unit: NDArray[np.float64], fits: Sequence[ObservationFit]
+    ) -> tuple[NDArray[np.float64], list[ObservationFit]]:
+        """Fit initial states with θ_s held; return the loss (n_observations,) of each, and them."""
+        model = self._model
+        settings = replace(self.settings, largest_advance=0.0, misfit_patience=1000, scan_steps=())
+        prior = GaussianPrior(unit, HELD_PRECISION * np.eye(unit.size))
+        fit = JointFit(model.cost, model.space, model.influence, prior, settings)
+        fit.begin_at(unit, prior.deviations, fits)
+        for _ in range(self.settings.held_steps):
+            fit.step()
+        losses = np.array([one.loss for one in fit.likelihoods()])
+        model.simulations += fit.simulations
+        return losses, fit.observation_fits()
 
     def step(self) -> None:
         """Take a damped Gauss-Newton step in all unknowns, then move the fit horizons."""

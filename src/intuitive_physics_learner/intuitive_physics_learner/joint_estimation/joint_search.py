@@ -92,6 +92,15 @@ class JointSearch(Search):
                 self._descent.begin(np.array([self.fit.prior.mean, self._lowest]))
         return self.iterations - before
 
+    def keep_start(self, task: LearningTask) -> bool:
+        if not self.lowers_cost:
+            return self.fit.return_if_better(task.begin)
+        (cost,) = task.cost.costs([task.start]).tolist()
+        better = bool(cost < self._descent.cost)
+        if better:
+            self._descent.unit, self._descent.cost = task.begin, cost
+        return better
+
     def identifiability(
         self,
         task: LearningTask,
@@ -110,6 +119,8 @@ class JointSearch(Search):
         # The fits to both halves simulate as much as the fit to all.
         simulations = max(self.fit.simulations, 1)
         judged = 2 * self.fit.posterior_simulations + self.fit.move_simulations
+        if task.start_was_learned:
+            judged += self.fit.held_simulations
         return seconds * (1.0 + judged / simulations)
 
     def own_state(self) -> dict[str, Any]:

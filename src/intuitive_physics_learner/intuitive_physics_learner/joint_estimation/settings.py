@@ -98,6 +98,17 @@ class JointEstimationSettings:
         "others count less; the value that is usual for robust regression (Lange, Little and "
         "Taylor 1989)",
     )
+    held_steps: int = _hand_set(
+        3, 1, 1000, "steps of initial states alone by which two θ_s are compared"
+    )
+    largest_vote: float = number(
+        3.0,
+        0.1,
+        1e6,
+        "loss that a single observation counts at most when two θ_s are compared: a likelihood "
+        "ratio of e³ ≈ 20, hardly chance",
+    )
+
     first_damping: float = _hand_set(
         1e-2, 1e-12, 1e12, "damping of the first Levenberg-Marquardt step, a part of the diagonal"
     )

@@ -70,6 +70,8 @@ class LearningTask:
     known : of the active parameters, before these observations; None: only their bounds
     detected_cost : over the same observations as they were detected, before any smoothing, for
         methods that fit points with their noise; None: they are those of `cost`
+    start_was_learned : whether the start was learned before, so that it must not be replaced by
+        what is worse
     """
 
     cost: Cost
@@ -78,6 +80,7 @@ class LearningTask:
     start: StaticParameters
     known: GaussianPrior | None = None
     detected_cost: Cost | None = None
+    start_was_learned: bool = False
 
     @property
     def fitted_cost(self) -> Cost:

@@ -65,6 +65,22 @@ class Search(ABC):
         """
 
     @abstractmethod
+    def keep_start(self, task: LearningTask) -> bool:
+        """Go back to the task's start where that explains the observations better.
+
+        A search that is stopped early must not replace a θ_s by a worse one.
+
+        Parameters
+        ----------
+        task : that this search is of
+
+        Returns
+        -------
+        bool
+            Whether the start is better than what was found.
+        """
+
+    @abstractmethod
     def step(self, limit: int, relative_gain: float = 0.0) -> int:
         """Do a piece of work of up to `limit` evaluations of J; return how many there were.
 
@@ -259,6 +275,13 @@ class ParameterSearch(Search):
                 self._best_point = point
             self._record(min(cost, self.best_cost), relative_gain)
         return len(points)
+
+    def keep_start(self, task: LearningTask) -> bool:
+        (cost,) = self._cost([task.start]).tolist()
+        better = bool(cost < self.best_cost)
+        if better:
+            self._best_point = task.begin
+        return better
 
     def own_state(self) -> dict[str, Any]:
         point = self._best_point

@@ -44,7 +44,7 @@ PATIENCE = 240.0
 """s of wall time after which a number of stored observations counts as not measured."""
 
 WORKERS = 2
-"""Processes side by side, each with one thread; CPU time is what counts."""
+"""Processes side by side, each with one thread; their CPU time is measured."""
 
 START_STORED = 100_000
 """Observations in the database that a learner starts on."""
@@ -68,7 +68,7 @@ are fitted jointly."""
 
 @dataclass(frozen=True)
 class StreamCost:
-    """What observations cost with so many stored.
+    """Cost of new observations beside a number of stored ones.
 
     Parameters
     ----------

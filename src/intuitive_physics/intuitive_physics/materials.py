@@ -185,6 +185,19 @@ def parameter_names(materials: Sequence[str]) -> list[str]:
     return names
 
 
+def parameter_key(name: str) -> tuple[str, tuple[str, ...]]:
+    """Return what a parameter's name stands for: its kind, and its materials in one order.
+
+    Names of `parameter_names` that differ only in which material of a pair stands first have the
+    same key. What is no such name has no materials.
+    """
+    kind, _, rest = name.partition("[")
+    if not rest.endswith("]"):
+        return name, ()
+    materials = rest[:-1].split(",") if kind != "density" else [rest[:-1]]
+    return kind, tuple(sorted(material.strip() for material in materials))
+
+
 def parameter_places(
     materials: Sequence[str], others: Sequence[str]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

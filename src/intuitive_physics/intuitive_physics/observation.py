@@ -261,7 +261,7 @@ class Observation:
         by less than `SAME_SHARE` of the mean square that independent errors would make.
 
         Where one of two objects has no detections the trajectories are compared, with the errors of
-        the other one's detections; where neither has any, nothing tells how large the noise is, and
+        the other one's detections; where neither has any, the size of the noise is unknown, and
         only the same id means the same motion. Motions whose `time_span` do not overlap are never
         the same.
         """

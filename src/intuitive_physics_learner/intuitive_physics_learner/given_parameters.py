@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.materials import StaticParameters, parameter_names, parameter_places
+from intuitive_physics.materials import (
+    StaticParameters,
+    parameter_key,
+    parameter_names,
+    parameter_places,
+)
 from intuitive_physics.parameter_posterior import (
     UNIFORM_PRECISION,
     ParameterPosterior,
@@ -149,25 +154,17 @@ def _checked_posterior(
 
 def _chosen(given: LearnedParameters, names: Sequence[str]) -> NDArray[np.bool_]:
     """Which parameters (|θ_s|,) have the names."""
-    place = {_unordered(name): i for i, name in enumerate(parameter_names(given.materials))}
+    place = {parameter_key(name): i for i, name in enumerate(parameter_names(given.materials))}
     chosen = np.zeros(len(place), dtype=bool)
     for name in names:
-        if _unordered(name) not in place:
+        if parameter_key(name) not in place:
             raise UnknownNameError(
                 f"parameter is {name!r}; expected one of the given materials, such as "
                 f"{next(iter(parameter_names(given.materials)))!r} or "
                 f"{parameter_names(given.materials)[-1]!r}"
             )
-        chosen[place[_unordered(name)]] = True
+        chosen[place[parameter_key(name)]] = True
     return chosen
-
-
-def _unordered(name: str) -> tuple[str, tuple[str, ...]]:
-    kind, _, rest = name.partition("[")
-    if not rest.endswith("]"):
-        return name, ()
-    materials = rest[:-1].split(",") if kind != "density" else [rest[:-1]]
-    return kind, tuple(sorted(material.strip() for material in materials))
 
 
 def _knowledge(given: LearnedParameters, as_what: str) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters, parameter_names
+from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters, parameter_places
 from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.parameter_posterior import (
     UNIFORM_PRECISION,
@@ -316,8 +316,7 @@ def _merged(
     method: str,
 ) -> LearnedParameters:
     """The next version of θ_s, over all known materials."""
-    place = {name: i for i, name in enumerate(parameter_names(previous.materials))}
-    searched = np.array([place[name] for name in parameter_names(parameters.materials)])
+    _, searched = parameter_places(parameters.materials, previous.materials)
     values = parameter_vector(previous.parameters)
     deviations = previous.standard_deviations.copy()
     identified = previous.identified.copy()

@@ -1,4 +1,4 @@
-"""The noise of observed points: its size for each track, its shape, and what errs alike."""
+"""The noise of observed points: its size for each track, its shape, errors that points share."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ Here the same is computed detection by detection in the order of time, as a Kalm
 state (x, θ_s) does: before each one, the covariance says how well its position is predicted. As in
 the estimation (`fit_horizons`), a detection counts only if that is well enough and the slopes hold
 as far as the uncertainty reaches; from the first one on that does not, motion is chaotic to the
-estimator, and the rest of the track tells nothing.
+estimator, and the rest of the track gives no information.
 
 Lindley (1956), *On a measure of the information provided by an experiment*; Chaloner and Verdinelli
 (1995), *Bayesian experimental design: a review*, on linearisation at draws from the posterior.

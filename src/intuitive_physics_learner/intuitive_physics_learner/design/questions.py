@@ -1,4 +1,4 @@
-"""What a throw is to tell of: parameters, or the answer to a query."""
+"""What a throw shall determine: parameters, or the answer to a query."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
-from intuitive_physics.materials import StaticParameters, parameter_places
+from intuitive_physics.materials import StaticParameters, parameter_key, parameter_places
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.regions import Region
 from intuitive_physics.scene import Scene
@@ -126,12 +126,13 @@ class AboutParameters(Question):
         UnknownNameError
             When there is no such parameter.
         """
-        places = {_plain(name): k for k, name in enumerate(known)}
+        places = {parameter_key(name): k for k, name in enumerate(known)}
         found = []
         for name in self.names:
-            if _plain(name) not in places:
+            key = parameter_key(name.strip())
+            if key not in places:
                 raise UnknownNameError(f"parameter is {name!r}; expected one of {', '.join(known)}")
-            found.append(places[_plain(name)])
+            found.append(places[key])
         if not found or len(set(found)) != len(found):
             raise InvalidInputError(
                 f"parameters asked for are {list(self.names)}; expected at least one, each once"
@@ -241,8 +242,3 @@ class AboutMotion(Question):
             return positions[:, -1]
         enters = self.region.contains(positions).any(axis=1).astype(np.float64)
         return np.where(rollout.status == 0, enters, np.nan)[:, None]
-
-
-def _plain(name: str) -> tuple[str, frozenset[str]]:
-    kind, _, inside = name.strip().partition("[")
-    return kind, frozenset(part.strip() for part in inside.rstrip("]").split(","))

@@ -215,7 +215,7 @@ class JointFit:
     ) -> tuple[NDArray[np.float64], list[ObservationFit]]:
         """Fit initial states with θ_s held; return the loss (n_observations,) of each, and them."""
         model = self._model
-        settings = replace(self.settings, largest_advance=0.0, misfit_patience=1000, scan_steps=())
+        settings = self.settings.with_fixed_horizons()
         prior = GaussianPrior(unit, HELD_PRECISION * np.eye(unit.size))
         fit = JointFit(model.cost, model.space, model.influence, prior, settings)
         fit.begin_at(unit, prior.deviations, fits)

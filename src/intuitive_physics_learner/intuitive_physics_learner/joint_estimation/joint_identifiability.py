@@ -32,12 +32,14 @@ from intuitive_physics_learner.cost.trials import Trials
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.observation_blocks import resting
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
-from intuitive_physics_learner.joint_estimation.trajectory_model import NORMAL_MEDIAN
 from intuitive_physics_learner.search.identifiability import Identifiability, widened_information
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.one_sided_intervals import UNIFORM
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
 from intuitive_physics_learner.search.search_space import ActiveSpace
+
+NORMAL_MEDIAN = 0.6745
+"""Median of |x| for x of the standard normal distribution."""
 
 SLOPE_STEP = 1e-5
 """Width of the differences that find how θ_s changes along an axis of the unit cube."""

@@ -1,4 +1,4 @@
-"""The noise of observed points: its covariance, how heavy it is for each track, what errs alike.
+"""The noise of observed points: its covariance, its size for each track, errors that points share.
 
 An observed position is the true one plus an error of its own, with the covariance C of its point
 times a factor s² of its track, plus one error that all points of the object share. C is what the

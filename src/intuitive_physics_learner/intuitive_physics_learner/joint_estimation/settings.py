@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,10 @@ def _hand_set(
 ) -> Any:
     """A number without a derivation."""
     return number(default, lower, upper, f"{description}; set by hand", unit=unit)
+
+
+ENDLESS_PATIENCE = 1000
+"""Steps with a misfit that a fit up to a given horizon bears: more than it takes."""
 
 
 @dataclass(frozen=True)
@@ -296,6 +300,10 @@ class JointEstimationSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
+
+    def with_fixed_horizons(self) -> JointEstimationSettings:
+        """Return the settings of a fit whose horizons stay, and that scans nothing."""
+        return replace(self, largest_advance=0.0, misfit_patience=ENDLESS_PATIENCE, scan_steps=())
 
     def difference_steps(self, deviations: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the steps (...,) of finite differences, in the unit of each deviation.

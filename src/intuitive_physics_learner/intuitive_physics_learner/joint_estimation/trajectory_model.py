@@ -36,9 +36,6 @@ from intuitive_physics_learner.joint_estimation.settings import JointEstimationS
 from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
 from intuitive_physics_learner.search.search_space import SearchSpace
 
-NORMAL_MEDIAN = 0.6745
-"""Median of |x| for x of the standard normal distribution."""
-
 PLAUSIBLE_RISE = 2.0
 """Loss that two standard deviations cost: half of two squared."""
 

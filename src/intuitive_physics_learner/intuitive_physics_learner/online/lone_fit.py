@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,8 +17,36 @@ from intuitive_physics_learner.online.options import RecursionSettings
 from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
-ENDLESS_PATIENCE = 1000
-"""Steps with a misfit that a fit up to a given horizon bears: more than it takes."""
+FitTask = tuple[Cost, ActiveSpace, NDArray[np.bool_], GaussianPrior]
+"""Of a joint fit: cost of the observations, space of the n parameters, (n_observations, n) which
+observation can depend on which, and prior."""
+
+
+def log_evidence(
+    task: FitTask, found: JointFit, horizons: Sequence[float], settings: RecursionSettings
+) -> float:
+    """Return ln ∫ p(points up to horizons | θ_s) p(θ_s) dθ_s by Laplace's approximation.
+
+    Parameters
+    ----------
+    task : of the fit
+    found : fit of that task, near which the integrand is large
+    horizons : s, the last time of each observation that counts; evidences up to different ones do
+        not compare
+    settings : of the steps
+    """
+    *_, prior = task
+    fit = JointFit(*task, settings.joint().with_fixed_horizons())
+    fits = zip(found.observation_fits(), horizons, strict=True)
+    fit.begin_at(found.unit, prior.deviations, [replace(one, horizon=h) for one, h in fits])
+    for _ in range(settings.scoring_steps):
+        fit.step()
+    loss, precision = float(prior.losses(fit.unit[None])[0]), prior.precision.copy()
+    for one in fit.likelihoods():
+        precision[np.ix_(one.parameters, one.parameters)] += one.information
+        loss += one.loss
+    narrowed = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(prior.precision)[1]
+    return -loss - 0.5 * float(narrowed)
 
 
 class LoneFit:
@@ -88,18 +117,8 @@ class LoneFit:
         ----------
         horizon : s, the last time that counts; evidences up to different ones do not compare
         """
-        fixed = replace(
-            self._settings.joint(), largest_advance=0.0, misfit_patience=ENDLESS_PATIENCE
-        )
-        fit = JointFit(self._cost, self._space, self._everything, self._prior, fixed)
-        deviations = self._prior.deviations
-        fit.begin_at(self._fit.unit, deviations, [replace(self.found, horizon=horizon)])
-        for _ in range(self._settings.scoring_steps):
-            fit.step()
-        (likelihood,) = fit.likelihoods()
-        loss = likelihood.loss + float(self._prior.losses(fit.unit[None])[0])
-        narrowed = np.linalg.slogdet(self._prior.precision + likelihood.information)[1]
-        return -loss - 0.5 * float(narrowed - np.linalg.slogdet(self._prior.precision)[1])
+        task = self._cost, self._space, self._everything, self._prior
+        return log_evidence(task, self._fit, [horizon], self._settings)
 
     @property
     def _everything(self) -> NDArray[np.bool_]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import UnsupportedSceneError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.materials import PAIR_COEFFICIENTS, material_pairs, parameter_names
+from intuitive_physics.materials import PAIR_COEFFICIENTS, material_pairs, parameter_places
 from intuitive_physics.observation import Observation
 from intuitive_physics.parameter_posterior import (
     LARGEST_DEVIATION,
@@ -31,7 +31,7 @@ from intuitive_physics_learner.online.information import (
     jackknife_variances,
     marginal,
 )
-from intuitive_physics_learner.online.lone_fit import ENDLESS_PATIENCE, LoneFit
+from intuitive_physics_learner.online.lone_fit import LoneFit, log_evidence
 from intuitive_physics_learner.online.online_state import Member, OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions, RecursionSettings
 from intuitive_physics_learner.search.identifiability import widened_information
@@ -309,8 +309,7 @@ class OnlineLearner:
         together = tuple(dict.fromkeys((*state.materials, *materials)))
         if together == state.materials:
             return
-        place = {name: i for i, name in enumerate(parameter_names(together))}
-        places = np.array([place[n] for n in parameter_names(state.materials)], dtype=np.int64)
+        _, places = parameter_places(state.materials, together)
         space = ParameterSpace(together)
         centre = space.to_unit(LearnedParameters.defaults(together).parameters)
         unit = centre.copy()
@@ -587,7 +586,6 @@ class WindowProblem:
         settings: RecursionSettings,
     ) -> None:
         self._task = (cost, space, influence, prior)
-        self._prior = prior
         self._settings = settings
 
     def fit(self, scans: tuple[int, ...]) -> JointFit:
@@ -603,25 +601,10 @@ class WindowProblem:
         """Return the fit of the larger evidence, up to the longer horizon of each observation."""
         pairs = zip(one.observation_fits(), other.observation_fits(), strict=True)
         horizons = [max(a.horizon, b.horizon) for a, b in pairs]
-        evidences = [self._log_evidence(fit, horizons) for fit in (one, other)]
-        return one if evidences[0] >= evidences[1] else other
-
-    def _log_evidence(self, fit: JointFit, horizons: Sequence[float]) -> float:
-        settings = replace(
-            self._settings.joint(), largest_advance=0.0, misfit_patience=ENDLESS_PATIENCE
-        )
-        fixed = JointFit(*self._task, settings)
-        begin = [
-            replace(one, horizon=h) for one, h in zip(fit.observation_fits(), horizons, strict=True)
+        evidences = [
+            log_evidence(self._task, fit, horizons, self._settings) for fit in (one, other)
         ]
-        fixed.begin_at(fit.unit, self._prior.deviations, begin)
-        run(fixed, self._settings.scoring_steps)
-        precision = self._prior.precision.copy()
-        loss = float(self._prior.losses(fixed.unit[None])[0])
-        for one in fixed.likelihoods():
-            precision[np.ix_(one.parameters, one.parameters)] += one.information
-            loss += one.loss
-        return -loss - 0.5 * float(np.linalg.slogdet(precision)[1])
+        return one if evidences[0] >= evidences[1] else other
 
 
 def run(fit: JointFit, steps: int, seconds_left: Callable[[], float] = lambda: np.inf) -> None:

@@ -22,8 +22,8 @@ class DetectedSphere:
     points : readings on its surface
     range : m from the sensor to the centre
     color : (3,) mean red, green and blue, 0 to 1; None where unknown
-    systematic_error : m, standard deviation of what errs alike in all frames, in each of centre and
-        radius; part of the covariance
+    systematic_error : m, standard deviation of the error that all frames share, in each of
+        centre and radius; part of the covariance
     """
 
     center: NDArray[np.float64]
@@ -80,8 +80,8 @@ class DetectedSolid:
     points : readings on its surface
     misfit : mean squared distance from the surface, in variances of the noise
     color : (3,) mean red, green and blue, 0 to 1; None where unknown
-    systematic_error : m, standard deviation of what errs alike in all frames in each component of
-        the centre; part of its covariance
+    systematic_error : m, standard deviation of the error that all frames share, in each
+        component of the centre; part of its covariance
     """
 
     shape: Box | Capsule

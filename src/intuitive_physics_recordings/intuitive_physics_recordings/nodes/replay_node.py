@@ -33,6 +33,10 @@ QUEUE_DEPTH = 10
 POLL_PERIOD = 0.05
 """s between two checks for subscribers."""
 
+SETTLING_TIME = 0.25
+"""s between the last awaited subscriber and the first message: the other side learns of this
+publisher a little later than this one of it, and drops best-effort messages until then."""
+
 ACKNOWLEDGE_TIMEOUT = 2.0
 """s that subscribers have at the end to acknowledge the last messages."""
 
@@ -149,8 +153,10 @@ class ReplayNode(Node):
                 for name in missing
                 if self._publishers_by_topic[name].get_subscription_count() == 0
             ]
-            if not missing or self._stopping.is_set():
+            if self._stopping.is_set():
                 return
+            if not missing:
+                break
             if time.monotonic() > deadline:
                 raise InvalidInputError(
                     f"nobody subscribed to {', '.join(missing)} within {self._wait_timeout:g} s; "
@@ -158,6 +164,8 @@ class ReplayNode(Node):
                     "wait_for_subscribers"
                 )
             self._stopping.wait(POLL_PERIOD)
+        if self._awaited:
+            self._stopping.wait(SETTLING_TIME)
 
     def _wait_until_acknowledged(self) -> None:
         # Else the last messages may die with this process, before reliable subscribers had them.

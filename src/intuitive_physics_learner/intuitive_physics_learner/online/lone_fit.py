@@ -17,13 +17,13 @@ from intuitive_physics_learner.online.options import RecursionSettings
 from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
-FitTask = tuple[Cost, ActiveSpace, NDArray[np.bool_], GaussianPrior]
+_FitTask = tuple[Cost, ActiveSpace, NDArray[np.bool_], GaussianPrior]
 """Of a joint fit: cost of the observations, space of the n parameters, (n_observations, n) which
 observation can depend on which, and prior."""
 
 
 def log_evidence(
-    task: FitTask, found: JointFit, horizons: Sequence[float], settings: RecursionSettings
+    task: _FitTask, found: JointFit, horizons: Sequence[float], settings: RecursionSettings
 ) -> float:
     """Return ln ∫ p(points up to horizons | θ_s) p(θ_s) dθ_s by Laplace's approximation.
 

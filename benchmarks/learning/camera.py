@@ -44,6 +44,7 @@ from intuitive_physics_experiments.rendering.rendered_bag import (
     RenderSettings,
     render_truth,
 )
+from intuitive_physics_experiments.rendering.thrown_ball import CONTACT_LAWS
 from intuitive_physics_experiments.rendering.throws import make_throws
 from intuitive_physics_learner import active_parameters
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
@@ -138,6 +139,7 @@ def perceived_throws(
         duration=settings.throw_duration,
         pause=settings.pause,
         materials=[material],
+        fidelity=CONTACT_LAWS,
     )
     truth = GroundTruth(asdict(settings), START_TIME, camera, environment, true, tuple(thrown))
     bag = folder / "throws"

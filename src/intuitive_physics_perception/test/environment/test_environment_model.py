@@ -157,6 +157,20 @@ def test_what_moves_is_not_in_the_fused_frame(make_room, rng) -> None:
     assert np.quantile(np.min(distances, axis=0), 0.999) < 0.03
 
 
+@pytest.mark.parametrize("count", [2, 3, 8, 9])
+def test_fused_readings_are_too_near_as_often_as_too_far(count, rng) -> None:
+    # The mean error of n pixels, each the median of symmetric errors, has the standard deviation
+    # σ / √n at most. Some pixels are not read in one frame, which makes their number odd or even.
+    rays = Intrinsics(80, 60, np.array([[70.0, 0, 39.5], [0, 70.0, 29.5], [0, 0, 1]])).rays()
+    depth, sigma = 2.0, 0.006
+    depths = depth + sigma * rng.normal(size=(count, 60, 80))
+    depths[0, ::3] = np.nan
+    frames = [points_from_depth(each.astype(np.float32), rays) for each in depths]
+    fused = fuse(frames, SETTINGS, rng)
+    assert len(fused) == 60 * 80
+    assert abs(fused[:, 2].mean() - depth) < 4.0 * sigma / np.sqrt(len(fused))
+
+
 def test_planes_come_by_support_and_coplanar_ones_are_one(rng) -> None:
     # Two parts of one table with a gap between them, and a smaller wall.
     table = patch(rng, (0, -1, -1), -1.5, 1.0, 4000, noise=0.001)

@@ -172,25 +172,29 @@ def test_fused_readings_are_too_near_as_often_as_too_far(count, rng) -> None:
 
 
 def test_a_wall_does_not_lift_the_floor_it_stands_on(rng) -> None:
-    # A plane's mean distance from n readings of noise σ has the standard deviation σ / √n. The foot
-    # of the wall, a strip as high as the tolerance, would lift the floor by a part of that strip.
-    noise, count = 0.001, 6000
-    floor = patch(rng, (0, -1, 0), -1.0, 1.6, count, noise) + [0.0, 0.0, 2.0]
-    wall = patch(rng, (0, 0, -1), -2.8, 1.6, count, noise) + [0.0, 0.2, 0.0]
+    # n readings of noise σ, evenly over a square of edge a, tell a plane's distance from its centre
+    # to σ / √n and each slope to σ √12 / (a √n). A strip of the wall's foot, as high as the
+    # tolerance, would lift the end of the floor, and the floor's end push the wall.
+    noise, edge, count = 0.015, 1.6, 12000
+    across, along, up = rng.uniform(-0.5 * edge, 0.5 * edge, (3, count))
+    floor = np.column_stack([across, np.full(count, 1.0), 2.0 + along])
+    wall = np.column_stack([across, 0.2 + up, np.full(count, 2.8)])
     points = np.concatenate([floor, wall])
+    points *= (
+        1.0 + noise * rng.normal(size=(2 * count, 1)) / np.linalg.norm(points, axis=1)[:, None]
+    )
     exact = replace(SETTINGS, range_noise_constant=noise, range_noise_quadratic=0.0)
     planes = detect_planes(points, RangeNoise.from_settings(exact), exact, rng)
     assert len(planes) == 2
-    for normal, offset, centre in (
-        (np.array([0.0, -1.0, 0.0]), -1.0, np.array([0.0, 1.0, 2.0])),
-        (np.array([0.0, 0.0, -1.0]), -2.8, np.array([0.0, 0.2, 2.8])),
+    for normal, centre in (
+        ((0.0, -1.0, 0.0), (0.0, 1.0, 2.0)),
+        ((0.0, 0.0, -1.0), (0.0, 0.2, 2.8)),
     ):
-        plane = max(planes, key=lambda found, along=normal: found.normal @ along)
-        # Of a uniform square of edge a the slope is known to σ √12 / (a √n).
-        assert abs(plane.normal @ centre - plane.offset) < 5.0 * noise / np.sqrt(count)
+        plane = planes[int(np.argmax([found.normal @ normal for found in planes]))]
+        deviation = noise / np.sqrt(count)
+        assert abs(plane.normal @ centre - plane.offset) < 5.0 * deviation
         slope = np.linalg.norm(np.cross(plane.normal, normal))
-        assert slope < 5.0 * noise * np.sqrt(12.0) / (1.6 * np.sqrt(count))
-        assert plane.normal @ centre == pytest.approx(offset, abs=0.01)
+        assert slope < 5.0 * deviation * np.sqrt(12.0) / edge
 
 
 def test_planes_come_by_support_and_coplanar_ones_are_one(rng) -> None:

@@ -2,9 +2,8 @@
 
 Each set is a ball with θ_s of its own, moved by PyBullet, an engine other than the learner's. It is
 made to obey the laws by which θ_s is defined (`CONTACT_LAWS` of `rendering.thrown_ball`), else true
-coefficients are not what the ball's motion shows: of 55 that were identified in the sets 500 to 519
-moved by PyBullet as it is, 71 % were within two standard deviations, and with its own rolling
-friction but small steps 86 % of 29 in the first ten.
+coefficients are not what the ball's motion shows: of the 55 that were identified in sets 500 to 519
+moved by PyBullet as it is, 71 % were within two standard deviations, with the true planes too.
 """
 
 from __future__ import annotations

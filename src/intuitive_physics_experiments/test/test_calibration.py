@@ -10,6 +10,7 @@ import pytest
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
+from intuitive_physics.observation import Detections
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import make_simulator
@@ -73,7 +74,12 @@ def test_seeing_with_noise_is_part_of_the_prediction():
     # What happened has σ = 1, what was seen √2; the prediction knows the noise of seeing.
     rng = np.random.default_rng(3)
     seen = [
-        Outcome(scene(), TIMES, np.sqrt(2.0) * rng.standard_normal((1, 2, 3)), 1.0)
+        Outcome(
+            scene(),
+            TIMES,
+            np.sqrt(2.0) * rng.standard_normal((1, 2, 3)),
+            np.broadcast_to(np.eye(3), (1, 2, 3, 3)),
+        )
         for _ in range(300)
     ]
     assert np.abs(score(seen, normal_prediction(1.0), seed=1).coverage(0.9) - 0.9).max() < 0.06
@@ -146,7 +152,9 @@ def test_paper_outcomes_are_what_truly_happened(sphere_set):
     seen = paper_outcomes(
         runs, sphere_set.parameters, ENGINE, 6, (0.5, 2.0), np.random.default_rng(0)
     )
-    assert {outcome.position_noise for outcome in seen} == {POSITION_NOISE}
+    for outcome in seen:
+        expected = np.broadcast_to(POSITION_NOISE**2 * np.eye(3), (1, 2, 3, 3))
+        np.testing.assert_array_equal(outcome.covariances, expected)
 
 
 def test_observed_outcomes_see_first_points_only(sphere_set):
@@ -157,9 +165,37 @@ def test_observed_outcomes_see_first_points_only(sphere_set):
         np.testing.assert_array_equal(outcome.positions[0, 0], seen.positions[20])
         assert np.isnan(outcome.positions[0, 1]).all()
         # The median of some 144 windows; their noise is known to a few percent.
-        assert outcome.position_noise == pytest.approx(POSITION_NOISE, rel=0.3)
+        deviation = np.sqrt(outcome.covariances[0, 0, 0, 0])
+        assert deviation == pytest.approx(POSITION_NOISE, rel=0.3)
     with pytest.raises(InvalidInputError, match="expected at least 500"):
         observed_outcomes([runs[0].observation], 500, (0.5,))
+
+
+def test_detections_count_where_there_are_some(sphere_set):
+    # A trajectory that was smoothed says nothing of its errors; the detections say what they are.
+    run = sphere_set.test[0]
+    seen = run.observation.objects[0]
+    times = seen.trajectory.times
+    rng = np.random.default_rng(5)
+    truth = ENGINE.rollout([run.scene], sphere_set.parameters, times, orientations=False)
+    roots = np.diag([0.001, 0.002, 0.004])
+    detections = Detections(
+        times,
+        truth.positions[0, 0] + rng.standard_normal((len(times), 3)) @ roots,
+        np.broadcast_to(roots @ roots, (len(times), 3, 3)),
+        0.003**2 * np.eye(3),
+    )
+    observation = replace(run.observation, objects=(replace(seen, detections=detections),))
+    (outcome,) = observed_outcomes([observation], 6, (0.5,))
+    np.testing.assert_array_equal(outcome.positions[0, 0], detections.positions[20])
+    # The track's own factor is the median of some 140 differences: known to 10 %.
+    own = outcome.covariances[0, 0] - detections.bias
+    np.testing.assert_allclose(np.sqrt(np.diag(own)), np.diag(roots), rtol=0.3)
+    (known,) = outcome.scene.states
+    exact = run.scene.states[0].linear_velocity
+    variances = np.diag(known.covariance)[6:9]
+    assert variances[0] < variances[1] < variances[2]
+    assert (np.abs(known.linear_velocity - exact) < 4.0 * np.sqrt(variances)).all()
 
 
 def test_more_points_are_judged_at_the_same_instants(sphere_set):

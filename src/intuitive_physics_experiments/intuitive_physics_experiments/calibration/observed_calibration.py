@@ -35,6 +35,12 @@ from intuitive_physics_experiments.recorded_sets.table_tennis import (
     AirCoefficients,
     ball_parameters,
 )
+from intuitive_physics_learner.joint_estimation.point_noise import (
+    TrackNoise,
+    detected,
+    track_noises,
+)
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.learning_session import LearningOptions, learn
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria, SearchProgress
 from intuitive_physics_predictor.scores.noise_fit import FITTED_SCALES
@@ -44,8 +50,8 @@ WINDOW = 7
 """Points of a stretch that a parabola is laid through to see the noise."""
 
 SYSTEMATIC = 1e-3
-"""m on each axis. By so much a camera errs alike from frame to frame, which no parabola shows:
-rendered ones, of which the truth is known, by 0.6 to 1.4 mm."""
+"""m on each axis. By so much a camera errs alike from frame to frame, which no parabola shows,
+where no detections say how much: rendered ones, of which the truth is known, by 0.6 to 1.4 mm."""
 
 SAME_TIME = 1e-3
 """s between points of two objects that count as seen at once."""
@@ -80,7 +86,52 @@ def observed_outcomes(
     InvalidInputError
         When an object was seen less often.
     """
-    return [_outcome(seen, points, np.array(horizons), densities or {}) for seen in observations]
+    as_detected = [detected(seen) for seen in observations]
+    return [
+        _outcome(seen, noises, points, np.array(horizons), densities or {})
+        for seen, noises in zip(as_detected, point_noises(as_detected), strict=True)
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class PointNoise:
+    """The errors of one object's points.
+
+    Parameters
+    ----------
+    covariances : (n, 3, 3) m², of the error that each point has of its own
+    shared : (3, 3) m², covariance of the error that is the same in all points
+    """
+
+    covariances: NDArray[np.float64]
+    shared: NDArray[np.float64]
+
+
+def point_noises(observations: Sequence[Observation]) -> list[list[PointNoise]]:
+    """Find the errors of the points of each object of each observation.
+
+    Detections state them, up to a factor of each track that joint estimation finds. Points without
+    are as noisy as their track shows, and share an error of `SYSTEMATIC`.
+
+    Parameters
+    ----------
+    observations : as `detected` returns them
+    """
+    tracks = track_noises(observations, JointEstimationSettings())
+    return [
+        [_point_noise(each, track) for each, track in zip(seen.objects, of_objects, strict=True)]
+        for seen, of_objects in zip(observations, tracks, strict=True)
+    ]
+
+
+def _point_noise(observed_object: ObservedObject, track: TrackNoise) -> PointNoise:
+    if observed_object.detections is None:
+        trajectory = observed_object.trajectory
+        variance = max(position_noise(trajectory), SMALLEST_NOISE) ** 2
+        every = np.broadcast_to(variance * np.eye(3), (len(trajectory), 3, 3))
+        return PointNoise(every, SYSTEMATIC**2 * np.eye(3))
+    roots = np.linalg.inv(track.whitening)
+    return PointNoise(roots @ roots.swapaxes(1, 2), track.shared @ track.shared.T)
 
 
 def position_noise(trajectory: Trajectory) -> float:
@@ -106,11 +157,14 @@ def position_noise(trajectory: Trajectory) -> float:
 
 
 def _outcome(
-    seen: Observation, points: int, horizons: NDArray[np.float64], densities: Mapping[str, float]
+    seen: Observation,
+    noises: Sequence[PointNoise],
+    points: int,
+    horizons: NDArray[np.float64],
+    densities: Mapping[str, float],
 ) -> Outcome:
     start = max(float(observed_object.trajectory.times[0]) for observed_object in seen.objects)
     states, clock = [], seen.objects[0].trajectory.times - start
-    noises = [position_noise(observed_object.trajectory) for observed_object in seen.objects]
     for observed_object, noise in zip(seen.objects, noises, strict=True):
         if len(observed_object.trajectory) < points:
             raise InvalidInputError(
@@ -126,20 +180,22 @@ def _outcome(
     near = np.abs(clock[nearest] - (last + horizons)) <= frame
     times = np.where(near, clock[nearest], last + horizons)
     positions = np.full((len(seen.objects), len(times), 3), np.nan)
-    for row, observed_object in zip(positions, seen.objects, strict=True):
+    covariances = np.zeros((*positions.shape, 3))
+    for k, (observed_object, noise) in enumerate(zip(seen.objects, noises, strict=True)):
         own = observed_object.trajectory.times - start
         at = np.abs(own[:, None] - times).argmin(axis=0)
         close = np.abs(own[at] - times) <= SAME_TIME
-        row[close] = observed_object.trajectory.positions[at[close]]
+        positions[k, close] = observed_object.trajectory.positions[at[close]]
+        covariances[k, close] = noise.covariances[at[close]] + noise.shared
     scene = Scene(seen.environment, seen.scene().objects, tuple(states))
-    return Outcome(scene, times, positions, float(np.hypot(np.median(noises), SYSTEMATIC)))
+    return Outcome(scene, times, positions, covariances)
 
 
 def _initial_state(
     observed_object: ObservedObject,
     start: float,
     points: int,
-    noise: float,
+    noise: PointNoise,
     environment: Environment,
     densities: Mapping[str, float],
 ) -> ObjectState:
@@ -158,10 +214,10 @@ def _initial_state(
         position, velocity = fitted.position, fitted.linear_velocity
         covariance = fitted.covariance.copy()
     else:
-        sigma = max(noise, SMALLEST_NOISE)
-        free = flight_length(times, positions, gravity, sigma)
+        own = noise.covariances[rows]
+        free = flight_length(times, positions, gravity, own)
         position, velocity, covariance = fit_noisy_flight(
-            times[:free], positions[:free], gravity, sigma
+            times[:free], positions[:free], gravity, own[:free]
         )
     for part in (ROTATION, ANGULAR_VELOCITY):
         covariance[part, part] = known.covariance[part, part]

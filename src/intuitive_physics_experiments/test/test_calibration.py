@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
@@ -20,20 +22,30 @@ from intuitive_physics_cli.evaluation.evaluation import free_flight
 from intuitive_physics_experiments.calibration.calibrate import (
     FITTED,
     OURS,
+    Calibration,
     fixed_noise,
     free_flights,
+    ideal_energy_scores,
+    ratios_of_means,
 )
 from intuitive_physics_experiments.calibration.observed_calibration import (
+    calibrate_on_observations,
+    fitted_scales,
     observed_outcomes,
     position_noise,
+    splits_of,
 )
 from intuitive_physics_experiments.calibration.paper_calibration import (
     PaperCalibrationOptions,
     calibrate_on_paper_set,
     paper_outcomes,
 )
-from intuitive_physics_experiments.calibration.report import reliability_rows, score_rows
-from intuitive_physics_experiments.calibration.verification import score
+from intuitive_physics_experiments.calibration.report import (
+    reliability_rows,
+    score_rows,
+    write_calibration,
+)
+from intuitive_physics_experiments.calibration.verification import Scores, score
 from intuitive_physics_experiments.paper.paper_dataset import POSITION_NOISE, make_paper_dataset
 from intuitive_physics_predictor.noise_scales import NoiseScales
 from intuitive_physics_predictor.scores.outcomes import Outcome, noisy_prediction
@@ -259,3 +271,105 @@ def test_calibration_on_spheres():
     }
     with pytest.raises(InvalidInputError, match="ask for more"):
         calibrate_on_paper_set(replace(options, samples=1))
+
+
+@pytest.fixture(scope="module")
+def detected_set(sphere_set):
+    """Observations whose trajectories are what was detected, and say how noisy it is."""
+    observations = []
+    for run in (*sphere_set.training, *sphere_set.test):
+        (seen,) = run.observation.objects
+        track = seen.trajectory
+        alike = np.broadcast_to(POSITION_NOISE**2 * np.eye(3), (len(track), 3, 3))
+        detections = Detections(track.times, track.positions, alike, np.zeros((3, 3)))
+        stated = replace(seen, detections=detections)
+        observations.append(replace(run.observation, objects=(stated,)))
+    return observations
+
+
+@given(count=st.integers(2, 20), more=st.integers(0, 30), seed=st.integers(0, 2**32))
+def test_each_observation_is_held_out_once(count, more, seed):
+    everything = list(range(count + more))
+    parts = splits_of(everything, count, seed)
+    assert len(parts) == count
+    assert sorted(each for _, held_out in parts for each in held_out) == everything
+    for past, held_out in parts:
+        assert sorted(past + held_out) == everything
+        assert (past, held_out) == (sorted(past), sorted(held_out))
+    sizes = [len(held_out) for _, held_out in parts]
+    assert max(sizes) - min(sizes) <= 1
+
+
+def test_one_split_holds_out_a_half_and_too_many_are_refused():
+    ((past, held_out),) = splits_of(list(range(10)), 1, 3)
+    assert (len(past), len(held_out)) == (5, 5)
+    for count in (0, -1, 11):
+        with pytest.raises(InvalidInputError, match="splits of 10 observations"):
+            splits_of(list(range(10)), count, 0)
+
+
+def test_states_of_detections_need_no_scale(detected_set):
+    assert fitted_scales(detected_set) == ("spin", "static_parameters", "unidentified")
+    silent = replace(detected_set[0].objects[0], detections=None)
+    mixed = [*detected_set, replace(detected_set[0], objects=(silent,))]
+    assert fitted_scales(mixed) == ("spin", "state", "static_parameters", "unidentified")
+
+
+def test_pooled_scores_are_those_of_all_trajectories():
+    outcomes = normal_outcomes(7)
+    whole = score(outcomes, normal_prediction(1.0), seed=1)
+    parts = Scores.pooled([Scores(*(v[at] for v in vars(whole).values())) for at in CUTS])
+    for name, values in vars(whole).items():
+        np.testing.assert_array_equal(getattr(parts, name), values)
+
+
+CUTS = (slice(0, 2), slice(2, 7))
+
+
+def test_the_error_of_a_ratio_is_that_of_repetitions():
+    rng = np.random.default_rng(0)
+    ratios, errors = [], []
+    for _ in range(400):
+        sizes = rng.gamma(2.0, 1.0, (100, 1))
+        found, error = ratios_of_means(
+            sizes * rng.uniform(0.5, 1.1, (100, 1)), sizes * rng.uniform(0.8, 1.2, (100, 1))
+        )
+        ratios.append(found[0])
+        errors.append(error[0])
+    # A standard deviation of 400 ratios is off by 1/√800 = 3.5 %; the mean is biased by 1/n.
+    assert np.mean(ratios) == pytest.approx(0.8, rel=0.005)
+    assert np.mean(errors) == pytest.approx(np.std(ratios), rel=0.12)
+
+
+def test_nothing_scores_better_than_the_truth_in_its_own_world():
+    # The energy score of N(0, s² I) on outcomes of N(0, I) in three dimensions is, with the mean
+    # length 2 √(2/π) of a standard normal vector, m (√(1 + s²) - s / √2).
+    outcomes = normal_outcomes(60)
+    truth, length = normal_prediction(1.0), 2.0 * np.sqrt(2.0 / np.pi)
+    for spread in (0.5, 1.0, 2.0):
+        scores = ideal_energy_scores(outcomes, truth, normal_prediction(spread), seed=3)
+        expected = length * (np.sqrt(1.0 + spread**2) - spread / np.sqrt(2.0))
+        # 60 · 2 · 10 outcomes, each with a score that spreads by about 0.6: 2 %.
+        assert scores.mean() == pytest.approx(expected, rel=0.06)
+    outcomes[0].positions[0, 1] = np.nan
+    scores = ideal_energy_scores(outcomes, truth, truth, seed=3)
+    np.testing.assert_array_equal(np.isnan(scores).sum(axis=0), [0, 1])
+
+
+def test_calibration_in_several_splits(detected_set, tmp_path):
+    observations = detected_set[:12]
+    found = calibrate_on_observations(
+        observations, 6, (0.3, 0.6), splits=3, sample_count=10, iterations=50
+    )
+    result = found.calibration
+    assert isinstance(result, Calibration)
+    assert found.learned.observation_count == len(observations)
+    assert len(result.fits) == len(result.fixed_deviations) == 3
+    assert all(len(scores.energy) == len(observations) for scores in result.scores.values())
+    spins = sorted(fit.scales.spin for fit in result.fits)
+    assert result.scales.spin == spins[1]
+    assert (result.ideal_energy_score_vs_fitted_noise > 0.0).all()
+    write_calibration(tmp_path, "Calibration", "calibrate", result, found.learned)
+    page = (tmp_path / "README.md").read_text(encoding="utf-8")
+    assert "medians of 3 splits" in page
+    assert page.count(f"| {len(observations)} |") == 2 * len(result.scores)

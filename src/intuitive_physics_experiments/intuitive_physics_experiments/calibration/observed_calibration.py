@@ -237,7 +237,44 @@ MASS_TOLERANCE = 0.02
 """Relative, of a ball by the rules of the sport (2.67 to 2.77 g)."""
 
 PAST_SHARE = 0.5
-"""Of the observations: θ_s is learned from these and the noise is fitted to them."""
+"""Of the observations where they are split once: θ_s is learned from these and the noise is fitted
+to them."""
+
+
+def splits_of(
+    observations: Sequence[Observation], count: int, seed: int
+) -> list[tuple[list[Observation], list[Observation]]]:
+    """Return past and held-out observations, each in their first order.
+
+    Parameters
+    ----------
+    count : of splits. 1: one part is held out. More: the observations fall into as many parts at
+        random, which are held out in turn, so that each observation is held out once.
+    seed : of the parts
+
+    Raises
+    ------
+    InvalidInputError
+        When there are fewer observations than parts, or less than one part.
+    """
+    if count == 1:
+        return [split(observations, PAST_SHARE, seed)]
+    if not 1 <= count <= len(observations):
+        raise InvalidInputError(
+            f"{count} splits of {len(observations)} observations were asked for; expected at least "
+            "1 and at most as many as there are observations"
+        )
+    part = np.empty(len(observations), dtype=np.int64)
+    part[np.random.default_rng(seed).permutation(len(observations))] = (
+        np.arange(len(observations)) % count
+    )
+    return [
+        (
+            [seen for seen, own in zip(observations, part, strict=True) if own != number],
+            [seen for seen, own in zip(observations, part, strict=True) if own == number],
+        )
+        for number in range(count)
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +283,8 @@ class ObservedCalibration:
 
     Parameters
     ----------
-    calibration, learned : of all observations
+    calibration : of all observations that were held out
+    learned : θ_s, from the past; from all observations where there are several splits
     notes : paragraphs on what only this set can show
     """
 
@@ -293,6 +331,7 @@ def calibrate_on_observations(
     points: int,
     horizons: Sequence[float],
     *,
+    splits: int = 1,
     same_settings: bool = False,
     start: LearnedParameters | None = None,
     sample_count: int = 100,
@@ -301,42 +340,61 @@ def calibrate_on_observations(
     seed: int = 0,
     on_progress: Callable[[SearchProgress], None] | None = None,
 ) -> ObservedCalibration:
-    """Learn and fit the noise with one half, predict the other half from its first points.
+    """Learn and fit the noise with one part, predict the other part from its first points.
+
+    Of several splits the scores are pooled; θ_s is then learned from all observations, and each
+    noise scale is the median over the splits.
 
     Parameters
     ----------
     points : of each object that are seen
     horizons : s after the last of them
+    splits : into past and held-out observations, as in `splits_of`
     same_settings : whether all are shots of a launcher that was set once, so that their spread is
-        compared too
+        compared too, those of the first split
     start : θ_s that learning starts from; None: the defaults
     sample_count : simulations of each prediction
     iterations : evaluations of J at most
     """
     simulator = make_simulator(engine)
-    past, held_out = split(observations, PAST_SHARE, seed)
-    criteria = ConvergenceCriteria(max_iterations=iterations)
-    learned = learn(
-        past,
-        simulator,
-        LearningOptions(method="cma_es", criteria=criteria, seed=seed),
-        previous=start,
-        on_progress=on_progress,
-    ).learned
-    densities = dict(zip(learned.materials, learned.parameters.density.tolist(), strict=True))
-    found = calibrate(
-        observed_outcomes(past, points, horizons, densities),
-        observed_outcomes(held_out, points, horizons, densities),
-        learned,
-        horizons,
-        scales_to_fit=("spin", *FITTED_SCALES),
-        sample_count=sample_count,
-        seed=seed,
-        simulator=simulator,
-    )
+    options = LearningOptions(criteria=ConvergenceCriteria(max_iterations=iterations), seed=seed)
+
+    def learned_from(past: Sequence[Observation]) -> LearnedParameters:
+        found = learn(past, simulator, options, previous=start, on_progress=on_progress)
+        return found.learned
+
+    parts = splits_of(observations, splits, seed)
+    found, versions = [], []
+    for past, held_out in parts:
+        learned = learned_from(past)
+        densities = dict(zip(learned.materials, learned.parameters.density.tolist(), strict=True))
+        versions.append(learned)
+        found.append(
+            calibrate(
+                observed_outcomes(past, points, horizons, densities),
+                observed_outcomes(held_out, points, horizons, densities),
+                learned,
+                horizons,
+                scales_to_fit=fitted_scales(observations),
+                sample_count=sample_count,
+                seed=seed,
+                simulator=simulator,
+            )
+        )
     notes: tuple[str, ...] = ()
     if same_settings:
-        parameters = found.fit.scales.parameters(learned)
-        spread = launch_spread(past, held_out, parameters, seed=seed, simulator=simulator)
+        parameters = found[0].scales.parameters(versions[0])
+        spread = launch_spread(*parts[0], parameters, seed=seed, simulator=simulator)
         notes = (spread.to_markdown(),)
-    return ObservedCalibration(found, learned, notes)
+    whole = versions[0] if splits == 1 else learned_from(observations)
+    return ObservedCalibration(Calibration.pooled(found), whole, notes)
+
+
+def fitted_scales(observations: Sequence[Observation]) -> tuple[str, ...]:
+    """Return the noise scales that observations identify.
+
+    Nobody sees the spin of a ball. Where every object has detections, the covariances of initial
+    states follow from theirs, and a scale of them could only be chance.
+    """
+    stated = all(each.detections is not None for seen in observations for each in seen.objects)
+    return ("spin", *(name for name in FITTED_SCALES if not (stated and name == "state")))

@@ -319,7 +319,7 @@ def calibrate_on_paper_set(
         seed=options.seed,
         simulator=simulator,
     )
-    ours = noisy_prediction(learned, found.fit.scales, options.sample_count, simulator)
+    ours = noisy_prediction(learned, found.scales, options.sample_count, simulator)
     most = max(options.point_counts, default=options.points)
     by_points = {
         points: score(

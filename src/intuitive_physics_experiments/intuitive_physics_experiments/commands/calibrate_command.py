@@ -33,6 +33,13 @@ def add_to(commands: Any) -> None:
         metavar="PATH",
         help=f"{PATH_HELP}; without it, the paper's synthetic set is made",
     )
+    parser.add_argument(
+        "--splits",
+        type=int,
+        default=1,
+        help="parts that the observations fall into, each of which is held out once and predicted "
+        "with what the others taught; 1: one half is held out (default: 1)",
+    )
     parser.add_argument("--horizons", type=float, nargs="+", metavar="T", help="s")
     parser.add_argument("--points", type=int, default=10, help="seen of each object (default: 10)")
     parser.add_argument("--objects", type=int, default=3, help="in the synthetic set (default: 3)")
@@ -67,7 +74,7 @@ def add_to(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Calibrate, write the folder and print its page."""
-    for name in ("points", "objects", "throws", "held_out", "samples", "iterations"):
+    for name in ("points", "splits", "objects", "throws", "held_out", "samples", "iterations"):
         lowest = {"points": 3, "samples": 4}.get(name, 1)
         if getattr(options, name) < lowest:
             raise InvalidInputError(
@@ -131,6 +138,7 @@ def _calibrate_on_observations(options: argparse.Namespace) -> None:
             observations,
             options.points,
             tuple(options.horizons or OBSERVED_HORIZONS),
+            splits=options.splits,
             same_settings=title.startswith(LAUNCHES.title),
             start=start,
             sample_count=options.samples,

@@ -29,6 +29,7 @@ from intuitive_physics_experiments.calibration.calibrate import (
     ratios_of_means,
 )
 from intuitive_physics_experiments.calibration.observed_calibration import (
+    ObservedCalibrationOptions,
     calibrate_on_observations,
     fitted_scales,
     observed_outcomes,
@@ -358,9 +359,10 @@ def test_nothing_scores_better_than_the_truth_in_its_own_world():
 
 def test_calibration_in_several_splits(detected_set, tmp_path):
     observations = detected_set[:12]
-    found = calibrate_on_observations(
-        observations, 6, (0.3, 0.6), splits=3, sample_count=10, iterations=50
+    options = ObservedCalibrationOptions(
+        6, (0.3, 0.6), splits=3, sample_count=10, iterations=50, cores=2
     )
+    found = calibrate_on_observations(observations, options)
     result = found.calibration
     assert isinstance(result, Calibration)
     assert found.learned.observation_count == len(observations)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -326,18 +328,38 @@ def _known_ball() -> LearnedParameters:
     )
 
 
+@dataclass(frozen=True)
+class ObservedCalibrationOptions:
+    """How the calibration is made.
+
+    Parameters
+    ----------
+    points : of each object that are seen
+    horizons : s after the last of them
+    splits : into past and held-out observations, as in `splits_of`
+    sample_count : simulations of each prediction
+    iterations : evaluations of J at most
+    engine : that learns and predicts
+    seed : of everything
+    cores : splits that are made at the same time, each in a process of its own
+    """
+
+    points: int
+    horizons: tuple[float, ...]
+    splits: int = 1
+    sample_count: int = 100
+    iterations: int = 2000
+    engine: str = "auto"
+    seed: int = 0
+    cores: int = 1
+
+
 def calibrate_on_observations(
     observations: Sequence[Observation],
-    points: int,
-    horizons: Sequence[float],
+    options: ObservedCalibrationOptions,
     *,
-    splits: int = 1,
     same_settings: bool = False,
     start: LearnedParameters | None = None,
-    sample_count: int = 100,
-    iterations: int = 2000,
-    engine: str = "auto",
-    seed: int = 0,
     on_progress: Callable[[SearchProgress], None] | None = None,
 ) -> ObservedCalibration:
     """Learn and fit the noise with one part, predict the other part from its first points.
@@ -347,47 +369,72 @@ def calibrate_on_observations(
 
     Parameters
     ----------
-    points : of each object that are seen
-    horizons : s after the last of them
-    splits : into past and held-out observations, as in `splits_of`
     same_settings : whether all are shots of a launcher that was set once, so that their spread is
         compared too, those of the first split
     start : θ_s that learning starts from; None: the defaults
-    sample_count : simulations of each prediction
-    iterations : evaluations of J at most
+    on_progress : called with the progress of searches in this process: all of them on one core, of
+        all observations else
     """
-    simulator = make_simulator(engine)
-    options = LearningOptions(criteria=ConvergenceCriteria(max_iterations=iterations), seed=seed)
-
-    def learned_from(past: Sequence[Observation]) -> LearnedParameters:
-        found = learn(past, simulator, options, previous=start, on_progress=on_progress)
-        return found.learned
-
-    parts = splits_of(observations, splits, seed)
-    found, versions = [], []
-    for past, held_out in parts:
-        learned = learned_from(past)
-        densities = dict(zip(learned.materials, learned.parameters.density.tolist(), strict=True))
-        versions.append(learned)
-        found.append(
-            calibrate(
-                observed_outcomes(past, points, horizons, densities),
-                observed_outcomes(held_out, points, horizons, densities),
-                learned,
-                horizons,
-                scales_to_fit=fitted_scales(observations),
-                sample_count=sample_count,
-                seed=seed,
-                simulator=simulator,
-            )
-        )
+    parts = splits_of(observations, options.splits, options.seed)
+    if options.cores == 1 or len(parts) == 1:
+        found = [_calibrated(*part, options, start, on_progress) for part in parts]
+    else:
+        with ProcessPoolExecutor(options.cores, get_context("spawn")) as pool:
+            jobs = [pool.submit(_calibrated, *part, options, start) for part in parts]
+            found = [job.result() for job in jobs]
+    calibrations, versions = zip(*found, strict=True)
     notes: tuple[str, ...] = ()
     if same_settings:
-        parameters = found[0].scales.parameters(versions[0])
-        spread = launch_spread(*parts[0], parameters, seed=seed, simulator=simulator)
+        spread = launch_spread(
+            *parts[0],
+            calibrations[0].scales.parameters(versions[0]),
+            seed=options.seed,
+            simulator=make_simulator(options.engine),
+        )
         notes = (spread.to_markdown(),)
-    whole = versions[0] if splits == 1 else learned_from(observations)
-    return ObservedCalibration(Calibration.pooled(found), whole, notes)
+    whole = versions[0]
+    if len(parts) > 1:
+        whole = _learned(observations, options, start, on_progress)
+    return ObservedCalibration(Calibration.pooled(calibrations), whole, notes)
+
+
+def _learned(
+    past: Sequence[Observation],
+    options: ObservedCalibrationOptions,
+    start: LearnedParameters | None,
+    on_progress: Callable[[SearchProgress], None] | None,
+) -> LearnedParameters:
+    criteria = ConvergenceCriteria(max_iterations=options.iterations)
+    return learn(
+        past,
+        make_simulator(options.engine),
+        LearningOptions(criteria=criteria, seed=options.seed),
+        previous=start,
+        on_progress=on_progress,
+    ).learned
+
+
+def _calibrated(
+    past: Sequence[Observation],
+    held_out: Sequence[Observation],
+    options: ObservedCalibrationOptions,
+    start: LearnedParameters | None,
+    on_progress: Callable[[SearchProgress], None] | None = None,
+) -> tuple[Calibration, LearnedParameters]:
+    """Calibrate on one split; also return θ_s as learned from its past."""
+    learned = _learned(past, options, start, on_progress)
+    densities = dict(zip(learned.materials, learned.parameters.density.tolist(), strict=True))
+    found = calibrate(
+        observed_outcomes(past, options.points, options.horizons, densities),
+        observed_outcomes(held_out, options.points, options.horizons, densities),
+        learned,
+        options.horizons,
+        scales_to_fit=fitted_scales((*past, *held_out)),
+        sample_count=options.sample_count,
+        seed=options.seed,
+        simulator=make_simulator(options.engine),
+    )
+    return found, learned
 
 
 def fitted_scales(observations: Sequence[Observation]) -> tuple[str, ...]:

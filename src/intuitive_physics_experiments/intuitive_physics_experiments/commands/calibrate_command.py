@@ -66,6 +66,9 @@ def add_to(commands: Any) -> None:
     )
     parser.add_argument("--engine", default="auto", help="simulator (default: auto)")
     parser.add_argument(
+        "--cores", type=int, default=1, help="splits that are made at the same time (default: 1)"
+    )
+    parser.add_argument(
         "--drag", type=float, default=0.0, help="drag coefficient of table-tennis balls"
     )
     parser.add_argument("--seed", type=int, default=0, help="of all randomness (default: 0)")
@@ -74,7 +77,8 @@ def add_to(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Calibrate, write the folder and print its page."""
-    for name in ("points", "splits", "objects", "throws", "held_out", "samples", "iterations"):
+    counts = ("points", "splits", "objects", "throws", "held_out", "samples", "iterations", "cores")
+    for name in counts:
         lowest = {"points": 3, "samples": 4}.get(name, 1)
         if getattr(options, name) < lowest:
             raise InvalidInputError(
@@ -126,6 +130,7 @@ def _calibrate_on_paper_set(options: argparse.Namespace) -> None:
 def _calibrate_on_observations(options: argparse.Namespace) -> None:
     from intuitive_physics_cli.terminal import ProgressBar
     from intuitive_physics_experiments.calibration.observed_calibration import (
+        ObservedCalibrationOptions,
         calibrate_on_observations,
         read_air_observations,
     )
@@ -136,15 +141,18 @@ def _calibrate_on_observations(options: argparse.Namespace) -> None:
     with ProgressBar("learning") as bar:
         found = calibrate_on_observations(
             observations,
-            options.points,
-            tuple(options.horizons or OBSERVED_HORIZONS),
-            splits=options.splits,
+            ObservedCalibrationOptions(
+                options.points,
+                tuple(options.horizons or OBSERVED_HORIZONS),
+                splits=options.splits,
+                sample_count=options.samples,
+                iterations=options.iterations,
+                engine=options.engine,
+                seed=options.seed,
+                cores=options.cores,
+            ),
             same_settings=title.startswith(LAUNCHES.title),
             start=start,
-            sample_count=options.samples,
-            iterations=options.iterations,
-            engine=options.engine,
-            seed=options.seed,
             on_progress=progress_to(bar, options),
         )
     write_calibration(

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +13,11 @@ from scipy.stats import chi2
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.materials import parameter_names
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION, ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_cli.commands.observation_source import read_observations
 from intuitive_physics_cli.evaluation.evaluation import split
 from intuitive_physics_experiments.calibration.calibrate import Calibration, calibrate
 from intuitive_physics_experiments.calibration.launch_spread import launch_spread
@@ -29,13 +26,6 @@ from intuitive_physics_experiments.recorded_sets.initial_state import SMALLEST_N
 from intuitive_physics_experiments.recorded_sets.initial_state_in_air import (
     AirFactors,
     fit_initial_state_in_air,
-)
-from intuitive_physics_experiments.recorded_sets.recorded_data import load_table_tennis
-from intuitive_physics_experiments.recorded_sets.table_tennis import (
-    BALL_MATERIAL,
-    TABLE_MATERIAL,
-    AirCoefficients,
-    ball_parameters,
 )
 from intuitive_physics_learner.joint_estimation.point_noise import (
     TrackNoise,
@@ -235,9 +225,6 @@ def air_factors(scene_object: SceneObject, air_density: float, density: float) -
     )
 
 
-MASS_TOLERANCE = 0.02
-"""Relative, of a ball by the rules of the sport (2.67 to 2.77 g)."""
-
 PAST_SHARE = 0.5
 """Of the observations where they are split once: θ_s is learned from these and the noise is fitted
 to them."""
@@ -293,39 +280,6 @@ class ObservedCalibration:
     calibration: Calibration
     learned: LearnedParameters
     notes: tuple[str, ...]
-
-
-def read_air_observations(
-    path: Path, drag: float
-) -> tuple[str, list[Observation], LearnedParameters | None]:
-    """Return title and observations of a folder or a recorded set, and where learning starts.
-
-    Parameters
-    ----------
-    drag : coefficient of table-tennis balls; 0: no air
-    """
-    if drag == 0.0:
-        return *read_observations(path), None
-    title, observations = load_table_tennis(path, AirCoefficients(drag))
-    return f"{title}, drag {drag:g}", observations, _known_ball()
-
-
-def _known_ball() -> LearnedParameters:
-    """Defaults, but for the ball's density, which counts in air and is given by the rules."""
-    start = LearnedParameters.defaults((BALL_MATERIAL, TABLE_MATERIAL))
-    names = np.array(parameter_names(start.materials))
-    known_density = names == f"density[{BALL_MATERIAL}]"
-    parameters = ball_parameters()
-    density = parameters.density[parameters.index(BALL_MATERIAL)]
-    return LearnedParameters(
-        parameters,
-        np.where(known_density, MASS_TOLERANCE * density, np.nan),
-        known_density,
-        start.version,
-        start.cost,
-        start.observation_count,
-        start.method,
-    )
 
 
 @dataclass(frozen=True)

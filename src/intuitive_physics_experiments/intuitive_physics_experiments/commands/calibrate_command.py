@@ -6,10 +6,18 @@ import argparse
 import shlex
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_cli.commands.observation_source import PATH_HELP, progress_to
+from intuitive_physics_cli.commands.observation_source import (
+    PATH_HELP,
+    progress_to,
+    read_observations,
+)
+
+if TYPE_CHECKING:
+    from intuitive_physics.learned_parameters import LearnedParameters
+    from intuitive_physics.observation import Observation
 
 OBSERVED_HORIZONS = (0.1, 0.2, 0.4, 0.6)
 """s ahead at which predictions of observations are scored, unless others are given."""
@@ -132,12 +140,11 @@ def _calibrate_on_observations(options: argparse.Namespace) -> None:
     from intuitive_physics_experiments.calibration.observed_calibration import (
         ObservedCalibrationOptions,
         calibrate_on_observations,
-        read_air_observations,
     )
     from intuitive_physics_experiments.calibration.report import write_calibration
     from intuitive_physics_experiments.recorded_sets.recorded_data import LAUNCHES
 
-    title, observations, start = read_air_observations(options.observations, options.drag)
+    title, observations, start = _read(options.observations, options.drag)
     with ProgressBar("learning") as bar:
         found = calibrate_on_observations(
             observations,
@@ -163,6 +170,25 @@ def _calibrate_on_observations(options: argparse.Namespace) -> None:
         found.learned,
         more=found.notes,
     )
+
+
+def _read(path: Path, drag: float) -> tuple[str, list[Observation], LearnedParameters | None]:
+    """Return title and observations of a folder or a recorded set, and where learning starts.
+
+    Parameters
+    ----------
+    drag : coefficient of table-tennis balls; 0: no air
+    """
+    from intuitive_physics_experiments.recorded_sets.recorded_data import load_table_tennis
+    from intuitive_physics_experiments.recorded_sets.table_tennis import (
+        AirCoefficients,
+        known_ball,
+    )
+
+    if drag == 0.0:
+        return *read_observations(path), None
+    title, observations = load_table_tennis(path, AirCoefficients(drag))
+    return f"{title}, drag {drag:g}", observations, known_ball()
 
 
 def _command() -> str:

@@ -34,7 +34,7 @@ def flight_length(
     times : (n,) s, n ≥ 3, strictly increasing
     positions : (n, 3) m
     gravity : (3,) m/s²
-    noise : as in `fit_noisy_flight`
+    noise : m, standard deviation of a point on each axis, or (n, 3, 3) m², covariance of each point
     """
     flight = _Flight(times, positions, gravity, noise)
     for count in range(FEWEST_POINTS, flight.times.size):

@@ -52,6 +52,10 @@ class Outcome:
         ----------
         samples : (n_samples, n_objects, n_times, 3) m
         rng : of the errors, which are drawn from `covariances`, each independent of all others
+
+        Returns
+        -------
+        (n_samples, n_objects, n_times, 3) m
         """
         if self.covariances is None:
             return samples

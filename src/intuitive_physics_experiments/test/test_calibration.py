@@ -155,6 +155,28 @@ def sphere_set():
     )
 
 
+def test_stated_noise_of_a_track_that_bounces_often_gets_its_factor():
+    # A bounce every ten points or so leaves a third of the groups of seven free; errors are 1.5
+    # times what is stated, three times as large along the line of sight.
+    rng = np.random.default_rng(6)
+    factors = []
+    for speed in np.linspace(0.5, 1.5, 12):
+        times = np.arange(60) / 30
+        positions = ENGINE.rollout(
+            [scene(linear_velocity=(speed, 0, 0))],
+            StaticParameters.uniform(("ball", "floor"), restitution=0.7),
+            times,
+            orientations=False,
+        ).positions[0, 0]
+        roots = np.diag([0.001, 0.001, 0.003])
+        seen = positions + 1.5 * rng.standard_normal(positions.shape) @ roots
+        stated = np.broadcast_to(roots @ roots, (len(times), 3, 3))
+        factors.append(position_noise(Trajectory(times, seen), stated))
+    # Each track shows its factor to about 10 %, twelve of them to 3 %; bounces below the noise
+    # count as noise.
+    assert np.mean(factors) == pytest.approx(1.5, rel=0.12)
+
+
 def test_paper_outcomes_are_what_truly_happened(sphere_set):
     runs = sphere_set.test
     outcomes = paper_outcomes(runs, sphere_set.parameters, ENGINE, 6, (0.5, 2.0))

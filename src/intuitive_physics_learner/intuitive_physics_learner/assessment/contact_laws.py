@@ -1,0 +1,177 @@
+"""Laws that hold whatever is touched: positions are continuous, what rests or slides is not pushed.
+
+In steady contact with its support an object neither leaves it nor changes its velocity at once:
+friction is bounded. What rests does so at one of the heights of its shape.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+
+from intuitive_physics_learner.assessment.settings import AssessmentSettings
+from intuitive_physics_learner.assessment.tracks import Track
+from intuitive_physics_learner.assessment.violation import Violation, violations_of
+
+JUMP_ENDS = ((0, 1), (-1, 1), (0, 2))
+"""Pairs of points, from the one before the jump on, between which a jump shows. Each leaves out a
+point that may be an outlier."""
+
+
+def jump_violation(track: Track, settings: AssessmentSettings) -> Violation | None:
+    """Test whether positions are continuous: a step lies between those of the two velocities.
+
+    An object that bounces between two points moves on with the velocity before, then with the one
+    after; so the step is a mean of the two that these velocities make. The velocities are taken
+    over one and over two intervals, and the smallest distance counts.
+    """
+    count = len(track.times)
+    places = np.arange(3, count - 4)
+    if places.size == 0:
+        return None
+    away = np.min([_away(track, places + a, places + b) for a, b in JUMP_ENDS], axis=0)
+    near = track.times[places + 2] - track.times[places - 1] <= settings.jump_duration
+    return violations_of(
+        chi2.logsf(away[near] ** 2, 3),
+        track.times[places[near]],
+        track.times[places[near] + 1],
+        "mistracked",
+    )
+
+
+def _away(track: Track, first: NDArray[np.int64], last: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return how far steps are from what velocities make of them, (w,) σ."""
+    times, positions, noise = track.times, track.positions, track.noise
+    duration = (times[last] - times[first])[:, None]
+    step = positions[last] - positions[first]
+    found = np.full(len(first), np.inf)
+    for before in (1, 2):
+        for after in (1, 2):
+            early = duration / (times[first] - times[first - before])[:, None]
+            late = duration / (times[last + after] - times[last])[:, None]
+            by_early = early * (positions[first] - positions[first - before])
+            by_late = late * (positions[last + after] - positions[last])
+            across = by_late - by_early
+            length = np.maximum((across**2).sum(axis=1), np.finfo(float).tiny)
+            place = np.clip(((step - by_early) * across).sum(axis=1) / length, 0.0, 1.0)
+            off = np.linalg.norm(step - by_early - place[:, None] * across, axis=1)
+            # The variance of a step less one velocity's, which share a point.
+            ratio = np.maximum(early, late)[:, 0]
+            spread = noise[first] * np.sqrt((1.0 + ratio) ** 2 + ratio**2 + 1.0)
+            found = np.minimum(found, off / spread)
+    return found
+
+
+def impulse_violations(track: Track, settings: AssessmentSettings) -> list[Violation]:
+    """Test whether velocities change at once in steady contact, and whether objects hop off.
+
+    Points before and after a place are fitted by a parabola each that go on from one another, with
+    accelerations that friction may cause, and with an impulse between.
+    """
+    half = settings.impulse_points
+    places = np.arange(half, len(track.times) - half + 1)
+    if places.size == 0 or not track.gravity.any():
+        return []
+    begins, ends = track.times[places - 1], track.times[places]
+    index = places[:, None] + np.arange(-half, half)
+    short = track.times[index[:, -1]] - track.times[index[:, 0]] <= settings.impulse_duration
+    apart = track.side_gaps[index].min(axis=1) > settings.side_gap
+    changes, spreads = _impulses(track, index, settings)
+    up = track.up
+    upward = changes @ up
+    level = np.linalg.norm(changes - upward[:, None] * up, axis=1)
+    before = index[:, :half]
+    resting = _steady(track.positions[before], track.noise[before], settings)
+    steady = _steady((track.positions @ up)[before][..., None], track.noise[before], settings)
+    # What hovers at the top of a bounce is not in contact.
+    touching = track.support_gaps[before].max(axis=1) <= settings.side_gap
+    alone = steady & touching & apart & short
+
+    def lengths(sizes: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.maximum(sizes - settings.natural_impulse, 0.0) / spreads
+
+    tests = [
+        (resting & short, chi2.logsf(lengths(np.linalg.norm(changes, axis=1)) ** 2, 3)),
+        (alone, chi2.logsf(lengths(level) ** 2, 2)),
+        (alone, norm.logsf(lengths(upward))),
+        (alone, _hops(track, index, settings)),
+    ]
+    found = [
+        violations_of(log_ps[where], begins[where], ends[where], "kicked")
+        for where, log_ps in tests
+    ]
+    return [one for one in found if one is not None]
+
+
+def _impulses(
+    track: Track, index: NDArray[np.int64], settings: AssessmentSettings
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return changes of velocity (w, 3) in m/s, and the standard deviation (w,) on each axis."""
+    half = index.shape[1] // 2
+    times = track.times[index] - track.times[index[:, half - 1]][:, None]
+    early, late = np.minimum(times, 0.0), np.maximum(times, 0.0)
+    basis = [np.ones_like(times), times, 0.5 * early**2, 0.5 * late**2, late]
+    design = np.stack(basis, axis=-1) / track.noise[index][..., None]
+    seen = track.positions[index] - track.positions[index[:, half - 1]][:, None]
+    seen = seen / track.noise[index][..., None]
+    prior = np.diag([0.0, 0.0, *[settings.contact_acceleration**-2] * 2, 0.0])
+    inverse = np.linalg.inv(np.einsum("wlp,wlq->wpq", design, design) + prior)
+    found = inverse @ np.einsum("wlp,wli->wpi", design, seen)
+    return found[:, 4], np.sqrt(inverse[:, 4, 4])
+
+
+def _steady(
+    values: NDArray[np.float64], noise: NDArray[np.float64], settings: AssessmentSettings
+) -> NDArray[np.bool_]:
+    """Return whether points (w, l, d), in m, scatter by their noise (w, l) alone, (w,)."""
+    off = (values - values.mean(axis=1, keepdims=True)) / noise[..., None]
+    freedom = values.shape[2] * (values.shape[1] - 1)
+    return np.asarray((off**2).sum(axis=(1, 2)) <= chi2.isf(settings.steady_p, freedom))
+
+
+def _hops(
+    track: Track, index: NDArray[np.int64], settings: AssessmentSettings
+) -> NDArray[np.float64]:
+    """Return the log p values (w,) that heights after a place are those before it.
+
+    What is looked for are free flights up and down again, of several durations.
+    """
+    half = index.shape[1] // 2
+    heights = (track.positions @ track.up)[index]
+    rises = heights[:, half:] - heights[:, :half].mean(axis=1, keepdims=True) - settings.hop_height
+    times = track.times[index[:, half:]] - track.times[index[:, half - 1]][:, None]
+    least = np.zeros(len(index))
+    counts = [half // 2, 3 * half // 4, half]
+    for count in counts:
+        flight = times[:, :count] * (times[:, [count - 1]] * (1.0 + 1.0 / count) - times[:, :count])
+        spread = np.sqrt((flight**2).sum(axis=1) + flight.sum(axis=1) ** 2 / half)
+        score = (flight * rises[:, :count]).sum(axis=1) / (spread * track.noise[index[:, half]])
+        least = np.minimum(least, norm.logsf(score) + np.log(len(counts)))
+    return least
+
+
+def rest_violation(track: Track, settings: AssessmentSettings) -> Violation | None:
+    """Test whether what rests does so at a height that its shape can have on a plane.
+
+    Where a wall or another object is within reach it may lean.
+    """
+    count = settings.rest_points
+    places = np.arange(len(track.times) - count + 1)
+    if len(track.times) < count or not track.gravity.any():
+        return None
+    index = places[:, None] + np.arange(count)
+    noise = track.noise[index]
+    where = _steady(track.positions[index], noise, settings)
+    where &= track.side_gaps[index].min(axis=1) > settings.side_gap
+    heights = track.heights[index].mean(axis=1)
+    where &= np.isfinite(heights)
+    off = np.abs(heights[:, None] - track.resting_heights).min(axis=1) - settings.height_error
+    scores = np.maximum(off, 0.0) / np.sqrt((noise**2).mean(axis=1) / count)
+    begins = track.times[index[:, 0]]
+    return violations_of(
+        (norm.logsf(scores) + np.log(2.0))[where],
+        (begins - settings.hold_duration)[where],
+        begins[where],
+        "held",
+    )

@@ -1,10 +1,10 @@
 """Which observations are of undisturbed motions, well measured: a probability and a reason of each.
 
-Laws of motion that hold for every θ_s are tested before anything is learned (`free_flight`,
-`contact_laws`), so the assessment does not depend on how far a search came. The least of their p
-values is uniform at most among good observations and, among others, of the density Beta(a, 1) =
-a p^(a - 1), which is concentrated at 0 (Pounds and Morris 2003, mixture of p values). The share of
-the others is estimated by expectation and maximisation, with a Beta prior on it.
+Laws of motion that hold for every θ_s are tested before anything is learned (`motion_laws`), so
+the assessment does not depend on how far a search came. The least of their p values is uniform at
+most among good observations and, among others, of the density Beta(a, 1) = a p^(a - 1), which is
+concentrated at 0 (Pounds and Morris 2003, mixture of p values). The share of the others is
+estimated by expectation and maximisation, with a Beta prior on it.
 
 Where the tests find fault with more than half of the observations the noise model is wrong rather
 than most of them disturbed: all logarithms of p are divided by what makes their median that of a
@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_learner.assessment.contact_laws import (
+from intuitive_physics_learner.assessment.motion_laws import (
+    flight_violation,
     impulse_violations,
     jump_violation,
     rest_violation,
 )
-from intuitive_physics_learner.assessment.free_flight import flight_violation
 from intuitive_physics_learner.assessment.settings import AssessmentSettings
 from intuitive_physics_learner.assessment.tracks import Track, tracks_of
 from intuitive_physics_learner.assessment.violation import Violation

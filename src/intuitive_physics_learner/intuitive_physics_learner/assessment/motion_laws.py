@@ -58,8 +58,8 @@ def flight_violation(track: Track, settings: AssessmentSettings) -> Violation | 
 def free_intervals(track: Track, settings: AssessmentSettings) -> NDArray[np.bool_]:
     """Return whether nothing can be touched from each point to the next, (n - 1,).
 
-    The speed between two points is taken from the intervals beside, which a jump leaves as they
-    are.
+    A contact between two points takes the gap to zero and back. The speed at which it can do so is
+    taken from the intervals beside, which a jump leaves as they are.
 
     Parameters
     ----------
@@ -67,13 +67,20 @@ def free_intervals(track: Track, settings: AssessmentSettings) -> NDArray[np.boo
     settings : of the clearance
     """
     durations = np.diff(track.times)
-    speeds = np.linalg.norm(np.diff(track.positions, axis=0), axis=1) / durations
+    gaps = np.minimum(track.support_gaps, track.side_gaps)
+    speeds = np.abs(_differences(gaps)) / durations
     beside = np.pad(speeds, 1, mode="edge")
     fastest = np.maximum(beside[:-2], beside[2:])
     reach = (fastest + np.linalg.norm(track.gravity) * durations) * durations
-    clear = np.minimum(track.support_gaps, track.side_gaps)
-    clear = clear - settings.clearance - settings.clear_noises * track.noise
+    clear = gaps - settings.clearance - settings.clear_noises * track.noise
     return (clear[1:] > 0.0) & (clear[:-1] > 0.0) & (clear[1:] + clear[:-1] > reach)
+
+
+def _differences(gaps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return differences (n - 1,) of gaps (n,), 0 between infinite ones."""
+    finite = np.isfinite(gaps)
+    known = np.where(finite, gaps, 0.0)
+    return np.where(finite[1:] & finite[:-1], np.diff(known), 0.0)
 
 
 def flight_losses(

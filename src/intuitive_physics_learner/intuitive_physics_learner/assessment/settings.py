@@ -17,7 +17,7 @@ class AssessmentSettings:
     clearance: float = number(
         0.02, 0.0, 1.0, "gap that a free flight keeps to what it may touch, set by hand", unit="m"
     )
-    clear_noises: float = number(3.0, 0.0, 100.0, "the same, besides, in units of the noise")
+    clear_noises: float = number(2.0, 0.0, 100.0, "the same, besides, in units of the noise")
     flight_acceleration: float = number(
         0.5,
         0.0,

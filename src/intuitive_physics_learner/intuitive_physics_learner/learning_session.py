@@ -24,7 +24,11 @@ from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_
 from intuitive_physics.prior_knowledge import GivenKnowledge
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.trajectory import MEAN_DISTANCE
-from intuitive_physics_learner.assessment import AssessedObservations, assess_observations
+from intuitive_physics_learner.assessment import (
+    AssessedObservations,
+    assess_observations,
+    reassessed,
+)
 from intuitive_physics_learner.cost.cost_function import (
     Cost,
     InterruptibleCost,
@@ -179,7 +183,10 @@ def learn(
     learned = _merged(
         previous, task.space, parameters, identifiability, cost, len(observations), options.method
     )
-    return LearningResult(learned, found, seen.assessments or None)
+    assessments, beyond = seen.assessments, search.lengths_beyond()
+    if beyond is not None:
+        assessments = reassessed(assessments, *beyond, trusted=options.trusted_ids)
+    return LearningResult(learned, found, assessments or None)
 
 
 def _assessed(

@@ -3,7 +3,8 @@
 from intuitive_physics_learner.assessment.assessment import (
     AssessedObservations,
     assess_observations,
+    reassessed,
 )
 from intuitive_physics_learner.assessment.settings import AssessmentSettings
 
-__all__ = ["AssessedObservations", "AssessmentSettings", "assess_observations"]
+__all__ = ["AssessedObservations", "AssessmentSettings", "assess_observations", "reassessed"]

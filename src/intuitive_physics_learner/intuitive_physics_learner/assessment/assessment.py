@@ -9,6 +9,10 @@ estimated by expectation and maximisation, with a Beta prior on it.
 Where the tests find fault with more than half of the observations the noise model is wrong rather
 than most of them disturbed: all logarithms of p are divided by what makes their median that of a
 uniform p, as in genomic control (Devlin and Roeder 1999).
+
+After a search, where the fit of an observation stops is compared with where those of the others do
+(`reassessed`). The scale is that of the observations themselves: chaos, or a search that was cut
+short, lets all fits stop early and with large misfits, and none of them is at fault.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm, t
 
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.trajectory import Trajectory
@@ -30,7 +35,11 @@ from intuitive_physics_learner.assessment.motion_laws import (
 from intuitive_physics_learner.assessment.settings import AssessmentSettings
 from intuitive_physics_learner.assessment.tracks import Track, tracks_of
 from intuitive_physics_learner.assessment.violation import Violation
-from intuitive_physics_learner.joint_estimation.point_noise import detected, track_noises
+from intuitive_physics_learner.joint_estimation.point_noise import (
+    MEDIAN_LENGTH_3,
+    detected,
+    track_noises,
+)
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
 
@@ -88,6 +97,48 @@ def assess_observations(
         clean.append(clean_part(seen, first.clean_until, settings))
         assessments.append(Assessment(seen.id, weight, reason, DOUBTFUL))
     return AssessedObservations(tuple(clean), tuple(assessments))
+
+
+def reassessed(
+    assessments: Sequence[Assessment],
+    lengths: NDArray[np.float64],
+    times: NDArray[np.float64],
+    trusted: Collection[str] = (),
+    settings: AssessmentSettings | None = None,
+) -> tuple[Assessment, ...]:
+    """Assess also by what the fits of a search left unexplained.
+
+    The logarithms of the lengths follow Student's distribution where observations are good, about
+    their median and with the spread from there to their 84 % quantile, which a share of disturbed
+    ones below 16 % does not move.
+
+    Parameters
+    ----------
+    assessments : n of them, by the laws of motion
+    lengths : (n,) σ, of residuals just beyond where each fit stops; NaN where it does not stop
+    times : (n,) s after the start, where these are
+    trusted : ids of observations that are never doubtful
+    settings : of the distribution and of the mixture
+    """
+    settings = settings or AssessmentSettings()
+    rest = np.flatnonzero([one.status == USED for one in assessments])
+    if rest.size == 0:
+        return tuple(assessments)
+    sizes = np.log(np.maximum(np.nan_to_num(lengths[rest], nan=MEDIAN_LENGTH_3), MEDIAN_LENGTH_3))
+    middle, upper = np.quantile(sizes, [0.5, norm.cdf(1.0)])
+    spread = max(float(upper - middle), settings.smallest_stop_spread)
+    scores = (sizes - middle) / spread
+    weights = good_probabilities(t.logsf(scores, settings.stop_freedom), settings)
+    found = list(assessments)
+    for member, weight in zip(rest.tolist(), weights.tolist(), strict=True):
+        one = assessments[member]
+        weight *= one.weight
+        if weight >= settings.least_good or one.id in trusted:
+            found[member] = replace(one, weight=weight)
+        else:
+            reason = f"its fit fails at t = {times[member]:.2f} s as no other does"
+            found[member] = Assessment(one.id, weight, reason, DOUBTFUL)
+    return tuple(found)
 
 
 LEAST_NOTABLE = -10.0

@@ -75,6 +75,16 @@ class AssessmentSettings:
         1.0, 0.0, 10.0, "time that a hand takes to catch and carry an object", unit="s"
     )
     least_points: int = number(3, 1, 1000, "points of each object that are left in any case")
+    smallest_stop_spread: float = number(
+        0.2,
+        0.01,
+        10.0,
+        "standard deviation at least of the logarithm of a misfit: the median length of nine "
+        "normal residuals has 0.13, two of three neighbouring medians apart",
+    )
+    stop_freedom: float = number(
+        2.0, 0.1, 100.0, "degrees of freedom of Student's distribution of these logarithms"
+    )
     smallest_log_p: float = number(
         -25.0, -700.0, -1.0, "logarithm of a p value at least: no noise model holds further out"
     )

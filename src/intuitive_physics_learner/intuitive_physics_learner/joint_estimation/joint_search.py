@@ -123,6 +123,10 @@ class JointSearch(Search):
             judged += self.fit.held_simulations
         return seconds * (1.0 + judged / simulations)
 
+    def lengths_beyond(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """As `JointFit.lengths_beyond`; None where J itself is lowered or nothing was fitted."""
+        return self.fit.lengths_beyond() if self.fit.steps and not self.lowers_cost else None
+
     def own_state(self) -> dict[str, Any]:
         return {
             "fit": self.fit.state(),

@@ -147,7 +147,7 @@ on an observation is not used."""
 
 
 def clean_part(seen: Observation, until: float, settings: AssessmentSettings) -> Observation:
-    """Return an observation up to a time, and with a few points in any case.
+    """Return an observation up to a time, and with a few points after its start in any case.
 
     Parameters
     ----------
@@ -155,13 +155,16 @@ def clean_part(seen: Observation, until: float, settings: AssessmentSettings) ->
     until : s, on the clock of its trajectories
     settings : of how many points are left
     """
-    objects = tuple(_cut(each, until, settings.least_points) for each in seen.objects)
+    objects = tuple(
+        _cut(each, until, seen.start_time, settings.least_points) for each in seen.objects
+    )
     return replace(seen, objects=objects)
 
 
-def _cut(seen: ObservedObject, until: float, least: int) -> ObservedObject:
+def _cut(seen: ObservedObject, until: float, start: float, least: int) -> ObservedObject:
     def count(times: NDArray[np.float64]) -> int:
-        return max(int(np.searchsorted(times, until, side="right")), min(least, times.size))
+        inside, before = np.searchsorted(times, [until, start], side="right").tolist()
+        return max(inside, min(before + least, times.size))
 
     track, found = seen.trajectory, seen.detections
     kept = count(track.times)

@@ -7,6 +7,8 @@ bounded. What rests does so at one of the heights of its shape.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
@@ -20,11 +22,17 @@ JUMP_ENDS = ((0, 1), (-1, 1), (0, 2))
 point that may be an outlier."""
 
 
+OUTLIER_LENGTH = 6.4
+"""Distance in σ of a point from the mean of its neighbours from which on it is an outlier: noise
+has √1.5 σ on each axis, and exceeds this length with the probability of 4e-6."""
+
+
 def flight_violation(track: Track, settings: AssessmentSettings) -> Violation | None:
     """Fit free flights to windows of points between which nothing can be touched.
 
-    The acceleration is gravity plus an unknown one, normal about 0. One point of each window does
-    not count, the one that fits worst, so that an outlier alone violates nothing.
+    The acceleration is gravity plus an unknown one, normal about 0. What is left must be noise, and
+    an impulse in the middle must not explain more of it than of noise. One point of each window
+    does not count, the one that fits worst, so that an outlier alone violates nothing.
 
     Parameters
     ----------
@@ -44,8 +52,10 @@ def flight_violation(track: Track, settings: AssessmentSettings) -> Violation | 
             np.lib.stride_tricks.sliding_window_view(free, count - 1).all(axis=1)
         )
         losses = flight_losses(track, starts, count, settings)
-        # The worst of `count` points is left out: as many ways to pick it.
-        log_ps.append(chi2.logsf(losses, 3 * (count - 3)) + np.log(count))
+        gains = losses - flight_losses(track, starts, count, settings, impulse=True)
+        log_p = np.minimum(chi2.logsf(losses, 3 * (count - 3)), chi2.logsf(gains, 3))
+        # Two tests, and as many ways to leave out the worst point as there are points.
+        log_ps.append(log_p + np.log(2.0 * count))
         begins.append(track.times[starts])
         ends.append(track.times[starts + count - 1])
     if not log_ps:
@@ -84,7 +94,12 @@ def _differences(gaps: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def flight_losses(
-    track: Track, starts: NDArray[np.int64], count: int, settings: AssessmentSettings
+    track: Track,
+    starts: NDArray[np.int64],
+    count: int,
+    settings: AssessmentSettings,
+    *,
+    impulse: bool = False,
 ) -> NDArray[np.float64]:
     """Return the least sums of squares (w,), without a unit, that remain without the worst point.
 
@@ -94,6 +109,7 @@ def flight_losses(
     starts : (w,) index of the first point of each window
     count : points of a window
     settings : of the acceleration beyond gravity
+    impulse : whether the velocity may change at once in the middle
     """
     index = starts[:, None] + np.arange(count)
     times = track.times[index]
@@ -102,10 +118,15 @@ def flight_losses(
     places = track.positions[index] - 0.5 * track.gravity * times[..., None] ** 2
     places = places - places.mean(axis=1, keepdims=True)
     seen = np.einsum("wlij,wlj->wli", whitening, places)
-    basis = np.stack([np.ones_like(times), times, 0.5 * times**2], axis=-1)
-    design = np.einsum("wlij,wlb->wlibj", whitening, basis).reshape(len(starts), count, 3, 9)
+    columns = [np.ones_like(times), times, 0.5 * times**2]
+    if impulse:
+        columns.append(np.abs(times))
+    basis = np.stack(columns, axis=-1)
+    design = np.einsum("wlij,wlb->wlibj", whitening, basis).reshape(
+        len(starts), count, 3, 3 * len(columns)
+    )
     spread = settings.air_acceleration if track.in_air else settings.flight_acceleration
-    prior = np.diag([0.0] * 6 + [spread**-2] * 3)
+    prior = np.diag(np.repeat([0.0, 0.0, spread**-2, 0.0][: len(columns)], 3))
     inverse = np.linalg.inv(np.einsum("wlip,wliq->wpq", design, design) + prior)
     projected = np.einsum("wlip,wli->wp", design, seen)
     found = np.einsum("wpq,wq->wp", inverse, projected)
@@ -175,6 +196,7 @@ def impulse_violations(track: Track, settings: AssessmentSettings) -> list[Viola
     index = places[:, None] + np.arange(-half, half)
     short = track.times[index[:, -1]] - track.times[index[:, 0]] <= settings.impulse_duration
     apart = track.side_gaps[index].min(axis=1) > settings.side_gap
+    track = replace(track, positions=_without_outliers(track))
     changes, spreads = _impulses(track, index, settings)
     up = track.up
     upward = changes @ up
@@ -182,6 +204,7 @@ def impulse_violations(track: Track, settings: AssessmentSettings) -> list[Viola
     before = index[:, :half]
     resting = _steady(track.positions[before], track.noise[before], settings)
     steady = _steady((track.positions @ up)[before][..., None], track.noise[before], settings)
+    unhit = track.object_gaps[index].min(axis=1) > settings.side_gap
     # What hovers at the top of a bounce is not in contact.
     touching = track.support_gaps[before].max(axis=1) <= settings.side_gap
     alone = steady & touching & apart & short
@@ -190,7 +213,7 @@ def impulse_violations(track: Track, settings: AssessmentSettings) -> list[Viola
         return np.maximum(sizes - settings.natural_impulse, 0.0) / spreads
 
     tests = [
-        (resting & short, chi2.logsf(lengths(np.linalg.norm(changes, axis=1)) ** 2, 3)),
+        (resting & unhit & short, chi2.logsf(lengths(np.linalg.norm(changes, axis=1)) ** 2, 3)),
         (alone, chi2.logsf(lengths(level) ** 2, 2)),
         (alone, norm.logsf(lengths(upward))),
         (alone, _hops(track, index, settings)),
@@ -200,6 +223,18 @@ def impulse_violations(track: Track, settings: AssessmentSettings) -> list[Viola
         for where, log_ps in tests
     ]
     return [one for one in found if one is not None]
+
+
+def _without_outliers(track: Track) -> NDArray[np.float64]:
+    """Return positions (n, 3), in m, with points far from both neighbours put between these."""
+    between = 0.5 * (track.positions[:-2] + track.positions[2:])
+    off = np.linalg.norm(track.positions[1:-1] - between, axis=1)
+    found = track.positions.copy()
+    far = np.flatnonzero(off > OUTLIER_LENGTH * track.noise[1:-1])
+    # Beside an outlier a point is far from the mean of its neighbours too, by half as much.
+    worst = [k for k in far if off[k] >= off[max(k - 1, 0) : k + 2].max()]
+    found[1:-1][worst] = between[worst]
+    return found
 
 
 def _impulses(

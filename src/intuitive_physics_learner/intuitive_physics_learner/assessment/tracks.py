@@ -33,8 +33,8 @@ class Track:
     whitening : (n, 3, 3) 1/m, makes the error of each point standard normal
     gravity : (3,) m/s²
     support_gaps : (n,) m, from the object's bounding sphere to the nearest surface that carries
-    side_gaps : (n,) m, to the nearest other thing that it could touch; -infinite where another
-        object was not seen
+    wall_gaps : (n,) m, to the nearest other surface of the environment
+    object_gaps : (n,) m, to the nearest other object; -infinite where one was not seen
     heights : (n,) m, of the centre above the nearest carrying surface; NaN where beside all of them
     resting_heights : (h,) m, at which the object can rest on a plane
     in_air : whether a force of the air acts on the object
@@ -45,10 +45,16 @@ class Track:
     whitening: NDArray[np.float64]
     gravity: NDArray[np.float64]
     support_gaps: NDArray[np.float64]
-    side_gaps: NDArray[np.float64]
+    wall_gaps: NDArray[np.float64]
+    object_gaps: NDArray[np.float64]
     heights: NDArray[np.float64]
     resting_heights: NDArray[np.float64]
     in_air: bool
+
+    @property
+    def side_gaps(self) -> NDArray[np.float64]:
+        """Gaps (n,), in m, to the nearest thing beside what carries."""
+        return np.minimum(self.wall_gaps, self.object_gaps)
 
     @property
     def up(self) -> NDArray[np.float64]:
@@ -78,10 +84,11 @@ def _track(observation: Observation, number: int, whitening: NDArray[np.float64]
     times, positions = seen.trajectory.times, seen.trajectory.positions
     radius = seen.object.shape.bounding_radius
     gravity = observation.environment.gravity
-    support, sides, heights = _environment_gaps(observation.environment, radius, positions)
+    support, walls, heights = _environment_gaps(observation.environment, radius, positions)
+    others = np.full(len(times), np.inf)
     for other in observation.objects[:number] + observation.objects[number + 1 :]:
         reach = radius + other.object.shape.bounding_radius
-        sides = np.minimum(sides, _distances(other, times, positions) - reach)
+        others = np.minimum(others, _distances(other, times, positions) - reach)
     in_air = seen.object.drag_coefficient > 0.0 or seen.object.magnus_coefficient > 0.0
     return Track(
         times,
@@ -89,7 +96,8 @@ def _track(observation: Observation, number: int, whitening: NDArray[np.float64]
         whitening,
         gravity,
         support,
-        sides,
+        walls,
+        others,
         heights,
         _resting_heights(seen.object.shape),
         in_air,

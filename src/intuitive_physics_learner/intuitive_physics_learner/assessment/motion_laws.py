@@ -51,9 +51,13 @@ def flight_violation(track: Track, settings: AssessmentSettings) -> Violation | 
         starts = np.flatnonzero(
             np.lib.stride_tricks.sliding_window_view(free, count - 1).all(axis=1)
         )
+        if starts.size == 0:
+            continue
         losses = flight_losses(track, starts, count, settings)
-        gains = losses - flight_losses(track, starts, count, settings, impulse=True)
-        log_p = np.minimum(chi2.logsf(losses, 3 * (count - 3)), chi2.logsf(gains, 3))
+        log_p = chi2.logsf(losses, 3 * (count - 3))
+        if count >= settings.impulse_points:
+            gains = losses - flight_losses(track, starts, count, settings, impulse=True)
+            log_p = np.minimum(log_p, chi2.logsf(gains, 3))
         # Two tests, and as many ways to leave out the worst point as there are points.
         log_ps.append(log_p + np.log(2.0 * count))
         begins.append(track.times[starts])
@@ -192,37 +196,55 @@ def impulse_violations(track: Track, settings: AssessmentSettings) -> list[Viola
     places = np.arange(half, len(track.times) - half + 1)
     if places.size == 0 or not track.gravity.any():
         return []
-    begins, ends = track.times[places - 1], track.times[places]
     index = places[:, None] + np.arange(-half, half)
-    short = track.times[index[:, -1]] - track.times[index[:, 0]] <= settings.impulse_duration
-    apart = track.side_gaps[index].min(axis=1) > settings.side_gap
     track = replace(track, positions=_without_outliers(track))
+    resting, sliding = _contact_states(track, index, settings)
+    known = resting | sliding
+    places, index, resting, sliding = places[known], index[known], resting[known], sliding[known]
+    begins, ends = track.times[places - 1], track.times[places]
     changes, spreads = _impulses(track, index, settings)
     up = track.up
     upward = changes @ up
     level = np.linalg.norm(changes - upward[:, None] * up, axis=1)
-    before = index[:, :half]
-    resting = _steady(track.positions[before], track.noise[before], settings)
-    steady = _steady((track.positions @ up)[before][..., None], track.noise[before], settings)
-    unhit = track.object_gaps[index].min(axis=1) > settings.side_gap
-    # What hovers at the top of a bounce is not in contact.
-    touching = track.support_gaps[before].max(axis=1) <= settings.side_gap
-    alone = steady & touching & apart & short
 
     def lengths(sizes: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.maximum(sizes - settings.natural_impulse, 0.0) / spreads
 
     tests = [
-        (resting & unhit & short, chi2.logsf(lengths(np.linalg.norm(changes, axis=1)) ** 2, 3)),
-        (alone, chi2.logsf(lengths(level) ** 2, 2)),
-        (alone, norm.logsf(lengths(upward))),
-        (alone, _hops(track, index, settings)),
+        (resting, chi2.logsf(lengths(np.linalg.norm(changes, axis=1)) ** 2, 3)),
+        (sliding, chi2.logsf(lengths(level) ** 2, 2)),
+        (sliding, norm.logsf(lengths(upward))),
+        (sliding, _hops(track, index, settings)),
     ]
     found = [
         violations_of(log_ps[where], begins[where], ends[where], "kicked")
         for where, log_ps in tests
     ]
     return [one for one in found if one is not None]
+
+
+def _contact_states(
+    track: Track, index: NDArray[np.int64], settings: AssessmentSettings
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return where an object rests, or keeps its height on its support, before a place (w,).
+
+    Nothing that could push it is near: no other object, and while it moves no wall.
+
+    Parameters
+    ----------
+    track : n points
+    index : (w, l) of the points about each place
+    settings : of what is steady and near
+    """
+    before = index[:, : index.shape[1] // 2]
+    short = track.times[index[:, -1]] - track.times[index[:, 0]] <= settings.impulse_duration
+    unhit = short & (track.object_gaps[index].min(axis=1) > settings.side_gap)
+    resting = _steady(track.positions[before], track.noise[before], settings)
+    steady = _steady((track.positions @ track.up)[before][..., None], track.noise[before], settings)
+    # What hovers at the top of a bounce is not in contact.
+    touching = track.support_gaps[before].max(axis=1) <= settings.side_gap
+    apart = track.wall_gaps[index].min(axis=1) > settings.side_gap
+    return resting & unhit, steady & touching & apart & unhit
 
 
 def _without_outliers(track: Track) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,7 @@ class Track:
         """Direction (3,) against gravity; 0 without gravity."""
         return _up(self.gravity)
 
-    @property
+    @cached_property
     def noise(self) -> NDArray[np.float64]:
         """Standard deviation (n,) of a position on one axis, in m, root mean square of the axes."""
         covariances = np.linalg.inv(self.whitening.swapaxes(1, 2) @ self.whitening)

@@ -22,6 +22,10 @@ JUMP_ENDS = ((0, 1), (-1, 1), (0, 2))
 point that may be an outlier."""
 
 
+LARGEST_BEND = 3.0
+"""Distance, in g Δt², of a step Δt from what velocities one interval away make of it: gravity makes
+1.5 of it over two intervals, and a ball that bounces with g Δt / 2 in each as much again."""
+
 OUTLIER_LENGTH = 6.4
 """Distance in σ of a point from the mean of its neighbours from which on it is an outlier: noise
 has √1.5 σ on each axis, and exceeds this length with the probability of 4e-6."""
@@ -147,13 +151,16 @@ def jump_violation(track: Track, settings: AssessmentSettings) -> Violation | No
 
     An object that bounces between two points moves on with the velocity before, then with the one
     after; so the step is a mean of the two that these velocities make. The velocities are taken
-    over one and over two intervals, and the smallest distance counts.
+    over one and over two intervals, and the smallest distance counts. What gravity and a second,
+    low bounce make of a step meanwhile does not count.
     """
     count = len(track.times)
     places = np.arange(3, count - 4)
     if places.size == 0:
         return None
-    away = np.min([_away(track, places + a, places + b) for a, b in JUMP_ENDS], axis=0)
+    duration = track.times[places + 1] - track.times[places]
+    bent = LARGEST_BEND * float(np.linalg.norm(track.gravity)) * duration**2
+    away = np.min([_away(track, places + a, places + b, bent) for a, b in JUMP_ENDS], axis=0)
     near = track.times[places + 2] - track.times[places - 1] <= settings.jump_duration
     return violations_of(
         chi2.logsf(away[near] ** 2, 3),
@@ -163,8 +170,13 @@ def jump_violation(track: Track, settings: AssessmentSettings) -> Violation | No
     )
 
 
-def _away(track: Track, first: NDArray[np.int64], last: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return how far steps are from what velocities make of them, (w,) σ."""
+def _away(
+    track: Track,
+    first: NDArray[np.int64],
+    last: NDArray[np.int64],
+    bent: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return how far steps are from what velocities make of them, (w,) σ, less `bent` (w,) m."""
     times, positions, noise = track.times, track.positions, track.noise
     duration = (times[last] - times[first])[:, None]
     step = positions[last] - positions[first]
@@ -182,7 +194,7 @@ def _away(track: Track, first: NDArray[np.int64], last: NDArray[np.int64]) -> ND
             # The variance of a step less one velocity's, which share a point.
             ratio = np.maximum(early, late)[:, 0]
             spread = noise[first] * np.sqrt((1.0 + ratio) ** 2 + ratio**2 + 1.0)
-            found = np.minimum(found, off / spread)
+            found = np.minimum(found, np.maximum(off - bent, 0.0) / spread)
     return found
 
 

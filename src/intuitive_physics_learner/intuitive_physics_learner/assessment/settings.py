@@ -11,7 +11,7 @@ from intuitive_physics.settings import check_settings, number, numbers
 class AssessmentSettings:
     """Numbers by which observations are assessed."""
 
-    flight_points: tuple[float, ...] = numbers(
+    flight_points: tuple[int, ...] = numbers(
         (7, 12, 24), 4, 1000, "numbers of neighbouring points to which a free flight is fitted"
     )
     clearance: float = number(

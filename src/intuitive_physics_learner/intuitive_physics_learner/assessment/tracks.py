@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.geometry.gaps import Body, gap_between, gap_to_plane
 from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.observation import Observation, ObservedObject
@@ -123,7 +124,8 @@ def _environment_gaps(
         above = plane.covers(positions) & (distances > 0.0)
         heights = np.where(above, np.minimum(heights, distances), heights)
     for box in environment.boxes:
-        gaps = gap_between(body, Body(Box(box.edge_lengths), box.center, box.orientation))
+        x, y, z = box.edge_lengths.tolist()
+        gaps = gap_between(body, Body(Box((x, y, z)), box.center, box.orientation))
         distances = _heights_above(box, up, positions)
         above = np.isfinite(distances)
         support = np.where(above, np.minimum(support, gaps), support)
@@ -156,6 +158,7 @@ def _resting_heights(shape: Shape) -> NDArray[np.float64]:
             return np.array([shape.radius, shape.radius + 0.5 * shape.length])
         case Sphere():
             return np.array([shape.radius])
+    raise InvalidInputError(f"shape is {shape!r}; expected a Sphere, Box or Capsule")
 
 
 def _distances(

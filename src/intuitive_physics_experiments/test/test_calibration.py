@@ -6,10 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
+from intuitive_physics.observation import Detections
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import make_simulator
@@ -19,20 +22,31 @@ from intuitive_physics_cli.evaluation.evaluation import free_flight
 from intuitive_physics_experiments.calibration.calibrate import (
     FITTED,
     OURS,
+    Calibration,
     fixed_noise,
     free_flights,
+    ideal_energy_scores,
+    ratios_of_means,
 )
 from intuitive_physics_experiments.calibration.observed_calibration import (
+    ObservedCalibrationOptions,
+    calibrate_on_observations,
+    fitted_scales,
     observed_outcomes,
     position_noise,
+    splits_of,
 )
 from intuitive_physics_experiments.calibration.paper_calibration import (
     PaperCalibrationOptions,
     calibrate_on_paper_set,
     paper_outcomes,
 )
-from intuitive_physics_experiments.calibration.report import reliability_rows, score_rows
-from intuitive_physics_experiments.calibration.verification import score
+from intuitive_physics_experiments.calibration.report import (
+    reliability_rows,
+    score_rows,
+    write_calibration,
+)
+from intuitive_physics_experiments.calibration.verification import Scores, score
 from intuitive_physics_experiments.paper.paper_dataset import POSITION_NOISE, make_paper_dataset
 from intuitive_physics_predictor.noise_scales import NoiseScales
 from intuitive_physics_predictor.scores.outcomes import Outcome, noisy_prediction
@@ -73,7 +87,12 @@ def test_seeing_with_noise_is_part_of_the_prediction():
     # What happened has σ = 1, what was seen √2; the prediction knows the noise of seeing.
     rng = np.random.default_rng(3)
     seen = [
-        Outcome(scene(), TIMES, np.sqrt(2.0) * rng.standard_normal((1, 2, 3)), 1.0)
+        Outcome(
+            scene(),
+            TIMES,
+            np.sqrt(2.0) * rng.standard_normal((1, 2, 3)),
+            np.broadcast_to(np.eye(3), (1, 2, 3, 3)),
+        )
         for _ in range(300)
     ]
     assert np.abs(score(seen, normal_prediction(1.0), seed=1).coverage(0.9) - 0.9).max() < 0.06
@@ -136,6 +155,28 @@ def sphere_set():
     )
 
 
+def test_stated_noise_of_a_track_that_bounces_often_gets_its_factor():
+    # A bounce every ten points or so leaves a third of the groups of seven free; errors are 1.5
+    # times what is stated, three times as large along the line of sight.
+    rng = np.random.default_rng(6)
+    factors = []
+    for speed in np.linspace(0.5, 1.5, 12):
+        times = np.arange(60) / 30
+        positions = ENGINE.rollout(
+            [scene(linear_velocity=(speed, 0, 0))],
+            StaticParameters.uniform(("ball", "floor"), restitution=0.7),
+            times,
+            orientations=False,
+        ).positions[0, 0]
+        roots = np.diag([0.001, 0.001, 0.003])
+        seen = positions + 1.5 * rng.standard_normal(positions.shape) @ roots
+        stated = np.broadcast_to(roots @ roots, (len(times), 3, 3))
+        factors.append(position_noise(Trajectory(times, seen), stated))
+    # Each track shows its factor to about 10 %, twelve of them to 3 %; bounces below the noise
+    # count as noise.
+    assert np.mean(factors) == pytest.approx(1.5, rel=0.12)
+
+
 def test_paper_outcomes_are_what_truly_happened(sphere_set):
     runs = sphere_set.test
     outcomes = paper_outcomes(runs, sphere_set.parameters, ENGINE, 6, (0.5, 2.0))
@@ -146,7 +187,9 @@ def test_paper_outcomes_are_what_truly_happened(sphere_set):
     seen = paper_outcomes(
         runs, sphere_set.parameters, ENGINE, 6, (0.5, 2.0), np.random.default_rng(0)
     )
-    assert {outcome.position_noise for outcome in seen} == {POSITION_NOISE}
+    for outcome in seen:
+        expected = np.broadcast_to(POSITION_NOISE**2 * np.eye(3), (1, 2, 3, 3))
+        np.testing.assert_array_equal(outcome.covariances, expected)
 
 
 def test_observed_outcomes_see_first_points_only(sphere_set):
@@ -157,9 +200,37 @@ def test_observed_outcomes_see_first_points_only(sphere_set):
         np.testing.assert_array_equal(outcome.positions[0, 0], seen.positions[20])
         assert np.isnan(outcome.positions[0, 1]).all()
         # The median of some 144 windows; their noise is known to a few percent.
-        assert outcome.position_noise == pytest.approx(POSITION_NOISE, rel=0.3)
+        deviation = np.sqrt(outcome.covariances[0, 0, 0, 0])
+        assert deviation == pytest.approx(POSITION_NOISE, rel=0.3)
     with pytest.raises(InvalidInputError, match="expected at least 500"):
         observed_outcomes([runs[0].observation], 500, (0.5,))
+
+
+def test_detections_count_where_there_are_some(sphere_set):
+    # A trajectory that was smoothed says nothing of its errors; the detections say what they are.
+    run = sphere_set.test[0]
+    seen = run.observation.objects[0]
+    times = seen.trajectory.times
+    rng = np.random.default_rng(5)
+    truth = ENGINE.rollout([run.scene], sphere_set.parameters, times, orientations=False)
+    roots = np.diag([0.001, 0.002, 0.004])
+    detections = Detections(
+        times,
+        truth.positions[0, 0] + rng.standard_normal((len(times), 3)) @ roots,
+        np.broadcast_to(roots @ roots, (len(times), 3, 3)),
+        0.003**2 * np.eye(3),
+    )
+    observation = replace(run.observation, objects=(replace(seen, detections=detections),))
+    (outcome,) = observed_outcomes([observation], 6, (0.5,))
+    np.testing.assert_array_equal(outcome.positions[0, 0], detections.positions[20])
+    # The track's own factor is the median of some 140 differences: known to 10 %.
+    own = outcome.covariances[0, 0] - detections.bias
+    np.testing.assert_allclose(np.sqrt(np.diag(own)), np.diag(roots), rtol=0.3)
+    (known,) = outcome.scene.states
+    exact = run.scene.states[0].linear_velocity
+    variances = np.diag(known.covariance)[6:9]
+    assert variances[0] < variances[1] < variances[2]
+    assert (np.abs(known.linear_velocity - exact) < 4.0 * np.sqrt(variances)).all()
 
 
 def test_more_points_are_judged_at_the_same_instants(sphere_set):
@@ -223,3 +294,106 @@ def test_calibration_on_spheres():
     }
     with pytest.raises(InvalidInputError, match="ask for more"):
         calibrate_on_paper_set(replace(options, samples=1))
+
+
+@pytest.fixture(scope="module")
+def detected_set(sphere_set):
+    """Observations whose trajectories are what was detected, and say how noisy it is."""
+    observations = []
+    for run in (*sphere_set.training, *sphere_set.test):
+        (seen,) = run.observation.objects
+        track = seen.trajectory
+        alike = np.broadcast_to(POSITION_NOISE**2 * np.eye(3), (len(track), 3, 3))
+        detections = Detections(track.times, track.positions, alike, np.zeros((3, 3)))
+        stated = replace(seen, detections=detections)
+        observations.append(replace(run.observation, objects=(stated,)))
+    return observations
+
+
+@given(count=st.integers(2, 20), more=st.integers(0, 30), seed=st.integers(0, 2**32))
+def test_each_observation_is_held_out_once(count, more, seed):
+    everything = list(range(count + more))
+    parts = splits_of(everything, count, seed)
+    assert len(parts) == count
+    assert sorted(each for _, held_out in parts for each in held_out) == everything
+    for past, held_out in parts:
+        assert sorted(past + held_out) == everything
+        assert (past, held_out) == (sorted(past), sorted(held_out))
+    sizes = [len(held_out) for _, held_out in parts]
+    assert max(sizes) - min(sizes) <= 1
+
+
+def test_one_split_holds_out_a_half_and_too_many_are_refused():
+    ((past, held_out),) = splits_of(list(range(10)), 1, 3)
+    assert (len(past), len(held_out)) == (5, 5)
+    for count in (0, -1, 11):
+        with pytest.raises(InvalidInputError, match="splits of 10 observations"):
+            splits_of(list(range(10)), count, 0)
+
+
+def test_states_of_detections_need_no_scale(detected_set):
+    assert fitted_scales(detected_set) == ("spin", "static_parameters", "unidentified")
+    silent = replace(detected_set[0].objects[0], detections=None)
+    mixed = [*detected_set, replace(detected_set[0], objects=(silent,))]
+    assert fitted_scales(mixed) == ("spin", "state", "static_parameters", "unidentified")
+
+
+def test_pooled_scores_are_those_of_all_trajectories():
+    outcomes = normal_outcomes(7)
+    whole = score(outcomes, normal_prediction(1.0), seed=1)
+    parts = Scores.pooled([Scores(*(v[at] for v in vars(whole).values())) for at in CUTS])
+    for name, values in vars(whole).items():
+        np.testing.assert_array_equal(getattr(parts, name), values)
+
+
+CUTS = (slice(0, 2), slice(2, 7))
+
+
+def test_the_error_of_a_ratio_is_that_of_repetitions():
+    rng = np.random.default_rng(0)
+    ratios, errors = [], []
+    for _ in range(400):
+        sizes = rng.gamma(2.0, 1.0, (100, 1))
+        found, error = ratios_of_means(
+            sizes * rng.uniform(0.5, 1.1, (100, 1)), sizes * rng.uniform(0.8, 1.2, (100, 1))
+        )
+        ratios.append(found[0])
+        errors.append(error[0])
+    # A standard deviation of 400 ratios is off by 1/√800 = 3.5 %; the mean is biased by 1/n.
+    assert np.mean(ratios) == pytest.approx(0.8, rel=0.005)
+    assert np.mean(errors) == pytest.approx(np.std(ratios), rel=0.12)
+
+
+def test_nothing_scores_better_than_the_truth_in_its_own_world():
+    # The energy score of N(0, s² I) on outcomes of N(0, I) in three dimensions is, with the mean
+    # length 2 √(2/π) of a standard normal vector, m (√(1 + s²) - s / √2).
+    outcomes = normal_outcomes(60)
+    truth, length = normal_prediction(1.0), 2.0 * np.sqrt(2.0 / np.pi)
+    for spread in (0.5, 1.0, 2.0):
+        scores = ideal_energy_scores(outcomes, truth, normal_prediction(spread), seed=3)
+        expected = length * (np.sqrt(1.0 + spread**2) - spread / np.sqrt(2.0))
+        # 60 · 2 · 10 outcomes, each with a score that spreads by about 0.6: 2 %.
+        assert scores.mean() == pytest.approx(expected, rel=0.06)
+    outcomes[0].positions[0, 1] = np.nan
+    scores = ideal_energy_scores(outcomes, truth, truth, seed=3)
+    np.testing.assert_array_equal(np.isnan(scores).sum(axis=0), [0, 1])
+
+
+def test_calibration_in_several_splits(detected_set, tmp_path):
+    observations = detected_set[:12]
+    options = ObservedCalibrationOptions(
+        6, (0.3, 0.6), splits=3, sample_count=10, iterations=50, cores=2
+    )
+    found = calibrate_on_observations(observations, options)
+    result = found.calibration
+    assert isinstance(result, Calibration)
+    assert found.learned.observation_count == len(observations)
+    assert len(result.fits) == len(result.fixed_deviations) == 3
+    assert all(len(scores.energy) == len(observations) for scores in result.scores.values())
+    spins = sorted(fit.scales.spin for fit in result.fits)
+    assert result.scales.spin == spins[1]
+    assert (result.ideal_energy_score_vs_fitted_noise > 0.0).all()
+    write_calibration(tmp_path, "Calibration", "calibrate", result, found.learned)
+    page = (tmp_path / "README.md").read_text(encoding="utf-8")
+    assert "medians of 3 splits" in page
+    assert page.count(f"| {len(observations)} |") == 2 * len(result.scores)

@@ -7,11 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     Elimination,
     Posterior,
     agreement_weights,
 )
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 
 FREEDOM = 4.0
 PRIOR = 1e-6
@@ -82,3 +84,20 @@ def test_without_an_observation_the_others_alone_decide():
     typical = max(np.median(squares), 1.0)
     expected = np.minimum((FREEDOM + 1.0) / (FREEDOM + squares / typical), 1.0)
     np.testing.assert_allclose(weights, expected, rtol=1e-3)
+
+
+def test_the_likelihood_of_an_observation_is_its_own_whatever_the_fit_makes_of_it(gliding_task):
+    task = gliding_task([0.6, 0.6, 0.6], position_deviation=0.02, count=60)
+    influence = task.influence[:, task.active]
+    fit = JointFit(task.cost, task.searched, influence, task.prior, JointEstimationSettings())
+    for _ in range(3):
+        fit.step()
+    before = fit.likelihoods()
+    state = fit.state()
+    for part in state["fits"]:
+        part["weights"] = [0.25 for _ in part["weights"]]
+    fit.load_state(state)
+    for one, other in zip(before, fit.likelihoods(), strict=True):
+        np.testing.assert_array_equal(one.information, other.information)
+        np.testing.assert_array_equal(one.scores, other.scores)
+        assert one.loss == other.loss

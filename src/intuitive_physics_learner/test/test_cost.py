@@ -1,5 +1,7 @@
 """J, D̄ and D̂ are what Eqs. 5 to 9 say."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,6 +15,7 @@ from intuitive_physics.trajectory import DISTANCES, LARGEST_DISTANCE, Trajectory
 from intuitive_physics_learner import NoObservationsError, TrajectoryCost
 from intuitive_physics_learner.cost import cost_function as cost_module
 from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE
+from intuitive_physics_learner.cost.trials import Trials
 
 
 def parameters(e, materials=("ball", "floor")):
@@ -119,6 +122,19 @@ def test_residuals_have_the_distances_as_their_lengths(event_driven, throws, tru
         cost.distances([true_parameters])[0],
         rtol=1e-12,
     )
+
+
+@pytest.mark.parametrize("until", [None, [0.3, 0.9, 0.3, 0.9]])
+def test_residuals_of_some_points_are_those_among_all(event_driven, throws, true_parameters, until):
+    cost = TrajectoryCost(throws(2, 0, noise=0.01) + throws(2, 1, times=20), event_driven)
+    trials = Trials.crossed([true_parameters], 4)
+    if until is not None:
+        trials = replace(trials, until=np.array(until))
+    every = cost.trial_residuals(trials)
+    columns = np.array([0, 3, 19, 20, 59])
+    some = cost.trial_residuals(replace(trials, columns=columns))
+    assert np.isfinite(every).any()
+    np.testing.assert_array_equal(some, every[:, columns])
 
 
 def test_nothing_is_left_at_the_true_parameters(event_driven, throws, true_parameters):

@@ -95,7 +95,7 @@ class UncertainParameters:
         self._pool = space.to_values(posterior.draw(count, rng, box))
         if deviation > 0.0:
             _add_contact_noise(self._pool, deviation, space, rng)
-        self._elements = _elements_of_coefficients(len(learned.materials))
+        self._elements = _elements_of_coefficients(len(materials))
 
     def draw(
         self, count: int, rng: np.random.Generator

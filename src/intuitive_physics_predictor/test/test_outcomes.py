@@ -1,12 +1,17 @@
-"""Random numbers of outcomes that are predicted: each has its own."""
+"""Outcomes that are predicted: each has its own random numbers, and errors of what is seen."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from intuitive_physics_predictor.scores.outcomes import outcome_generators
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
+from intuitive_physics.shapes import Sphere
+from intuitive_physics.state import ObjectState
+from intuitive_physics_predictor.scores.outcomes import Outcome, outcome_generators
 
 SEEDS = st.integers(0, 2**63)
 NUMBERS = st.integers(0, 2**31 - 1)
@@ -45,3 +50,32 @@ def test_outcomes_of_the_first_seeds_share_no_stream():
     ]
     alone = [beginning(np.random.default_rng(seed)) for seed in range(20)]
     assert len({*streams, *alone}) == 2 * 20 * 20 + 20
+
+
+SCENE = Scene(
+    Environment([Plane("floor", "floor", (0, 0, 1), 0.0)]),
+    (SceneObject("ball", "ball", Sphere(0.05)),),
+    (ObjectState((0, 0, 1)),),
+)
+
+
+def test_errors_of_what_is_seen_have_the_covariance_of_their_point():
+    rng = np.random.default_rng(0)
+    roots = rng.standard_normal((1, 2, 3, 3))
+    covariances = roots @ roots.swapaxes(-1, -2)
+    outcome = Outcome(SCENE, np.array([0.1, 0.2]), np.zeros((1, 2, 3)), covariances)
+    seen = outcome.seen(np.ones((20_000, 1, 2, 3)), rng)
+    for time in range(2):
+        found = np.cov(seen[:, 0, time], rowvar=False)
+        # An element is off by √((σ_ii σ_jj + σ_ij²) / n), 1 % of the largest variance.
+        largest = np.diag(covariances[0, time]).max()
+        np.testing.assert_allclose(found, covariances[0, time], atol=0.05 * largest)
+    np.testing.assert_allclose(np.mean(seen, axis=0), 1.0, atol=0.1)
+
+
+def test_the_truth_is_seen_as_it_is_and_other_covariances_are_refused():
+    outcome = Outcome(SCENE, np.array([0.1]), np.zeros((1, 1, 3)))
+    samples = np.ones((5, 1, 1, 3))
+    assert outcome.seen(samples, np.random.default_rng(0)) is samples
+    with pytest.raises(InvalidInputError, match="covariances have the shape"):
+        Outcome(SCENE, np.array([0.1]), np.zeros((1, 1, 3)), np.eye(3))

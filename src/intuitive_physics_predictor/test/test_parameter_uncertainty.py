@@ -216,3 +216,14 @@ def test_what_was_drawn_last_is_kept_for_the_same_parameters():
     assert NoiseScales().parameters(given.extended(MATERIALS)) is first
     assert NoiseScales(contact=0.1).parameters(given) is not first
     assert NoiseScales().parameters(learned()) is not first
+
+
+@pytest.mark.parametrize("unidentified", [1.0, 0.5])
+def test_a_scene_may_need_fewer_materials_than_were_learned(unidentified):
+    many = learned(restitution=0.7).extended(("box", *MATERIALS))
+    some = UncertainParameters(many, unidentified=unidentified, materials=MATERIALS)
+    density, coefficients = some.draw(100, np.random.default_rng(0))
+    assert density.shape == (100, 2)
+    assert coefficients.shape == (100, 4, 2, 2)
+    # Friction at rest is never less than sliding friction: the elements are those of their kind.
+    assert (coefficients[:, STATIC] >= coefficients[:, DYNAMIC]).all()

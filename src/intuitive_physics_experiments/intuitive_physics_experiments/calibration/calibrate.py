@@ -15,7 +15,7 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics_cli.evaluation.evaluation import free_flight
 from intuitive_physics_experiments.calibration.verification import Scores, score
 from intuitive_physics_predictor.noise import StateNoise, StateSpread
-from intuitive_physics_predictor.noise_scales import NoiseScales
+from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
 from intuitive_physics_predictor.noisy_newton import predict
 from intuitive_physics_predictor.scores.highest_density import FEWEST_SAMPLES
 from intuitive_physics_predictor.scores.noise_fit import (
@@ -25,7 +25,13 @@ from intuitive_physics_predictor.scores.noise_fit import (
     spread_weights,
     weighted_energy_scores,
 )
-from intuitive_physics_predictor.scores.outcomes import Outcome, Prediction, noisy_prediction
+from intuitive_physics_predictor.scores.outcomes import (
+    Outcome,
+    Prediction,
+    noisy_prediction,
+    predict_outcomes,
+)
+from intuitive_physics_predictor.scores.proper_scores import energy_scores
 
 FIXED_NOISE = 0.02
 """m, rad, m/s and rad/s. The paper has one noise model, N(0, 0.02); it does not say what it adds to
@@ -126,27 +132,59 @@ FITTED = "fixed noise, fitted"
 """The paper's noisy Newton with what ours has, too: noise of the size that suits the past."""
 
 
+IDEAL_DRAWS = 10
+"""Outcomes that are drawn from each prediction, to see how it would score if it were true."""
+
+
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What a calibration found.
+    """What a calibration found, of one set that was held out or of several together.
 
     Parameters
     ----------
     horizons : (n_horizons,) s after the last point that was seen
     scores : of each way to predict, by name; `OURS` and the baselines
-    fit : noise scales, fitted to the past
-    fixed_deviation : of the fixed noise that suits the past best
+    fits : noise scales, fitted to the past of each set
+    fixed_deviations : m, rad, m/s and rad/s, of the fixed noise that suits the past of each best
+    ideal : (n, n_horizons) m, by name, energy scores of `OURS` and `FITTED` if what happened were
+        drawn from `OURS`
     """
 
     horizons: NDArray[np.float64]
     scores: dict[str, Scores]
-    fit: NoiseFit
-    fixed_deviation: float
+    fits: tuple[NoiseFit, ...]
+    fixed_deviations: tuple[float, ...]
+    ideal: dict[str, NDArray[np.float64]]
+
+    @staticmethod
+    def pooled(parts: Sequence[Calibration]) -> Calibration:
+        """Return that of several sets, at least one, which were held out in turn."""
+        return Calibration(
+            parts[0].horizons,
+            {
+                name: Scores.pooled([part.scores[name] for part in parts])
+                for name in parts[0].scores
+            },
+            tuple(fit for part in parts for fit in part.fits),
+            tuple(deviation for part in parts for deviation in part.fixed_deviations),
+            {name: np.concatenate([part.ideal[name] for part in parts]) for name in parts[0].ideal},
+        )
+
+    @property
+    def scales(self) -> NoiseScales:
+        """Noise scales: the median of each over the sets."""
+        return NoiseScales(
+            **{
+                name: float(np.median([getattr(fit.scales, name) for fit in self.fits]))
+                for name in NOISE_SCALES
+            }
+        )
 
     @property
     def energy_score_vs_best_baseline(self) -> NDArray[np.float64]:
         """Mean energy score over that of the best of `BASELINES` at each horizon, (n_horizons,)."""
-        return self._energy_score_over(BASELINES)
+        means = np.array([np.nanmean(self.scores[name].energy, axis=0) for name in BASELINES])
+        return np.asarray(np.nanmean(self.scores[OURS].energy, axis=0) / means.min(axis=0))
 
     @property
     def energy_score_vs_fitted_noise(self) -> NDArray[np.float64]:
@@ -155,11 +193,66 @@ class Calibration:
         Where all states are perceived alike, one size of noise can do all that their covariances
         do, and the best there is has a ratio of 1.
         """
-        return self._energy_score_over((FITTED,))
+        ratios, _ = ratios_of_means(self.scores[OURS].energy, self.scores[FITTED].energy)
+        return ratios
 
-    def _energy_score_over(self, names: Sequence[str]) -> NDArray[np.float64]:
-        ours, *others = (np.nanmean(self.scores[n].energy, axis=0) for n in (OURS, *names))
-        return np.asarray(ours / np.min(others, axis=0))
+    @property
+    def ideal_energy_score_vs_fitted_noise(self) -> NDArray[np.float64]:
+        """The same if what happened were drawn from `OURS`, (n_horizons,).
+
+        The score is proper, so that nothing then scores better: with what is known of states and
+        θ_s, a true prediction has this ratio, and only knowing more makes it smaller.
+        """
+        ratios, _ = ratios_of_means(self.ideal[OURS], self.ideal[FITTED])
+        return ratios
+
+
+def ratios_of_means(
+    scores: NDArray[np.float64], others: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return mean scores over mean other scores of the same trajectories, and standard errors.
+
+    Parameters
+    ----------
+    scores, others : (n, n_horizons) m; NaN where the outcome is not known
+
+    Returns
+    -------
+    ratios, errors : (n_horizons,); errors to first order in the deviations from the means
+    """
+    mean = np.nanmean(others, axis=0)
+    ratios = np.nanmean(scores, axis=0) / mean
+    off = (scores - ratios * others) / mean
+    count = (~np.isnan(off)).sum(axis=0)
+    return np.asarray(ratios), np.asarray(np.sqrt(np.nanmean(off**2, axis=0) / count))
+
+
+def ideal_energy_scores(
+    outcomes: Sequence[Outcome], truth: Prediction, prediction: Prediction, seed: int
+) -> NDArray[np.float64]:
+    """Return the energy scores that a prediction has on average if another one is the truth.
+
+    Parameters
+    ----------
+    outcomes : what was known of each, and which positions were seen
+    truth : draws what happens, `IDEAL_DRAWS` times for each outcome
+    prediction : what is scored, with the random numbers that `score` gives it
+    seed : of the prediction; what happens has another one
+
+    Returns
+    -------
+    (n_trajectories, n_horizons) m, NaN where the position was not seen
+    """
+    rows = []
+    for outcome, happened, samples in zip(
+        outcomes,
+        predict_outcomes(outcomes, truth, seed + 1),
+        predict_outcomes(outcomes, prediction, seed),
+        strict=True,
+    ):
+        seen = np.where(np.isnan(outcome.positions), np.nan, happened[:IDEAL_DRAWS])
+        rows.append(np.mean([energy_scores(samples, positions) for positions in seen], axis=0))
+    return np.concatenate(rows)
 
 
 def calibrate(
@@ -206,4 +299,8 @@ def calibrate(
         FITTED: fixed_noise(learned, fixed, sample_count, engine),
     }
     scores = {name: score(held_out, way, seed + 1) for name, way in ways.items()}
-    return Calibration(np.asarray(horizons, dtype=np.float64), scores, fit, fixed)
+    ideal = {
+        name: ideal_energy_scores(held_out, ways[OURS], ways[name], seed + 1)
+        for name in (OURS, FITTED)
+    }
+    return Calibration(np.asarray(horizons, dtype=np.float64), scores, (fit,), (fixed,), ideal)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
+from multiprocessing import get_context
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +13,11 @@ from scipy.stats import chi2
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.materials import parameter_names
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION, ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_cli.commands.observation_source import read_observations
 from intuitive_physics_cli.evaluation.evaluation import split
 from intuitive_physics_experiments.calibration.calibrate import Calibration, calibrate
 from intuitive_physics_experiments.calibration.launch_spread import launch_spread
@@ -28,13 +27,7 @@ from intuitive_physics_experiments.recorded_sets.initial_state_in_air import (
     AirFactors,
     fit_initial_state_in_air,
 )
-from intuitive_physics_experiments.recorded_sets.recorded_data import load_table_tennis
-from intuitive_physics_experiments.recorded_sets.table_tennis import (
-    BALL_MATERIAL,
-    TABLE_MATERIAL,
-    AirCoefficients,
-    ball_parameters,
-)
+from intuitive_physics_learner.joint_estimation.point_noise import detected
 from intuitive_physics_learner.learning_session import LearningOptions, learn
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria, SearchProgress
 from intuitive_physics_predictor.scores.noise_fit import FITTED_SCALES
@@ -44,8 +37,8 @@ WINDOW = 7
 """Points of a stretch that a parabola is laid through to see the noise."""
 
 SYSTEMATIC = 1e-3
-"""m on each axis. By so much a camera errs alike from frame to frame, which no parabola shows:
-rendered ones, of which the truth is known, by 0.6 to 1.4 mm."""
+"""m on each axis. By so much a camera errs alike from frame to frame, which no parabola shows,
+where no detections say how much: rendered ones, of which the truth is known, by 0.6 to 1.4 mm."""
 
 SAME_TIME = 1e-3
 """s between points of two objects that count as seen at once."""
@@ -80,25 +73,77 @@ def observed_outcomes(
     InvalidInputError
         When an object was seen less often.
     """
-    return [_outcome(seen, points, np.array(horizons), densities or {}) for seen in observations]
+    return [
+        _outcome(detected(seen), points, np.array(horizons), densities or {})
+        for seen in observations
+    ]
 
 
-def position_noise(trajectory: Trajectory) -> float:
-    """Standard deviation of the noise of seen positions, in m on each axis.
+@dataclass(frozen=True, eq=False)
+class PointNoise:
+    """The errors of one object's points.
+
+    Parameters
+    ----------
+    covariances : (n, 3, 3) m², of the error that each point has of its own
+    shared : (3, 3) m², covariance of the error that is the same in all points
+    """
+
+    covariances: NDArray[np.float64]
+    shared: NDArray[np.float64]
+
+
+def point_noise(observed_object: ObservedObject) -> PointNoise:
+    """Find the errors of an object's points.
+
+    Detections state them, up to a factor that the track shows. Points without are as noisy as their
+    track shows, and share an error of `SYSTEMATIC`.
+
+    Parameters
+    ----------
+    observed_object : as `detected` returns it
+    """
+    trajectory, detections = observed_object.trajectory, observed_object.detections
+    if detections is None:
+        variance = max(position_noise(trajectory), SMALLEST_NOISE) ** 2
+        every = np.broadcast_to(variance * np.eye(3), (len(trajectory), 3, 3))
+        return PointNoise(every, SYSTEMATIC**2 * np.eye(3))
+    factor = position_noise(trajectory, detections.covariances) or 1.0
+    return PointNoise(factor**2 * detections.covariances, detections.bias)
+
+
+def position_noise(trajectory: Trajectory, covariances: NDArray[np.float64] | None = None) -> float:
+    """Standard deviation of the noise of seen positions, in m on each axis, or in that stated.
 
     Estimated from how far seven points in a row lie from a parabola. Where a ball bounces high, a
     bounce spoils most groups of seven; only those count that chance can explain, given the noise of
-    the best tenth of them.
+    the best tenth of them. (The median of all would be too large: with a bounce every ten points
+    the squared errors of a rendered rubber ball by 60 %.)
+
+    Parameters
+    ----------
+    covariances : (n, 3, 3) m², stated of each point; None: the result is in m
+
+    Returns
+    -------
+    float
+        In m, or as a factor on the standard deviations stated; 0 where there are too few points
     """
     times, positions = trajectory.times, trajectory.positions
     if len(times) < WINDOW:
         return 0.0
+    whitening = np.broadcast_to(np.eye(3), (len(times), 3, 3))
+    if covariances is not None:
+        whitening = np.linalg.inv(np.linalg.cholesky(covariances))
+    seen = np.einsum("nij,nj->ni", whitening, positions)
     freedom = 3 * (WINDOW - 3)
     squares = []
     for first in range(len(times) - WINDOW + 1):
-        since = times[first : first + WINDOW] - times[first]
-        design = np.vander(since / since[-1], 3)
-        _, residuals, *_ = np.linalg.lstsq(design, positions[first : first + WINDOW], rcond=None)
+        rows = slice(first, first + WINDOW)
+        since = times[rows] - times[first]
+        # A parabola of each axis, whitened as the points are.
+        design = np.einsum("nij,nk->nikj", whitening[rows], np.vander(since / since[-1], 3))
+        _, residuals, *_ = np.linalg.lstsq(design.reshape(3 * WINDOW, 9), seen[rows].ravel())
         squares.append(residuals.sum())
     variance = np.quantile(squares, SURELY_FREE) / chi2.ppf(SURELY_FREE, freedom)
     free = [square for square in squares if square <= variance * chi2.ppf(BY_CHANCE, freedom)]
@@ -106,11 +151,14 @@ def position_noise(trajectory: Trajectory) -> float:
 
 
 def _outcome(
-    seen: Observation, points: int, horizons: NDArray[np.float64], densities: Mapping[str, float]
+    seen: Observation,
+    points: int,
+    horizons: NDArray[np.float64],
+    densities: Mapping[str, float],
 ) -> Outcome:
     start = max(float(observed_object.trajectory.times[0]) for observed_object in seen.objects)
+    noises = [point_noise(observed_object) for observed_object in seen.objects]
     states, clock = [], seen.objects[0].trajectory.times - start
-    noises = [position_noise(observed_object.trajectory) for observed_object in seen.objects]
     for observed_object, noise in zip(seen.objects, noises, strict=True):
         if len(observed_object.trajectory) < points:
             raise InvalidInputError(
@@ -126,20 +174,22 @@ def _outcome(
     near = np.abs(clock[nearest] - (last + horizons)) <= frame
     times = np.where(near, clock[nearest], last + horizons)
     positions = np.full((len(seen.objects), len(times), 3), np.nan)
-    for row, observed_object in zip(positions, seen.objects, strict=True):
+    covariances = np.zeros((*positions.shape, 3))
+    for k, (observed_object, noise) in enumerate(zip(seen.objects, noises, strict=True)):
         own = observed_object.trajectory.times - start
         at = np.abs(own[:, None] - times).argmin(axis=0)
         close = np.abs(own[at] - times) <= SAME_TIME
-        row[close] = observed_object.trajectory.positions[at[close]]
+        positions[k, close] = observed_object.trajectory.positions[at[close]]
+        covariances[k, close] = noise.covariances[at[close]] + noise.shared
     scene = Scene(seen.environment, seen.scene().objects, tuple(states))
-    return Outcome(scene, times, positions, float(np.hypot(np.median(noises), SYSTEMATIC)))
+    return Outcome(scene, times, positions, covariances)
 
 
 def _initial_state(
     observed_object: ObservedObject,
     start: float,
     points: int,
-    noise: float,
+    noise: PointNoise,
     environment: Environment,
     densities: Mapping[str, float],
 ) -> ObjectState:
@@ -158,10 +208,10 @@ def _initial_state(
         position, velocity = fitted.position, fitted.linear_velocity
         covariance = fitted.covariance.copy()
     else:
-        sigma = max(noise, SMALLEST_NOISE)
-        free = flight_length(times, positions, gravity, sigma)
+        own = noise.covariances[rows]
+        free = flight_length(times, positions, gravity, own)
         position, velocity, covariance = fit_noisy_flight(
-            times[:free], positions[:free], gravity, sigma
+            times[:free], positions[:free], gravity, own[:free]
         )
     for part in (ROTATION, ANGULAR_VELOCITY):
         covariance[part, part] = known.covariance[part, part]
@@ -177,11 +227,45 @@ def air_factors(scene_object: SceneObject, air_density: float, density: float) -
     )
 
 
-MASS_TOLERANCE = 0.02
-"""Relative, of a ball by the rules of the sport (2.67 to 2.77 g)."""
-
 PAST_SHARE = 0.5
-"""Of the observations: θ_s is learned from these and the noise is fitted to them."""
+"""Of the observations where they are split once: θ_s is learned from these and the noise is fitted
+to them."""
+
+
+def splits_of(
+    observations: Sequence[Observation], count: int, seed: int
+) -> list[tuple[list[Observation], list[Observation]]]:
+    """Return past and held-out observations, each in their first order.
+
+    Parameters
+    ----------
+    count : of splits. 1: one part is held out. More: the observations fall into as many parts at
+        random, which are held out in turn, so that each observation is held out once.
+    seed : of the parts
+
+    Raises
+    ------
+    InvalidInputError
+        When there are fewer observations than parts, or less than one part.
+    """
+    if count == 1:
+        return [split(observations, PAST_SHARE, seed)]
+    if not 1 <= count <= len(observations):
+        raise InvalidInputError(
+            f"{count} splits of {len(observations)} observations were asked for; expected at least "
+            "1 and at most as many as there are observations"
+        )
+    part = np.empty(len(observations), dtype=np.int64)
+    part[np.random.default_rng(seed).permutation(len(observations))] = (
+        np.arange(len(observations)) % count
+    )
+    return [
+        (
+            [seen for seen, own in zip(observations, part, strict=True) if own != number],
+            [seen for seen, own in zip(observations, part, strict=True) if own == number],
+        )
+        for number in range(count)
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +274,8 @@ class ObservedCalibration:
 
     Parameters
     ----------
-    calibration, learned : of all observations
+    calibration : of all observations that were held out
+    learned : θ_s, from the past; from all observations where there are several splits
     notes : paragraphs on what only this set can show
     """
 
@@ -199,88 +284,120 @@ class ObservedCalibration:
     notes: tuple[str, ...]
 
 
-def read_air_observations(
-    path: Path, drag: float
-) -> tuple[str, list[Observation], LearnedParameters | None]:
-    """Return title and observations of a folder or a recorded set, and where learning starts.
-
-    Parameters
-    ----------
-    drag : coefficient of table-tennis balls; 0: no air
-    """
-    if drag == 0.0:
-        return *read_observations(path), None
-    title, observations = load_table_tennis(path, AirCoefficients(drag))
-    return f"{title}, drag {drag:g}", observations, _known_ball()
-
-
-def _known_ball() -> LearnedParameters:
-    """Defaults, but for the ball's density, which counts in air and is given by the rules."""
-    start = LearnedParameters.defaults((BALL_MATERIAL, TABLE_MATERIAL))
-    names = np.array(parameter_names(start.materials))
-    known_density = names == f"density[{BALL_MATERIAL}]"
-    parameters = ball_parameters()
-    density = parameters.density[parameters.index(BALL_MATERIAL)]
-    return LearnedParameters(
-        parameters,
-        np.where(known_density, MASS_TOLERANCE * density, np.nan),
-        known_density,
-        start.version,
-        start.cost,
-        start.observation_count,
-        start.method,
-    )
-
-
-def calibrate_on_observations(
-    observations: Sequence[Observation],
-    points: int,
-    horizons: Sequence[float],
-    *,
-    same_settings: bool = False,
-    start: LearnedParameters | None = None,
-    sample_count: int = 100,
-    iterations: int = 2000,
-    engine: str = "auto",
-    seed: int = 0,
-    on_progress: Callable[[SearchProgress], None] | None = None,
-) -> ObservedCalibration:
-    """Learn and fit the noise with one half, predict the other half from its first points.
+@dataclass(frozen=True)
+class ObservedCalibrationOptions:
+    """How the calibration is made.
 
     Parameters
     ----------
     points : of each object that are seen
     horizons : s after the last of them
-    same_settings : whether all are shots of a launcher that was set once, so that their spread is
-        compared too
-    start : θ_s that learning starts from; None: the defaults
+    splits : into past and held-out observations, as in `splits_of`
     sample_count : simulations of each prediction
     iterations : evaluations of J at most
+    engine : that learns and predicts
+    seed : of everything
+    cores : splits that are made at the same time, each in a process of its own
     """
-    simulator = make_simulator(engine)
-    past, held_out = split(observations, PAST_SHARE, seed)
-    criteria = ConvergenceCriteria(max_iterations=iterations)
-    learned = learn(
+
+    points: int
+    horizons: tuple[float, ...]
+    splits: int = 1
+    sample_count: int = 100
+    iterations: int = 2000
+    engine: str = "auto"
+    seed: int = 0
+    cores: int = 1
+
+
+def calibrate_on_observations(
+    observations: Sequence[Observation],
+    options: ObservedCalibrationOptions,
+    *,
+    same_settings: bool = False,
+    start: LearnedParameters | None = None,
+    on_progress: Callable[[SearchProgress], None] | None = None,
+) -> ObservedCalibration:
+    """Learn and fit the noise with one part, predict the other part from its first points.
+
+    Of several splits the scores are pooled; θ_s is then learned from all observations, and each
+    noise scale is the median over the splits.
+
+    Parameters
+    ----------
+    same_settings : whether all are shots of a launcher that was set once, so that their spread is
+        compared too, those of the first split
+    start : θ_s that learning starts from; None: the defaults
+    on_progress : called with the progress of searches in this process: all of them on one core, of
+        all observations else
+    """
+    parts = splits_of(observations, options.splits, options.seed)
+    if options.cores == 1 or len(parts) == 1:
+        found = [_calibrated(*part, options, start, on_progress) for part in parts]
+    else:
+        with ProcessPoolExecutor(options.cores, get_context("spawn")) as pool:
+            jobs = [pool.submit(_calibrated, *part, options, start) for part in parts]
+            found = [job.result() for job in jobs]
+    calibrations, versions = zip(*found, strict=True)
+    notes: tuple[str, ...] = ()
+    if same_settings:
+        spread = launch_spread(
+            *parts[0],
+            calibrations[0].scales.parameters(versions[0]),
+            seed=options.seed,
+            simulator=make_simulator(options.engine),
+        )
+        notes = (spread.to_markdown(),)
+    whole = versions[0]
+    if len(parts) > 1:
+        whole = _learned(observations, options, start, on_progress)
+    return ObservedCalibration(Calibration.pooled(calibrations), whole, notes)
+
+
+def _learned(
+    past: Sequence[Observation],
+    options: ObservedCalibrationOptions,
+    start: LearnedParameters | None,
+    on_progress: Callable[[SearchProgress], None] | None,
+) -> LearnedParameters:
+    criteria = ConvergenceCriteria(max_iterations=options.iterations)
+    return learn(
         past,
-        simulator,
-        LearningOptions(method="cma_es", criteria=criteria, seed=seed),
+        make_simulator(options.engine),
+        LearningOptions(criteria=criteria, seed=options.seed),
         previous=start,
         on_progress=on_progress,
     ).learned
+
+
+def _calibrated(
+    past: Sequence[Observation],
+    held_out: Sequence[Observation],
+    options: ObservedCalibrationOptions,
+    start: LearnedParameters | None,
+    on_progress: Callable[[SearchProgress], None] | None = None,
+) -> tuple[Calibration, LearnedParameters]:
+    """Calibrate on one split; also return θ_s as learned from its past."""
+    learned = _learned(past, options, start, on_progress)
     densities = dict(zip(learned.materials, learned.parameters.density.tolist(), strict=True))
     found = calibrate(
-        observed_outcomes(past, points, horizons, densities),
-        observed_outcomes(held_out, points, horizons, densities),
+        observed_outcomes(past, options.points, options.horizons, densities),
+        observed_outcomes(held_out, options.points, options.horizons, densities),
         learned,
-        horizons,
-        scales_to_fit=("spin", *FITTED_SCALES),
-        sample_count=sample_count,
-        seed=seed,
-        simulator=simulator,
+        options.horizons,
+        scales_to_fit=fitted_scales((*past, *held_out)),
+        sample_count=options.sample_count,
+        seed=options.seed,
+        simulator=make_simulator(options.engine),
     )
-    notes: tuple[str, ...] = ()
-    if same_settings:
-        parameters = found.fit.scales.parameters(learned)
-        spread = launch_spread(past, held_out, parameters, seed=seed, simulator=simulator)
-        notes = (spread.to_markdown(),)
-    return ObservedCalibration(found, learned, notes)
+    return found, learned
+
+
+def fitted_scales(observations: Sequence[Observation]) -> tuple[str, ...]:
+    """Return the noise scales that observations identify.
+
+    Nobody sees the spin of a ball. Where every object has detections, the covariances of initial
+    states follow from theirs, and a scale of them could only be chance.
+    """
+    stated = all(each.detections is not None for seen in observations for each in seen.objects)
+    return ("spin", *(name for name in FITTED_SCALES if not (stated and name == "state")))

@@ -164,7 +164,8 @@ def _outcome(
 
 def _seen(outcome: Outcome, rng: np.random.Generator) -> Outcome:
     noise = rng.normal(0.0, POSITION_NOISE, outcome.positions.shape)
-    return Outcome(outcome.scene, outcome.times, outcome.positions + noise, POSITION_NOISE)
+    covariances = np.broadcast_to(POSITION_NOISE**2 * np.eye(3), (*noise.shape, 3))
+    return Outcome(outcome.scene, outcome.times, outcome.positions + noise, covariances)
 
 
 LEARNED_SHARE = 0.6
@@ -318,7 +319,7 @@ def calibrate_on_paper_set(
         seed=options.seed,
         simulator=simulator,
     )
-    ours = noisy_prediction(learned, found.fit.scales, options.sample_count, simulator)
+    ours = noisy_prediction(learned, found.scales, options.sample_count, simulator)
     most = max(options.point_counts, default=options.points)
     by_points = {
         points: score(

@@ -19,7 +19,13 @@ from intuitive_physics_cli.report.figure_style import (
     PREDICTED,
     TRUE,
 )
-from intuitive_physics_experiments.calibration.calibrate import BASELINES, OURS, Calibration
+from intuitive_physics_experiments.calibration.calibrate import (
+    BASELINES,
+    FITTED,
+    OURS,
+    Calibration,
+    ratios_of_means,
+)
 from intuitive_physics_experiments.calibration.verification import REGIONS, Scores
 from intuitive_physics_experiments.paper.cells import write_whole
 from intuitive_physics_experiments.paper.outcome import (
@@ -28,7 +34,7 @@ from intuitive_physics_experiments.paper.outcome import (
     write_figure,
     write_page,
 )
-from intuitive_physics_predictor.noise_scales import SCALES_KEY
+from intuitive_physics_predictor.noise_scales import NOISE_SCALES, SCALES_KEY
 
 LEVELS = np.linspace(0.05, 0.95, 19)
 """Probabilities of a reliability curve."""
@@ -79,7 +85,7 @@ def _row(scores: Scores, h: int) -> dict[str, Any]:
     }
 
 
-HORIZON_COLORS = (PREDICTED, OBSERVED, PLANE_COLORS[0], GRAVITY)
+HORIZON_COLORS = (PREDICTED, OBSERVED, PLANE_COLORS[0], GRAVITY, PLANE_COLORS[3])
 """Of the horizons, in their order."""
 
 BASELINE_COLORS = (DEFAULT, PLANE_COLORS[0], PLANE_COLORS[3], PLANE_COLORS[4])
@@ -190,7 +196,7 @@ def write_calibration(
         (11.0, 8.0),
         lambda figure: _draw(figure, calibration, points),
     )
-    scales = calibration.fit.scales.to_dict()
+    scales = calibration.scales.to_dict()
     parameters = {**learned.to_dict(), SCALES_KEY: scales}
     write_whole(folder / PARAMETERS_NAME, json.dumps(parameters, indent=1) + "\n")
     body = [_table(rows), _noise_scales(calibration)]
@@ -211,13 +217,14 @@ def _draw(figure: Any, calibration: Calibration, by_points: dict[int, Scores]) -
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> str:
-    header = ["prediction", "horizon (s)", "50 %", "90 %", "CRPS (m)", "energy (m)", "error (m)"]
+    header = ["prediction", "horizon (s)", "trajectories", "50 %", "90 %"]
+    header += ["CRPS (m)", "energy (m)", "error (m)"]
     cells = [
         [
             str(row["prediction"]),
             f"{row['horizon']:g}",
-            _share(row["coverage_50"]),
-            _share(row["coverage_90"]),
+            str(row["trajectories"]),
+            *(_share(row[f"coverage_{level}"], row["trajectories"]) for level in (50, 90)),
             *(f"{row[name]:.4f}" for name in ("crps", "energy_score", "error")),
         ]
         for row in rows
@@ -243,30 +250,56 @@ def _points_table(by_points: Mapping[int, Scores], calibration: Calibration) -> 
 
 
 def _noise_scales(calibration: Calibration) -> str:
-    scales = calibration.fit.scales.to_dict()
-    del scales["format"]
-    kept = ", ".join(
-        f"{100 * share:.0f} % of {name}" for name, share in calibration.fit.kept.items()
+    fits, deviations = calibration.fits, calibration.fixed_deviations
+    listed = ", ".join(
+        _median_and_range(name, [getattr(fit.scales, name) for fit in fits])
+        for name in NOISE_SCALES
     )
-    listed = ", ".join(f"{name} {value:.3g}" for name, value in scales.items())
-    best, fitted = (
-        ", ".join(
-            f"{ratio:.3f} at {horizon:g} s"
-            for ratio, horizon in zip(ratios, calibration.horizons, strict=True)
-        )
-        for ratios in (
+    kept = ", ".join(
+        f"{100 * np.median([fit.kept[name] for fit in fits]):.0f} % of {name}"
+        for name in fits[0].kept
+    )
+    over_splits = "" if len(fits) == 1 else f", medians of {len(fits)} splits (and range)"
+    ratios, errors = ratios_of_means(
+        calibration.scores[OURS].energy, calibration.scores[FITTED].energy
+    )
+    fitted = [f"{ratio:.3f} ± {error:.3f}" for ratio, error in zip(ratios, errors, strict=True)]
+    best, ideal = (
+        [f"{ratio:.3f}" for ratio in found]
+        for found in (
             calibration.energy_score_vs_best_baseline,
-            calibration.energy_score_vs_fitted_noise,
+            calibration.ideal_energy_score_vs_fitted_noise,
         )
     )
     return (
-        f"50 %, 90 %: share of outcomes inside the highest-density region of that probability. "
-        f"Noise scales: {listed}; of the way that the fit would have moved them, {kept} "
-        f"are kept, the rest may be chance. Fixed noise that suits the past best: "
-        f"{calibration.fixed_deviation:.3g}. Energy score over that of the best of "
-        f"{', '.join(BASELINES)}: {best}; over that of the fitted fixed noise: {fitted}."
+        f"50 %, 90 %: share of outcomes inside the highest-density region of that probability, ± "
+        f"its standard error with so many trajectories. Noise scales{over_splits}: {listed}; of "
+        f"the way that the fit would have moved them, {kept} are kept, the rest may be chance. "
+        f"{_median_and_range('Fixed noise that suits the past best:', deviations)}. Energy score "
+        f"over that of the best of {', '.join(BASELINES)}: {_by_horizon(best, calibration)}; over "
+        f"that of the fitted fixed noise: {_by_horizon(fitted, calibration)}. If what happened "
+        f"were drawn from {OURS} itself, so that with what is known nothing could score better, "
+        f"that ratio would be {_by_horizon(ideal, calibration)}."
     )
 
 
-def _share(value: float) -> str:
-    return "–" if np.isnan(value) else f"{100 * value:.1f} %"
+def _median_and_range(name: str, values: Sequence[float]) -> str:
+    median, low, high = float(np.median(values)), min(values), max(values)
+    shown = f"{name} {median:.3g}"
+    return shown if low == high else f"{shown} ({low:.3g} to {high:.3g})"
+
+
+def _by_horizon(texts: Sequence[str], calibration: Calibration) -> str:
+    return ", ".join(
+        f"{text} at {horizon:g} s"
+        for text, horizon in zip(texts, calibration.horizons, strict=True)
+    )
+
+
+def _share(value: float, count: int = 0) -> str:
+    """Text of a share, with its standard error where it is of `count` trajectories."""
+    if np.isnan(value):
+        return "–"
+    if not count:
+        return f"{100 * value:.1f} %"
+    return f"{100 * value:.1f} ± {100 * np.sqrt(value * (1.0 - value) / count):.1f} %"

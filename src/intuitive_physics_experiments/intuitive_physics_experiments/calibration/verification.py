@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,12 @@ class Scores:
     def coverage(self, probability: float) -> NDArray[np.float64]:
         """Share of outcomes inside the region of that probability, (n_horizons,)."""
         return np.array([coverage(known(at), probability) for at in self.levels.swapaxes(0, 1)])
+
+    @staticmethod
+    def pooled(parts: Sequence[Scores]) -> Scores:
+        """Return those of all trajectories of several sets, at least one."""
+        names = [field.name for field in fields(Scores)]
+        return Scores(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
 
 
 def score(outcomes: Sequence[Outcome], prediction: Prediction, seed: int) -> Scores:

@@ -6,10 +6,18 @@ import argparse
 import shlex
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_cli.commands.observation_source import PATH_HELP, progress_to
+from intuitive_physics_cli.commands.observation_source import (
+    PATH_HELP,
+    progress_to,
+    read_observations,
+)
+
+if TYPE_CHECKING:
+    from intuitive_physics.learned_parameters import LearnedParameters
+    from intuitive_physics.observation import Observation
 
 OBSERVED_HORIZONS = (0.1, 0.2, 0.4, 0.6)
 """s ahead at which predictions of observations are scored, unless others are given."""
@@ -32,6 +40,13 @@ def add_to(commands: Any) -> None:
         type=Path,
         metavar="PATH",
         help=f"{PATH_HELP}; without it, the paper's synthetic set is made",
+    )
+    parser.add_argument(
+        "--splits",
+        type=int,
+        default=1,
+        help="parts that the observations fall into, each of which is held out once and predicted "
+        "with what the others taught; 1: one half is held out (default: 1)",
     )
     parser.add_argument("--horizons", type=float, nargs="+", metavar="T", help="s")
     parser.add_argument("--points", type=int, default=10, help="seen of each object (default: 10)")
@@ -59,6 +74,9 @@ def add_to(commands: Any) -> None:
     )
     parser.add_argument("--engine", default="auto", help="simulator (default: auto)")
     parser.add_argument(
+        "--cores", type=int, default=1, help="splits that are made at the same time (default: 1)"
+    )
+    parser.add_argument(
         "--drag", type=float, default=0.0, help="drag coefficient of table-tennis balls"
     )
     parser.add_argument("--seed", type=int, default=0, help="of all randomness (default: 0)")
@@ -67,7 +85,8 @@ def add_to(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Calibrate, write the folder and print its page."""
-    for name in ("points", "objects", "throws", "held_out", "samples", "iterations"):
+    counts = ("points", "splits", "objects", "throws", "held_out", "samples", "iterations", "cores")
+    for name in counts:
         lowest = {"points": 3, "samples": 4}.get(name, 1)
         if getattr(options, name) < lowest:
             raise InvalidInputError(
@@ -119,24 +138,28 @@ def _calibrate_on_paper_set(options: argparse.Namespace) -> None:
 def _calibrate_on_observations(options: argparse.Namespace) -> None:
     from intuitive_physics_cli.terminal import ProgressBar
     from intuitive_physics_experiments.calibration.observed_calibration import (
+        ObservedCalibrationOptions,
         calibrate_on_observations,
-        read_air_observations,
     )
     from intuitive_physics_experiments.calibration.report import write_calibration
     from intuitive_physics_experiments.recorded_sets.recorded_data import LAUNCHES
 
-    title, observations, start = read_air_observations(options.observations, options.drag)
+    title, observations, start = _read(options.observations, options.drag)
     with ProgressBar("learning") as bar:
         found = calibrate_on_observations(
             observations,
-            options.points,
-            tuple(options.horizons or OBSERVED_HORIZONS),
+            ObservedCalibrationOptions(
+                options.points,
+                tuple(options.horizons or OBSERVED_HORIZONS),
+                splits=options.splits,
+                sample_count=options.samples,
+                iterations=options.iterations,
+                engine=options.engine,
+                seed=options.seed,
+                cores=options.cores,
+            ),
             same_settings=title.startswith(LAUNCHES.title),
             start=start,
-            sample_count=options.samples,
-            iterations=options.iterations,
-            engine=options.engine,
-            seed=options.seed,
             on_progress=progress_to(bar, options),
         )
     write_calibration(
@@ -147,6 +170,25 @@ def _calibrate_on_observations(options: argparse.Namespace) -> None:
         found.learned,
         more=found.notes,
     )
+
+
+def _read(path: Path, drag: float) -> tuple[str, list[Observation], LearnedParameters | None]:
+    """Return title and observations of a folder or a recorded set, and where learning starts.
+
+    Parameters
+    ----------
+    drag : coefficient of table-tennis balls; 0: no air
+    """
+    from intuitive_physics_experiments.recorded_sets.recorded_data import load_table_tennis
+    from intuitive_physics_experiments.recorded_sets.table_tennis import (
+        AirCoefficients,
+        known_ball,
+    )
+
+    if drag == 0.0:
+        return *read_observations(path), None
+    title, observations = load_table_tennis(path, AirCoefficients(drag))
+    return f"{title}, drag {drag:g}", observations, known_ball()
 
 
 def _command() -> str:

@@ -7,7 +7,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.state import ERROR_SIZE, LINEAR_VELOCITY, POSITION
-from intuitive_physics.validation import finite_array, increasing_times, positive_float
+from intuitive_physics.validation import (
+    covariance_matrices,
+    finite_array,
+    increasing_times,
+    positive_float,
+)
 
 FEWEST_POINTS = 3
 """That a flight is fitted to."""
@@ -16,7 +21,9 @@ SURPRISE = 16.3
 """χ² of three degrees of freedom that free flight exceeds once in a thousand points."""
 
 
-def flight_length(times: ArrayLike, positions: ArrayLike, gravity: ArrayLike, noise: float) -> int:
+def flight_length(
+    times: ArrayLike, positions: ArrayLike, gravity: ArrayLike, noise: ArrayLike
+) -> int:
     """Count the points from the first one that free flight explains, at least three.
 
     A point is a surprise when it lies further from where the points before it send the object than
@@ -27,21 +34,17 @@ def flight_length(times: ArrayLike, positions: ArrayLike, gravity: ArrayLike, no
     times : (n,) s, n ≥ 3, strictly increasing
     positions : (n, 3) m
     gravity : (3,) m/s²
-    noise : m, standard deviation of a point on each axis
+    noise : m, standard deviation of a point on each axis, or (n, 3, 3) m², covariance of each point
     """
-    t, level = _levelled(times, positions, gravity)
-    sigma = positive_float(noise, "noise")
-    for count in range(FEWEST_POINTS, t.size):
-        start, inverse = _fit(t[:count], level[:count])
-        row = np.array([1.0, t[count]])
-        variance = sigma**2 * (1.0 + row @ inverse @ row)
-        if np.sum((level[count] - row @ start) ** 2) > SURPRISE * variance:
+    flight = _Flight(times, positions, gravity, noise)
+    for count in range(FEWEST_POINTS, flight.times.size):
+        if flight.surprise(count) > SURPRISE:
             return max(count - 1, FEWEST_POINTS)
-    return int(t.size)
+    return int(flight.times.size)
 
 
 def fit_noisy_flight(
-    times: ArrayLike, positions: ArrayLike, gravity: ArrayLike, noise: float
+    times: ArrayLike, positions: ArrayLike, gravity: ArrayLike, noise: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Fit x(t) = x₀ + v₀ t + g t² / 2 by least squares to points with known noise.
 
@@ -50,39 +53,71 @@ def fit_noisy_flight(
     times : (n,) s, n ≥ 3, strictly increasing
     positions : (n, 3) m
     gravity : (3,) m/s²
-    noise : m, standard deviation of a point on each axis
+    noise : m, standard deviation of a point on each axis, or (n, 3, 3) m², covariance of each point
 
     Returns
     -------
     position, velocity : (3,) m and m/s, at `times[0]`
     covariance : (12, 12) as that of an `ObjectState`; rotation and spin are left zero
     """
-    t, level = _levelled(times, positions, gravity)
-    start, inverse = _fit(t, level)
-    inverse *= positive_float(noise, "noise") ** 2
+    flight = _Flight(times, positions, gravity, noise)
+    start, inverse = flight.fit(flight.times.size)
     covariance = np.zeros((ERROR_SIZE, ERROR_SIZE))
     parts = (POSITION, LINEAR_VELOCITY)
     for i, row in enumerate(parts):
         for k, column in enumerate(parts):
-            covariance[row, column] = inverse[i, k] * np.eye(3)
-    return start[0], start[1], covariance
+            covariance[row, column] = inverse[3 * i : 3 * i + 3, 3 * k : 3 * k + 3]
+    return start[:3], start[3:], covariance
 
 
-def _levelled(
-    times: ArrayLike, positions: ArrayLike, gravity: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times from the first on, and positions as they would be without gravity."""
-    t = increasing_times(times, "times of flight")
-    x = finite_array(positions, "positions of flight", (t.size, 3))
-    if t.size < FEWEST_POINTS:
-        raise InvalidInputError(f"flight has {t.size} points; expected at least {FEWEST_POINTS}")
-    since = t - t[0]
-    return since, x - 0.5 * since[:, None] ** 2 * finite_array(gravity, "gravity", (3,))
+class _Flight:
+    """Weighted least squares over the first points of a flight, as it would be without gravity.
+
+    Parameters
+    ----------
+    times, positions, gravity, noise : as in `fit_noisy_flight`
+    """
+
+    def __init__(
+        self, times: ArrayLike, positions: ArrayLike, gravity: ArrayLike, noise: ArrayLike
+    ) -> None:
+        t = increasing_times(times, "times of flight")
+        x = finite_array(positions, "positions of flight", (t.size, 3))
+        if t.size < FEWEST_POINTS:
+            raise InvalidInputError(
+                f"flight has {t.size} points; expected at least {FEWEST_POINTS}"
+            )
+        self.times = t - t[0]
+        fallen = 0.5 * self.times[:, None] ** 2 * finite_array(gravity, "gravity", (3,))
+        self._level = x - fallen
+        self._covariances = _covariances(noise, t.size)
+        # Rows [I, t I] of each point, so that position and velocity are its six unknowns.
+        self._rows = np.einsum("nk,ij->nikj", np.stack([self.times**0, self.times], 1), np.eye(3))
+        self._rows = self._rows.reshape(t.size, 3, 6)
+        weighted = np.einsum(
+            "nij,nik->njk", self._rows, np.linalg.solve(self._covariances, self._rows)
+        )
+        right = np.linalg.solve(self._covariances, self._level[:, :, None])
+        self._information = np.cumsum(weighted, axis=0)
+        self._right = np.cumsum(np.einsum("nij,nik->nj", self._rows, right), axis=0)
+
+    def fit(self, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return position and velocity (6,) of the first `count` points, and covariance (6, 6)."""
+        inverse = np.linalg.inv(self._information[count - 1])
+        return inverse @ self._right[count - 1], inverse
+
+    def surprise(self, count: int) -> float:
+        """χ² of point `count`, counted from 0, given those before it."""
+        start, inverse = self.fit(count)
+        row = self._rows[count]
+        off = self._level[count] - row @ start
+        spread = self._covariances[count] + row @ inverse @ row.T
+        return float(off @ np.linalg.solve(spread, off))
 
 
-def _fit(
-    t: NDArray[np.float64], level: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    design = np.column_stack([np.ones_like(t), t])
-    inverse = np.linalg.inv(design.T @ design)
-    return inverse @ design.T @ level, inverse
+def _covariances(noise: ArrayLike, count: int) -> NDArray[np.float64]:
+    """Covariances (count, 3, 3) m² of the points."""
+    if np.ndim(noise) == 0:
+        deviation = positive_float(float(np.asarray(noise)), "noise")
+        return np.broadcast_to(deviation**2 * np.eye(3), (count, 3, 3))
+    return covariance_matrices(noise, "covariances of flight", count, size=3)

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.materials import StaticParameters
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Sphere
@@ -208,3 +209,25 @@ def rows_before_contact(above: NDArray[np.float64]) -> int:
     turns[1:-1] = (above[1:-1] < above[:-2]) & (above[1:-1] < above[2:])
     contacts = np.flatnonzero((above < CLEARANCE) | (turns & (above < TURNING_HEIGHT)))
     return int(contacts[0]) if contacts.size else len(above)
+
+
+MASS_TOLERANCE = 0.02
+"""Relative, of a ball by the rules of the sport (2.67 to 2.77 g)."""
+
+
+def known_ball() -> LearnedParameters:
+    """Defaults, but for the ball's density, which counts in air and is given by the rules."""
+    start = LearnedParameters.defaults((BALL_MATERIAL, TABLE_MATERIAL))
+    names = np.array(parameter_names(start.materials))
+    known_density = names == f"density[{BALL_MATERIAL}]"
+    parameters = ball_parameters()
+    density = parameters.density[parameters.index(BALL_MATERIAL)]
+    return LearnedParameters(
+        parameters,
+        np.where(known_density, MASS_TOLERANCE * density, np.nan),
+        known_density,
+        start.version,
+        start.cost,
+        start.observation_count,
+        start.method,
+    )

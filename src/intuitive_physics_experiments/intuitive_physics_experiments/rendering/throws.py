@@ -14,7 +14,13 @@ from intuitive_physics.scene import Environment
 from intuitive_physics.state import ObjectState
 from intuitive_physics_experiments.rendering.camera import Camera
 from intuitive_physics_experiments.rendering.corner_room import BALL_RADII, ROOM_MATERIAL
-from intuitive_physics_experiments.rendering.thrown_ball import BallContact, BallMotion, move_ball
+from intuitive_physics_experiments.rendering.thrown_ball import (
+    AS_BULLET_HAS_IT,
+    BallContact,
+    BallMotion,
+    Fidelity,
+    move_ball,
+)
 
 MOST_ATTEMPTS = 500
 """Draws of a throw that stays in view before it is given up."""
@@ -79,6 +85,7 @@ def make_throws(
     duration: float,
     pause: float,
     materials: Sequence[str] = tuple(BALL_RADII),
+    fidelity: Fidelity = AS_BULLET_HAS_IT,
 ) -> list[Throw]:
     """Throw balls in turn, each in view of the camera from hand to end.
 
@@ -90,11 +97,12 @@ def make_throws(
     duration : s of each throw
     pause : s without a ball after each
     materials : of the balls, some of `BALL_RADII`
+    fidelity : of their motions to the contact laws
     """
     throws = []
     for i in range(count):
         material = materials[i % len(materials)]
-        motion = _throw_in_view(material, camera, environment, parameters, rng, duration)
+        motion = _throw_in_view(material, camera, environment, parameters, rng, duration, fidelity)
         start_time = first_start + i * (duration + pause)
         throws.append(Throw(material, BALL_RADII[material], start_time, motion))
     return throws
@@ -107,6 +115,7 @@ def _throw_in_view(
     parameters: StaticParameters,
     rng: np.random.Generator,
     duration: float,
+    fidelity: Fidelity,
 ) -> BallMotion:
     radius = BALL_RADII[material]
     pair = parameters.pair(material, ROOM_MATERIAL)
@@ -114,7 +123,9 @@ def _throw_in_view(
     density = float(parameters.density[parameters.index(material)])
     for _ in range(MOST_ATTEMPTS):
         start = _release(rng)
-        motion = move_ball(environment, radius, density, contact, start, duration)
+        motion = move_ball(
+            environment, radius, density, contact, start, duration, fidelity=fidelity
+        )
         if _in_view(camera, motion.positions, radius):
             return motion
     raise InvalidInputError(

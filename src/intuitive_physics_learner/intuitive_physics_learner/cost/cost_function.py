@@ -127,9 +127,10 @@ class Cost(ABC):
     def trial_residuals(self, trials: Trials) -> NDArray[np.float64]:
         """Simulated minus observed position of each point of each trial, shape (N, P, 3), in m.
 
-        The points of one object after those of the other, each in the order of times. P is the
-        largest number of points of an observation; NaN beyond those that an observation has or a
-        trial wants, and in all points of a world that did not simulate to its end.
+        The points of one object after those of the other, each in the order of times. Without
+        `Trials.columns`, P is the largest number of points of an observation. NaN beyond those that
+        an observation has or a trial wants, and in all points of a world that did not simulate to
+        its end.
         """
 
 
@@ -197,18 +198,12 @@ class TrajectoryCost(Cost):
         return distances
 
     def trial_residuals(self, trials: Trials) -> NDArray[np.float64]:
-        residuals = np.full((trials.size, self._points, 3), np.nan)
+        columns = np.arange(self._points) if trials.columns is None else trials.columns
+        residuals = np.full((trials.size, columns.size, 3), np.nan)
         for part in self._simulated(trials):
-            part.offsets[~part.counted] = np.nan
-            part.offsets[part.failed] = np.nan
-            whole = np.full((*part.group.seen[part.rows].shape, 3), np.nan)
-            whole[:, :, : part.offsets.shape[2]] = part.offsets
-            points = part.group.points[part.rows]
-            taken = np.take_along_axis(
-                whole.reshape(part.rows.size, -1, 3), np.maximum(points, 0)[:, :, None], axis=1
-            )
-            taken[points < 0] = np.nan
-            residuals[part.trials, : points.shape[1]] = taken
+            points = part.group.points
+            there = columns < points.shape[1]
+            residuals[np.ix_(part.trials, there)] = part.residuals(points[:, columns[there]])
         return residuals
 
     def _simulated(self, trials: Trials) -> Iterator[_Simulated]:
@@ -230,6 +225,23 @@ class _Simulated:
     offsets: NDArray[np.float64]
     counted: NDArray[np.bool_]
     failed: NDArray[np.bool_]
+
+    def residuals(self, points: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the offsets (N, P, 3) in m of some points, as `Cost.trial_residuals`.
+
+        Parameters
+        ----------
+        points : (W, P) of each observation of the group, as `PackedObservations.points`
+        """
+        count, objects, simulated = self.counted.shape
+        owner, column = np.divmod(points, self.group.seen.shape[2])
+        there = (points >= 0) & (column < simulated)
+        place = np.where(there, owner * simulated + column, 0)[self.rows]
+        place += objects * simulated * np.arange(count)[:, None]
+        wanted = self.counted.reshape(-1)[place] & there[self.rows] & ~self.failed[:, None]
+        taken = self.offsets.reshape(-1, 3)[place]
+        taken[~wanted] = np.nan
+        return taken
 
 
 class InterruptibleCost(Cost):

@@ -24,6 +24,8 @@ class Trials:
         objects of an observation; None: those of the observations
     until : (N,) s after the start; later points are neither simulated nor counted, but there is
         always a first. None: all points count
+    columns : (P,) index of each point that residuals are wanted of, among those of an observation,
+        object after object; None: all points
     """
 
     parameters: Sequence[StaticParameters]
@@ -31,6 +33,7 @@ class Trials:
     observation_index: NDArray[np.int64]
     states: NDArray[np.float64] | None = None
     until: NDArray[np.float64] | None = None
+    columns: NDArray[np.int64] | None = None
 
     @property
     def size(self) -> int:
@@ -61,4 +64,5 @@ class Trials:
             self.observation_index[trials],
             None if self.states is None else self.states[trials],
             None if self.until is None else self.until[trials],
+            self.columns,
         )

@@ -20,7 +20,7 @@ is that of its ends. Within it the halves cannot disagree, nor need they be boun
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,7 +167,7 @@ class PartialCost(Cost):
             padded[:, : states.shape[1]] = states
             states = padded
         members = self._members[trials.observation_index]
-        return Trials(trials.parameters, trials.parameter_index, members, states, trials.until)
+        return replace(trials, observation_index=members, states=states)
 
 
 def halves(influence: NDArray[np.bool_]) -> list[NDArray[np.int64]]:

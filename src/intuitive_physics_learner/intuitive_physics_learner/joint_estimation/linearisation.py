@@ -144,9 +144,7 @@ def linearise(
     trials = _trials(block, estimate[:, :d], state_steps, steps, until, _most_objects(cost))
     q = block.parameters.shape[1]
     points = block.times.shape[1]
-    rows = cost.trial_residuals(trials)[:, block.columns].reshape(
-        count, 1 + 2 * d + 2 * q, points, 3
-    )
+    rows = cost.trial_residuals(trials).reshape(count, 1 + 2 * d + 2 * q, points, 3)
     base = rows[:, :1]
     up = np.concatenate([rows[:, 1 : 1 + d], rows[:, 1 + 2 * d : 1 + 2 * d + q]], axis=1) - base
     down = base - np.concatenate([rows[:, 1 + d : 1 + 2 * d], rows[:, 1 + 2 * d + q :]], axis=1)
@@ -215,9 +213,10 @@ def residuals_at(
         np.tile(block.members, count),
         np.concatenate(states.swapaxes(0, 1)),
         np.tile(until, count),
+        block.columns,
     )
     points = block.times.shape[1]
-    residuals = cost.trial_residuals(trials)[:, block.columns].reshape(count, members, points, 3)
+    residuals = cost.trial_residuals(trials).reshape(count, members, points, 3)
     return block.displaced(residuals, estimates)
 
 
@@ -245,6 +244,7 @@ def _trials(
         np.repeat(block.members, each),
         np.concatenate(block.initial_states.states(moved, objects)),
         np.repeat(until, each),
+        block.columns,
     )
 
 

@@ -12,7 +12,7 @@ Parameters are on the unit cube of the search.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,9 @@ class LocalLikelihood:
 def local_likelihoods(model: TrajectoryModel, estimate: Estimate) -> list[LocalLikelihood]:
     """Take the likelihoods of all observations of a model, in their order.
 
+    Each is that of its own observation alone: the weights with which a fit counts them are left
+    out.
+
     Parameters
     ----------
     model : of the observations
@@ -52,7 +55,7 @@ def local_likelihoods(model: TrajectoryModel, estimate: Estimate) -> list[LocalL
     linear = model.linearised(estimate)
     equations = model.equations(estimate, linear)
     for (block, part), slopes, own in zip(model.parts(estimate), linear, equations, strict=True):
-        eliminated = own.eliminated()
+        eliminated = replace(own, weights=np.ones_like(own.weights)).eliminated()
         present = part.estimate[None], slopes.residuals[None]
         losses = part.losses(block, *present, model.settings)[0]
         d = own.state_size

@@ -61,13 +61,18 @@ def fused_frame(
 
 def _pixel_medians(stack: NDArray[np.float64]) -> NDArray[np.float64]:
     """Median reading of each pixel, (n_pixels, 3) of (n_frames, n_pixels, 3), seen in at least half
-    of the frames; else NaN."""
+    of the frames; else NaN.
+
+    Of an even number it is the mean of the two in the middle: the farther of them lies 0.15
+    standard deviations too far where eight frames are fused, and so would all planes.
+    """
     ranges = np.linalg.norm(stack, axis=2)
     seen = np.isfinite(ranges).sum(axis=0)
     # NaN sorts to the end, so the median of what was seen stands at half its count.
     order = np.argsort(ranges, axis=0)
-    middle = np.take_along_axis(order, (seen // 2).clip(max=len(stack) - 1)[None], axis=0)[0]
-    medians = stack[middle, np.arange(stack.shape[1])]
+    middle = np.stack([(seen - 1).clip(min=0) // 2, (seen // 2).clip(max=len(stack) - 1)])
+    chosen = np.take_along_axis(order, middle, axis=0)
+    medians = stack[chosen, np.arange(stack.shape[1])].mean(axis=0)
     medians[2 * seen < len(stack)] = np.nan
     return medians
 

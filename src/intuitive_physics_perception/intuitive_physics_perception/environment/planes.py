@@ -87,7 +87,7 @@ def detect_planes(
         free &= ~cloud.near(plane)
         if not _bulges(cloud, plane, settings.max_radius, search):
             found.append(plane)
-    merged = _merge(cloud, found, search)
+    merged = _apart(cloud, _merge(cloud, found, search), search)
     smallest = search.small_width * settings.max_radius
     planes = [
         outlined
@@ -224,6 +224,27 @@ def _merge(
         else:
             merged.append(plane)
     return merged
+
+
+def _apart(
+    cloud: RangeCloud, planes: list[NDArray[np.float64]], search: PlaneDetectionSettings
+) -> list[NDArray[np.float64]]:
+    """Refine planes without the readings that lie near another one that crosses them.
+
+    Where a wall meets the floor a strip of it lies within the tolerance of the floor, all on one
+    side: it would lift the floor's end, and tilt gravity with it. Of a plane beside, nearly
+    parallel, only the half that errs towards it would be left out.
+    """
+    near = [cloud.near(plane) for plane in planes]
+    largest_cosine = float(np.cos(np.radians(search.merge_angle)))
+    refined = []
+    for plane in planes:
+        own = np.ones(len(cloud.points), dtype=bool)
+        for other, strip in zip(planes, near, strict=True):
+            if abs(plane[:3] @ other[:3]) < largest_cosine:
+                own &= ~strip
+        refined.append(_refined(cloud, plane, np.flatnonzero(own), search.refinements))
+    return refined
 
 
 def _outlined(

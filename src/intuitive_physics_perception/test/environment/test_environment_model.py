@@ -157,6 +157,46 @@ def test_what_moves_is_not_in_the_fused_frame(make_room, rng) -> None:
     assert np.quantile(np.min(distances, axis=0), 0.999) < 0.03
 
 
+@pytest.mark.parametrize("count", [2, 3, 8, 9])
+def test_fused_readings_are_too_near_as_often_as_too_far(count, rng) -> None:
+    # The mean error of n pixels, each the median of symmetric errors, has the standard deviation
+    # σ / √n at most. Some pixels are not read in one frame, which makes their number odd or even.
+    rays = Intrinsics(80, 60, np.array([[70.0, 0, 39.5], [0, 70.0, 29.5], [0, 0, 1]])).rays()
+    depth, sigma = 2.0, 0.006
+    depths = depth + sigma * rng.normal(size=(count, 60, 80))
+    depths[0, ::3] = np.nan
+    frames = [points_from_depth(each.astype(np.float32), rays) for each in depths]
+    fused = fuse(frames, SETTINGS, rng)
+    assert len(fused) == 60 * 80
+    assert abs(fused[:, 2].mean() - depth) < 4.0 * sigma / np.sqrt(len(fused))
+
+
+def test_a_wall_does_not_lift_the_floor_it_stands_on(rng) -> None:
+    # n readings of noise σ, evenly over a square of edge a, tell a plane's distance from its centre
+    # to σ / √n and each slope to σ √12 / (a √n). A strip of the wall's foot, as high as the
+    # tolerance, would lift the end of the floor, and the floor's end push the wall.
+    noise, edge, count = 0.015, 1.6, 12000
+    across, along, up = rng.uniform(-0.5 * edge, 0.5 * edge, (3, count))
+    floor = np.column_stack([across, np.full(count, 1.0), 2.0 + along])
+    wall = np.column_stack([across, 0.2 + up, np.full(count, 2.8)])
+    points = np.concatenate([floor, wall])
+    points *= (
+        1.0 + noise * rng.normal(size=(2 * count, 1)) / np.linalg.norm(points, axis=1)[:, None]
+    )
+    exact = replace(SETTINGS, range_noise_constant=noise, range_noise_quadratic=0.0)
+    planes = detect_planes(points, RangeNoise.from_settings(exact), exact, rng)
+    assert len(planes) == 2
+    for normal, centre in (
+        ((0.0, -1.0, 0.0), (0.0, 1.0, 2.0)),
+        ((0.0, 0.0, -1.0), (0.0, 0.2, 2.8)),
+    ):
+        plane = planes[int(np.argmax([found.normal @ normal for found in planes]))]
+        deviation = noise / np.sqrt(count)
+        assert abs(plane.normal @ centre - plane.offset) < 5.0 * deviation
+        slope = np.linalg.norm(np.cross(plane.normal, normal))
+        assert slope < 5.0 * deviation * np.sqrt(12.0) / edge
+
+
 def test_planes_come_by_support_and_coplanar_ones_are_one(rng) -> None:
     # Two parts of one table with a gap between them, and a smaller wall.
     table = patch(rng, (0, -1, -1), -1.5, 1.0, 4000, noise=0.001)

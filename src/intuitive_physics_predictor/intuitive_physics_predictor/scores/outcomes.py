@@ -25,14 +25,14 @@ class Outcome:
     scene : objects with perceived states and covariances
     times : (n_times,) s after the states, strictly increasing
     positions : (n_objects, n_times, 3) m, where the objects were; NaN where that is not known
-    position_noise : m, standard deviation on each axis of the noise in `positions`, 0 where they
-        are the truth
+    covariances : (n_objects, n_times, 3, 3) m², of the errors of `positions`; None: they are the
+        truth
     """
 
     scene: Scene
     times: NDArray[np.float64]
     positions: NDArray[np.float64]
-    position_noise: float = 0.0
+    covariances: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         expected = (len(self.scene.objects), len(self.times), 3)
@@ -40,6 +40,29 @@ class Outcome:
             raise InvalidInputError(
                 f"positions have the shape {self.positions.shape}; expected {expected}"
             )
+        if self.covariances is not None and self.covariances.shape != (*expected, 3):
+            raise InvalidInputError(
+                f"covariances have the shape {self.covariances.shape}; expected {(*expected, 3)}"
+            )
+
+    def seen(self, samples: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+        """Return what would be seen where objects are at `samples`.
+
+        Parameters
+        ----------
+        samples : (n_samples, n_objects, n_times, 3) m
+        rng : of the errors, which are drawn from `covariances`, each independent of all others
+
+        Returns
+        -------
+        (n_samples, n_objects, n_times, 3) m
+        """
+        if self.covariances is None:
+            return samples
+        variances, axes = np.linalg.eigh(self.covariances)
+        roots = axes * np.sqrt(np.maximum(variances, 0.0))[..., None, :]
+        errors = np.einsum("...ij,n...j->n...i", roots, rng.standard_normal(samples.shape))
+        return np.asarray(samples + errors)
 
 
 Prediction = Callable[[Outcome, np.random.Generator], NDArray[np.float64]]
@@ -69,7 +92,7 @@ def noisy_prediction(
 def predict_outcomes(
     outcomes: Sequence[Outcome], prediction: Prediction, seed: int
 ) -> Iterator[NDArray[np.float64]]:
-    """Predict what would be seen: samples with the noise that the positions seen have.
+    """Predict what would be seen: samples with errors as the positions seen have them.
 
     Each outcome has random numbers of its own, the same ones whatever predicts it, so that the
     scores of two predictions differ less by chance. They are those of no other outcome, and of no
@@ -81,8 +104,7 @@ def predict_outcomes(
     """
     for number, outcome in enumerate(outcomes):
         samples, noise = outcome_generators(seed, number)
-        positions = prediction(outcome, samples)
-        yield positions + outcome.position_noise * noise.standard_normal(positions.shape)
+        yield outcome.seen(prediction(outcome, samples), noise)
 
 
 def outcome_generators(seed: int, number: int) -> tuple[np.random.Generator, np.random.Generator]:

@@ -24,6 +24,11 @@ from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_
 from intuitive_physics.prior_knowledge import GivenKnowledge
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.trajectory import MEAN_DISTANCE
+from intuitive_physics_learner.assessment import (
+    AssessedObservations,
+    assess_observations,
+    reassessed,
+)
 from intuitive_physics_learner.cost.cost_function import (
     Cost,
     InterruptibleCost,
@@ -51,6 +56,7 @@ from intuitive_physics_learner.search.identifiability import (
 )
 from intuitive_physics_learner.search.learning_task import GaussianPrior, LearningTask
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
+from intuitive_physics_learner.store.observation_entries import Assessment
 
 NEGLIGIBLE_COST = 1e-6
 """m of J that restoring parameters which J does not depend on may cost."""
@@ -68,6 +74,7 @@ class LearningOptions:
     bounds : of the search by kind of parameter; what is left out has its default
     observation_ids : to learn from; none: all that are stored
     distance : in J, for methods that are update rules: one of `trajectory.DISTANCES`
+    trusted_ids : of observations that are used as a whole, whatever an assessment says
     """
 
     method: str = DEFAULT_METHOD
@@ -76,14 +83,23 @@ class LearningOptions:
     bounds: Mapping[str, Bounds] = field(default_factory=dict)
     observation_ids: Sequence[str] = ()
     distance: str = MEAN_DISTANCE
+    trusted_ids: Sequence[str] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class LearningResult:
-    """What was learned, over all materials known so far, and how the search went."""
+    """What was learned, over all materials known so far, and how the search went.
+
+    Parameters
+    ----------
+    learned : θ_s with its uncertainty
+    search : how it went
+    assessments : of each observation; none where the method assesses none, as those that lower J
+    """
 
     learned: LearnedParameters
     search: SearchResult
+    assessments: tuple[Assessment, ...] | None = None
 
 
 def learn(
@@ -102,7 +118,8 @@ def learn(
 
     Only parameters that the observations could depend on are searched (`active_parameters`). Where
     the search ends at a θ_s that explains the observations less well than a previous learned one,
-    by the measure of its method, that one is kept.
+    by the measure of its method, that one is kept. Joint estimation uses observations of disturbed
+    or mistracked motions up to where that happened (`assess_observations`).
 
     Parameters
     ----------
@@ -135,7 +152,8 @@ def learn(
         given value lies outside the bounds, `resume` is of another search, or the method has no
         distance to choose (`check_method`).
     """
-    previous, task = _begin(observations, simulator, options, previous, cancelled, make_cost)
+    seen, options = _assessed(observations, options)
+    previous, task = _begin(seen.clean, simulator, options, previous, cancelled, make_cost)
     search = make_search(options.method, task, np.random.default_rng(options.seed))
     same = _identity(options, task, previous)
     if resume is not None:
@@ -165,7 +183,24 @@ def learn(
     learned = _merged(
         previous, task.space, parameters, identifiability, cost, len(observations), options.method
     )
-    return LearningResult(learned, found)
+    assessments, beyond = seen.assessments, search.lengths_beyond()
+    if beyond is not None:
+        assessments = reassessed(assessments, *beyond, trusted=options.trusted_ids)
+    return LearningResult(learned, found, assessments or None)
+
+
+def _assessed(
+    observations: Sequence[Observation], options: LearningOptions
+) -> tuple[AssessedObservations, LearningOptions]:
+    """Return what is clean of observations, and options with the time that is left."""
+    if options.method != JOINT_METHOD:
+        return AssessedObservations(tuple(observations), ()), options
+    began = time.monotonic()
+    seen = assess_observations(observations, options.trusted_ids)
+    limit = options.criteria.time_limit
+    if limit is not None:
+        limit = max(0.0, limit - (time.monotonic() - began))
+    return seen, replace(options, criteria=replace(options.criteria, time_limit=limit))
 
 
 def search_parameters(
@@ -178,7 +213,8 @@ def search_parameters(
     NoObservationsError, UnknownMethodError, UnsupportedSceneError, InvalidInputError
         As `learn`.
     """
-    _, task = _begin(observations, simulator, options, None, None, TrajectoryCost)
+    seen, options = _assessed(observations, options)
+    _, task = _begin(seen.clean, simulator, options, None, None, TrajectoryCost)
     search = make_search(options.method, task, np.random.default_rng(options.seed))
     return search.run(options.criteria)
 

@@ -21,9 +21,10 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics_learner.cost.cost_function import MakeCost, TrajectoryCost
 from intuitive_physics_learner.errors import IncompatibleEnvironmentError, NoObservationsError
 from intuitive_physics_learner.learning_session import LearningOptions, LearningResult, learn
-from intuitive_physics_learner.methods import check_method
+from intuitive_physics_learner.methods import JOINT_METHOD, check_method
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria, SearchProgress
 from intuitive_physics_learner.store import ObservationStore, SearchCheckpoint
+from intuitive_physics_learner.store.observation_entries import DOUBTFUL, INCLUDED_BY_USER, USED
 
 PROBE_HEIGHT = 1e3
 """m along the direction against gravity, where a probe touches nothing."""
@@ -104,7 +105,7 @@ def learn_from_store(
         When the store cannot be read or written.
     """
     check_method(options.method, options.distance)
-    observations = store.observations(options.observation_ids)
+    observations, options = _observations(store, options)
     if not observations:
         raise NoObservationsError(
             "no observation is stored yet; add some before learning from them"
@@ -116,8 +117,27 @@ def learn_from_store(
         check_environments(observations, simulator)
         raise
     stored = store.add_parameters(result.learned)
+    if result.assessments is not None:
+        store.apply_assessments(result.assessments)
     search.delete()
-    return LearningResult(stored, result.search)
+    return replace(result, learned=stored)
+
+
+def _observations(
+    store: ObservationStore, options: LearningOptions
+) -> tuple[list[Observation], LearningOptions]:
+    """Return those to learn from, with the doubtful ones where these are assessed again.
+
+    Those that the user included, or asked for by their ids, are trusted.
+    """
+    if options.observation_ids:
+        found = store.observations(options.observation_ids)
+        return found, replace(options, trusted_ids=[one.id for one in found])
+    if options.method != JOINT_METHOD:
+        return store.observations(), options
+    pairs = list(store.each_observation((USED, DOUBTFUL)))
+    trusted = [entry.id for entry, _ in pairs if entry.reason == INCLUDED_BY_USER]
+    return [seen for _, seen in pairs], replace(options, trusted_ids=trusted)
 
 
 class StoredSearch:
@@ -252,6 +272,7 @@ def _key(
     parts = {
         "purpose": purpose,
         "observations": [one.id for one in observations],
+        "trusted": list(options.trusted_ids),
         "simulator": simulator.name,
         "method": options.method,
         "distance": options.distance,

@@ -234,3 +234,41 @@ def misfit_starts(
     begins = np.take_along_axis(np.where(inside, block.times, np.inf), order, axis=1)
     failing = medians > misfit_length(window, order.shape[1], settings.misfit_false_alarm)
     return np.where(failing, begins[:, : medians.shape[1]], np.inf).min(axis=1)
+
+
+def lengths_beyond(
+    block: ObservationBlock,
+    residuals: NDArray[np.float64],
+    horizons: NDArray[np.float64],
+    settings: JointEstimationSettings,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how far observations are from the fit just beyond their horizons.
+
+    Parameters
+    ----------
+    block : W observations of up to P points
+    residuals : (W, P, 3) m, of the present estimate
+    horizons : (W,) s
+    settings : what a misfit is, and how far before one horizons end
+
+    Returns
+    -------
+    lengths : (W,) σ, the largest median length of neighbouring residuals up to where the next
+        misfit would show; NaN where a horizon includes all points
+    times : (W,) s, at which these neighbours begin
+    """
+    ends = horizons + settings.retreat + settings.largest_advance
+    beyond = (block.times > horizons[:, None]) & (block.times <= ends[:, None])
+    lengths = np.linalg.norm(block.whitened(residuals), axis=2)
+    lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
+    found, times = np.full((2, len(horizons)), np.nan)
+    for row in np.flatnonzero(beyond.any(axis=1)):
+        inside = np.flatnonzero(beyond[row])
+        inside = inside[np.argsort(block.times[row, inside], kind="stable")]
+        window = min(settings.misfit_points, inside.size)
+        medians = np.median(
+            np.lib.stride_tricks.sliding_window_view(lengths[row, inside], window), axis=1
+        )
+        worst = int(np.argmax(medians))
+        found[row], times[row] = medians[worst], block.times[row, inside[worst]]
+    return found, times

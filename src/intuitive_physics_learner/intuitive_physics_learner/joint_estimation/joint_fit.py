@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import compatible_moves
-from intuitive_physics_learner.joint_estimation.fit_horizons import advanced_horizons
+from intuitive_physics_learner.joint_estimation.fit_horizons import (
+    advanced_horizons,
+    lengths_beyond,
+)
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
 from intuitive_physics_learner.joint_estimation.local_likelihood import (
     LocalLikelihood,
@@ -156,6 +159,31 @@ class JointFit:
             for k, member in enumerate(block.members)
         }
         return [found[member] for member in range(len(found))]
+
+    def lengths_beyond(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return how far observations are from the fit just beyond their horizons.
+
+        Returns
+        -------
+        lengths : (n_observations,) σ, as `fit_horizons.lengths_beyond`
+        times : (n_observations,) s, where that is
+        """
+        model = self._model
+        here = [model.space.to_parameters(self.unit)]
+        found = np.full((2, len(model.cost.observations)), np.nan)
+        for block, part in model.parts(self._estimate):
+            residuals = residuals_at(
+                model.cost,
+                block,
+                part.estimate[None],
+                here,
+                np.zeros((1, 1), dtype=np.int64),
+                block.durations,
+            )
+            found[:, block.members] = lengths_beyond(
+                block, residuals[0], part.horizons, self.settings
+            )
+        return found[0], found[1]
 
     def begin_at(
         self,

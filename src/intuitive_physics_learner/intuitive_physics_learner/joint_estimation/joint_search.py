@@ -123,6 +123,18 @@ class JointSearch(Search):
             judged += self.fit.held_simulations
         return seconds * (1.0 + judged / simulations)
 
+    def lengths_beyond(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Return what `JointFit.lengths_beyond` does.
+
+        Returns
+        -------
+        lengths : (n_observations,) σ
+        times : (n_observations,) s
+
+        None where J itself is lowered or nothing was fitted.
+        """
+        return self.fit.lengths_beyond() if self.fit.steps and not self.lowers_cost else None
+
     def own_state(self) -> dict[str, Any]:
         return {
             "fit": self.fit.state(),

@@ -17,6 +17,9 @@ take it back; its text cannot be read."""
 STATUSES = (USED, EXCLUDED, DOUBTFUL, UNREADABLE)
 """Every status, in the order of lists."""
 
+INCLUDED_BY_USER = "included by the user"
+"""Reason of an observation of status `USED` that no learner sets aside."""
+
 COLUMNS = (
     "number, id, received_at, start_time, first_time, last_time, materials, object_count, "
     "point_count, has_detections, status, weight, reason, revision"

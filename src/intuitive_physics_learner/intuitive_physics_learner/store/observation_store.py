@@ -24,6 +24,7 @@ from intuitive_physics_learner.store.database import Database
 from intuitive_physics_learner.store.observation_entries import (
     DOUBTFUL,
     EXCLUDED,
+    INCLUDED_BY_USER,
     STATUSES,
     UNREADABLE,
     USED,
@@ -241,7 +242,7 @@ class ObservationStore:
     def include(self, ids: Sequence[str]) -> int:
         """Learn from observations again that were excluded or set aside; return how many changed.
 
-        A learner may set them aside again when it assesses them.
+        No learner sets them aside again.
 
         Raises
         ------
@@ -251,12 +252,13 @@ class ObservationStore:
             When one of them cannot be read; then none changes.
         """
         self.observations(ids)
-        return self._set_status(ids, USED, 1.0, "")
+        return self._set_status(ids, USED, 1.0, INCLUDED_BY_USER)
 
     def apply_assessments(self, assessments: Sequence[Assessment]) -> int:
         """Store what a learner thinks of observations, all in one transaction.
 
-        Those that the user excluded, that cannot be read or were deleted stay as they are. What is
+        Those that the user excluded or included, that cannot be read or were deleted stay as they
+        are. What is
         doubtful comes back with an assessment of status `USED`. The revision stays.
 
         Returns
@@ -513,10 +515,13 @@ def _insert_version(connection: sqlite3.Connection, version: int, text: str) -> 
 
 
 def _assess(connection: sqlite3.Connection, assessments: Sequence[Assessment]) -> int:
-    rows = [(one.status, one.weight, one.reason, one.id, USED, DOUBTFUL) for one in assessments]
+    rows = [
+        (one.status, one.weight, one.reason, one.id, USED, DOUBTFUL, USED, INCLUDED_BY_USER)
+        for one in assessments
+    ]
     return connection.executemany(
         "UPDATE observation_entries SET status = ?, weight = ?, reason = ? "
-        "WHERE id = ? AND status IN (?, ?)",
+        "WHERE id = ? AND status IN (?, ?) AND NOT (status = ? AND reason = ?)",
         rows,
     ).rowcount
 

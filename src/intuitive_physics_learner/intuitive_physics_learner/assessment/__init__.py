@@ -1,0 +1,10 @@
+"""Observations of disturbed or mistracked motions: found by laws that hold for every θ_s."""
+
+from intuitive_physics_learner.assessment.assessment import (
+    AssessedObservations,
+    assess_observations,
+    reassessed,
+)
+from intuitive_physics_learner.assessment.settings import AssessmentSettings
+
+__all__ = ["AssessedObservations", "AssessmentSettings", "assess_observations", "reassessed"]

@@ -12,6 +12,7 @@ from benchmarks.learning.camera import TRUE_RANGES, draw_truth
 from benchmarks.learning.disturbances import EARLIEST, LEAST_DEVIATION, Disturber
 from benchmarks.learning.disturbed import SHARE, DisturbedSet, counted, disturbed_set
 from benchmarks.learning.disturbed import figures as disturbed_figures
+from benchmarks.learning.information import bound_of, true_fits
 from benchmarks.learning.online import (
     AFTER,
     BEFORE,
@@ -20,6 +21,7 @@ from benchmarks.learning.online import (
     changing_stream,
     mean_drift,
 )
+from benchmarks.learning.paper_sets import make_task
 from benchmarks.learning.part import Findings, Part, Plan
 from benchmarks.learning.scores import (
     WITHIN,
@@ -40,6 +42,11 @@ from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_experiments.paper.paper_dataset import POSITION_NOISE, make_paper_dataset
 from intuitive_physics_experiments.paper.paper_room import ROOM_MATERIAL, dataset_simulator
+from intuitive_physics_learner.joint_estimation.observation_blocks import (
+    InitialStateDeviations,
+    InitialStates,
+)
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 
 MATERIALS = ("ball", "floor")
 """Of θ_s that are held against the truth."""
@@ -203,6 +210,27 @@ def test_stream_figures_have_null_for_what_was_not_measured():
     assert growth({**found, 1000: StreamCost(1000, (0.6,), 9.0, 300.0)}) == pytest.approx(2.0)
 
 
+def test_true_initial_states_are_those_that_estimation_calls_so():
+    task = make_task(1, 6)
+    observed = task.dataset.training_observations[:4]
+    true = task.dataset.with_initial_states("true").training_observations[:4]
+    joint = JointEstimationSettings()
+    for seen, truth, found in zip(observed, true, true_fits(observed, true, joint), strict=True):
+        states = InitialStates.of([InitialStateDeviations.of(seen, joint)])
+        (tracked,) = truth.objects
+        expected = tracked.initial_state.to_vector()
+        (reached,) = states.states(found.estimate[None, None], 1)[0, 0]
+        # q and -q are one orientation.
+        reached[3:7] *= np.sign(reached[3:7] @ expected[3:7])
+        np.testing.assert_allclose(reached, expected, atol=1e-9)
+
+
+def test_a_fit_that_begins_at_the_truth_is_better_than_the_defaults():
+    bound = bound_of(make_task(1, 2), 2)
+    assert bound.horizon > 0.5
+    assert bound.first < 1.0
+
+
 @given(st.integers(0, 10_000))
 def test_truth_of_a_camera_set_is_one_that_its_engine_can_express(seed):
     material, true = draw_truth(seed)
@@ -235,6 +263,7 @@ def test_every_key_of_the_last_line_is_of_one_part_at_most():
 def test_parts_are_chosen_by_name():
     assert chosen_parts(None) == list(PARTS)
     assert [part.name for part in chosen_parts("camera, sets")] == ["sets", "camera"]
+    assert [part.name for part in chosen_parts("information,sets")] == ["sets", "information"]
     with pytest.raises(InvalidInputError, match="'nothing'; expected some of sets,"):
         chosen_parts("sets,nothing")
 

@@ -109,7 +109,7 @@ def bound_of(task: Task, seed: int) -> Bound:
     for _ in range(ADVANCES):
         growing.begin_at(truth, deviations, held)
         growing.step()
-        held, deviations = _advanced(held, growing), np.array(growing.state()["deviations"])
+        held, deviations = _advanced(held, growing), growing.deviations.copy()
     free = fit(settings.with_fixed_horizons())
     free.begin_at(truth, deviations, held)
     units = []

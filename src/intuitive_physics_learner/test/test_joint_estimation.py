@@ -20,7 +20,6 @@ from intuitive_physics_learner import (
 )
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings, JointSearch
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.joint_identifiability import (
     Half,
     agreed_deviations,
@@ -34,6 +33,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     InitialStates,
 )
 from intuitive_physics_learner.joint_estimation.point_noise import position_noise
+from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.search.learning_task import GaussianPrior, LearningTask
 
@@ -237,7 +237,7 @@ def test_judges_in_little_time_where_little_is_left(event_driven, throws):
     influence = parameter_influence(cost.observations, cost.materials)
     space = ParameterSpace(cost.materials)
     task = LearningTask(cost, space, influence, StaticParameters.uniform(cost.materials))
-    fit = JointFit(cost, task.searched, influence[:, task.active], task.prior, SETTINGS)
+    fit = StagedFit(cost, task.searched, influence[:, task.active], task.prior, SETTINGS)
     for _ in range(12):
         fit.step()
 

@@ -66,3 +66,10 @@ class Trials:
             None if self.until is None else self.until[trials],
             self.columns,
         )
+
+
+def resting(*shape: int) -> NDArray[np.float64]:
+    """Return states (*shape, 13), in SI units, at rest in the origin."""
+    states = np.zeros((*shape, 13))
+    states[..., 6] = 1.0
+    return states

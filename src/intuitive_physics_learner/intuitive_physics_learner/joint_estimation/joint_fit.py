@@ -34,7 +34,6 @@ from intuitive_physics_learner.search.search_space import SearchSpace
 SMALLEST_RESPONSE = 1e-9
 """m per width of a parameter; a slope below this is rounding."""
 
-
 HELD_PRECISION = 1e12
 """Per width², of a parameter that is held: it moves by rounding alone."""
 
@@ -97,6 +96,11 @@ class JointFit:
     def unit(self) -> NDArray[np.float64]:
         """The estimate of θ_s on the unit cube, (n,)."""
         return self._estimate.unit
+
+    @property
+    def deviations(self) -> NDArray[np.float64]:
+        """Standard deviation (n,) of each parameter, in widths, by the slopes of the last step."""
+        return self._estimate.deviations
 
     @property
     def simulations(self) -> int:
@@ -235,7 +239,7 @@ class JointFit:
         if votes.sum() <= 0.0:
             return False
         chosen = [b if new else a for a, b, new in zip(states, other_states, fresh, strict=True)]
-        self.begin_at(unit, self._estimate.deviations, chosen)
+        self.begin_at(unit, self.deviations, chosen)
         return True
 
     def _held(

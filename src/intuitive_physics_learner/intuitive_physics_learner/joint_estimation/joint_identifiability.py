@@ -20,18 +20,17 @@ is that of its ends. Within it the halves cannot disagree, nor need they be boun
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRECISION
 from intuitive_physics.parameter_space import parameter_vector
-from intuitive_physics_learner.cost.cost_function import Cost
-from intuitive_physics_learner.cost.trials import Trials
+from intuitive_physics_learner.cost.partial_cost import PartialCost
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.observation_blocks import resting
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.search.identifiability import Identifiability, widened_information
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.one_sided_intervals import UNIFORM
@@ -46,7 +45,7 @@ SLOPE_STEP = 1e-5
 
 
 def joint_identifiability(
-    fit: JointFit,
+    staged: StagedFit,
     task: LearningTask,
     seconds_left: Callable[[], float] = lambda: np.inf,
 ) -> Identifiability:
@@ -54,12 +53,12 @@ def joint_identifiability(
 
     Parameters
     ----------
-    fit : over the space of the task's active parameters
+    staged : over the space of the task's active parameters
     task : that the fit is of
     seconds_left : looked at before each step of the fits to halves of the observations; stopped
         early, they agree less and the uncertainties get wider
     """
-    searched, active = task.searched, task.active
+    fit, searched, active = staged.joint, task.searched, task.active
     parameters = searched.to_parameters(fit.unit)
     began = seconds_left()
     posterior, sided = fit.posterior()
@@ -68,7 +67,7 @@ def joint_identifiability(
     free, ends = np.zeros((sided.size, 2)), sided
     if seconds_left() > reserved:
         free, ends = one_sided_moves(fit, posterior.deviations, sided)
-    agreed = _agreed(fit, ends, free, task, lambda: seconds_left() < reserved)
+    agreed = _agreed(staged, ends, free, task, lambda: seconds_left() < reserved)
     least = fit.settings.one_sided_deviations * UNIFORM
     one_sided = (free.max(axis=1) > least * agreed) & (agreed < LARGEST_DEVIATION)
     agreed = np.where(one_sided, agreed, np.maximum(agreed, sided))
@@ -136,38 +135,6 @@ class Half:
 
     unit: NDArray[np.float64]
     deviations: NDArray[np.float64]
-
-
-class PartialCost(Cost):
-    """J over some of the observations of another cost.
-
-    Parameters
-    ----------
-    cost : over all of them
-    members : (n_members,) indices of the observations that are left, at least one
-    """
-
-    def __init__(self, cost: Cost, members: NDArray[np.int64]) -> None:
-        super().__init__([cost.observations[i] for i in members], cost.materials)
-        self._cost = cost
-        self._members = members
-
-    def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
-        objects = int(self.trajectory_object.max()) + 1
-        return self._cost.trial_distances(self._of_all(trials))[:, :objects]
-
-    def trial_residuals(self, trials: Trials) -> NDArray[np.float64]:
-        return self._cost.trial_residuals(self._of_all(trials))
-
-    def _of_all(self, trials: Trials) -> Trials:
-        states = trials.states
-        objects = int(self._cost.trajectory_object.max()) + 1
-        if states is not None and states.shape[1] < objects:
-            padded = resting(len(states), objects)
-            padded[:, : states.shape[1]] = states
-            states = padded
-        members = self._members[trials.observation_index]
-        return replace(trials, observation_index=members, states=states)
 
 
 def halves(influence: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
@@ -251,18 +218,18 @@ def _family_factors(
 
 
 def _agreed(
-    fit: JointFit,
+    staged: StagedFit,
     deviations: NDArray[np.float64],
     free: NDArray[np.float64],
     task: LearningTask,
     out_of_time: Callable[[], bool],
 ) -> NDArray[np.float64]:
     """Fit halves of the observations, and return the deviations (n,) with which they agree."""
-    searched, influence = task.searched, task.influence[:, task.active]
+    fit, searched, influence = staged.joint, task.searched, task.influence[:, task.active]
     if len(influence) < fit.settings.fewest_observations:
         return deviations
     fits = [
-        JointFit(
+        StagedFit(
             PartialCost(task.fitted_cost, members),
             searched,
             influence[members],
@@ -272,11 +239,11 @@ def _agreed(
         for members in halves(influence)
     ]
     # Side by side, so that neither is ahead where time runs out.
-    for _ in range(fit.steps):
+    for _ in range(staged.steps):
         for part in fits:
             if not part.settled and not (part.steps and out_of_time()):
                 part.step()
-    first, second = (Half(part.unit, part.posterior()[1]) for part in fits)
+    first, second = (Half(part.joint.unit, part.joint.posterior()[1]) for part in fits)
     families = _families(searched.names)
     return agreed_deviations(fit.unit, deviations, (first, second), families, fit.settings, free)
 

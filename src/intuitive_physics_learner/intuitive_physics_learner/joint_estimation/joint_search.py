@@ -14,6 +14,7 @@ from intuitive_physics_learner.joint_estimation.cost_descent import CostDescent
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.joint_identifiability import joint_identifiability
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.search.identifiability import Identifiability
 from intuitive_physics_learner.search.learning_task import GaussianPrior, LearningTask
 from intuitive_physics_learner.search.parameter_search import Search
@@ -23,7 +24,7 @@ from intuitive_physics_learner.search.search_space import SearchSpace
 class JointSearch(Search):
     """Fits all trajectories, and lowers J where they cannot be fitted.
 
-    A step is one of `JointFit`; it takes as many simulations as some dozen evaluations of J and is
+    A step is one of `StagedFit`; it takes as many simulations as some dozen evaluations of J and is
     not divided, so it may exceed the limit it is given. It is counted as the evaluations of J that
     take as many simulations.
 
@@ -40,10 +41,6 @@ class JointSearch(Search):
     generator : of the random numbers of the descent of J
     settings : of the estimation
     fitted : simulates the points to be fitted; None: those of `cost`
-
-    Attributes
-    ----------
-    fit : to the trajectories
     """
 
     def __init__(
@@ -61,11 +58,16 @@ class JointSearch(Search):
         self._settings = settings or JointEstimationSettings()
         self._cost = cost
         self._space = space
-        self.fit = JointFit(fitted or cost, space, influence, prior, self._settings)
+        self._staged = StagedFit(fitted or cost, space, influence, prior, self._settings)
         self._descent = CostDescent(cost, space, influence, generator, self._settings)
         self._misfits: list[float] = []
         self._lowest = self.fit.unit
         self._lowest_cost = np.inf
+
+    @property
+    def fit(self) -> JointFit:
+        """The fit to all trajectories."""
+        return self._staged.joint
 
     @property
     def lowers_cost(self) -> bool:
@@ -82,12 +84,12 @@ class JointSearch(Search):
             if not self._descent.finished:
                 self._descent.step(limit)
                 self._count(self._descent.cost, relative_gain)
-        elif not self.fit.settled:
-            self.fit.step()
+        elif not self._staged.settled:
+            self._staged.step()
             self._evaluate(relative_gain)
             count = self._settings.misfit_steps
             self._misfits = [*self._misfits, self.fit.misfits][-count:]
-            enough = len(self._misfits) == count or self.fit.settled
+            enough = len(self._misfits) == count or self._staged.settled
             if enough and np.mean(self._misfits) > self._settings.largest_misfit_share:
                 self._descent.begin(np.array([self.fit.prior.mean, self._lowest]))
         return self.iterations - before
@@ -111,7 +113,7 @@ class JointSearch(Search):
         """From the posterior of the fit; where J was lowered instead, by J."""
         if self.lowers_cost:
             return super().identifiability(task, cancelled=cancelled, seconds_left=seconds_left)
-        return joint_identifiability(self.fit, task, seconds_left)
+        return joint_identifiability(self._staged, task, seconds_left)
 
     def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
         if self.lowers_cost or self.iterations == 0:
@@ -133,11 +135,11 @@ class JointSearch(Search):
 
         None where J itself is lowered or nothing was fitted.
         """
-        return self.fit.lengths_beyond() if self.fit.steps and not self.lowers_cost else None
+        return self.fit.lengths_beyond() if self._staged.steps and not self.lowers_cost else None
 
     def own_state(self) -> dict[str, Any]:
         return {
-            "fit": self.fit.state(),
+            "fit": self._staged.state(),
             "misfits": list(self._misfits),
             "lowest": self._lowest.tolist(),
             "lowest_cost": self._lowest_cost if self._history else None,
@@ -145,7 +147,7 @@ class JointSearch(Search):
         }
 
     def load_own_state(self, state: Mapping[str, Any]) -> None:
-        self.fit.load_state(state["fit"])
+        self._staged.load_state(state["fit"])
         self._misfits = list(state["misfits"])
         self._lowest = np.array(state["lowest"])
         self._lowest_cost = np.inf if state["lowest_cost"] is None else state["lowest_cost"]

@@ -13,6 +13,7 @@ from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import LINEAR_VELOCITY, POSITION, ROTATION
 from intuitive_physics_learner.cost.packed_observations import times_after_start
+from intuitive_physics_learner.cost.trials import resting
 from intuitive_physics_learner.joint_estimation.point_noise import TrackNoise, track_noises
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 
@@ -117,13 +118,6 @@ class InitialStates:
             )
         states[:, :, :own, 7:13] += errors[..., 6:12]
         return states
-
-
-def resting(*shape: int) -> NDArray[np.float64]:
-    """Return states (*shape, 13), in SI units, at rest in the origin."""
-    states = np.zeros((*shape, 13))
-    states[..., 6] = 1.0
-    return states
 
 
 @dataclass(frozen=True, eq=False)

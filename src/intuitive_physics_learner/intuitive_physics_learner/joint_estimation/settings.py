@@ -189,6 +189,22 @@ class JointEstimationSettings:
     scan_steps: tuple[int, ...] = other(
         (2, 5, 9, 14), "numbers of steps after which the fit scans each parameter; set by hand"
     )
+    separate_steps: int = number(
+        20,
+        1,
+        1000,
+        "steps at most of the fits to objects that moved alone, each object by itself, before all "
+        "observations are fitted jointly; in the same time 20 and 40 gave the same excess on four "
+        "sets of ten objects",
+    )
+    smallest_separate_share: float = number(
+        0.3,
+        0.0,
+        1.0,
+        "share of the observations that are of objects alone from which on these are fitted first; "
+        "half of those of the paper's sets are, where that is better; set by hand; 1: jointly from "
+        "the beginning unless all moved alone",
+    )
     smallest_scan_gain: float = number(
         3.0,
         0.0,

@@ -56,6 +56,16 @@ class GaussianPrior:
         """
         return self.precision @ (unit - self.mean)
 
+    def marginal(self, chosen: NDArray[np.int64]) -> GaussianPrior:
+        """Return what is known of some of the parameters alone.
+
+        Parameters
+        ----------
+        chosen : (k,) indices of parameters
+        """
+        covariance = np.linalg.inv(self.precision)[np.ix_(chosen, chosen)]
+        return GaussianPrior(self.mean[chosen], np.linalg.inv(covariance))
+
 
 @dataclass(frozen=True, eq=False)
 class LearningTask:

@@ -89,3 +89,37 @@ class ActiveSpace:
     def to_unit(self, parameters: StaticParameters) -> NDArray[np.float64]:
         """Map θ_s to the cube, (size,) coordinates from 0 to 1."""
         return self._space.to_unit(parameters)[self._active]
+
+
+class PartialSpace:
+    """The unit cube of some axes of another space; the others are held.
+
+    Parameters
+    ----------
+    space : of n parameters
+    chosen : (k,) indices of the parameters that are searched
+    unit : (n,) point of its cube that the others are taken from
+    """
+
+    def __init__(
+        self, space: SearchSpace, chosen: NDArray[np.int64], unit: NDArray[np.float64]
+    ) -> None:
+        self._space = space
+        self._chosen = chosen
+        self._unit = unit
+
+    @property
+    def size(self) -> int:
+        """Number of parameters that are searched."""
+        return self._chosen.size
+
+    def to_parameters(self, unit: ArrayLike) -> StaticParameters:
+        """Map a point of the cube to θ_s.
+
+        Parameters
+        ----------
+        unit : (k,) point, each coordinate from 0 to 1
+        """
+        whole = self._unit.copy()
+        whole[self._chosen] = unit
+        return self._space.to_parameters(whole)

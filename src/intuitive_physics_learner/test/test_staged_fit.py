@@ -1,0 +1,167 @@
+"""Objects that moved alone are fitted each by itself, then all observations jointly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.parameter_space import ParameterSpace
+from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_learner import TrajectoryCost
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.cost.partial_cost import PartialCost
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit, separable
+from intuitive_physics_learner.search.learning_task import LearningTask
+from intuitive_physics_learner.search.search_space import ActiveSpace
+
+SETTINGS = replace(JointEstimationSettings(), separate_steps=4)
+
+
+@dataclass(frozen=True)
+class Moved:
+    """Stands for an observation of some objects."""
+
+    objects: tuple[int, ...]
+
+
+def moved(seen, material, away):
+    """The motion of a ball elsewhere, m, by a ball of another material."""
+    (ball,) = seen.objects
+    shift, state = np.array([away, 0.0, 0.0]), ball.initial_state
+    return replace(
+        ball,
+        object=replace(ball.object, id=material, material=material),
+        trajectory=Trajectory(ball.trajectory.times, ball.trajectory.positions + shift),
+        initial_state=replace(state, position=state.position + shift),
+    )
+
+
+@pytest.fixture(scope="module")
+def task(event_driven, throws):
+    """Two balls, thrown one at a time and both at once."""
+    observed = throws(9, 3, 0.005, 0.02, 30)
+    named = ["red"] * 3 + ["green"] * 3
+    alone = [
+        replace(seen, objects=(moved(seen, name, 0.0),), id="")
+        for seen, name in zip(observed, named, strict=False)
+    ]
+    both = [
+        replace(seen, objects=(moved(seen, "red", 0.0), moved(seen, "green", 1.0)), id="")
+        for seen in observed[6:]
+    ]
+    cost = TrajectoryCost([*both, *alone], event_driven)
+    influence = parameter_influence(cost.observations, cost.materials)
+    start = StaticParameters.uniform(cost.materials)
+    return LearningTask(cost, ParameterSpace(cost.materials), influence, start)
+
+
+def staged_fit(task, settings=SETTINGS):
+    influence = task.influence[:, task.active]
+    return StagedFit(task.cost, task.searched, influence, task.prior, settings)
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(1, 3), st.sets(st.integers(0, 11), max_size=4)),
+        min_size=1,
+        max_size=12,
+    )
+)
+def test_groups_share_no_parameter_and_hold_all_objects_that_moved_alone(drawn):
+    observations = [Moved(tuple(range(count))) for count, _ in drawn]
+    influence = np.zeros((len(drawn), 12), dtype=bool)
+    for row, (_, parameters) in zip(influence, drawn, strict=True):
+        row[list(parameters)] = True
+    groups = separable(observations, influence)
+    alone = {i for i, (count, own) in enumerate(drawn) if count == 1 and own}
+    if not groups:
+        # Nothing to separate: none moved alone, or all belong together.
+        assert not alone or len(alone) == len(drawn)
+        return
+    assert sorted(np.concatenate(groups)) == sorted(alone)
+    owners = np.array([influence[members].any(axis=0) for members in groups])
+    assert (owners.sum(axis=0) <= 1).all()
+    for members in groups:
+        reached = influence[members[0]]
+        for _ in members:
+            reached = influence[members][(influence[members] & reached).any(axis=1)].any(axis=0)
+        assert (influence[members] & reached).any(axis=1).all()
+
+
+def test_an_object_is_fitted_as_if_there_were_no_other(task):
+    staged = staged_fit(task)
+    for _ in range(SETTINGS.separate_steps):
+        staged.step()
+    influence = task.influence[:, task.active]
+    groups = separable(task.cost.observations, influence)
+    assert len(groups) == 2
+    assert staged.joint.steps == 0
+    for members in groups:
+        own = influence[members].any(axis=0)
+        whole = task.active.copy()
+        whole[task.active] = own
+        space = ActiveSpace(task.space, whole, task.start)
+        prior = task.prior.marginal(np.flatnonzero(own))
+        cost = PartialCost(task.cost, members)
+        fit = JointFit(cost, space, influence[np.ix_(members, own)], prior, SETTINGS)
+        for _ in range(SETTINGS.separate_steps):
+            if not fit.settled:
+                fit.step()
+        np.testing.assert_allclose(staged.joint.unit[own], fit.unit, atol=1e-9)
+        found = staged.joint.observation_fits()
+        for member, one in zip(members, fit.observation_fits(), strict=True):
+            np.testing.assert_allclose(found[member].estimate, one.estimate, atol=1e-9)
+            assert found[member].horizon == one.horizon
+
+
+def test_collisions_come_in_once_the_separate_fits_have_ended(task):
+    staged = staged_fit(task)
+    both = [i for i, seen in enumerate(task.cost.observations) if len(seen.objects) == 2]
+    first = [staged.joint.observation_fits()[i].estimate for i in both]
+    for _ in range(SETTINGS.separate_steps):
+        staged.step()
+    for before, i in zip(first, both, strict=True):
+        np.testing.assert_array_equal(before, staged.joint.observation_fits()[i].estimate)
+    staged.step()
+    assert staged.joint.steps == 1
+    assert staged.steps == SETTINGS.separate_steps + 1
+
+
+@pytest.mark.parametrize("stopped", [2, 5])
+def test_a_stopped_fit_continues_exactly(task, stopped):
+    whole, first, second = (staged_fit(task) for _ in range(3))
+    for _ in range(stopped):
+        first.step()
+    second.load_state(first.state())
+    for _ in range(7):
+        whole.step()
+    for _ in range(7 - stopped):
+        second.step()
+    np.testing.assert_array_equal(whole.joint.unit, second.joint.unit)
+    assert whole.steps == second.steps
+    assert whole.joint.simulations == second.joint.simulations
+
+
+def test_the_state_of_a_joint_fit_alone_is_continued_jointly(task):
+    influence = task.influence[:, task.active]
+    joint = JointFit(task.cost, task.searched, influence, task.prior, SETTINGS)
+    joint.step()
+    staged = staged_fit(task)
+    staged.load_state(joint.state())
+    joint.step()
+    staged.step()
+    assert staged.steps == joint.steps == 2
+    np.testing.assert_array_equal(staged.joint.unit, joint.unit)
+
+
+def test_fits_jointly_from_the_beginning_where_few_moved_alone(task):
+    jointly = staged_fit(task, replace(SETTINGS, smallest_separate_share=1.0))
+    jointly.step()
+    assert jointly.joint.steps == 1

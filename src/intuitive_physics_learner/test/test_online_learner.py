@@ -11,6 +11,7 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import parameter_names
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import ObservationStore
+from intuitive_physics_learner.given_parameters import FIXED, PRIOR, given_parameters
 from intuitive_physics_learner.online.online_learner import OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
@@ -208,6 +209,78 @@ def replace_value(learned, value, deviation):
     return LearnedParameters(
         parameters, deviations, np.isfinite(deviations), 0, float("nan"), 0, ""
     )
+
+
+def given_restitution(value, deviation, as_what):
+    learned = replace_value(LearnedParameters.defaults(("ball", "floor")), value, deviation)
+    return given_parameters(learned, as_what, ["restitution[ball, floor]"])
+
+
+@pytest.mark.parametrize("value", [0.3, 0.1 + 0.2, 0.8123456789])
+def test_a_value_that_is_held_never_moves(store, glide, gliding, value):
+    generator = np.random.default_rng(9)
+    held = store.add_parameters(given_restitution(value, np.nan, FIXED))
+    store.add_all([gliding(generator, 0.8) for _ in range(3)])
+    learning = learn_all(store, glide)
+    newest = store.newest_parameters()
+    assert restitution(newest) == restitution(held) == (value, 0.0)
+    place = parameter_names(newest.materials).index("restitution[ball, floor]")
+    known = learning.learner.state
+    assert all(place not in one.likelihood.parameters for one in known.window)
+    assert newest.given.fixed[place]
+
+
+def test_others_are_learned_beside_a_value_that_is_held(event_driven, throws, true_parameters):
+    truth = true_parameters.pair("ball", "floor")["restitution"]
+    given = given_restitution(truth, np.nan, FIXED)
+    learner = OnlineLearner(event_driven, OPTIONS)
+    learner.adopt(replace(given, version=1), informed=True)
+    observed = noisy_throws(throws, 8, 5)
+    learner.learn_from_all(observed)
+    newest = learner.state.published
+    assert newest.version > 1
+    assert restitution(newest) == (truth, 0.0)
+    free = OnlineLearner(event_driven, OPTIONS)
+    free.learn_from_all(observed)
+    others = newest.identified & ~newest.given.fixed
+    assert others.any()
+    # Knowing one value exactly makes no other less certain.
+    mine, theirs = learner._prior.deviations[others], free._prior.deviations[others]
+    assert (mine < 1.2 * theirs).all()
+    again = OnlineState.from_json(learner.state.to_json())
+    kept = OnlineLearner(event_driven, OPTIONS, again, learner.kept_observations)
+    kept.learn_from_all(noisy_throws(throws, 2, 6))
+    assert restitution(kept.state.published) == (truth, 0.0)
+
+
+def test_a_prior_counts_as_the_inverse_of_its_variance(glide, gliding):
+    generator = np.random.default_rng(10)
+    seen = [gliding(generator, 0.8) for _ in range(3)]
+    free = OnlineLearner(glide, OPTIONS)
+    free.learn_from_all(seen)
+    value, deviation = restitution(free.state.published)
+    place = parameter_names(free.state.materials).index("restitution[ball, floor]")
+    information = free.state.posterior.matrix[place, place]
+    own = free.space.slopes(free.state.unit)[place, place]
+    deviation = own / np.sqrt(information)
+    prior = given_restitution(value + 2.0 * deviation, deviation, PRIOR)
+    learner = OnlineLearner(glide, OPTIONS)
+    # The result of a search that used the prior: what it was given is knowledge all the same.
+    learner.adopt(replace(prior, version=1, method="joint_estimation"), informed=False)
+    learner.learn_from_all(seen)
+    found = learner.space.to_parameters(learner.state.unit).pair("ball", "floor")["restitution"]
+    assert found == pytest.approx(value + deviation, abs=0.3 * deviation)
+    assert learner.state.published.given is not None
+
+
+def test_what_a_user_gave_does_not_grow_older(glide, gliding):
+    learner = OnlineLearner(glide, OnlineOptions(window=6, time_constant=10.0))
+    learner.adopt(replace(given_restitution(0.5, 0.01, PRIOR), version=1), informed=True)
+    known = learner.state.retired.matrix.copy()
+    learner._forget_until(0.0)
+    learner._forget_until(1000.0)
+    assert known.any()
+    assert learner.state.retired.matrix == pytest.approx(known)
 
 
 def test_an_unreadable_row_is_passed_over(store, glide, gliding):

@@ -69,6 +69,23 @@ class Information:
         self.matrix *= factor
         self.vector *= factor
 
+    def join(self, other: Information, weight: float = 1.0) -> None:
+        """Add independent knowledge of the same parameters, times a weight."""
+        self.matrix += weight * other.matrix
+        self.vector += weight * other.vector
+
+    def part(self, parameters: NDArray[np.int64]) -> Information:
+        """Return what is known of some parameters whatever the others are, and nothing of these.
+
+        Parameters
+        ----------
+        parameters : (k,) their indices
+        """
+        rest = np.setdiff1d(np.arange(self.vector.size), parameters)
+        known = self.copy()
+        known.forget(rest)
+        return known
+
     def forget(self, parameters: NDArray[np.int64]) -> None:
         """Let nothing be known of some parameters.
 

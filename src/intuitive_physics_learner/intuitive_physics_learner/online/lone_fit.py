@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit, ObservationFit
@@ -60,6 +61,8 @@ class LoneFit:
     prior : of the n parameters
     settings : of the steps
     scans : numbers of steps after which all parameters are tried over their whole range
+    others : θ_s from which parameters are taken that it cannot depend on, or that are held; None:
+        the prior's mean
 
     Attributes
     ----------
@@ -74,13 +77,14 @@ class LoneFit:
         prior: GaussianPrior,
         settings: RecursionSettings,
         scans: tuple[int, ...] = (),
+        others: StaticParameters | None = None,
     ) -> None:
         self._cost = cost
         self._settings = settings
         self._own = np.flatnonzero(influence)
         self._prior = marginal(prior, self._own)
-        centre = space.to_parameters(np.clip(prior.mean, 0.0, 1.0))
-        self._space = ActiveSpace(space, influence, centre)
+        others = others or space.to_parameters(np.clip(prior.mean, 0.0, 1.0))
+        self._space = ActiveSpace(space, influence, others)
         self._fit = JointFit(
             cost, self._space, self._everything, self._prior, settings.joint(scans=scans)
         )

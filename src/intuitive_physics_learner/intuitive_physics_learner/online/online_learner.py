@@ -10,14 +10,19 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import UnsupportedSceneError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.materials import PAIR_COEFFICIENTS, material_pairs, parameter_places
+from intuitive_physics.materials import (
+    PAIR_COEFFICIENTS,
+    StaticParameters,
+    material_pairs,
+    parameter_places,
+)
 from intuitive_physics.observation import Observation
 from intuitive_physics.parameter_posterior import (
     LARGEST_DEVIATION,
     UNIFORM_PRECISION,
     ParameterPosterior,
 )
-from intuitive_physics.parameter_space import ParameterSpace
+from intuitive_physics.parameter_space import DEFAULT_BOUNDS, ParameterSpace, parameter_vector
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
@@ -36,6 +41,7 @@ from intuitive_physics_learner.online.online_state import Member, OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions, RecursionSettings
 from intuitive_physics_learner.search.identifiability import widened_information
 from intuitive_physics_learner.search.learning_task import GaussianPrior
+from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.search.search_space import ActiveSpace
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
 
@@ -143,13 +149,17 @@ class OnlineLearner:
         self._know_materials(learned.materials)
         state = self.state
         whole = learned.extended(state.materials)
+        state.published = whole
         posterior = whole.whole_posterior().within(self.space.bounds)
-        known = Information.about(posterior.mean, posterior.information)
-        state.centre, state.unit = posterior.mean.copy(), posterior.mean.copy()
-        state.retired = known if informed else Information.none(state.unit.size)
+        mean = posterior.mean
+        # What is known of the others given the held values, which lie at the mean.
+        factor = np.where(self._held, 0.0, posterior.factor)
+        known = Information.about(mean, factor.T @ factor)
+        state.centre, state.unit = mean.copy(), mean.copy()
+        state.retired = known if informed else self._given()
         state.posterior = state.retired.copy()
         state.window, state.doubtful = [], []
-        state.published, state.published_information = whole, known.copy()
+        state.published_information = known.copy()
         state.score, state.compared = 0.0, 0
         state.moves[:], state.narrowings[:] = 0.0, 0.0
         self._drop_observations()
@@ -171,8 +181,42 @@ class OnlineLearner:
 
     @property
     def space(self) -> ParameterSpace:
-        """Of the parameters of all known materials."""
-        return ParameterSpace(self.state.materials)
+        """Of the parameters of all known materials; its bounds contain what a user gave."""
+        given = None if self.state.published is None else self.state.published.given
+        bounds = DEFAULT_BOUNDS if given is None else given.prior.bounds
+        return ParameterSpace(self.state.materials, bounds)
+
+    @property
+    def _held(self) -> NDArray[np.bool_]:
+        """Which parameters (n,) have values that a user holds."""
+        published = self.state.published
+        if published is None or published.given is None:
+            return np.zeros(self.state.unit.size, dtype=bool)
+        return published.given.fixed
+
+    @property
+    def _parameters(self) -> StaticParameters:
+        """θ_s of the present estimate, with the held values as they were given."""
+        state, free = self.state, ~self._held
+        if state.published is None:
+            return self.space.to_parameters(state.unit)
+        space = ActiveSpace(self.space, free, state.published.parameters)
+        found = space.to_parameters(state.unit[free])
+        given = parameter_vector(state.published.parameters)
+        return parameters_of_vector(state.materials, np.where(free, parameter_vector(found), given))
+
+    def _given(self) -> Information:
+        """Return what a user knows of the parameters besides all observations."""
+        published, mean = self.state.published, self.state.centre
+        if published is None or published.given is None:
+            return Information.none(mean.size)
+        prior = published.given.prior
+        return Information.about(prior.mean, prior.information)
+
+    def _influence(self, observations: Sequence[Observation]) -> NDArray[np.bool_]:
+        """Which observation can tell of which parameter, (n_observations, n)."""
+        influence = parameter_influence(observations, self.state.materials)
+        return np.asarray(influence & ~self._held)
 
     @property
     def _prior(self) -> GaussianPrior:
@@ -185,7 +229,7 @@ class OnlineLearner:
         state.processed += 1
         self._know_materials(seen.materials)
         self._forget_until(seen.start_time)
-        influence = parameter_influence([seen], state.materials)[0]
+        (influence,) = self._influence([seen])
         if not influence.any():
             return
         try:
@@ -219,7 +263,7 @@ class OnlineLearner:
         careful: bool = False,
     ) -> LoneFit:
         settings = self._settings.careful() if careful else self._settings
-        fit = LoneFit(cost, self.space, influence, prior, settings, scans)
+        fit = LoneFit(cost, self.space, influence, prior, settings, scans, self._parameters)
         fit.run()
         self.simulations += fit.simulations
         return fit
@@ -271,7 +315,7 @@ class OnlineLearner:
         if member.number > state.processed - self._settings.recent:
             return
         seen = self._observations[member.id]
-        influence = parameter_influence([seen], state.materials)[0]
+        (influence,) = self._influence([seen])
         cost = TrajectoryCost([detected(seen)], self._simulator, state.materials)
         fit = self._lone_fit(cost, influence, self._prior)
         del state.doubtful[0]
@@ -295,7 +339,9 @@ class OnlineLearner:
         horizon = max(fit.found.horizon, other.found.horizon)
         gain = fit.log_evidence(horizon) - other.log_evidence(horizon)
         largest = self._settings.largest_score
-        state.score += float(np.clip(gain, -largest, largest))
+        vote = float(np.clip(gain, -largest, largest))
+        # What an earlier candidate predicted worse must not outweigh what this one does better.
+        state.score = max(state.score + vote, -largest)
         state.compared += 1
 
     def _is_published(self) -> bool:
@@ -310,7 +356,7 @@ class OnlineLearner:
         if together == state.materials:
             return
         _, places = parameter_places(state.materials, together)
-        space = ParameterSpace(together)
+        space = ParameterSpace(together, self.space.bounds)
         centre = space.to_unit(LearnedParameters.defaults(together).parameters)
         unit = centre.copy()
         centre[places], unit[places] = state.centre, state.unit
@@ -333,8 +379,10 @@ class OnlineLearner:
         last, state.time = state.time, stamp if state.time is None else max(state.time, stamp)
         if last is not None and self._options.time_constant > 0.0:
             factor = float(np.exp(-(state.time - last) / self._options.time_constant))
-            state.retired.discount(factor)
-            state.posterior.discount(factor)
+            given = self._given()
+            for known in (state.retired, state.posterior):
+                known.discount(factor)
+                known.join(given, 1.0 - factor)
 
     def _age_weight(self, member: Member) -> float:
         """Weight of an observation by its age, 0 to 1."""
@@ -349,13 +397,13 @@ class OnlineLearner:
         if not state.window:
             return
         seen = [self._observations[one.id] for one in state.window]
-        influence = parameter_influence(seen, state.materials)
+        influence = self._influence(seen)
         active: NDArray[np.bool_] = np.asarray(influence.any(axis=0))
         own = np.flatnonzero(active)
         prior = state.retired.prior(state.centre)
         points = [detected(each) for each in seen]
         cost = TrajectoryCost(points, self._simulator, state.materials)
-        space = ActiveSpace(self.space, active, self.space.to_parameters(state.unit))
+        space = ActiveSpace(self.space, active, self._parameters)
         problem = WindowProblem(cost, space, influence[:, active], marginal(prior, own), settings)
         scans = (2,) if self._scans() else ()
         deviations = self._prior.deviations[own]
@@ -474,6 +522,7 @@ class OnlineLearner:
             self._retire_member(member)
         members = families[change.pair]
         state.retired.forget(members)
+        state.retired.join(self._given().part(members))
         state.moves[members], state.narrowings[members] = 0.0, 0.0
         for member in [one for one in state.doubtful if one in after]:
             state.doubtful.remove(member)
@@ -526,27 +575,34 @@ class OnlineLearner:
 
     def _learned(self) -> LearnedParameters:
         """Return the candidate as the next version of θ_s."""
-        state, space = self.state, self.space
-        parameters = space.to_parameters(state.unit)
+        state, space, held = self.state, self.space, self._held
+        parameters = self._parameters
         factors = self.widening
         widths = np.maximum(factors * self._prior.deviations, self._jackknife_deviations())
         information = widened_information(state.posterior.matrix, factors, widths)
-        posterior = ParameterPosterior.from_information(state.materials, state.unit, information)
-        identified = widths < LARGEST_DEVIATION
+        posterior = ParameterPosterior.from_information(
+            state.materials, space.to_unit(parameters), information, space.bounds
+        )
+        given = None if state.published is None else state.published.given
+        if given is not None:
+            posterior = given.imposed_on(posterior, parameters)
+        identified = held | (widths < LARGEST_DEVIATION)
         slopes = space.slopes(state.unit)
         covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(widths.size))
+        covariance[held], covariance[:, held] = 0.0, 0.0
         deviations = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
         seen = [self._observations[one.id] for one in state.window]
         cost = TrajectoryCost(seen, self._simulator, state.materials).costs([parameters])[0]
         return LearnedParameters(
             parameters,
-            np.where(identified, deviations, np.nan),
+            np.where(held, 0.0, np.where(identified, deviations, np.nan)),
             identified,
             (0 if state.published is None else state.published.version) + 1,
             float(cost),
             state.processed - state.set_aside,
             JOINT_METHOD,
             posterior=posterior,
+            given=given,
         )
 
     def _jackknife_deviations(self) -> NDArray[np.float64]:

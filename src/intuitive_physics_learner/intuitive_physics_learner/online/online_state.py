@@ -76,6 +76,7 @@ class OnlineState:
     changes : last changes that were noticed, and how many observations there were before each
     time : s, the latest start time of an observation
     position : revision of the store up to which observations are known
+    spare_seconds : CPU time in s that earlier observations have left over
     """
 
     materials: tuple[str, ...]
@@ -98,6 +99,7 @@ class OnlineState:
     changes: list[tuple[ChangePoint, int]] = field(default_factory=list)
     time: float | None = None
     position: int = 0
+    spare_seconds: float = 0.0
 
     @staticmethod
     def empty() -> OnlineState:
@@ -110,7 +112,7 @@ class OnlineState:
         """Return it as JSON text, every number to its last digit."""
         data = {
             "format": FORMAT,
-            **{name: getattr(self, name) for name in _PLAIN},
+            **{name: getattr(self, name) for name in (*_PLAIN, "spare_seconds")},
             **{name: encode_array(getattr(self, name)) for name in _ARRAYS},
             **{name: _information_data(getattr(self, name)) for name in _INFORMATION},
             **{
@@ -142,6 +144,8 @@ class OnlineState:
             return OnlineState(
                 **{
                     **{name: data[name] for name in _PLAIN},
+                    # Texts of before November 2026 have none.
+                    "spare_seconds": data.get("spare_seconds", 0.0),
                     "materials": tuple(data["materials"]),
                     **{name: decode_array(data[name]) for name in _ARRAYS},
                     **{name: _read_information(data[name]) for name in _INFORMATION},

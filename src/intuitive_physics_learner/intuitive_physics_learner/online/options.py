@@ -58,6 +58,13 @@ class RecursionSettings:
     restart_scans: tuple[int, ...] = other(
         (2, 5, 9, 14), "numbers of steps after which such a fit scans each parameter; set by hand"
     )
+    most_spared: float = number(
+        32.0,
+        0.0,
+        1e6,
+        "observations whose CPU time is saved up at most, for fits of the window from its "
+        "beginning: a fit of 24 throws takes some 10 s, where a usual observation takes 0.3 s",
+    )
     largest_advance: float = number(
         0.5,
         0.0,
@@ -183,8 +190,8 @@ class OnlineOptions:
         30.0,
         0.1,
         1e6,
-        "CPU time for learning in the background at most after each new observation; looked at "
-        "between steps",
+        "CPU time for learning in the background at most for each new observation; what one does "
+        "not take is saved up for later ones; looked at between steps",
         unit="s",
     )
     window: int = number(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 
+import numpy as np
+
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.online.online_learner import OnlineLearner
@@ -60,8 +62,11 @@ class StoredOnlineLearning:
         for name, problem in problems.items():
             self.problem = f"observation {name} cannot be read and is passed over: {problem}"
         before = self._version
-        ends = time.process_time() + self._options.seconds * len(observations)
+        usual = self._options.seconds * len(observations)
+        ends = time.process_time() + usual + state.spare_seconds
         assessments = self.learner.learn_from_all(observations, lambda: ends - time.process_time())
+        most = self._options.seconds * self._options.recursion.most_spared
+        state.spare_seconds = float(np.clip(ends - time.process_time(), 0.0, most))
         self.problem = self.learner.problem or self.problem
         state.position = position
         learned = state.published if self._version != before else None

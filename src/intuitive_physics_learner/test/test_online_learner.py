@@ -124,6 +124,20 @@ def test_the_same_observation_counts_once(event_driven, throws):
     assert learner.state.processed == len(learner.state.window) == 1
 
 
+def test_what_an_earlier_candidate_predicted_worse_does_not_add_up(event_driven, throws):
+    learner = OnlineLearner(event_driven, OPTIONS)
+    observed = noisy_throws(throws, 6, 11)
+    learner.learn_from_all(observed[:4])
+    state, largest = learner.state, learner._settings.largest_score
+    # All that is published knows the truth, and all that the candidate knows is far from it.
+    wrong = np.where(state.posterior.matrix.diagonal() > 0.0, 0.5, 0.0)
+    state.published_information = state.posterior.copy()
+    state.posterior.vector += state.posterior.matrix @ wrong
+    for seen in observed[4:]:
+        learner._meet(seen)
+        assert -largest <= state.score <= 0.0
+
+
 def test_forgets_with_the_time_constant(event_driven, throws):
     learner = OnlineLearner(event_driven, OnlineOptions(window=6, time_constant=10.0))
     (first,) = noisy_throws(throws, 1, 3)
@@ -245,7 +259,7 @@ def test_others_are_learned_beside_a_value_that_is_held(event_driven, throws, tr
     others = newest.identified & ~newest.given.fixed
     assert others.any()
     # Knowing one value exactly makes no other less certain.
-    mine, theirs = learner._prior.deviations[others], free._prior.deviations[others]
+    mine, theirs = learner.state.prior.deviations[others], free.state.prior.deviations[others]
     assert (mine < 1.2 * theirs).all()
     again = OnlineState.from_json(learner.state.to_json())
     kept = OnlineLearner(event_driven, OPTIONS, again, learner.kept_observations)
@@ -261,14 +275,14 @@ def test_a_prior_counts_as_the_inverse_of_its_variance(glide, gliding):
     value, deviation = restitution(free.state.published)
     place = parameter_names(free.state.materials).index("restitution[ball, floor]")
     information = free.state.posterior.matrix[place, place]
-    own = free.space.slopes(free.state.unit)[place, place]
+    own = free.state.space.slopes(free.state.unit)[place, place]
     deviation = own / np.sqrt(information)
     prior = given_restitution(value + 2.0 * deviation, deviation, PRIOR)
     learner = OnlineLearner(glide, OPTIONS)
     # The result of a search that used the prior: what it was given is knowledge all the same.
     learner.adopt(replace(prior, version=1, method="joint_estimation"), informed=False)
     learner.learn_from_all(seen)
-    found = learner.space.to_parameters(learner.state.unit).pair("ball", "floor")["restitution"]
+    found = learner.state.parameters.pair("ball", "floor")["restitution"]
     assert found == pytest.approx(value + deviation, abs=0.3 * deviation)
     assert learner.state.published.given is not None
 

@@ -12,9 +12,7 @@ from intuitive_physics.errors import UnsupportedSceneError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import (
     PAIR_COEFFICIENTS,
-    StaticParameters,
     material_pairs,
-    parameter_places,
 )
 from intuitive_physics.observation import Observation
 from intuitive_physics.parameter_posterior import (
@@ -22,7 +20,6 @@ from intuitive_physics.parameter_posterior import (
     UNIFORM_PRECISION,
     ParameterPosterior,
 )
-from intuitive_physics.parameter_space import DEFAULT_BOUNDS, ParameterSpace, parameter_vector
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
@@ -30,18 +27,17 @@ from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.point_noise import detected
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.online.change_point import find_change
+from intuitive_physics_learner.online.fits import LoneFit, WindowProblem, run
 from intuitive_physics_learner.online.information import (
     Information,
     agreement_weights,
     jackknife_variances,
     marginal,
 )
-from intuitive_physics_learner.online.lone_fit import LoneFit, log_evidence
 from intuitive_physics_learner.online.online_state import Member, OnlineState
-from intuitive_physics_learner.online.options import OnlineOptions, RecursionSettings
+from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.search.identifiability import widened_information
 from intuitive_physics_learner.search.learning_task import GaussianPrior
-from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.search.search_space import ActiveSpace
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
 
@@ -129,7 +125,7 @@ class OnlineLearner:
                 self._meet(seen)
                 known.add(seen.id)
         self._look_again()
-        before = self.state.unit.copy(), self._prior.deviations**2
+        before = self.state.unit.copy(), self.state.prior.deviations**2
         self._fit_window(seconds_left)
         self._note_move(*before)
         self._notice_change(seconds_left)
@@ -146,17 +142,17 @@ class OnlineLearner:
         informed : whether its uncertainty is knowledge to start with; otherwise only its values are
             a start, and the observations say the rest
         """
-        self._know_materials(learned.materials)
+        self.state.know_materials(learned.materials)
         state = self.state
         whole = learned.extended(state.materials)
         state.published = whole
-        posterior = whole.whole_posterior().within(self.space.bounds)
+        posterior = whole.whole_posterior().within(self.state.space.bounds)
         mean = posterior.mean
         # What is known of the others given the held values, which lie at the mean.
-        factor = np.where(self._held, 0.0, posterior.factor)
+        factor = np.where(self.state.held, 0.0, posterior.factor)
         known = Information.about(mean, factor.T @ factor)
         state.centre, state.unit = mean.copy(), mean.copy()
-        state.retired = known if informed else self._given()
+        state.retired = known if informed else self.state.given()
         state.posterior = state.retired.copy()
         state.window, state.doubtful = [], []
         state.published_information = known.copy()
@@ -179,64 +175,25 @@ class OnlineLearner:
         state = self.state
         return np.sqrt(np.maximum((1.0 + state.moves) / (1.0 + state.narrowings), 1.0))
 
-    @property
-    def space(self) -> ParameterSpace:
-        """Of the parameters of all known materials; its bounds contain what a user gave."""
-        given = None if self.state.published is None else self.state.published.given
-        bounds = DEFAULT_BOUNDS if given is None else given.prior.bounds
-        return ParameterSpace(self.state.materials, bounds)
-
-    @property
-    def _held(self) -> NDArray[np.bool_]:
-        """Which parameters (n,) have values that a user holds."""
-        published = self.state.published
-        if published is None or published.given is None:
-            return np.zeros(self.state.unit.size, dtype=bool)
-        return published.given.fixed
-
-    @property
-    def _parameters(self) -> StaticParameters:
-        """θ_s of the present estimate, with the held values as they were given."""
-        state, free = self.state, ~self._held
-        if state.published is None:
-            return self.space.to_parameters(state.unit)
-        space = ActiveSpace(self.space, free, state.published.parameters)
-        found = space.to_parameters(state.unit[free])
-        given = parameter_vector(state.published.parameters)
-        return parameters_of_vector(state.materials, np.where(free, parameter_vector(found), given))
-
-    def _given(self) -> Information:
-        """Return what a user knows of the parameters besides all observations."""
-        published, mean = self.state.published, self.state.centre
-        if published is None or published.given is None:
-            return Information.none(mean.size)
-        prior = published.given.prior
-        return Information.about(prior.mean, prior.information)
-
     def _influence(self, observations: Sequence[Observation]) -> NDArray[np.bool_]:
         """Which observation can tell of which parameter, (n_observations, n)."""
         influence = parameter_influence(observations, self.state.materials)
-        return np.asarray(influence & ~self._held)
-
-    @property
-    def _prior(self) -> GaussianPrior:
-        """What is known before the next observation."""
-        return self.state.posterior.prior(self.state.centre)
+        return np.asarray(influence & ~self.state.held)
 
     def _meet(self, seen: Observation) -> None:
         """Predict an observation, then take it into the window or set it aside."""
         state = self.state
         state.processed += 1
-        self._know_materials(seen.materials)
+        self.state.know_materials(seen.materials)
         self._forget_until(seen.start_time)
         (influence,) = self._influence([seen])
         if not influence.any():
             return
         try:
             cost = TrajectoryCost([detected(seen)], self._simulator, state.materials)
-            fit = self._lone_fit(cost, influence, self._prior)
+            fit = self._lone_fit(cost, influence, self.state.prior)
             if fit.blocked:
-                fit = self._lone_fit(cost, influence, self._prior, careful=True)
+                fit = self._lone_fit(cost, influence, self.state.prior, careful=True)
         except UnsupportedSceneError as error:
             self.problem = f"observation {seen.id} is passed over: {error}"
             self._assessments.append(Assessment(seen.id, 0.0, str(error), DOUBTFUL))
@@ -263,7 +220,9 @@ class OnlineLearner:
         careful: bool = False,
     ) -> LoneFit:
         settings = self._settings.careful() if careful else self._settings
-        fit = LoneFit(cost, self.space, influence, prior, settings, scans, self._parameters)
+        fit = LoneFit(
+            cost, self.state.space, influence, prior, settings, scans, self.state.parameters
+        )
         fit.run()
         self.simulations += fit.simulations
         return fit
@@ -280,7 +239,7 @@ class OnlineLearner:
         if not fit.blocked:
             return None
         (seen,) = cost.observations
-        nothing = Information.none(state.centre.size).prior(self._prior.mean)
+        nothing = Information.none(state.centre.size).prior(self.state.prior.mean)
         free = self._lone_fit(cost, influence, nothing, scans=settings.free_scans)
         horizon = max(free.found.horizon, fit.found.horizon)
         gain = free.log_evidence(horizon) - fit.log_evidence(horizon)
@@ -317,7 +276,7 @@ class OnlineLearner:
         seen = self._observations[member.id]
         (influence,) = self._influence([seen])
         cost = TrajectoryCost([detected(seen)], self._simulator, state.materials)
-        fit = self._lone_fit(cost, influence, self._prior)
+        fit = self._lone_fit(cost, influence, self.state.prior)
         del state.doubtful[0]
         if fit.blocked:
             state.doubtful.append(member)
@@ -350,36 +309,13 @@ class OnlineLearner:
             np.array_equal(mine.matrix, other.matrix) and np.array_equal(mine.vector, other.vector)
         )
 
-    def _know_materials(self, materials: Sequence[str]) -> None:
-        state = self.state
-        together = tuple(dict.fromkeys((*state.materials, *materials)))
-        if together == state.materials:
-            return
-        _, places = parameter_places(state.materials, together)
-        space = ParameterSpace(together, self.space.bounds)
-        centre = space.to_unit(LearnedParameters.defaults(together).parameters)
-        unit = centre.copy()
-        centre[places], unit[places] = state.centre, state.unit
-        for name in ("moves", "narrowings"):
-            wider = np.zeros(centre.size)
-            wider[places] = getattr(state, name)
-            setattr(state, name, wider)
-        state.materials, state.centre, state.unit = together, centre, unit
-        for name in ("retired", "posterior", "published_information"):
-            setattr(state, name, getattr(state, name).spread(places, centre.size))
-        for member in (*state.window, *state.doubtful):
-            own = places[member.likelihood.parameters]
-            member.likelihood = replace(member.likelihood, parameters=own)
-        if state.published is not None:
-            state.published = state.published.extended(together)
-
     def _forget_until(self, stamp: float) -> None:
         """Let what is known grow older, to the start time in s of a new observation."""
         state = self.state
         last, state.time = state.time, stamp if state.time is None else max(state.time, stamp)
         if last is not None and self._options.time_constant > 0.0:
             factor = float(np.exp(-(state.time - last) / self._options.time_constant))
-            given = self._given()
+            given = self.state.given()
             for known in (state.retired, state.posterior):
                 known.discount(factor)
                 known.join(given, 1.0 - factor)
@@ -403,10 +339,10 @@ class OnlineLearner:
         prior = state.retired.prior(state.centre)
         points = [detected(each) for each in seen]
         cost = TrajectoryCost(points, self._simulator, state.materials)
-        space = ActiveSpace(self.space, active, self._parameters)
+        space = ActiveSpace(self.state.space, active, self.state.parameters)
         problem = WindowProblem(cost, space, influence[:, active], marginal(prior, own), settings)
         scans = (2,) if self._scans() else ()
-        deviations = self._prior.deviations[own]
+        deviations = self.state.prior.deviations[own]
         fit = problem.fit(scans)
         fit.begin_at(state.unit[own], deviations, [one.fit for one in state.window])
         run(fit, settings.window_steps, seconds_left)
@@ -426,7 +362,7 @@ class OnlineLearner:
     def _note_move(self, unit: NDArray[np.float64], variances: NDArray[np.float64]) -> None:
         """Compare the move from an estimate (n,) with the variances (n,), widths², it had."""
         state, kept = self.state, np.exp(-1.0 / self._settings.memory)
-        after = self._prior.deviations**2
+        after = self.state.prior.deviations**2
         move = (state.unit - unit) ** 2 / after
         narrowing = np.maximum(variances - after, 0.0) / after
         # The first observations narrow so much that nothing else would count beside them.
@@ -479,7 +415,7 @@ class OnlineLearner:
         state = self.state
         while len(state.window) > self._options.window:
             covariance: NDArray[np.float64] = np.asarray(
-                np.linalg.inv(self._prior.precision), dtype=np.float64
+                np.linalg.inv(self.state.prior.precision), dtype=np.float64
             )
             newest = state.processed - self._settings.recent
             old = [one for one in state.window if one.number <= newest] or state.window[:1]
@@ -522,13 +458,13 @@ class OnlineLearner:
             self._retire_member(member)
         members = families[change.pair]
         state.retired.forget(members)
-        state.retired.join(self._given().part(members))
+        state.retired.join(self.state.given().part(members))
         state.moves[members], state.narrowings[members] = 0.0, 0.0
         for member in [one for one in state.doubtful if one in after]:
             state.doubtful.remove(member)
             self._take_back(member)
         self._weigh()
-        state.unit = np.clip(self._prior.mean, 0.0, 1.0)
+        state.unit = np.clip(self.state.prior.mean, 0.0, 1.0)
         self._fit_window(seconds_left)
 
     def _count_of(self, parameters: NDArray[np.int64]) -> int:
@@ -568,17 +504,17 @@ class OnlineLearner:
         if state.published is None:
             return True
         published = state.published_information.prior(state.centre)
-        deviations = self._prior.deviations
+        deviations = self.state.prior.deviations
         moved = np.abs(state.unit - published.mean) > settings.smallest_move * deviations
         changed = np.abs(deviations / published.deviations - 1.0) > settings.smallest_narrowing
         return bool((moved | changed).any())
 
     def _learned(self) -> LearnedParameters:
         """Return the candidate as the next version of θ_s."""
-        state, space, held = self.state, self.space, self._held
-        parameters = self._parameters
+        state, space, held = self.state, self.state.space, self.state.held
+        parameters = self.state.parameters
         factors = self.widening
-        widths = np.maximum(factors * self._prior.deviations, self._jackknife_deviations())
+        widths = np.maximum(factors * self.state.prior.deviations, self._jackknife_deviations())
         information = widened_information(state.posterior.matrix, factors, widths)
         posterior = ParameterPosterior.from_information(
             state.materials, space.to_unit(parameters), information, space.bounds
@@ -619,60 +555,3 @@ class OnlineLearner:
     def _drop_observations(self) -> None:
         kept = {one.id for one in (*self.state.window, *self.state.doubtful)}
         self._observations = {id: one for id, one in self._observations.items() if id in kept}
-
-
-class WindowProblem:
-    """The joint fit of some observations to a prior.
-
-    Parameters
-    ----------
-    cost : of the observations
-    space : of their n parameters
-    influence : (n_observations, n) bool, which observation can depend on which parameter
-    prior : of these parameters
-    settings : of the steps
-    """
-
-    def __init__(
-        self,
-        cost: TrajectoryCost,
-        space: ActiveSpace,
-        influence: NDArray[np.bool_],
-        prior: GaussianPrior,
-        settings: RecursionSettings,
-    ) -> None:
-        self._task = (cost, space, influence, prior)
-        self._settings = settings
-
-    def fit(self, scans: tuple[int, ...]) -> JointFit:
-        """Return a fit that begins at the prior's mean.
-
-        Parameters
-        ----------
-        scans : numbers of steps after which it scans all parameters
-        """
-        return JointFit(*self._task, self._settings.joint(scans=scans))
-
-    def better(self, one: JointFit, other: JointFit) -> JointFit:
-        """Return the fit of the larger evidence, up to the longer horizon of each observation."""
-        pairs = zip(one.observation_fits(), other.observation_fits(), strict=True)
-        horizons = [max(a.horizon, b.horizon) for a, b in pairs]
-        evidences = [
-            log_evidence(self._task, fit, horizons, self._settings) for fit in (one, other)
-        ]
-        return one if evidences[0] >= evidences[1] else other
-
-
-def run(fit: JointFit, steps: int, seconds_left: Callable[[], float] = lambda: np.inf) -> None:
-    """Take steps, at least one, until the fit has settled or the time is over.
-
-    Parameters
-    ----------
-    fit : to continue
-    steps : at most
-    seconds_left : looked at between steps
-    """
-    for _ in range(steps):
-        if fit.settled or (fit.steps and seconds_left() <= 0.0):
-            break
-        fit.step()

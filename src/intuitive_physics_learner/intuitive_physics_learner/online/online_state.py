@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import StaticParameters, parameter_places
+from intuitive_physics.parameter_space import DEFAULT_BOUNDS, ParameterSpace, parameter_vector
 from intuitive_physics_learner.joint_estimation.joint_fit import ObservationFit
 from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
 from intuitive_physics_learner.online.change_point import ChangePoint
@@ -20,6 +22,9 @@ from intuitive_physics_learner.online.information import (
     decode_array,
     encode_array,
 )
+from intuitive_physics_learner.search.learning_task import GaussianPrior
+from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
+from intuitive_physics_learner.search.search_space import ActiveSpace
 
 FORMAT = "intuitive_physics/online_state/1"
 """Format of the JSON text, which every text names."""
@@ -100,6 +105,68 @@ class OnlineState:
     time: float | None = None
     position: int = 0
     spare_seconds: float = 0.0
+
+    @property
+    def space(self) -> ParameterSpace:
+        """Of the parameters of all known materials; its bounds contain what a user gave."""
+        given = None if self.published is None else self.published.given
+        bounds = DEFAULT_BOUNDS if given is None else given.prior.bounds
+        return ParameterSpace(self.materials, bounds)
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """Which parameters (n,) have values that a user holds."""
+        published = self.published
+        if published is None or published.given is None:
+            return np.zeros(self.unit.size, dtype=bool)
+        return published.given.fixed
+
+    @property
+    def parameters(self) -> StaticParameters:
+        """θ_s of the present estimate, with the held values as they were given."""
+        free = ~self.held
+        if self.published is None:
+            return self.space.to_parameters(self.unit)
+        space = ActiveSpace(self.space, free, self.published.parameters)
+        found = space.to_parameters(self.unit[free])
+        given = parameter_vector(self.published.parameters)
+        return parameters_of_vector(self.materials, np.where(free, parameter_vector(found), given))
+
+    def given(self) -> Information:
+        """Return what a user knows of the parameters besides all observations."""
+        published, mean = self.published, self.centre
+        if published is None or published.given is None:
+            return Information.none(mean.size)
+        prior = published.given.prior
+        return Information.about(prior.mean, prior.information)
+
+    @property
+    def prior(self) -> GaussianPrior:
+        """What is known before the next observation."""
+        return self.posterior.prior(self.centre)
+
+    def know_materials(self, materials: Sequence[str]) -> None:
+        """Take up materials of which nothing is known, beside those there are."""
+        together = tuple(dict.fromkeys((*self.materials, *materials)))
+        if together == self.materials:
+            return
+        _, places = parameter_places(self.materials, together)
+        space = ParameterSpace(together, self.space.bounds)
+        centre = space.to_unit(LearnedParameters.defaults(together).parameters)
+        unit = centre.copy()
+        centre[places], unit[places] = self.centre, self.unit
+        for name in ("moves", "narrowings"):
+            wider = np.zeros(centre.size)
+            wider[places] = getattr(self, name)
+            setattr(self, name, wider)
+        self.materials, self.centre, self.unit = together, centre, unit
+        for name in ("retired", "posterior", "published_information"):
+            setattr(self, name, getattr(self, name).spread(places, centre.size))
+        for member in (*self.window, *self.doubtful):
+            own = places[member.likelihood.parameters]
+            member.likelihood = replace(member.likelihood, parameters=own)
+        if self.published is not None:
+            self.published = self.published.extended(together)
 
     @staticmethod
     def empty() -> OnlineState:

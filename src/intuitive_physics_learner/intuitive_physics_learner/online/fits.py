@@ -1,8 +1,8 @@
-"""The fit of one observation to what is known, and its evidence."""
+"""Fits of one observation, and of those of a window, to what is known; and their evidence."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -130,3 +130,60 @@ class LoneFit:
 
     def _among_all(self, likelihood: LocalLikelihood) -> LocalLikelihood:
         return replace(likelihood, parameters=self._own[likelihood.parameters])
+
+
+class WindowProblem:
+    """The joint fit of some observations to a prior.
+
+    Parameters
+    ----------
+    cost : of the observations
+    space : of their n parameters
+    influence : (n_observations, n) bool, which observation can depend on which parameter
+    prior : of these parameters
+    settings : of the steps
+    """
+
+    def __init__(
+        self,
+        cost: Cost,
+        space: ActiveSpace,
+        influence: NDArray[np.bool_],
+        prior: GaussianPrior,
+        settings: RecursionSettings,
+    ) -> None:
+        self._task = (cost, space, influence, prior)
+        self._settings = settings
+
+    def fit(self, scans: tuple[int, ...]) -> JointFit:
+        """Return a fit that begins at the prior's mean.
+
+        Parameters
+        ----------
+        scans : numbers of steps after which it scans all parameters
+        """
+        return JointFit(*self._task, self._settings.joint(scans=scans))
+
+    def better(self, one: JointFit, other: JointFit) -> JointFit:
+        """Return the fit of the larger evidence, up to the longer horizon of each observation."""
+        pairs = zip(one.observation_fits(), other.observation_fits(), strict=True)
+        horizons = [max(a.horizon, b.horizon) for a, b in pairs]
+        evidences = [
+            log_evidence(self._task, fit, horizons, self._settings) for fit in (one, other)
+        ]
+        return one if evidences[0] >= evidences[1] else other
+
+
+def run(fit: JointFit, steps: int, seconds_left: Callable[[], float] = lambda: np.inf) -> None:
+    """Take steps, at least one, until the fit has settled or the time is over.
+
+    Parameters
+    ----------
+    fit : to continue
+    steps : at most
+    seconds_left : looked at between steps
+    """
+    for _ in range(steps):
+        if fit.settled or (fit.steps and seconds_left() <= 0.0):
+            break
+        fit.step()

@@ -10,7 +10,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import parameter_names
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_learner import ObservationStore
+from intuitive_physics_learner import LearningOptions, ObservationStore, learn
 from intuitive_physics_learner.given_parameters import FIXED, PRIOR, given_parameters
 from intuitive_physics_learner.online.online_learner import OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
@@ -213,6 +213,23 @@ def test_values_that_a_user_sets_are_knowledge_to_go_on_from(store, glide, glidi
     assert newest.version >= stored.version
     assert learning.pending == 0
     assert len(learning.learner.state.window) == 1
+
+
+@pytest.mark.parametrize(("searched", "met"), [(4, 5), (9, 1)])
+def test_only_what_a_window_holds_is_learned_again_after_a_search(
+    store, glide, gliding, searched, met
+):
+    generator = np.random.default_rng(9)
+    first = [gliding(generator, 0.8) for _ in range(searched)]
+    store.add_all(first)
+    stored = store.add_parameters(learn(first, glide, LearningOptions()).learned)
+    store.add(gliding(generator, 0.8))
+    learning = learn_all(store, glide)
+    assert learning.learner.state.processed == met
+    assert len(learning.learner.state.window) == met
+    value, deviation = restitution(store.newest_parameters())
+    assert value == pytest.approx(0.8, abs=0.01)
+    assert deviation <= 1.01 * restitution(stored)[1]
 
 
 def replace_value(learned, value, deviation):

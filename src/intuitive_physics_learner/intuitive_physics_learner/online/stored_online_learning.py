@@ -95,10 +95,12 @@ class StoredOnlineLearning:
         newest = self._store.newest_parameters()
         if newest is None:
             return
-        first = self.learner.state.processed == 0
         given = not newest.method
-        # What the observations said before there was a state will be said by them again.
-        self.learner.adopt(newest, informed=given or not first)
-        if not given and not first:
+        # Where few observations were learned from before there was a state, they are fitted jointly
+        # with those that come, and say again what they said.
+        few = newest.observation_count <= self._options.window
+        again = self.learner.state.processed == 0 and few
+        self.learner.adopt(newest, informed=given or not again)
+        if not given and not again:
             position = self._record.revision_of(newest.observation_count)
             self.learner.state.position = max(self.learner.state.position, position)

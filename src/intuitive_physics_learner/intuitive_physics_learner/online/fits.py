@@ -13,7 +13,6 @@ from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit, ObservationFit
 from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.online.information import marginal
 from intuitive_physics_learner.online.options import RecursionSettings
 from intuitive_physics_learner.search.learning_task import GaussianPrior
@@ -37,32 +36,18 @@ def log_evidence(
         not compare
     settings : of the steps
     """
-    shared, losses = evidence_parts(task, found, horizons, settings)
-    return shared - float(losses.sum())
-
-
-def evidence_parts(
-    task: _FitTask, found: JointFit, horizons: Sequence[float], settings: RecursionSettings
-) -> tuple[float, NDArray[np.float64]]:
-    """Return what the logarithm of an evidence consists of; for the parameters see `log_evidence`.
-
-    Returns
-    -------
-    shared : what prior and narrowing add
-    losses : (n_observations,) what each observation takes from it
-    """
     *_, prior = task
     fit = JointFit(*task, settings.joint().with_fixed_horizons())
     fits = zip(found.observation_fits(), horizons, strict=True)
     fit.begin_at(found.unit, prior.deviations, [replace(one, horizon=h) for one, h in fits])
     for _ in range(settings.scoring_steps):
         fit.step()
-    likelihoods, precision = fit.likelihoods(), prior.precision.copy()
-    for one in likelihoods:
+    loss, precision = float(prior.losses(fit.unit[None])[0]), prior.precision.copy()
+    for one in fit.likelihoods():
         precision[np.ix_(one.parameters, one.parameters)] += one.information
+        loss += one.loss
     narrowed = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(prior.precision)[1]
-    shared = -float(prior.losses(fit.unit[None])[0]) - 0.5 * float(narrowed)
-    return shared, np.array([one.loss for one in likelihoods])
+    return -loss - 0.5 * float(narrowed)
 
 
 class LoneFit:
@@ -179,25 +164,14 @@ class WindowProblem:
         """
         return JointFit(*self._task, self._settings.joint(scans=scans))
 
-    def restart(self) -> JointFit:
-        """Return a fit that begins as one to all observations does, with nothing found before."""
-        settings = replace(JointEstimationSettings(), scan_steps=self._settings.restart_scans)
-        return JointFit(*self._task, settings)
-
     def better(self, one: JointFit, other: JointFit) -> JointFit:
-        """Return the fit of the larger evidence, up to the longer horizon of each observation.
-
-        A single observation counts `largest_score` at most: where motion is chaotic, one that
-        happens to be explained a few seconds farther would decide against all others.
-        """
+        """Return the fit of the larger evidence, up to the longer horizon of each observation."""
         pairs = zip(one.observation_fits(), other.observation_fits(), strict=True)
         horizons = [max(a.horizon, b.horizon) for a, b in pairs]
-        (shared, losses), (other_shared, other_losses) = (
-            evidence_parts(self._task, fit, horizons, self._settings) for fit in (one, other)
-        )
-        largest = self._settings.largest_score
-        votes = np.clip(other_losses - losses, -largest, largest)
-        return one if shared - other_shared + votes.sum() >= 0.0 else other
+        evidences = [
+            log_evidence(self._task, fit, horizons, self._settings) for fit in (one, other)
+        ]
+        return one if evidences[0] >= evidences[1] else other
 
 
 def run(fit: JointFit, steps: int, seconds_left: Callable[[], float] = lambda: np.inf) -> None:

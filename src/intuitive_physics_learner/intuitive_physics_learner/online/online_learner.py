@@ -347,7 +347,7 @@ class OnlineLearner:
         fit.begin_at(state.unit[own], deviations, [one.fit for one in state.window])
         run(fit, settings.window_steps, seconds_left)
         if self._restarts():
-            other = problem.restart()
+            other = problem.fit(settings.restart_scans)
             run(other, settings.restart_steps, seconds_left)
             fit = problem.better(fit, other)
         self._take_over(fit, own, prior)

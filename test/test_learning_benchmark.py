@@ -31,7 +31,7 @@ from benchmarks.learning.scores import (
     is_honest,
     share_within,
 )
-from benchmarks.learning.stream import StreamCost, endless_stream, growth, repeated
+from benchmarks.learning.stream import StreamCost, endless_stream, growth
 from benchmarks.learning.stream import figures as stream_figures
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -180,20 +180,6 @@ def test_stream_is_the_same_however_much_of_it_is_taken():
     long = [each.to_json() for each in itertools.islice(endless_stream(3), 7)]
     assert long[:4] == short
     assert len(set(long)) == 7
-
-
-def test_repeated_throws_are_others_at_other_times():
-    throws = list(itertools.islice(endless_stream(3), 2))
-    found = list(itertools.islice(repeated(throws), 5))
-    assert [each.id for each in found[:2]] != [each.id for each in found[2:4]]
-    assert len({each.id for each in found}) == 5
-    for k, each in enumerate(found):
-        (mine,), (its,) = each.objects, throws[k % 2].objects
-        later = each.start_time - throws[k % 2].start_time
-        assert mine.trajectory.times - later == pytest.approx(its.trajectory.times)
-        assert np.array_equal(mine.trajectory.positions, its.trajectory.positions)
-    ends = [each.objects[0].trajectory.times[-1] for each in found[:-1]]
-    assert all(end < each.start_time for end, each in zip(ends, found[1:], strict=True))
 
 
 def test_changing_stream_is_of_one_ball_and_the_same_until_the_change():

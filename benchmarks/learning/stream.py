@@ -25,7 +25,6 @@ from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics.observation import Observation
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import make_simulator
-from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_experiments.paper.paper_dataset import throw_objects
 from intuitive_physics_experiments.paper.paper_room import (
     dataset_simulator,
@@ -61,13 +60,6 @@ BATCH = 1000
 
 SEARCHED = 20
 """Observations that are learned from at once in the beginning."""
-
-SIMULATED = 200
-"""Throws that are simulated to be stored; more stored ones are these again at later times. Learning
-reads only the newest of them, and they are new throws."""
-
-PERIOD = 10.0
-"""s from one stored observation to the next, longer than a throw takes."""
 
 RECENT, QUICK_RECENT = 30, 4
 """Observations that are learned from on-line, one by one, before those that are measured; more than
@@ -110,26 +102,6 @@ def endless_stream(seed: int) -> Iterator[Observation]:
         yield throw_objects(pool, true, simulator, "three_points", rng).observation
 
 
-def repeated(observations: Sequence[Observation]) -> Iterator[Observation]:
-    """Yield observations again and again without end, each time with other stamps and ids.
-
-    Parameters
-    ----------
-    observations : at least one
-    """
-    for number, seen in enumerate(itertools.cycle(observations)):
-        later = PERIOD * number
-        objects = tuple(
-            replace(
-                each,
-                trajectory=Trajectory(each.trajectory.times + later, each.trajectory.positions),
-            )
-            for each in seen.objects
-        )
-        # An empty id is that which follows from the content.
-        yield replace(seen, objects=objects, start_time=seen.start_time + later, id="")
-
-
 def measure_cost(stored: int, recent: int, measured: int, seed: int, folder: Path) -> StreamCost:
     """Learn on-line in a store that holds many observations, and measure the last ones.
 
@@ -147,12 +119,11 @@ def measure_cost(stored: int, recent: int, measured: int, seed: int, folder: Pat
     stream = endless_stream(seed)
     simulator, options = make_simulator("auto", threads=1), OnlineOptions()
     with ObservationStore(folder / "learner.sqlite3") as store:
-        simulated = list(itertools.islice(stream, min(SIMULATED, stored - recent)))
-        again = repeated(simulated)
+        first = list(itertools.islice(stream, min(SEARCHED, stored - recent)))
+        store.add_all(first)
         while store.count() < stored - recent:
             count = min(BATCH, stored - recent - store.count())
-            store.add_all(list(itertools.islice(again, count)))
-        first = simulated[:SEARCHED]
+            store.add_all(list(itertools.islice(stream, count)))
         learned = learn_by_default(first, threads=1).parameters
         store.add_parameters(replace(learned, observation_count=store.count()))
         seconds = []

@@ -13,7 +13,6 @@ from intuitive_physics_learner.online.information import (
     decode_array,
     encode_array,
     jackknife_variances,
-    marginal,
 )
 from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
 
@@ -65,7 +64,7 @@ def test_forgetting_parameters_leaves_the_marginal_of_the_others():
     mean = generator.uniform(size=4)
     known = Information.about(mean, matrix)
     known.forget(np.array([1, 3]))
-    expected = marginal(GaussianPrior(mean, matrix), np.array([0, 2]))
+    expected = GaussianPrior(mean, matrix).marginal(np.array([0, 2]))
     assert known.matrix[np.ix_([0, 2], [0, 2])] == pytest.approx(expected.precision)
     left = np.linalg.solve(known.matrix[np.ix_([0, 2], [0, 2])], known.vector[[0, 2]])
     assert left == pytest.approx(mean[[0, 2]])

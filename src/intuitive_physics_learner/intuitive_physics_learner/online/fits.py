@@ -13,7 +13,6 @@ from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit, ObservationFit
 from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
-from intuitive_physics_learner.online.information import marginal
 from intuitive_physics_learner.online.options import RecursionSettings
 from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.search_space import ActiveSpace
@@ -82,7 +81,7 @@ class LoneFit:
         self._cost = cost
         self._settings = settings
         self._own = np.flatnonzero(influence)
-        self._prior = marginal(prior, self._own)
+        self._prior = prior.marginal(self._own)
         others = others or space.to_parameters(np.clip(prior.mean, 0.0, 1.0))
         self._space = ActiveSpace(space, influence, others)
         self._fit = JointFit(

@@ -237,15 +237,3 @@ def decode_array(data: Mapping[str, Any]) -> NDArray[np.float64]:
     """Return the array (...,) that `encode_array` wrote."""
     raw = zlib.decompress(base64.b64decode(data["zlib"]))
     return np.frombuffer(raw, dtype="<f8").reshape(data["shape"]).astype(np.float64)
-
-
-def marginal(prior: GaussianPrior, chosen: NDArray[np.int64]) -> GaussianPrior:
-    """Return what a prior says of some of its parameters alone.
-
-    Parameters
-    ----------
-    prior : of n parameters
-    chosen : (k,) indices of parameters
-    """
-    covariance = np.linalg.inv(prior.precision)[np.ix_(chosen, chosen)]
-    return GaussianPrior(prior.mean[chosen], np.linalg.inv(covariance))

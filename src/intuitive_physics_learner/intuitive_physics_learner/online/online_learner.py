@@ -32,7 +32,6 @@ from intuitive_physics_learner.online.information import (
     Information,
     agreement_weights,
     jackknife_variances,
-    marginal,
 )
 from intuitive_physics_learner.online.online_state import Member, OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
@@ -340,7 +339,7 @@ class OnlineLearner:
         points = [detected(each) for each in seen]
         cost = TrajectoryCost(points, self._simulator, state.materials)
         space = ActiveSpace(self.state.space, active, self.state.parameters)
-        problem = WindowProblem(cost, space, influence[:, active], marginal(prior, own), settings)
+        problem = WindowProblem(cost, space, influence[:, active], prior.marginal(own), settings)
         scans = (2,) if self._scans() else ()
         deviations = self.state.prior.deviations[own]
         fit = problem.fit(scans)

@@ -211,7 +211,7 @@ class OnlineState:
             return OnlineState(
                 **{
                     **{name: data[name] for name in _PLAIN},
-                    # Texts of before November 2026 have none.
+                    # Older texts have none.
                     "spare_seconds": data.get("spare_seconds", 0.0),
                     "materials": tuple(data["materials"]),
                     **{name: decode_array(data[name]) for name in _ARRAYS},

@@ -30,8 +30,11 @@ NEAREST, FARTHEST = 0.45, 3.2
 FREE_GAP, CLOSE_GAP = (2.0, 6.0), (0.1, 1.0)
 """Least and largest distance, in radii, from a ball to the nearest reading of the scene."""
 
+NO_EDGE_FAULTS = DepthNoise()
+"""Faults of the camera without those at edges."""
+
 EDGE_FAULTS = DepthNoise(fattening=1, flying=0.25)
-"""Faults of the camera for every second placement of balls; the others have the defaults."""
+"""Faults of the camera for every second placement of balls."""
 
 FRAME_TIME = 1.0 / 30.0
 """s."""

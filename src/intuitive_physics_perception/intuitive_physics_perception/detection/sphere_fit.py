@@ -295,7 +295,7 @@ def inspect_sphere(
         scan lines make at most 0.7; a sphere cut off by the image's edge makes one
     """
     cx, cy, cz, r = sphere[0], sphere[1], sphere[2], sphere[3]
-    across, upwards = _across(sphere)
+    across, upwards = line_of_sight_axes(sphere)
     seen = np.zeros((LATTICE_SIDE, LATTICE_SIDE), dtype=np.bool_)
     read = np.zeros((LATTICE_SIDE, LATTICE_SIDE), dtype=np.bool_)
     on, against = 0, 0
@@ -324,7 +324,7 @@ def inspect_sphere(
 
 
 @allocating_kernel
-def _across(sphere: Any) -> tuple[Any, Any]:
+def line_of_sight_axes(sphere: Any) -> tuple[Any, Any]:
     """Two unit vectors across the line of sight to a sphere."""
     toward = sphere[:3] / sqrt(np.sum(sphere[:3] ** 2))
     helper = np.zeros(3)

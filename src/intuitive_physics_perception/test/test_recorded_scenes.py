@@ -15,7 +15,7 @@ SCENES = Path(__file__).resolve().parents[4] / "shared" / "data" / "real" / "sce
 NOISE = 0.002
 
 
-@pytest.mark.parametrize("scene", ["table_0", "table_8", "tabletop_test11", "room_capture0001"])
+@pytest.mark.parametrize("scene", ["table_0", "table_8"])
 def test_no_ball_is_followed_where_there_is_none(scene) -> None:
     path = SCENES / f"{scene}.npz"
     if not path.exists():

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from intuitive_physics_perception.detection.cluster_memory import ClusterMemory
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.foreground import Clusters
-from intuitive_physics_perception.detection.outline import look_round_outline
 from intuitive_physics_perception.detection.settings import SphereDetectionSettings
 from intuitive_physics_perception.detection.sphere_fit import (
     inspect_sphere,
+    look_round_outline,
     readings_beyond,
     refine_sphere,
 )

@@ -5,17 +5,20 @@ README.md in the folder above says what is measured and how.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from benchmarks.command import Outcome, report_progress, run_benchmark
 from benchmarks.perception.peers import FrameByFrame, Open3dAndPyransac, Peer
+from benchmarks.perception.real import measure_clouds, measure_real_scenes
 from benchmarks.perception.report import (
     accuracy_table,
     key_figures,
@@ -33,12 +36,20 @@ from benchmarks.perception.run import (
 from benchmarks.perception.scenes import PAUSE, SceneKind, random_truth
 from benchmarks.perception.score import Ball, Score
 from benchmarks.perception.truth import TrueRecording
+from benchmarks.results.result import Table
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_truth
 from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SEED = 5
 """Of the scenes, each of which has a generator of its own."""
+
+RENDERED, REAL = PARTS = ("rendered", "real")
+"""Parts that `--only` may name."""
+
+REAL_DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "real"
+"""Real depth frames and scans, beside the project."""
 
 OURS = "ours"
 """Name of our perception beside the others."""
@@ -83,15 +94,55 @@ class Comparison:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, and print the line of JSON last."""
-    description = __doc__.splitlines()[0]
-    return run_benchmark(
-        "perception", description, lambda options: run(QUICK if options.quick else FULL), arguments
+    return run_benchmark("perception", __doc__.splitlines()[0], run, arguments, _add_options)
+
+
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--scenes",
+        type=Path,
+        default=REAL_DATA / "scenes",
+        metavar="FOLDER",
+        help="depth frames without a ball (.npz: depth in mm, K); default %(default)s",
     )
+    parser.add_argument(
+        "--clouds",
+        type=Path,
+        default=REAL_DATA,
+        metavar="FOLDER",
+        help="LiDAR scans with one ball each (lidar_ball_*.npz: xyz in m); default %(default)s",
+    )
+    parser.add_argument("--only", metavar="PARTS", help=f"measure only some of {','.join(PARTS)}")
 
 
-def run(effort: Effort) -> Outcome:
-    """Measure every scene."""
+def run(options: argparse.Namespace) -> Outcome:
+    """Measure all parts, or those that were chosen."""
+    wanted = PARTS if options.only is None else options.only.split(",")
+    unknown = [name for name in wanted if name not in PARTS]
+    if unknown:
+        raise InvalidInputError(f"--only has {unknown[0]!r}; expected some of {','.join(PARTS)}")
+    if options.only is not None and options.write:
+        raise InvalidInputError(
+            "--write was given with --only; a result that is kept has all parts, so leave one out"
+        )
     warm_up()
+    outcome = Outcome([], {})
+    if RENDERED in wanted:
+        outcome = measure_rendered(QUICK if options.quick else FULL)
+    tables: list[Table] = list(outcome.tables)
+    figures: dict[str, Any] = dict(outcome.key_figures)
+    if REAL in wanted:
+        for found, shown in (
+            measure_real_scenes(options.scenes, options.quick),
+            measure_clouds(options.clouds),
+        ):
+            figures.update(found)
+            tables += shown
+    return replace(outcome, tables=tables, key_figures=figures)
+
+
+def measure_rendered(effort: Effort) -> Outcome:
+    """Measure every rendered scene."""
     findings, comparison = Findings(), Comparison()
     for k in range(effort.scenes):
         kind = SceneKind(

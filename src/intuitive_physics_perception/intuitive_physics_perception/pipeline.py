@@ -131,7 +131,9 @@ class PerceptionPipeline:
             return self._unused(time, str(error))
         if self.settings.static_boxes:
             model = with_static_boxes(model, frames, self.settings, self._rng)
-        self._scene = ModelledScene(model, self.settings, self._rng, self._next_track)
+        self._scene = ModelledScene(
+            model, self.settings, self._rng, self._next_track, _nearest_ranges(frames)
+        )
         self._scene.prepare(points)
         seconds = {"environment": self._clock() - started}
         return FrameResult(
@@ -218,8 +220,26 @@ def _observations(episodes: Sequence[Episode]) -> tuple[Observation, ...]:
     return tuple(found for episode in episodes for found in episode.observations())
 
 
+def _nearest_ranges(frames: Sequence[NDArray[np.float32]]) -> NDArray[np.float32] | None:
+    """Nearest range (height, width) m that each pixel read in organised frames, NaN for none."""
+    if frames[0].shape[0] == 1 or any(frame.shape != frames[0].shape for frame in frames):
+        return None
+    ranges = np.fmin.reduce([np.linalg.norm(frame, axis=2) for frame in frames])
+    return np.asarray(ranges, dtype=np.float32)
+
+
 class ModelledScene:
-    """Stages made for one environment, and what they remember of it."""
+    """Stages made for one environment, and what they remember of it.
+
+    Parameters
+    ----------
+    model : the environment
+    settings : of all stages
+    rng : source of all random choices
+    first_track : number of the first track
+    before : (height, width) m, what the frames read that it was modelled from; None where their
+        readings have no fixed pixels
+    """
 
     def __init__(
         self,
@@ -227,13 +247,14 @@ class ModelledScene:
         settings: PerceptionSettings,
         rng: np.random.Generator,
         first_track: int,
+        before: NDArray[np.float32] | None,
     ) -> None:
         self.model = model
         self._settings = settings
         self.check = EnvironmentCheck(model, settings)
         self.foreground = ForegroundFinder(model, settings)
         self.static_boxes = StaticBoxFilter(model, settings)
-        self.spheres = SphereFinder(model.noise, settings, rng)
+        self.spheres = SphereFinder(model.noise, settings, rng, before)
         self.solids = SolidFinder(model, settings, rng) if settings.find_solids else None
         self.restart_tracking(first_track)
 

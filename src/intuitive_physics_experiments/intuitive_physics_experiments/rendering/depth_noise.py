@@ -41,6 +41,9 @@ class DepthNoise:
     edge_loss : share of readings lost at depth edges
     edge_jump : step of depth between neighbours, as a share of it, that is an edge
     random_loss : share of readings lost anywhere
+    fattening : pixels by which the nearer side of a depth edge grows over the farther one, as where
+        a matching window sees both
+    flying : share of the readings at depth edges that lie anywhere between both sides
     """
 
     axial_constant: float = 0.001
@@ -56,6 +59,8 @@ class DepthNoise:
     edge_loss: float = 0.5
     edge_jump: float = 0.03
     random_loss: float = 0.003
+    fattening: int = 0
+    flying: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0.0 < self.nearest < self.farthest:
@@ -71,6 +76,11 @@ class DepthNoise:
             raise InvalidInputError(
                 f"baseline is {self.baseline:g} m with {self.subpixels} subpixels and a window of "
                 f"{self.matching_window} pixels; expected all above zero"
+            )
+        if self.fattening < 0 or not 0.0 <= self.flying <= 1.0:
+            raise InvalidInputError(
+                f"edges grow by {self.fattening} pixels and a share of {self.flying:g} of their "
+                "readings flies; expected at least 0 pixels and a share from 0 to 1"
             )
 
     def sigma(self, depth: NDArray) -> NDArray:
@@ -158,10 +168,11 @@ class NoisyDepthCamera:
         background = self._background
         height, width = background.depth.shape
         # The shadow falls to the left of what casts it; an edge reaches one pixel further.
-        rows = slice(max(region.rows.start - 1, 0), min(region.rows.stop + 1, height))
+        margin = 1 + self._noise.fattening
+        rows = slice(max(region.rows.start - margin, 0), min(region.rows.stop + margin, height))
         columns = slice(
-            max(region.columns.start - self._shadow_reach - 1, 0),
-            min(region.columns.stop + self._shadow_reach + 1, width),
+            max(region.columns.start - self._shadow_reach - margin, 0),
+            min(region.columns.stop + self._shadow_reach + margin, width),
         )
         depth = background.depth[rows, columns].copy()
         cosine = background.incidence_cosine[rows, columns].copy()
@@ -182,18 +193,32 @@ class NoisyDepthCamera:
     def _faults(self, image: DepthImage) -> tuple[NDArray, NDArray, NDArray]:
         """Disparity level and its σ, both in levels, and the chance of loss in 1/65536."""
         noise = self._noise
-        seen = image.depth > 0.0
-        safe = np.where(seen, image.depth, 1.0)
+        depth = _fattened(image.depth, noise)
+        seen = depth > 0.0
+        safe = np.where(seen, depth, 1.0)
         level = np.where(seen, self._levels_per_inverse_metre / safe, 0.0)
         # dD/dz = -D / z
         sigma = np.where(seen, noise.sigma(safe) * level / safe, 0.0)
         angle = np.degrees(np.arccos(np.clip(image.incidence_cosine, 0.0, 1.0)))
         grazing = (angle - noise.grazing_start) / (noise.grazing_end - noise.grazing_start)
         kept = (1.0 - np.clip(grazing, 0.0, 1.0)) * (1.0 - noise.random_loss)
-        kept[_edges(image.depth, noise.edge_jump)] *= 1.0 - noise.edge_loss
+        edges = _edges(depth, noise.edge_jump)
+        kept[edges] *= 1.0 - noise.edge_loss
         kept[~seen | self._shadow(level)] = 0.0
+        if noise.flying > 0.0:
+            level = self._with_flying(level, edges & seen)
         loss = np.minimum(np.rint((1.0 - kept) * _RANDOM_LEVELS), _RANDOM_LEVELS)
         return level.astype(np.float32), sigma.astype(np.float32), loss.astype(np.int32)
+
+    def _with_flying(self, level: NDArray, edges: NDArray[np.bool_]) -> NDArray:
+        """Levels of which some at edges lie between those of the two sides."""
+        from scipy.ndimage import maximum_filter, minimum_filter
+
+        flies = edges & (self._rng.random(level.shape) < self._noise.flying)
+        near = maximum_filter(level, 3)
+        far = minimum_filter(np.where(level > 0.0, level, np.inf), 3)
+        part = self._rng.random(level.shape)
+        return np.where(flies, near + part * (np.minimum(far, near) - near), level)
 
     def _shadow(self, level: NDArray) -> NDArray[np.bool_]:
         """Pixels whose ray from the second imager is blocked by something further right."""
@@ -224,6 +249,17 @@ class NoisyDepthCamera:
         offsets = (steps[:, None] * self._padded_width + steps).ravel()
         counts = np.diff(ends, prepend=0)
         return np.repeat(offsets, counts).astype(np.int32)
+
+
+def _fattened(depth: NDArray, noise: DepthNoise) -> NDArray:
+    """Depth whose nearer sides have grown over the farther ones at edges."""
+    if noise.fattening == 0:
+        return depth
+    from scipy.ndimage import minimum_filter
+
+    nearest = minimum_filter(np.where(depth > 0.0, depth, np.inf), 2 * noise.fattening + 1)
+    jumps = depth - nearest > noise.edge_jump * depth
+    return np.where(jumps & (depth > 0.0), nearest, depth)
 
 
 def _edges(depth: NDArray, jump: float) -> NDArray[np.bool_]:

@@ -122,7 +122,7 @@ class DepthRenderer:
             if part.empty:
                 continue
             inside = _relative(part, region)
-            ball_depth, ball_cosine = _cast_sphere(
+            ball_depth, ball_cosine = cast_sphere(
                 self._rays[part.rows, part.columns], center, radius
             )
             nearer = (ball_depth > 0.0) & ((depth[inside] == 0.0) | (ball_depth < depth[inside]))
@@ -191,10 +191,17 @@ def _tangent_bounds(
     return int(np.floor(low)), int(np.ceil(high)) + 1
 
 
-def _cast_sphere(
+def cast_sphere(
     rays: NDArray[np.float32], center: NDArray[np.float64], radius: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Depth (0 where missed) and cosine of incidence of rays (..., 3) with z = 1."""
+    """Return depth (...,) m, 0 where missed, and cosine of incidence (...,) of rays on a sphere.
+
+    Parameters
+    ----------
+    rays : (..., 3) directions from the camera, z = 1
+    center : (3,) m, in the camera's frame
+    radius : m
+    """
     directions = rays.astype(np.float64)
     square = np.einsum("...i,...i", directions, directions)
     along = directions @ center

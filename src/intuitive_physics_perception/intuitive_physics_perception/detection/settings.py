@@ -63,7 +63,13 @@ class SphereDetectionSettings:
 
     scored_points: int = number(512, 8, 1000000, "points that hypotheses are scored on")
     fitted_points: int = number(1000, 8, 1000000, "points that a sphere is fitted to")
-    refined_hypotheses: int = number(3, 1, 1000, "random hypotheses that are fitted at most")
+    refined_hypotheses: int = number(
+        8,
+        1,
+        1000,
+        "random hypotheses that are fitted at most: those that several touching spheres make "
+        "together have the best scores",
+    )
     spheres_in_cluster: int = number(3, 1, 1000, "spheres in one cluster at most")
     inlier_sigmas: float = number(
         3.0, 0.1, 100.0, "standard deviations from the surface within which a reading is on it"
@@ -106,6 +112,54 @@ class SphereDetectionSettings:
     )
     window_readings: int = number(
         32768, 100, 100000000, "readings around a sphere that are inspected: bounds the time"
+    )
+    new_readings: float = number(
+        0.5,
+        0.0,
+        1.0,
+        "part of a sphere's readings that must be nearer than what was read there when the "
+        "environment was modelled, or lie where nothing was, for it to be new in the scene",
+    )
+    new_goes_on: float = number(
+        0.7,
+        0.0,
+        1.0,
+        "part of the ring round its outline in which the cluster of a new sphere may go on: each "
+        "ball of its size that it touches covers 0.15, a hand more",
+    )
+    static_goes_on: float = number(
+        0.13,
+        0.0,
+        1.0,
+        "the same of a sphere that was there when the environment was modelled: 2 of 16 sectors, "
+        "as where it touches one other thing",
+    )
+    static_level: float = number(
+        0.25,
+        0.0,
+        1.0,
+        "part of the ring in which any surface may go on round such a sphere: the plane that a "
+        "ball lies on does so in a fifth of it",
+    )
+    static_ends: float = number(
+        0.3,
+        0.0,
+        1.0,
+        "part of the ring in which something must be read clearly behind such a sphere",
+    )
+    static_visible: float = number(
+        0.9,
+        0.0,
+        1.0,
+        "part of the outline in which the surface of such a sphere must be seen; set on the real "
+        "scenes for tuning of `make bench-perception`",
+    )
+    static_misfit: float = number(
+        1.65,
+        0.0,
+        100.0,
+        "mean squared error of the patches of its surface at most, in variances: three standard "
+        "deviations, 3 sqrt(2 / 44), above one for 48 patches and four fitted numbers",
     )
     known_radius_sigmas: float = number(
         3.0, 0.1, 100.0, "standard deviations by which a radius may differ from a known one"

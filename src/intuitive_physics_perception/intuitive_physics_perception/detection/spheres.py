@@ -15,6 +15,7 @@ from intuitive_physics_perception.detection.foreground import Clusters
 from intuitive_physics_perception.detection.settings import SphereDetectionSettings
 from intuitive_physics_perception.detection.sphere_fit import (
     inspect_sphere,
+    look_round_outline,
     readings_beyond,
     refine_sphere,
 )
@@ -25,6 +26,10 @@ from intuitive_physics_perception.detection.sphere_ransac import (
 )
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.settings import PerceptionSettings
+
+ALIKE = 0.2
+"""Difference of centres and radii, in radii, of hypotheses of which only one is fitted: the widest
+gate of a fit reaches farther. Set by hand."""
 
 RADIUS_DEVIATION = 1e-4
 """Standard deviation of a known radius in m: numerical, covariances stay far from singular."""
@@ -54,11 +59,18 @@ class SphereFinder:
     noise : of the range readings
     settings : limits of what is a sphere
     rng : decides which hypotheses are tried
+    before : (height, width) m, what an organised cloud read when the environment was modelled, NaN
+        where nothing was; None where it is not known
     """
 
     def __init__(
-        self, noise: RangeNoise, settings: PerceptionSettings, rng: np.random.Generator
+        self,
+        noise: RangeNoise,
+        settings: PerceptionSettings,
+        rng: np.random.Generator,
+        before: NDArray[np.float32] | None = None,
     ) -> None:
+        self._before = before
         self._settings = settings
         self._search = settings.spheres
         self._rng = rng
@@ -116,7 +128,7 @@ class SphereFinder:
             len(found) < self._search.spheres_in_cluster and len(own) >= self._settings.min_points
         ):
             sphere = self._best_sphere(
-                ClusterView(points, left, self._search), own, thorough=thorough
+                ClusterView(points, left, self._search, self._before), own, thorough=thorough
             )
             if sphere is None:
                 break
@@ -196,9 +208,14 @@ class SphereFinder:
         )
         # A sphere with enough points has a share of those scored; half allows for a rough start.
         needed = 0.5 * self._settings.min_points * len(scored) / total
-        best = slice(self._search.refined_hypotheses)
-        for sphere, score in zip(spheres[best], scores[best], strict=True):
-            if score > needed and self._explains(scored, sphere):
+        tried: list[NDArray[np.float64]] = []
+        for sphere, score in zip(spheres, scores, strict=True):
+            if score <= needed or len(tried) >= self._search.refined_hypotheses:
+                return
+            if any(_are_alike(sphere, other) for other in tried):
+                continue
+            if self._explains(scored, sphere):
+                tried.append(sphere)
                 yield sphere
 
     def _explains(self, points: NDArray[np.float64], sphere: NDArray[np.float64]) -> bool:
@@ -239,6 +256,7 @@ class SphereFinder:
             each * on < settings.min_points
             or on < settings.min_surface_fraction * (on + against)
             or not enough
+            or not self._is_object(view, sphere, visible)
         ):
             return None
         systematic = self._search.systematic_error
@@ -251,6 +269,43 @@ class SphereFinder:
             systematic_error=systematic,
         )
 
+    def _is_object(self, view: ClusterView, sphere: NDArray[np.float64], visible: float) -> bool:
+        """Whether the sphere is an object of its own and not a part of something larger.
+
+        What has come into the scene since the environment was modelled is most likely an object,
+        and may touch others. What was there already is most likely not, so it must end all round
+        its outline and be seen as a whole.
+        """
+        search = self._search
+        goes_on, level, ends, new, patches = look_round_outline(
+            *view.surroundings(sphere), sphere, view.pixel, search.inlier_sigmas, self._noise
+        )
+        if self._before is None or new > search.new_readings:
+            return goes_on <= search.new_goes_on
+        return (
+            goes_on <= search.static_goes_on
+            and level <= search.static_level
+            and ends >= search.static_ends
+            and visible >= search.static_visible
+            and self._misfit_of(patches) <= search.static_misfit
+        )
+
+    def _misfit_of(self, patches: NDArray[np.float64]) -> float:
+        """Mean squared error of the surface's patches (n, 3) of `look_round_outline`, in variances.
+
+        The mean of a patch averages the noise away, so that it tells shapes apart that differ by
+        less than the noise of one reading: about one for a sphere.
+        """
+        readings, errors, variances = patches[patches[:, 0] > 0.0].T
+        shared = np.minimum(1.0 + self._sharing, readings)
+        spread = variances * shared / readings + self._search.systematic_error**2
+        return float(np.sum(errors**2 / spread) / max(len(errors) - 4, 1))
+
+
+def _are_alike(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
+    """Whether a fit that begins at one of two spheres (4,) most likely ends as from the other."""
+    return bool(np.abs(first - second).max() < ALIKE * min(first[3], second[3]))
+
 
 class ClusterView:
     """One cluster of a frame as the sensor sees it.
@@ -260,6 +315,7 @@ class ClusterView:
     points : (height, width, 3) of the frame
     cluster : (n,) indices of its points
     settings : tuned numbers
+    before : (height, width) m, what was read when the environment was modelled, if that is known
     """
 
     def __init__(
@@ -267,7 +323,9 @@ class ClusterView:
         points: NDArray[np.float32],
         cluster: NDArray[np.int64],
         settings: SphereDetectionSettings,
+        before: NDArray[np.float32] | None = None,
     ) -> None:
+        self._before = before
         self._settings = settings
         self._points = points
         self._cluster = cluster
@@ -277,7 +335,7 @@ class ClusterView:
         if self._points.shape[0] == 1:
             return 0.0
         sine = min(float(sphere[3]) / float(np.linalg.norm(sphere[:3])), 1.0)
-        return np.pi * (sine / self._pitch) ** 2
+        return np.pi * (sine / self.pixel) ** 2
 
     def around(self, sphere: NDArray[np.float64]) -> tuple[NDArray[np.float32], int]:
         """Return readings (n, 3) about a sphere (4,) that the cluster is part of, and how many
@@ -285,23 +343,44 @@ class ClusterView:
 
         All of an unorganised cloud; of an organised one a window that holds the sphere's outline.
         """
-        height, width = self._points.shape[:2]
-        if height == 1:
+        if self._points.shape[0] == 1:
             return self._points[0], 1
-        distance = float(np.linalg.norm(sphere[:3]))
-        away = np.linalg.norm(self._directions - sphere[:3] / distance, axis=1)
-        nearest = int(away.argmin())
-        row, column = divmod(int(self._cluster[nearest]), width)
-        reach = float(away[nearest]) + self._settings.window_radii * float(sphere[3]) / distance
-        half = int(min(reach / self._pitch, max(height, width))) + 2
-        rows = slice(max(row - half, 0), row + half + 1)
-        columns = slice(max(column - half, 0), column + half + 1)
-        window = self._points[rows, columns]
+        window = self._points[self._window(sphere)]
         every = int(
             np.ceil(np.sqrt(window.shape[0] * window.shape[1] / self._settings.window_readings))
         )
         window = window[::every, ::every]
         return np.ascontiguousarray(window).reshape(-1, 3), every * every
+
+    def surroundings(
+        self, sphere: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32]]:
+        """Return readings (n, 3) m about a sphere (4,), which of them (n,) are the cluster's, and
+        the range (n,) m read there when the environment was modelled, NaN where it is unknown."""
+        own = np.zeros(self._points.shape[:2], dtype=bool)
+        own.ravel()[self._cluster] = True
+        window = self._window(sphere)
+        points = np.ascontiguousarray(self._points[window]).reshape(-1, 3)
+        before = np.full(len(points), np.nan, dtype=np.float32)
+        if self._before is not None:
+            before = self._before[window].ravel()
+        return points, own[window].ravel(), before
+
+    def _window(self, sphere: NDArray[np.float64]) -> tuple[slice, slice]:
+        """Rows and columns of an organised cloud that hold a sphere's outline and what is round it;
+        all of an unorganised one."""
+        height, width = self._points.shape[:2]
+        if height == 1:
+            return slice(None), slice(None)
+        distance = float(np.linalg.norm(sphere[:3]))
+        away = np.linalg.norm(self._directions - sphere[:3] / distance, axis=1)
+        nearest = int(away.argmin())
+        row, column = divmod(int(self._cluster[nearest]), width)
+        reach = float(away[nearest]) + self._settings.window_radii * float(sphere[3]) / distance
+        half = int(min(reach / self.pixel, max(height, width))) + 5
+        rows = slice(max(row - half, 0), row + half + 1)
+        columns = slice(max(column - half, 0), column + half + 1)
+        return rows, columns
 
     @cached_property
     def _directions(self) -> NDArray[np.float32]:
@@ -309,7 +388,7 @@ class ClusterView:
         return np.asarray(own / np.linalg.norm(own, axis=1, keepdims=True))
 
     @cached_property
-    def _pitch(self) -> float:
+    def pixel(self) -> float:
         """Angle between neighbouring pixels, rad."""
         rows, columns = np.divmod(self._cluster, self._points.shape[1])
         pixels = float(np.hypot(np.ptp(rows), np.ptp(columns)))

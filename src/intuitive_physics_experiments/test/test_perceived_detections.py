@@ -14,6 +14,7 @@ from intuitive_physics.messages.geometry import seconds_from_stamp
 from intuitive_physics.observation import Detections, Observation
 from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_bag
+from intuitive_physics_perception.detection.settings import SphereDetectionSettings
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.input.frame_decoder import FrameDecoder
 from intuitive_physics_perception.pipeline import PerceptionPipeline
@@ -114,14 +115,19 @@ def test_errors_of_their_own_are_as_large_as_the_covariances_say(
 def test_the_common_error_is_within_the_bias(
     perceived: Perceived, errors: list[NDArray[np.float64]]
 ) -> None:
-    """The rendered camera has no error of calibration, so it is less than the bias allows for."""
+    """The rendered camera has no error of calibration, so it is less than the bias allows for.
+
+    What all frames share is at least the error that the settings name, and less than 2 mm along
+    the line of sight, where the growth of the edges moves a centre by a part of a pixel.
+    """
+    least = SphereDetectionSettings().systematic_error
     means = np.stack([off.mean(axis=0) for off in errors])
     spread = np.stack([t.bias + t.covariances.mean(axis=0) / len(t) for t in perceived.tracks])
     assert mean_squares(means, spread).mean() < 1.5
     for track in perceived.tracks:
         deviations = np.sqrt(np.linalg.eigvalsh(track.bias))
-        assert (deviations >= 0.0005 - 1e-9).all()
-        assert (deviations < 0.001).all()
+        assert (deviations >= least - 1e-9).all()
+        assert (deviations < 0.002).all()
 
 
 def test_errors_of_successive_frames_are_independent(

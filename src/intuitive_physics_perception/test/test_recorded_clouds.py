@@ -36,6 +36,19 @@ def test_the_ball_and_the_planes_are_found_and_nothing_else(scan: int) -> None:
         assert 0.3 < spheres[0].center[2] - spheres[0].radius < 0.7
 
 
+@pytest.mark.parametrize("scan", [8, 9])
+def test_the_ball_is_found_by_another_sensor(scan: int) -> None:
+    """Five scan lines meet the ball, 2° apart, of a beam that is wider than a camera's pixel."""
+    path = REAL / f"lidar_ball_{scan}.npz"
+    if not path.exists():
+        pytest.skip(f"the recording {path} is not on this machine")
+    cloud = np.load(path)["xyz"]
+    for seed in range(2):
+        _, spheres = perceive_cloud(cloud, SETTINGS, np.random.default_rng(seed))
+        assert len(spheres) == 1
+        assert 0.28 <= spheres[0].radius <= 0.31
+
+
 @pytest.mark.parametrize(
     ("points", "error"),
     [

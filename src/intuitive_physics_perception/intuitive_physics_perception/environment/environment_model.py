@@ -14,7 +14,7 @@ from intuitive_physics_perception.environment.fusion import MAX_EDGE_POINTS, fus
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.plane_edges import with_edges
 from intuitive_physics_perception.environment.planes import DetectedPlane, detect_planes
-from intuitive_physics_perception.environment.range_cloud import RangeCloud
+from intuitive_physics_perception.environment.range_cloud import RangeCloud, angle_between_readings
 from intuitive_physics_perception.settings import PerceptionSettings
 
 MIN_POINTS = 50
@@ -202,6 +202,10 @@ def _measured_noise(
     ) * assumed.deviation(ranges)
     use = frontal & near
     measured = assumed.measured(ranges[use], error[use] / cosine[use])
+    if frames[-1].shape[0] == 1:
+        readings = fuse([frames[-1]], settings, rng, frames[-1].shape[1])
+        cloud = RangeCloud(readings, assumed, settings)
+        return measured.with_spacing(angle_between_readings(cloud, rng))
     if len(frames) < 2:
         return measured
     before, after = (np.linalg.norm(frame.astype(np.float64), axis=2) for frame in frames[-2:])

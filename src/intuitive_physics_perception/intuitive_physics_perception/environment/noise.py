@@ -113,6 +113,18 @@ class RangeNoise:
             quadratic=_within(b, self.quadratic),
         )
 
+    def with_spacing(self, spacing: float) -> RangeNoise:
+        """Return the noise with directions as unsure as those of a scanner's readings are.
+
+        A beam is about as wide as readings are apart, and its reading comes from anywhere in it: as
+        a standard deviation half the angle between neighbours.
+
+        Parameters
+        ----------
+        spacing : rad, angle between neighbouring readings
+        """
+        return replace(self, lateral=max(self.lateral, 0.5 * spacing))
+
     def with_correlation(
         self, before: NDArray[np.float64], after: NDArray[np.float64]
     ) -> RangeNoise:

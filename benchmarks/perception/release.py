@@ -21,6 +21,7 @@ from benchmarks.perception.release_scenes import (
 from benchmarks.perception.score import rms
 from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics.observation import Observation
+from intuitive_physics_experiments.rendering.camera import UP
 from intuitive_physics_experiments.rendering.depth_noise import NoisyDepthCamera
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.input.camera import Intrinsics
@@ -91,7 +92,8 @@ def measure_scene(
     errors: ReleaseErrors,
 ) -> None:
     """Perceive all throws of a scene at a frame rate and add what came of them to `errors`."""
-    settings = PerceptionSettings()
+    up = scene.camera.rotation.T @ UP
+    settings = PerceptionSettings(up_hint=(float(up[0]), float(up[1]), float(up[2])))
     pipeline = PerceptionPipeline(settings, np.random.default_rng(0))
     camera = NoisyDepthCamera(view.background, scene.camera.focal_length, CAMERA_NOISE, rng)
     rays = Intrinsics(scene.camera.width, scene.camera.height, scene.camera.matrix()).rays()

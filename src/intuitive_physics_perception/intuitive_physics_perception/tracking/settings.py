@@ -156,11 +156,7 @@ class InitialStateSettings:
     """
 
     min_points: int = number(3, 3, 1000, "points of a stretch at least")
-    max_points: int = number(12, 3, 1000, "points of a stretch at most")
-    max_duration: float = number(0.5, 0.01, 100.0, "duration of a stretch at most", unit="s")
-    points_before: int = number(
-        6, 0, 1000, "points before the time asked for at which a stretch may begin"
-    )
+    max_duration: float = number(0.4, 0.01, 100.0, "duration of a stretch at most", unit="s")
     contact_gate: float = number(
         16.0,
         1.0,
@@ -173,12 +169,41 @@ class InitialStateSettings:
         100.0,
         "standard deviations by which χ² of a stretch may exceed its mean",
     )
-    sure_points: int = number(
-        5,
-        3,
-        1000,
-        "points of a stretch that need no plane at its end: fewer obey gravity by chance, as in a "
-        "hand",
+    sure_evidence: float = number(
+        4.0,
+        -100.0,
+        100.0,
+        "logarithm of how much likelier points must be in free motion than in a hand: 50 times",
+    )
+    touching_evidence: float = number(
+        -1.0,
+        -100.0,
+        100.0,
+        "the same where a plane ends the flight or carries the object, as a hop may last for three "
+        "frames at 30 Hz; an object that is held still above a plane is at -5 then",
+    )
+    hand_acceleration: float = number(
+        10.0,
+        0.1,
+        1000.0,
+        "standard deviation of the acceleration that a hand gives: from rest to 2 m/s in 0.2 s",
+        unit="m/s²",
+    )
+    hand_time: float = number(0.1, 0.001, 10.0, "correlation time of that acceleration", unit="s")
+    hand_memory: float = number(
+        0.4,
+        0.0,
+        100.0,
+        "time before a stretch, as it was found first, in which its beginning is looked for",
+        unit="s",
+    )
+    noise_window: float = number(
+        0.15,
+        0.0,
+        10.0,
+        "time in which a path is a cubic but for noise, by which the noise is measured: five "
+        "frames at 30 Hz",
+        unit="s",
     )
     touch_sigmas: float = number(
         3.0,
@@ -187,9 +212,6 @@ class InitialStateSettings:
         "standard deviations of its position within which an object touches a plane",
     )
     touch_slack: float = number(0.005, 0.0, 1.0, "gap beyond that up to which it touches", unit="m")
-    start_trials: int = number(
-        90, 1, 100000, "times at which the beginning of an observation is tried"
-    )
     path_widening: float = number(
         1.5,
         1.0,

@@ -106,6 +106,7 @@ class Stretch:
     mean, covariance : (6,) and (6, 6) of position (m) and velocity (m/s) at `time`
     acceleration : (3,) m/s², the same all the time
     plane : that carried the object; None in flight
+    goes_on : whether no point contradicts it: it is only too long, or the record ends
     """
 
     start: int
@@ -115,6 +116,7 @@ class Stretch:
     covariance: NDArray[np.float64]
     acceleration: NDArray[np.float64]
     plane: Plane | None
+    goes_on: bool
 
     def at(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (6,) and (6, 6) of position and velocity at a time in s."""
@@ -160,21 +162,28 @@ class FreeMotion:
 
     def _next(self, first: int) -> Stretch | None:
         """The first stretch that begins at point `first` or later."""
+        if self._found and self._found[-1].goes_on:
+            before = self._found[-1]
+            grown = self._grown(first, before.acceleration)
+            if grown.end - first >= self._fit.min_points:
+                return self._stretch(first, grown, before.plane, before.acceleration)
         for start in range(first, len(self._record.times) - self._fit.min_points + 1):
             sure = [
-                (end, plane, acceleration)
+                (grown, plane, acceleration)
                 for plane, acceleration in self._accelerations(start)
-                if (end := self._sure_end(start, plane, acceleration)) is not None
+                if (grown := self._sure_growth(start, plane, acceleration)) is not None
             ]
             if sure:
-                return self._from_its_release(first, start, *max(sure, key=lambda one: one[0]))
+                found = self._from_its_release(first, start, *max(sure, key=lambda one: one[0].end))
+                if self._evidence(found) > self._fit.touching_evidence:
+                    return found
         return None
 
     def _from_its_release(
         self,
         first: int,
         start: int,
-        end: int,
+        grown: _Growth,
         plane: Plane | None,
         acceleration: NDArray[np.float64],
     ) -> Stretch:
@@ -185,7 +194,7 @@ class FreeMotion:
         record = self._record
         earliest = int(np.searchsorted(record.times, record.times[start] - self._fit.hand_memory))
         for _ in range(RELEASE_ITERATIONS):
-            part = slice(max(first, earliest), end)
+            part = slice(max(first, earliest), grown.end)
             start = part.start + release_point(
                 record.times[part],
                 record.positions[part],
@@ -194,11 +203,16 @@ class FreeMotion:
                 part.start == 0,
                 self._fit,
             )
-            further = self._grown(start, acceleration).end
-            if further <= end:
+            further = self._grown(start, acceleration)
+            if further.end <= grown.end:
                 break
-            end = further
-        points = slice(start, end)
+            grown = further
+        return self._stretch(start, grown, plane, acceleration)
+
+    def _stretch(
+        self, start: int, grown: _Growth, plane: Plane | None, acceleration: NDArray[np.float64]
+    ) -> Stretch:
+        record, points = self._record, slice(start, grown.end)
         mean, covariance = _fitted(
             record.times[points] - record.times[start],
             record.positions[points],
@@ -207,7 +221,24 @@ class FreeMotion:
         )
         covariance[:3, :3] += record.bias
         return Stretch(
-            start, end, float(record.times[start]), mean, covariance, acceleration, plane
+            start,
+            grown.end,
+            float(record.times[start]),
+            mean,
+            covariance,
+            acceleration,
+            plane,
+            grown.expected is None,
+        )
+
+    def _evidence(self, stretch: Stretch) -> float:
+        points = slice(stretch.start, stretch.end)
+        return free_evidence(
+            self._record.times[points],
+            self._record.positions[points],
+            self._noise[points],
+            stretch.acceleration,
+            self._fit.hand_acceleration,
         )
 
     def _accelerations(self, start: int) -> list[tuple[Plane | None, NDArray[np.float64]]]:
@@ -245,27 +276,19 @@ class FreeMotion:
         kept = count - 1 if count > fit.min_points + 1 else count
         return _Growth(start + kept, self._record.positions[start] + expected, start + count)
 
-    def _sure_end(
+    def _sure_growth(
         self, start: int, plane: Plane | None, acceleration: NDArray[np.float64]
-    ) -> int | None:
-        """End of the stretch from `start`; None where the points may as well have moved
-        otherwise."""
+    ) -> _Growth | None:
+        """The stretch from `start`; None where the points may as well have moved otherwise."""
         grown = self._grown(start, acceleration)
         if grown.end - start < self._fit.min_points:
             return None
         touches = plane is not None or (
             grown.expected is not None and self._touches(grown.contact, grown.expected)
         )
-        points = slice(start, grown.end)
-        evidence = free_evidence(
-            self._record.times[points],
-            self._record.positions[points],
-            self._noise[points],
-            acceleration,
-            self._fit.hand_acceleration,
-        )
         needed = self._fit.touching_evidence if touches else self._fit.sure_evidence
-        return grown.end if evidence > needed else None
+        found = self._stretch(start, grown, plane, acceleration)
+        return grown if self._evidence(found) > needed else None
 
     def _touches(self, k: int, position: NDArray[np.float64]) -> bool:
         """Whether a ball expected at `position` at point k would have met a plane by then."""
@@ -450,11 +473,13 @@ def release_point(
     """Return from which point on an object has most likely moved freely.
 
     For each point k the likelihood of all points is computed where a hand moves the object before k
-    and the acceleration is the known one from k on. The median of k is returned. The hand's
-    acceleration is a stationary random process with the standard deviation `hand_acceleration` and
-    the correlation time `hand_time` (Singer, "Estimating optimal tracking filter performance for
-    manned maneuvering targets", 1970). All k are as likely beforehand, but where the first point is
-    the first of all: every second object may be free when it comes into view.
+    and the acceleration is the known one from k on. Returned is the k before which the object has
+    become free with the probability `release_chance`. The hand's acceleration is a stationary
+    random process with the standard deviation `hand_acceleration` and the correlation time
+    `hand_time` (Singer, "Estimating optimal tracking filter performance for manned maneuvering
+    targets", 1970).
+    A hand may let go at any time within `holding_time`; but every second object that comes into
+    view is free by then.
 
     Parameters
     ----------
@@ -493,8 +518,8 @@ def release_point(
         seen -= 0.5 * float(off @ np.linalg.solve(spread, off) + np.linalg.slogdet(spread)[1])
     chance = np.exp(np.array(logs) - max(logs))
     if comes_into_view:
-        chance[0] *= len(chance)
-    return int(np.searchsorted(np.cumsum(chance), 0.5 * chance.sum()))
+        chance[0] *= fit.holding_time * last / (times[last] - times[0])
+    return int(np.searchsorted(np.cumsum(chance), fit.release_chance * chance.sum()))
 
 
 def _swung(

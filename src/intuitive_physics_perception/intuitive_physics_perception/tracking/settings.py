@@ -170,10 +170,11 @@ class InitialStateSettings:
         "standard deviations by which χ² of a stretch may exceed its mean",
     )
     sure_evidence: float = number(
-        4.0,
+        7.0,
         -100.0,
         100.0,
-        "logarithm of how much likelier points must be in free motion than in a hand: 50 times",
+        "logarithm of how much likelier points must be in free motion than in a hand: 1,000 times. "
+        "A swing falls like a free ball for moments, and 30 to 90 beginnings are tried a second",
     )
     touching_evidence: float = number(
         -1.0,
@@ -196,6 +197,16 @@ class InitialStateSettings:
         100.0,
         "time before a stretch, as it was found first, in which its beginning is looked for",
         unit="s",
+    )
+    holding_time: float = number(
+        2.0, 0.01, 1000.0, "time for which a hand is seen to hold an object", unit="s"
+    )
+    release_chance: float = number(
+        0.8,
+        0.5,
+        1.0,
+        "probability with which the object is free where a stretch begins: a point too few costs "
+        "little, a point of the hand spoils the velocity",
     )
     noise_window: float = number(
         0.15,

@@ -22,6 +22,7 @@ from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.free_motion import FreeMotion, Record
 from intuitive_physics_perception.tracking.initial_state import state_at
 from intuitive_physics_perception.tracking.motion import POSITION, RADIUS
+from intuitive_physics_perception.tracking.settings import lasting
 from intuitive_physics_perception.tracking.smoother import smooth
 from intuitive_physics_perception.tracking.track import Track
 
@@ -170,8 +171,11 @@ def observations_of(
 
 
 def _is_worth(record: Record, settings: PerceptionSettings) -> bool:
+    times = record.times
     return (
-        len(record.times) >= settings.min_observed_points and record.travel >= settings.min_travel
+        len(times) >= 3
+        and times[-1] - times[0] >= lasting(settings.min_observed_points)
+        and record.travel >= settings.min_travel
     )
 
 

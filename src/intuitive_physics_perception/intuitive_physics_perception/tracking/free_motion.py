@@ -213,7 +213,7 @@ class FreeMotion:
         self, start: int, grown: _Growth, plane: Plane | None, acceleration: NDArray[np.float64]
     ) -> Stretch:
         record, points = self._record, slice(start, grown.end)
-        mean, covariance = _fitted(
+        mean, covariance = fitted_motion(
             record.times[points] - record.times[start],
             record.positions[points],
             self._noise[points],
@@ -399,7 +399,7 @@ def _grown_count(
     return count, rows[first - 1] @ means[first - 1] + 0.5 * since[count] ** 2 * acceleration
 
 
-def _fitted(
+def fitted_motion(
     since: NDArray[np.float64],
     places: NDArray[np.float64],
     noise: NDArray[np.float64],

@@ -11,6 +11,22 @@ from dataclasses import dataclass
 
 from intuitive_physics.settings import check_settings, number
 
+FRAME_TIME = 1.0 / 30.0
+"""s between the frames that are meant where a setting counts detections or is given for one frame:
+at another frame rate it holds for as much time."""
+
+
+def lasting(detections: float) -> float:
+    """Return how long in s an object was seen at 30 Hz with that many detections, at least.
+
+    Half a frame less, as stamps are not quite regular.
+
+    Parameters
+    ----------
+    detections : one after another
+    """
+    return (detections - 1.5) * FRAME_TIME
+
 
 @dataclass(frozen=True)
 class MotionSettings:
@@ -45,7 +61,8 @@ class MotionSettings:
         20.0,
         0.0,
         10000.0,
-        "standard deviation of what changes an angular velocity: torques of contacts, precession",
+        "standard deviation of what changes an angular velocity, over 1/30 s: torques of contacts, "
+        "precession",
         unit="rad/s²",
     )
     rolling_time: float = number(
@@ -112,8 +129,13 @@ class TrackingSettings:
         "edges are compared",
         unit="m",
     )
-    newest_color: float = number(
-        0.25, 0.0, 1.0, "weight of the newest frame in the colour of a track, as light changes"
+    color_time: float = number(
+        0.116,
+        0.001,
+        1000.0,
+        "time in which a colour fades from a track's mean, as light changes: at 30 Hz the newest "
+        "frame has a weight of 0.25",
+        unit="s",
     )
     color_deviation: float = number(
         0.1,
@@ -133,8 +155,27 @@ class TrackingSettings:
         4.0, 0.0, 100.0, "standard deviations by which a radius may differ within one track"
     )
     radius_slack: float = number(0.003, 0.0, 1.0, "what a radius may differ beyond that", unit="m")
-    tentative_misses: int = number(
-        1, 0, 100, "frames in a row in which a track that is not confirmed may be unseen"
+    tentative_time: float = number(
+        0.08,
+        0.0,
+        10.0,
+        "a track that is not confirmed and unseen for longer is closed: at 30 Hz one frame may "
+        "miss it",
+        unit="s",
+    )
+    leaving_gate: float = number(
+        25.0,
+        1.0,
+        1000.0,
+        "squared velocity, in variances of a fit over half of `rest_time`, from which on it is no "
+        "noise; what is faster than `rest_speed` besides leaves its rest",
+    )
+    resting_part: float = number(
+        0.8,
+        0.0,
+        1.0,
+        "part of `rest_speed` below which an object may come to rest: what has just left its rest "
+        "does not come to it for noise",
     )
     recognition_patience: int = number(
         4,

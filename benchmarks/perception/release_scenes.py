@@ -285,7 +285,7 @@ def _cast_box(
     center: NDArray[np.float64],
     axes: NDArray[np.float64],
     edges: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Depth m, 0 where missed, and cosine of incidence of rays (…, 3) on a box before the camera.
 
     Parameters
@@ -302,4 +302,5 @@ def _cast_box(
     face = near.argmax(axis=-1)
     along = np.take_along_axis(directions, face[..., None], axis=-1)[..., 0]
     cosine = np.abs(along) / np.linalg.norm(directions, axis=-1)
-    return np.where((enter < leave) & (enter > 0.0), enter, 0.0), cosine
+    depth = np.where((enter < leave) & (enter > 0.0), enter, 0.0)
+    return depth.astype(np.float32), cosine.astype(np.float32)

@@ -11,8 +11,8 @@ from intuitive_physics.scene import Environment
 from intuitive_physics.shapes import Capsule
 from intuitive_physics_perception.detection.detections import Detection, kind_of
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracking.free_motion import fitted_motion
 from intuitive_physics_perception.tracking.motion import POSITION, RADIUS
+from intuitive_physics_perception.tracking.motion_fits import fitted_motion
 from intuitive_physics_perception.tracking.settings import TrackingSettings, lasting
 from intuitive_physics_perception.tracking.smoother import FilterStep
 from intuitive_physics_perception.tracking.track import Track, TrackFilter, innovation_of

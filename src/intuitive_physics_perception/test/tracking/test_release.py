@@ -14,12 +14,8 @@ from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import observations_of
-from intuitive_physics_perception.tracking.free_motion import (
-    FreeMotion,
-    Record,
-    free_evidence,
-    noise_factor,
-)
+from intuitive_physics_perception.tracking.free_motion import FreeMotion, Record
+from intuitive_physics_perception.tracking.motion_fits import free_evidence, noise_factor
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
 SETTINGS = PerceptionSettings()
@@ -218,5 +214,5 @@ def test_the_noise_is_measured_whatever_the_covariances_say(rate, factor) -> Non
     times = np.arange(0.0, throw.release + 0.4, 1.0 / rate)
     errors = errors_of_detection(len(times), 0.001, rng)
     seen = record(times, throw.places(times), factor * errors, rng)
-    found = noise_factor(replace(seen, covariances=errors), FIT.noise_window)
+    found = noise_factor(times, seen.positions, errors, FIT.noise_window)
     assert found == pytest.approx(factor, rel=0.6)

@@ -20,7 +20,7 @@ from intuitive_physics_perception.detection.detections import (
 )
 from intuitive_physics_perception.detection.foreground import Clusters, ForegroundFinder
 from intuitive_physics_perception.detection.solids import SolidFinder, all_objects
-from intuitive_physics_perception.detection.spheres import SphereFinder
+from intuitive_physics_perception.detection.spheres import ClusterSpheres, SphereFinder
 from intuitive_physics_perception.environment.environment_model import (
     EnvironmentCheck,
     EnvironmentModel,
@@ -155,9 +155,11 @@ class PerceptionPipeline:
             return replace(self._unused(time, moved), episodes=episodes, moved=moved)
         clusters = scene.clusters(points)
         instants.append(self._clock())
-        spheres = scene.spheres.find(points, clusters, self.settings.clusters.searches_in_frame)
+        spheres = scene.find_spheres(points, clusters, time)
         instants.append(self._clock())
-        found = all_objects(points, spheres, scene.solids, colors)
+        seen = all_objects(points, spheres, scene.solids, colors)
+        scene.foreground.expect_objects([one.pixels(points) for one in seen])
+        found = [one.detection for one in seen]
         pose = scene.model.rotation, scene.model.translation
         detections = [detection.moved(*pose) for detection in found]
         instants.append(self._clock())
@@ -252,7 +254,7 @@ class ModelledScene:
         self.model = model
         self._settings = settings
         self.check = EnvironmentCheck(model, settings)
-        self.foreground = ForegroundFinder(model, settings)
+        self.foreground = ForegroundFinder(model, settings, before)
         self.static_boxes = StaticBoxFilter(model, settings)
         self.spheres = SphereFinder(model.noise, settings, rng, before)
         self.solids = SolidFinder(model, settings, rng) if settings.find_solids else None
@@ -266,6 +268,25 @@ class ModelledScene:
         points : (height, width, 3) m, of a frame
         """
         return self.static_boxes.without(points, self.foreground.find(points))
+
+    def find_spheres(
+        self, points: NDArray[np.float32], clusters: Clusters, time: float
+    ) -> list[ClusterSpheres]:
+        """Return the spheres of a frame by cluster: those that are followed are looked for first,
+        where they are expected.
+
+        Parameters
+        ----------
+        points : (height, width, 3) m
+        time : s
+        """
+        expected = [
+            np.append(self.model.to_sensor(sphere[:3]), sphere[3])
+            for sphere in self.tracker.expected_spheres(time)
+        ]
+        return self.spheres.find(
+            points, clusters, self._settings.clusters.searches_in_frame, expected
+        )
 
     def prepare(self, points: NDArray[np.float32]) -> None:
         """Find where each pixel's ray meets a plane, and search the first clusters, so that no

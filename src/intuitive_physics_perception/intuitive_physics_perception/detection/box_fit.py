@@ -46,6 +46,9 @@ def fit_box(
     pitch = _pitch(points, faces, edges)
     low, high = _down_to_planes(faces, low, high, planes, settings)
     edges = high - low
+    if (edges <= 0.0).any():
+        # A thin thing that lies beyond the plane: no box stands there.
+        return None
     center = faces.rotation @ (0.5 * (low + high))
     variance = (0.5 * pitch) ** 2
     seen = np.arange(3) < len(faces.offsets)

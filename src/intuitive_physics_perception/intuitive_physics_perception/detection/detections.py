@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,7 @@ class DetectedSphere:
     points : readings on its surface
     range : m from the sensor to the centre
     color : (3,) mean red, green and blue, 0 to 1; None where unknown
-    systematic_error : m, standard deviation of the error that all frames share, in each of
-        centre and radius; part of the covariance
+    systematic : (4, 4) m², the part of the covariance that all frames share
     """
 
     center: NDArray[np.float64]
@@ -32,7 +31,12 @@ class DetectedSphere:
     points: int
     range: float
     color: NDArray[np.float64] | None = None
-    systematic_error: float = 0.0
+    systematic: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4)))
+
+    @property
+    def numbers(self) -> NDArray[np.float64]:
+        """Centre and radius in one array (4,) m."""
+        return np.append(self.center, self.radius)
 
     def moved(
         self, rotation: NDArray[np.float64], translation: NDArray[np.float64]
@@ -50,6 +54,7 @@ class DetectedSphere:
             self,
             center=rotation @ self.center + translation,
             covariance=turn @ self.covariance @ turn.T,
+            systematic=turn @ self.systematic @ turn.T,
         )
 
 
@@ -101,6 +106,11 @@ class DetectedSolid:
         if isinstance(self.shape, Capsule):
             return self.shape.radius
         return 0.5 * min(self.shape.edge_lengths)
+
+    @property
+    def systematic(self) -> NDArray[np.float64]:
+        """(4, 4) m², the part of `covariance` that all frames share."""
+        return self.systematic_error**2 * np.diag([1.0, 1.0, 1.0, 0.0])
 
     @property
     def covariance(self) -> NDArray[np.float64]:

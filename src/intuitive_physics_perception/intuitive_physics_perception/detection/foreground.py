@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 
 from intuitive_physics.kernels import allocating_entry, allocating_kernel, kernel
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
-from intuitive_physics_perception.environment.noise import RangeNoise
+from intuitive_physics_perception.environment.noise import CHANGE_SIGMAS, RangeNoise
 from intuitive_physics_perception.environment.planes import DetectedPlane
 from intuitive_physics_perception.settings import PerceptionSettings
 
 ITERATIONS = 8
 """Of the contraction in `free_ranges`: numerical, the rest is far below a millimetre."""
+
+KNOWN, NEW = 1, 2
+"""Marks of the foreground: what was there when the environment was modelled, and what came."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,19 +30,38 @@ class Clusters:
     Parameters
     ----------
     indices : for each cluster (n,) indices into the frame's points in row-major order
+    new : for each cluster whether it came into the scene since the environment was modelled, or is
+        an object of the last frame
     foreground : number of points off all planes
     readings : number of points in range
     """
 
     indices: list[NDArray[np.int64]]
+    new: list[bool]
     foreground: int
     readings: int
 
 
 class ForegroundFinder:
-    """Takes the planes of one environment out of frames and clusters what is left."""
+    """Takes the planes of one environment out of frames and clusters what is left.
 
-    def __init__(self, model: EnvironmentModel, settings: PerceptionSettings) -> None:
+    What came into an organised frame since the environment was modelled makes clusters of its own,
+    so that what lies or flies close before something else is told from it.
+
+    Parameters
+    ----------
+    model : the environment
+    settings : tuned numbers
+    before : (height, width) m, what an organised cloud read when the environment was modelled, NaN
+        where nothing was; None where it is not known
+    """
+
+    def __init__(
+        self,
+        model: EnvironmentModel,
+        settings: PerceptionSettings,
+        before: NDArray[np.float32] | None = None,
+    ) -> None:
         self._settings = settings
         self._planes = model.detected
         self._noise = model.noise
@@ -57,15 +79,31 @@ class ForegroundFinder:
         )
         self._free = np.zeros((0, 0), dtype=np.float32)
         self._known = np.zeros((0, 0), dtype=bool)
+        self._changes = None if before is None else changed_ranges(before, model.noise)
+        self._objects = np.zeros(0, dtype=np.int64)
+
+    def expect_objects(self, pixels: Sequence[NDArray[np.int64]]) -> None:
+        """Take which pixels, (n,) of each object, of an organised frame showed objects: in the next
+        frame they count as new, wherever the objects were when the environment was modelled."""
+        self._objects = np.concatenate([np.zeros(0, dtype=np.int64), *pixels])
 
     def find(self, points: NDArray[np.float32]) -> Clusters:
         """Cluster the foreground of a frame of points (height, width, 3)."""
-        mask, readings = _foreground(points, self._free_of(points), self._limits)
+        free = self._free_of(points)
+        changes = self._changes
+        if changes is None or changes.shape != free.shape:
+            changes = np.zeros_like(free)
+        mask, readings = _foreground(points, free, changes, self._limits)
+        marks = mask.ravel()
+        if changes is self._changes:
+            shown = self._objects[marks[self._objects] > 0]
+            marks[shown] = NEW
         if points.shape[0] > 1:
             indices = self._organised_clusters(points, mask)
         else:
             indices = self._unorganised_clusters(points[0], mask[0])
-        return Clusters(indices, int(np.count_nonzero(mask)), readings)
+        new = [bool(marks[cluster[0]] == NEW) for cluster in indices]
+        return Clusters(indices, new, int(np.count_nonzero(mask)), readings)
 
     def _free_of(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
         """Squared range at which each ray comes to a plane, (height, width) m².
@@ -147,9 +185,23 @@ def free_ranges(
     return free
 
 
+def changed_ranges(before: NDArray[np.float32], noise: RangeNoise) -> NDArray[np.float32]:
+    """Squared range (height, width) m² below which a reading differs from the one before.
+
+    Parameters
+    ----------
+    before : (height, width) m, NaN where nothing was read: any reading differs from that
+    noise : of the readings
+    """
+    nearest = before - CHANGE_SIGMAS * np.sqrt(2.0) * noise.deviation(before)
+    changes = np.square(np.maximum(nearest, 0.0))
+    return np.where(np.isnan(before), np.inf, changes).astype(np.float32)
+
+
 @allocating_entry
-def _foreground(points: Any, free: Any, limits: Any) -> tuple[Any, int]:
-    """Mark points in range and before all planes, which begin at the squared range `free`.
+def _foreground(points: Any, free: Any, changes: Any, limits: Any) -> tuple[Any, int]:
+    """Mark points in range and before all planes, which begin at the squared range `free`, as NEW
+    below the squared range `changes` and as KNOWN beyond it.
 
     No branch, which the compiler turns into vector code.
     """
@@ -163,7 +215,7 @@ def _foreground(points: Any, free: Any, limits: Any) -> tuple[Any, int]:
             range2 = x * x + y * y + z * z
             # NaN compares false with everything.
             read = (range2 >= min_range2) & (range2 <= max_range2)
-            mask[v, u] = read & (range2 < free[v, u])
+            mask[v, u] = (read & (range2 < free[v, u])) * (KNOWN + (range2 < changes[v, u]))
             readings += read
     return mask, readings
 
@@ -205,12 +257,12 @@ def neighbour_labels(
 def grid_clusters(
     points: Any, mask: Any, limits: Any, constant: float, sigmas: float, min_points: int
 ) -> tuple[Any, Any]:
-    """Connect neighbouring foreground pixels whose range does not jump; 8-connected.
+    """Connect neighbouring pixels of one mark whose range does not jump; 8-connected.
 
     Parameters
     ----------
     points : (height, width, 3) float32 m
-    mask : (height, width) uint8, nonzero in the foreground
+    mask : (height, width) uint8, nonzero in the foreground, there KNOWN or NEW
     limits : (5,) float32, squares of range and noise parameters as in `ForegroundFinder`
     constant : m, difference of range that is a jump
     sigmas : standard deviations of the range that are added to it
@@ -241,7 +293,7 @@ def grid_clusters(
             best = -1
             for dv, du in ((0, -1), (-1, -1), (-1, 0), (-1, 1)):
                 i, j = v + dv, u + du
-                if i < 0 or j < 0 or j >= width or mask[i, j] == 0:
+                if i < 0 or j < 0 or j >= width or mask[i, j] != mask[v, u]:
                     continue
                 other = ranges[now, j] if dv == 0 else ranges[before, j]
                 if abs(own - other) > jump:

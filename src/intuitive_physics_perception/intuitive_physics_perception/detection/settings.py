@@ -70,7 +70,7 @@ class SphereDetectionSettings:
         "random hypotheses that are fitted at most: those that several touching spheres make "
         "together have the best scores",
     )
-    spheres_in_cluster: int = number(3, 1, 1000, "spheres in one cluster at most")
+    spheres_in_cluster: int = number(5, 1, 1000, "spheres in one cluster at most")
     inlier_sigmas: float = number(
         3.0, 0.1, 100.0, "standard deviations from the surface within which a reading is on it"
     )
@@ -78,8 +78,8 @@ class SphereDetectionSettings:
         5.0,
         0.0,
         100.0,
-        "standard deviations beyond a sphere within which no other one is looked for: noise must "
-        "not make a second sphere of the readings that stray farthest",
+        "standard deviations of a ray's direction beyond a sphere's outline within which no other "
+        "one is looked for: noise must not make a second sphere of what strays farthest",
     )
     roughly_on: float = number(
         0.6,
@@ -101,11 +101,34 @@ class SphereDetectionSettings:
         "scan lines of a LiDAR make at most 0.7, a sphere cut off by the image's edge makes 1",
     )
     systematic_error: float = number(
-        0.0005,
+        0.0001,
         0.0,
         1.0,
         "standard deviation of what biases centre and radius in every frame",
         unit="m",
+    )
+    noise_readings: float = number(
+        10.0,
+        0.0,
+        1e6,
+        "independent readings that the noise assumed counts as, against those on a sphere itself, "
+        "when it is judged how much noise these have",
+    )
+    unevenness: float = number(
+        0.01,
+        0.0,
+        1.0,
+        "standard deviation of a ball's surface from a sphere, in radii: half a millimetre of a "
+        "5 cm ball, 3 mm of an exercise ball, which its weight deforms",
+    )
+    edge_growth: float = number(
+        0.7,
+        0.0,
+        10.0,
+        "standard deviation of the part of a pixel, the same all round and in every frame, by "
+        "which outlines seem larger or smaller than they are: a matching window lets the nearer "
+        "side of an edge grow by up to one pixel (root mean square 0.7 where every second camera "
+        "does), mixed readings at edges take about as much away",
     )
     window_radii: float = number(
         1.8, 1.0, 100.0, "distance from its centre that is inspected around a sphere, in radii"
@@ -126,6 +149,14 @@ class SphereDetectionSettings:
         1.0,
         "part of the ring round its outline in which the cluster of a new sphere may go on: each "
         "ball of its size that it touches covers 0.15, a hand more",
+    )
+    touching_goes_on: float = number(
+        0.2,
+        0.0,
+        1.0,
+        "the same of a sphere that was found inside the outline of a cluster, where the other "
+        "spheres of the cluster do not count: one more ball of its size covers 3 of 16 sectors, "
+        "the finger that it may be the tip of 4 or 5",
     )
     static_goes_on: float = number(
         0.13,
@@ -154,12 +185,12 @@ class SphereDetectionSettings:
         "part of the outline in which the surface of such a sphere must be seen; set on the real "
         "scenes for tuning of `make bench-perception`",
     )
-    static_misfit: float = number(
+    shape_misfit: float = number(
         1.65,
         0.0,
         100.0,
-        "mean squared error of the patches of its surface at most, in variances: three standard "
-        "deviations, 3 sqrt(2 / 44), above one for 48 patches and four fitted numbers",
+        "mean squared error of the patches of a sphere's surface at most, in variances: three "
+        "standard deviations, 3 sqrt(2 / 44), above one for 48 patches and four fitted numbers",
     )
     known_radius_sigmas: float = number(
         3.0, 0.1, 100.0, "standard deviations by which a radius may differ from a known one"

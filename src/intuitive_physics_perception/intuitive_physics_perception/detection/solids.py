@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ from intuitive_physics_perception.detection.spheres import ClusterSpheres
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.input.colors import with_color
 from intuitive_physics_perception.settings import PerceptionSettings
+
+PIXELS_REACH = 1.2
+"""Radii from a sphere's centre within which readings may be of it. Set by hand."""
 
 
 class SolidFinder:
@@ -128,12 +132,34 @@ def holds(box: StaticBox, place: NDArray[np.float64]) -> bool:
     return bool((np.abs(local) <= 0.5 * box.edge_lengths).all())
 
 
+@dataclass(frozen=True, eq=False)
+class SeenObject:
+    """An object in a frame.
+
+    Parameters
+    ----------
+    detection : what it is and where, in the sensor's frame
+    cluster : (n,) indices of the points of the cluster it was found in
+    """
+
+    detection: Detection
+    cluster: NDArray[np.int64]
+
+    def pixels(self, points: NDArray[np.float32]) -> NDArray[np.int64]:
+        """Return which points (m,) of the frame (height, width, 3) show it."""
+        if isinstance(self.detection, DetectedSolid):
+            return self.cluster
+        center = self.detection.center.astype(np.float32)
+        away = np.linalg.norm(points.reshape(-1, 3)[self.cluster] - center, axis=1)
+        return self.cluster[away < PIXELS_REACH * self.detection.radius]
+
+
 def all_objects(
     points: NDArray[np.float32],
     found: Sequence[ClusterSpheres],
     solids: SolidFinder | None,
     colors: NDArray[np.uint8] | None = None,
-) -> list[Detection]:
+) -> list[SeenObject]:
     """Return the objects of a frame of points (height, width, 3), in the sensor's frame.
 
     One solid that explains a whole cluster is likelier than a sphere that explains a part of it:
@@ -147,27 +173,24 @@ def all_objects(
     """
     unexplained = [part for part in found if part.rest > solids.spheres_leave] if solids else []
     by_cluster = solids.find(points, [part.cluster for part in unexplained]) if solids else []
-    replaced = [
-        part for part, solid in zip(unexplained, by_cluster, strict=True) if solid is not None
+    whole = [
+        SeenObject(solid, part.cluster)
+        for part, solid in zip(unexplained, by_cluster, strict=True)
+        if solid is not None
     ]
-    spheres = [
-        sphere
+    replaced = {id(seen.cluster) for seen in whole}
+    clusters = {
+        id(sphere): part.cluster
         for part in found
-        if all(part is not other for other in replaced)
+        if id(part.cluster) not in replaced
         for sphere in part.spheres
-    ]
-    detections: list[Detection] = [
-        *without_doubles(spheres),
-        *(solid for solid in by_cluster if solid is not None),
-    ]
-    if colors is None:
-        return detections
-    clusters = {id(sphere): part.cluster for part in found for sphere in part.spheres}
-    clusters |= {
-        id(solid): part.cluster for part, solid in zip(unexplained, by_cluster, strict=True)
     }
+    spheres = [sphere for part in found for sphere in part.spheres if id(sphere) in clusters]
+    seen = [SeenObject(one, clusters[id(one)]) for one in without_doubles(spheres)] + whole
+    if colors is None:
+        return seen
     return [
-        _colored(detection, clusters[id(detection)], points, colors) for detection in detections
+        replace(one, detection=_colored(one.detection, one.cluster, points, colors)) for one in seen
     ]
 
 

@@ -31,6 +31,10 @@ MIN_COMPARED_READINGS = 10000
 """Readings in which the correlation of errors is measured at least: their sum over the
 (2 · 8 + 1)² neighbours is then known to about √(289 / 10000), 0.2 readings."""
 
+CHANGE_SIGMAS = 4.0
+"""Standard deviations by which a reading differs from the one before when something else is seen.
+Six in 100,000 do so by chance."""
+
 SMALLEST_FACTOR = 0.1
 """Part of the assumed noise parameters that measured ones never fall below. Set by hand."""
 

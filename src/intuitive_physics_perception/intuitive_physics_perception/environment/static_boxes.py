@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.geometry.rotations import rotation_matrix
+from intuitive_physics.kernels import allocating_entry
 from intuitive_physics.scene import Environment, StaticBox
 from intuitive_physics_perception.detection.foreground import Clusters, ForegroundFinder
 from intuitive_physics_perception.detection.solids import SolidFinder, holds
@@ -38,7 +40,7 @@ def with_static_boxes(
     points = frame.reshape(-1, 3)
     boxes: list[StaticBox] = []
     for indices in clusters.indices:
-        (part,) = objects.find(frame, Clusters([indices], indices.size, clusters.readings))
+        (part,) = objects.find(frame, Clusters([indices], [False], indices.size, clusters.readings))
         if part.spheres:
             continue
         box = _box_around(f"box_{len(boxes)}", model, points[indices], settings)
@@ -143,18 +145,22 @@ class StaticBoxFilter:
     def __init__(self, model: EnvironmentModel, settings: PerceptionSettings) -> None:
         self._model = model
         self._settings = settings
-        self._boxes = [
-            (box.center, rotation_matrix(box.orientation), 0.5 * box.edge_lengths)
-            for box in model.environment.boxes
-        ]
+        boxes = model.environment.boxes
+        self._centers = np.array([box.center for box in boxes]).reshape(-1, 3)
+        self._rotations = np.array([rotation_matrix(box.orientation) for box in boxes])
+        self._halves = 0.5 * np.array([box.edge_lengths for box in boxes]).reshape(-1, 3)
 
     def without(self, points: NDArray[np.float32], clusters: Clusters) -> Clusters:
         """Return clusters of a frame of points (height, width, 3) less those that are a box."""
-        if not self._boxes:
+        if not len(self._centers):
             return clusters
         flat = points.reshape(-1, 3)
-        kept = [c for c in clusters.indices if not self._is_box(flat, c)]
-        return replace(clusters, indices=kept)
+        kept = [k for k, c in enumerate(clusters.indices) if not self._is_box(flat, c)]
+        return replace(
+            clusters,
+            indices=[clusters.indices[k] for k in kept],
+            new=[clusters.new[k] for k in kept],
+        )
 
     def _is_box(self, points: NDArray[np.float32], cluster: NDArray[np.int64]) -> bool:
         """Whether too few of a cluster's points for an object lie out of boxes of which it fills
@@ -163,15 +169,48 @@ class StaticBoxFilter:
         every = len(cluster) // limits.checked_points + 1
         own = points[cluster[::every]].astype(np.float64)
         deviations = self._model.noise.deviation(np.linalg.norm(own, axis=1))
-        margin = self._settings.plane_tolerance + self._settings.plane_sigmas * deviations
-        places = self._model.to_environment(own)
-        out, fills = np.ones(len(own), dtype=bool), False
-        for center, rotation, half in self._boxes:
-            local = (places - center) @ rotation
-            inside = (np.abs(local) <= half + margin[:, None]).all(axis=1)
-            out &= ~inside
-            if inside.any():
-                extent = float(np.linalg.norm(np.ptp(local[inside], axis=0)))
-                fills |= extent > limits.filled_diagonal * 2.0 * float(np.linalg.norm(half))
+        margins = self._settings.plane_tolerance + self._settings.plane_sigmas * deviations
+        out, extents = _outside_boxes(
+            self._model.to_environment(own), margins, self._centers, self._rotations, self._halves
+        )
+        diagonals = 2.0 * np.linalg.norm(self._halves, axis=1)
+        fills = bool((extents > limits.filled_diagonal * diagonals).any())
         allowed = self._settings.min_points + limits.stray_fraction * len(cluster)
-        return fills and every * int(out.sum()) < allowed
+        return fills and every * out < allowed
+
+
+@allocating_entry
+def _outside_boxes(
+    places: Any, margins: Any, centers: Any, rotations: Any, halves: Any
+) -> tuple[int, Any]:
+    """How many places (n, 3) lie in no box, give or take a margin (n,), and for each box the
+    diagonal (n_boxes,) of what lies in it, along its axes; m."""
+    low = np.full(centers.shape, np.inf)
+    high = np.full(centers.shape, -np.inf)
+    out = 0
+    for i in range(places.shape[0]):
+        inside_any = False
+        for k in range(centers.shape[0]):
+            dx = places[i, 0] - centers[k, 0]
+            dy = places[i, 1] - centers[k, 1]
+            dz = places[i, 2] - centers[k, 2]
+            # Along each axis of the box, a column of its rotation.
+            x = dx * rotations[k, 0, 0] + dy * rotations[k, 1, 0] + dz * rotations[k, 2, 0]
+            y = dx * rotations[k, 0, 1] + dy * rotations[k, 1, 1] + dz * rotations[k, 2, 1]
+            z = dx * rotations[k, 0, 2] + dy * rotations[k, 1, 2] + dz * rotations[k, 2, 2]
+            m = margins[i]
+            if (
+                abs(x) <= halves[k, 0] + m
+                and abs(y) <= halves[k, 1] + m
+                and abs(z) <= halves[k, 2] + m
+            ):
+                inside_any = True
+                low[k, 0], high[k, 0] = min(low[k, 0], x), max(high[k, 0], x)
+                low[k, 1], high[k, 1] = min(low[k, 1], y), max(high[k, 1], y)
+                low[k, 2], high[k, 2] = min(low[k, 2], z), max(high[k, 2], z)
+        out += not inside_any
+    extents = np.zeros(centers.shape[0])
+    for k in range(centers.shape[0]):
+        if high[k, 0] >= low[k, 0]:
+            extents[k] = np.sqrt(np.sum((high[k] - low[k]) ** 2))
+    return out, extents

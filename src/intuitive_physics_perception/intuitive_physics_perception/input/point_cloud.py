@@ -40,7 +40,8 @@ def points_from_cloud_data(
     """Return the frame of points, (height, width, 3), of the raw data of a PointCloud2 message.
 
     Fields other than x, y, z are skipped; x, y, z may come in any order, each float32 or float64.
-    A point with a coordinate that is not finite is NaN in all three.
+    A point with a coordinate that is not finite, or with zeros in all three as some drivers write
+    where nothing was read, is NaN in all three.
 
     Raises
     ------
@@ -115,7 +116,7 @@ def _gather(words: Any, row_step: int, point_step: int, offsets: Any, points: An
         for u in range(width):
             start = v * row_step + u * point_step
             x, y, z = words[start + ox], words[start + oy], words[start + oz]
-            if not np.isfinite(x + y + z):
+            if not np.isfinite(x + y + z) or x == y == z == 0.0:
                 x = y = z = np.float32(np.nan)
             points[v, u, 0], points[v, u, 1], points[v, u, 2] = x, y, z
 
@@ -123,5 +124,6 @@ def _gather(words: Any, row_step: int, point_step: int, offsets: Any, points: An
 @entry
 def _blank_unreadable(points: Any) -> None:
     for i in range(points.shape[0]):
-        if not np.isfinite(points[i, 0] + points[i, 1] + points[i, 2]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        if not np.isfinite(x + y + z) or x == y == z == 0.0:
             points[i, :] = np.nan

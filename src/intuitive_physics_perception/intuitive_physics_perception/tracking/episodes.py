@@ -96,16 +96,16 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
     """Return what was seen of a track, given the radius its average found.
 
     A sphere's detection has a centre c and a radius r with errors e of its own (covariance F), and
-    errors s that are the same in all frames (standard deviation `systematic_error` in each
-    component). The average r̄ has the error ē + s_r, where ē has the variance P_rr that the filter
-    knows. Knowing the radius better moves the centre: c' = c + g (r̄ - r) with g = F_cr / F_rr. What
-    remains is (e_c - g e_r) + g ē + s_c, for r̄ - r is free of s. The first part is independent from
-    frame to frame, of covariance F_cc - F_rr g gᵀ; the others are the same in all frames. As the
-    line of sight turns, so does g: its mean ḡ makes the bias P_rr ḡ ḡᵀ + s² I, and what differs
-    from it counts as an error of the frame, (g - ḡ) ē.
+    errors s that are the same in all frames (covariance S, `systematic`). The average r̄ has the
+    error ē + s_r, where ē has the variance P_rr that the filter knows. Knowing the radius better
+    moves the centre: c' = c + g (r̄ - r) with g = F_cr / F_rr. What remains is (e_c - g e_r) + g ē +
+    s_c, for r̄ - r is free of s. The first part is independent from frame to frame, of covariance
+    F_cc - F_rr g gᵀ; the others are the same in all frames. As the line of sight turns, so does g:
+    its mean ḡ makes the bias P_rr ḡ ḡᵀ + S_cc, of the mean S over all frames, and what differs from
+    it counts as an error of the frame, (g - ḡ) ē.
 
     A box's or capsule's centre is not moved: it is the middle of what the frame shows, F_cc its own
-    covariance and s² I the bias.
+    covariance and S_cc the bias.
     """
     steps = [step for step in track.steps if step.seen is not None]
     seen = [step.seen for step in steps if step.seen is not None]
@@ -113,11 +113,11 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
     attitudes = tuple(step.attitude for step in steps if step.attitude is not None)
     positions = np.stack([detection.center for detection in seen])
     covariances = np.stack([detection.covariance for detection in seen])
-    systematic = np.array([detection.systematic_error for detection in seen])
-    bias = float(np.mean(systematic**2)) * np.eye(3)
-    own = covariances[:, :3, :3] - systematic[:, None, None] ** 2 * np.eye(3)
+    systematic = np.stack([detection.systematic for detection in seen])
+    bias = systematic[:, :3, :3].mean(axis=0)
+    covariances = covariances - systematic
+    own = covariances[:, :3, :3]
     if not attitudes:
-        covariances = covariances - systematic[:, None, None] ** 2 * np.eye(4)
         gains = covariances[:, :3, 3] / covariances[:, 3, 3, None]
         off = track.mean[RADIUS] - np.array([detection.radius for detection in seen])
         positions = positions + gains * off[:, None]

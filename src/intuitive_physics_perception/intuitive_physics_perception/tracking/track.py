@@ -50,9 +50,11 @@ class Track:
     number : unique over a run
     kind : of its shape
     time : s, of `mean` and `covariance`
-    mean, covariance : (7,) and (7, 7) of position, velocity and radius; of a box or capsule the
-        radius stands for the height of its centre above its lowest point
+    mean, covariance : (7,) and (7, 7), less what all frames share, of position, velocity and
+        radius; of a box or capsule the radius stands for the height of its centre above its lowest
+        point
     attitude : how a box or capsule lies and turns
+    systematic : (4, 4) m² of centre and radius, what the errors of all frames share
     prediction : what the frame before made expect
     known : the known object it turned out to be
     resting : whether it did not move for `rest_time`
@@ -67,6 +69,7 @@ class Track:
     time: float
     mean: NDArray[np.float64]
     covariance: NDArray[np.float64]
+    systematic: NDArray[np.float64]
     prediction: Prediction
     attitude: Attitude | None
     last_seen: float
@@ -109,6 +112,11 @@ class Track:
         self.covariance[VELOCITY, VELOCITY] = covariance
         self.steps[-1] = replace(self.steps[-1], mean=self.mean, covariance=self.covariance)
 
+    @property
+    def radius_variance(self) -> float:
+        """m², with what the errors of all frames share."""
+        return float(self.covariance[RADIUS, RADIUS] + self.systematic[3, 3])
+
     def close_step(self, seen: Detection | None) -> None:
         """Append the state after a frame in which `seen` was detected of it."""
         self.steps.append(
@@ -142,6 +150,7 @@ class Track:
         for rows, own_rows in blocks:
             for columns, own_columns in blocks:
                 covariance[rows, columns] = self.covariance[own_rows, own_columns]
+        covariance[STATE_POSITION, STATE_POSITION] += self.systematic[:3, :3]
         if self.attitude is not None:
             return with_attitude(
                 self.mean[POSITION], self.mean[VELOCITY], covariance, self.attitude
@@ -203,7 +212,7 @@ class TrackFilter:
         """Return the track of what is seen for the first time."""
         mean = np.concatenate([detection.center, np.zeros(3), [detection.radius]])
         covariance = np.zeros((SIZE, SIZE))
-        covariance[np.ix_(MEASURED, MEASURED)] = detection.covariance
+        covariance[np.ix_(MEASURED, MEASURED)] = detection.covariance - detection.systematic
         covariance[VELOCITY, VELOCITY] = (self._settings.max_speed / 3.0) ** 2 * np.eye(3)
         first = Prediction(mean, covariance, np.eye(SIZE))
         attitude = None
@@ -215,6 +224,7 @@ class TrackFilter:
             time,
             mean,
             covariance,
+            detection.systematic,
             first,
             attitude,
             last_seen=time,
@@ -263,15 +273,17 @@ class TrackFilter:
     def correct(self, track: Track, detection: Detection) -> None:
         """Take into account what was seen of a track at its time."""
         innovation, spread = innovation_of(track, detection)
+        track.systematic = detection.systematic
         if innovation @ np.linalg.solve(spread, innovation) >= self._settings.tracking.gate:
             self._forget_velocity(track, innovation)
             innovation, spread = innovation_of(track, detection)
+        own = detection.covariance - detection.systematic
         gain = np.linalg.solve(spread, track.covariance[MEASURED]).T
         track.mean = track.mean + gain @ innovation
         # Joseph's form keeps the covariance positive definite.
         keep = np.eye(SIZE)
         keep[:, MEASURED] -= gain
-        track.covariance = keep @ track.covariance @ keep.T + gain @ detection.covariance @ gain.T
+        track.covariance = keep @ track.covariance @ keep.T + gain @ own @ gain.T
         if isinstance(detection, DetectedSolid) and track.attitude is not None:
             track.attitude = track.attitude.corrected(
                 detection, self._settings.angular_velocity_deviation, self._settings.tracking
@@ -295,12 +307,14 @@ class TrackFilter:
 def innovation_of(
     track: Track, detection: Detection
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Measured less predicted centre and radius (4,), and its covariance (4, 4)."""
+    """Measured less predicted centre and radius (4,), and its covariance (4, 4): what all frames
+    share makes no difference."""
     innovation = np.append(detection.center, detection.radius) - track.mean[MEASURED]
     if track.attitude is not None:
         # Its radius stands for a height that follows from the attitude.
         innovation[3] = 0.0
-    return innovation, track.covariance[np.ix_(MEASURED, MEASURED)] + detection.covariance
+    own = detection.covariance - detection.systematic
+    return innovation, track.covariance[np.ix_(MEASURED, MEASURED)] + own
 
 
 def _rested(track: Track, duration: float, deviation: float) -> Prediction:

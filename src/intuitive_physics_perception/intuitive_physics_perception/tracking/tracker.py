@@ -11,11 +11,16 @@ from intuitive_physics.scene import Environment
 from intuitive_physics.shapes import Capsule
 from intuitive_physics_perception.detection.detections import Detection, kind_of
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracking.motion import POSITION, RADIUS
+from intuitive_physics_perception.tracking.motion import POSITION, RADIUS, SIZE
 from intuitive_physics_perception.tracking.motion_fits import fitted_motion
 from intuitive_physics_perception.tracking.settings import TrackingSettings, lasting
 from intuitive_physics_perception.tracking.smoother import FilterStep
-from intuitive_physics_perception.tracking.track import Track, TrackFilter, innovation_of
+from intuitive_physics_perception.tracking.track import (
+    MEASURED,
+    Track,
+    TrackFilter,
+    innovation_of,
+)
 
 SMALLEST_LOG_DETERMINANT = -80.0
 """Below the logarithm of the determinant of any innovation's covariance, (4, 4) m²: costs of pairs
@@ -47,6 +52,21 @@ class Tracker:
         """Tracks that are alive and were seen often enough to be an object."""
         return [track for track in self._tracks if track.confirmed]
 
+    def expected_spheres(self, time: float) -> list[NDArray[np.float64]]:
+        """Return centre and radius (4,) m of each sphere that is followed, as expected at a time.
+
+        Parameters
+        ----------
+        time : s, later than that of the frame before
+        """
+        self._carry_on(time)
+        return [track.mean[MEASURED] for track in self._tracks if track.kind == "sphere"]
+
+    def _carry_on(self, time: float) -> None:
+        for track in self._tracks:
+            if track.time < time:
+                self._filter.predict(track, time)
+
     def update(self, time: float, detections: Sequence[Detection]) -> list[Track]:
         """Take what a frame shows, in the environment's frame; return tracks that ended.
 
@@ -56,8 +76,7 @@ class Tracker:
         """
         ended = [track for track in self._tracks if self._is_lost(track, time)]
         self._tracks = [track for track in self._tracks if not self._is_lost(track, time)]
-        for track in self._tracks:
-            self._filter.predict(track, time)
+        self._carry_on(time)
         seen = self._matches(detections)
         for track in self._tracks:
             detection = seen.get(track.number)
@@ -116,14 +135,14 @@ class Tracker:
         """See whether a track comes to rest or leaves it."""
         settings = self._settings
         recent = _seen(track, 0.5 * settings.rest_time)
-        if len(recent) < 3 or recent[-1].time < track.time:
+        if len(recent) < 3 or not (track.resting or self._has_come_to_rest(track)):
             return
         times = np.array([step.time for step in recent])
         found = [step.seen for step in recent if step.seen is not None]
         motion, spread = fitted_motion(
             times - times[0],
-            np.stack([detection.center for detection in found]),
-            np.stack([detection.covariance[:3, :3] for detection in found]),
+            np.stack([one.center for one in found]),
+            np.stack([(one.covariance - one.systematic)[:3, :3] for one in found]),
             np.zeros(3),
         )
         velocity, covariance = motion[3:], spread[3:, 3:]
@@ -131,7 +150,7 @@ class Tracker:
         moves = velocity @ np.linalg.solve(covariance, velocity) > settings.tracking.leaving_gate
         if not track.resting:
             slow = speed < settings.tracking.resting_part * settings.rest_speed
-            track.resting = (slow or not moves) and self._has_come_to_rest(track)
+            track.resting = bool(slow or not moves)
         elif moves and speed > settings.rest_speed:
             track.leave_rest(float(times[0]), velocity, covariance)
 
@@ -225,7 +244,7 @@ def settle(track: Track, settings: PerceptionSettings) -> None:
 
 def _is_settled(track: Track, settings: PerceptionSettings) -> bool:
     """Whether it was seen often enough, and its radius distinguishes known objects."""
-    deviation = np.sqrt(track.covariance[RADIUS, RADIUS])
+    deviation = np.sqrt(track.radius_variance)
     return track.seen_time >= lasting(settings.confirming_hits) and (
         not settings.known_objects
         or track.attitude is not None
@@ -249,10 +268,16 @@ def _recognise(track: Track, settings: PerceptionSettings) -> None:
         return
     track.known = known
     # A measurement of the radius alone, as good as a known one: it moves the centre, too.
-    variance = track.covariance[RADIUS, RADIUS] + KNOWN_RADIUS_DEVIATION**2
-    gain = track.covariance[:, RADIUS] / variance
+    whole = track.covariance.copy()
+    whole[np.ix_(MEASURED, MEASURED)] += track.systematic
+    gain = whole[:, RADIUS] / (whole[RADIUS, RADIUS] + KNOWN_RADIUS_DEVIATION**2)
+    keep = np.eye(SIZE)
+    keep[:, RADIUS] -= gain
     track.mean = track.mean + gain * (known.radius - track.mean[RADIUS])
-    track.covariance = track.covariance - np.outer(gain, gain) * variance
+    track.covariance = keep @ track.covariance @ keep.T
+    track.covariance += KNOWN_RADIUS_DEVIATION**2 * np.outer(gain, gain)
+    keep = keep[np.ix_(MEASURED, MEASURED)]
+    track.systematic = keep @ track.systematic @ keep.T
 
 
 def is_in_capsule(place: NDArray[np.float64], tracks: Iterable[Track]) -> bool:

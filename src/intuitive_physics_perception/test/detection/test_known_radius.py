@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from intuitive_physics_perception.detection.fitted_sphere import RADIUS_DEVIATION, SphereFit
 from intuitive_physics_perception.detection.settings import SphereDetectionSettings
-from intuitive_physics_perception.detection.spheres import RADIUS_DEVIATION, with_known_radius
 
 SETTINGS = SphereDetectionSettings()
 TOLERANCE = 0.006
@@ -17,11 +17,19 @@ TOGETHER[2, 3] = TOGETHER[3, 2] = 0.9
 COVARIANCE = TOGETHER * np.outer(DEVIATIONS, DEVIATIONS)
 
 
+SHIFT = np.array([0.0002, 0.0, 0.003, 0.002])
+SYSTEMATIC = np.outer(SHIFT, SHIFT)
+FIT = SphereFit(SPHERE, COVARIANCE + SYSTEMATIC, SYSTEMATIC)
+
+
 def test_the_centre_moves_with_the_radius_as_both_go_together() -> None:
-    known, narrowed = with_known_radius(SPHERE, COVARIANCE, [0.05], TOLERANCE, SETTINGS)
-    assert known[3] == pytest.approx(0.05, abs=1e-5)
+    known = SphereFit(SPHERE, COVARIANCE, np.zeros((4, 4))).with_known_radius(
+        [0.05], TOLERANCE, SETTINGS
+    )
+    assert known.sphere[3] == pytest.approx(0.05, abs=1e-5)
     # E[z | r] = z + C_zr / C_rr (r̄ - r)
-    assert known[2] == pytest.approx(1.5 - 0.9 * 4.0 / 3.0 * 0.002, rel=1e-3)
+    assert known.sphere[2] == pytest.approx(1.5 - 0.9 * 4.0 / 3.0 * 0.002, rel=1e-3)
+    narrowed = known.covariance
     # Var[z | r] = (1 - ρ²) Var[z]
     assert narrowed[2, 2] == pytest.approx((1 - 0.81) * 0.004**2, rel=0.01)
     assert np.sqrt(narrowed[3, 3]) <= RADIUS_DEVIATION
@@ -32,13 +40,22 @@ def test_the_centre_moves_with_the_radius_as_both_go_together() -> None:
     assert narrowed == pytest.approx(np.linalg.inv(information), rel=1e-6)
 
 
-@pytest.mark.parametrize("radii", [[], [0.08], [0.051, 0.054]])
+def test_what_all_frames_share_shrinks_as_its_part_of_the_whole_does() -> None:
+    known = FIT.with_known_radius([0.05], TOLERANCE, SETTINGS)
+    # With g = P_cr / P_rr the error s of the fit becomes s - g s_r, and so does the whole one's.
+    gain = FIT.covariance[:, 3] / (FIT.covariance[3, 3] + RADIUS_DEVIATION**2)
+    left = SHIFT - gain * SHIFT[3]
+    assert known.systematic == pytest.approx(np.outer(left, left), abs=1e-15)
+    assert known.systematic[2, 2] < 0.2 * SYSTEMATIC[2, 2]
+    own = known.covariance - known.systematic
+    assert np.linalg.eigvalsh(own)[0] > 0.0
+
+
+@pytest.mark.parametrize("radii", [[], [0.08], [0.051, 0.0545]])
 def test_nothing_is_assumed_without_a_clear_match(radii) -> None:
-    known, covariance = with_known_radius(SPHERE, COVARIANCE, radii, TOLERANCE, SETTINGS)
-    assert known is SPHERE
-    assert covariance is COVARIANCE
+    assert FIT.with_known_radius(radii, TOLERANCE, SETTINGS) is FIT
 
 
 def test_the_clearly_nearer_of_two_is_taken() -> None:
-    known, _ = with_known_radius(SPHERE, COVARIANCE, [0.07, 0.05, 0.03], TOLERANCE, SETTINGS)
-    assert known[3] == pytest.approx(0.05, abs=1e-5)
+    known = FIT.with_known_radius([0.075, 0.05, 0.025], TOLERANCE, SETTINGS)
+    assert known.sphere[3] == pytest.approx(0.05, abs=1e-5)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from intuitive_physics_perception.detection.detections import DetectedSphere
-from intuitive_physics_perception.detection.sphere_fit import look_round_outline
+from intuitive_physics_perception.detection.sphere_inspection import look_round_outline
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 

@@ -1,0 +1,297 @@
+"""One sphere fitted to a part of a cluster, and the tests that reject what is none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics_perception.detection.cluster_view import ClusterView, passing
+from intuitive_physics_perception.detection.detections import DetectedSphere
+from intuitive_physics_perception.detection.settings import SphereDetectionSettings
+from intuitive_physics_perception.detection.sphere_fit import readings_beyond, refine_sphere
+from intuitive_physics_perception.detection.sphere_inspection import (
+    inspect_sphere,
+    look_round_outline,
+)
+from intuitive_physics_perception.environment.noise import RangeNoise
+from intuitive_physics_perception.settings import PerceptionSettings
+
+EXPECTED_REACH = 1.2
+"""Radii from a sphere's centre within which readings may be of it. Set by hand."""
+
+RADIUS_DEVIATION = 1e-4
+"""Standard deviation of a known radius in m: numerical, covariances stay far from singular."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Some points of a cluster.
+
+    Parameters
+    ----------
+    points : (n, 3) m
+    total : how many these were drawn from
+    """
+
+    points: NDArray[np.float64]
+    total: int
+
+
+@dataclass(frozen=True, eq=False)
+class SphereFit:
+    """A sphere that fits some readings.
+
+    Parameters
+    ----------
+    sphere : (4,) centre and radius, m
+    covariance : (4, 4) m²
+    systematic : (4, 4) m², the part of the covariance that all frames share
+    noise_scale : variance of its readings along their rays, in that assumed
+    """
+
+    sphere: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    systematic: NDArray[np.float64]
+    noise_scale: float = 1.0
+
+    def with_known_radius(
+        self, radii: Sequence[float], tolerance: float, settings: SphereDetectionSettings
+    ) -> SphereFit:
+        """Return the fit, given that some radii are known.
+
+        A known radius is taken where the fit is compatible with it and clearly not with another;
+        what else the fit says of the radius moves the centre, as both go together. Where none fits
+        it stays as it is: not everything is known.
+
+        Parameters
+        ----------
+        radii : m, of the known objects
+        tolerance : m, by which a known object may differ
+        settings : tuned numbers
+        """
+        sphere, covariance = self.sphere, self.covariance
+        variance = float(covariance[3, 3])
+        if not radii or not np.isfinite(variance) or variance <= 0.0:
+            return self
+        off = np.array(radii) - sphere[3]
+        distances2 = np.square(off) / (variance + (tolerance / settings.known_radius_sigmas) ** 2)
+        order = np.argsort(distances2)
+        nearest = int(order[0])
+        ambiguous = (
+            len(radii) > 1
+            and distances2[order[1]] < distances2[nearest] + settings.known_radius_margin
+        )
+        if distances2[nearest] > settings.known_radius_sigmas**2 or ambiguous:
+            return self
+        # Bayes' rule for a measurement of the radius alone; Joseph's form, K P Kᵀ + g R gᵀ, tells
+        # both parts of the covariance apart.
+        gain = covariance[:, 3] / (variance + RADIUS_DEVIATION**2)
+        keep = np.eye(4)
+        keep[:, 3] -= gain
+        measured = RADIUS_DEVIATION**2 * np.outer(gain, gain)
+        return SphereFit(
+            sphere + gain * off[nearest],
+            keep @ covariance @ keep.T + measured,
+            keep @ self.systematic @ keep.T,
+            self.noise_scale,
+        )
+
+
+class SphereFitter:
+    """Makes spheres of hypotheses.
+
+    Parameters
+    ----------
+    noise : of the range readings
+    settings : limits of what is a sphere
+    rng : decides which of many points a sphere is fitted to
+    knows_before : whether it is known what was read when the environment was modelled
+    """
+
+    def __init__(
+        self,
+        noise: RangeNoise,
+        settings: PerceptionSettings,
+        rng: np.random.Generator,
+        *,
+        knows_before: bool,
+    ) -> None:
+        self._knows_before = knows_before
+        self._settings = settings
+        self._search = settings.spheres
+        self._rng = rng
+        self.known_radii = [one.radius for one in settings.known_objects]
+        self._sharing = noise.correlated - 1.0
+        self.noise = np.square([noise.constant, noise.quadratic, noise.limit, noise.lateral])
+
+    def fitted(
+        self,
+        view: ClusterView,
+        part: Part,
+        hypothesis: NDArray[np.float64],
+        most_goes_on: float | None = None,
+    ) -> DetectedSphere | None:
+        """Return the sphere that a hypothesis becomes on a part of a cluster; None where that is no
+        object.
+
+        Parameters
+        ----------
+        view : the cluster
+        part : what the sphere is fitted to
+        hypothesis : (4,) m, centre and radius to begin from
+        most_goes_on : part of the ring round its outline in which the cluster may go on at most;
+            None for what settings allow an object that came into the scene
+        """
+        fit = self._refined(view, part, hypothesis)
+        if fit is None:
+            return None
+        fit = fit.with_known_radius(
+            self.known_radii, self._settings.known_object_tolerance, self._search
+        )
+        if not self._is_plausible(fit):
+            return None
+        most = self._search.new_goes_on if most_goes_on is None else most_goes_on
+        return self._inspected(view, fit, most)
+
+    def part(self, points: NDArray[np.float64]) -> Part:
+        """Return as many of some points as a sphere is fitted to.
+
+        Parameters
+        ----------
+        points : (n, 3) m
+        """
+        return Part(self.some(points, self._search.fitted_points), len(points))
+
+    def part_near(self, points: NDArray[np.float64], sphere: NDArray[np.float64]) -> Part:
+        """Return as many of those points whose rays meet a sphere, or hardly miss it.
+
+        Parameters
+        ----------
+        points : (n, 3) m
+        sphere : (4,) m, centre and radius
+        """
+        reach = EXPECTED_REACH * sphere[3]
+        reach += self._search.stray_sigmas * np.sqrt(self.noise[3]) * np.linalg.norm(sphere[:3])
+        return self.part(points[passing(points, sphere[:3]) < reach])
+
+    def some(self, points: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+        """Return at most `count` random ones, (m, 3) m, of points (n, 3) m."""
+        if len(points) <= count:
+            return points
+        return points[self._rng.choice(len(points), count, replace=False)]
+
+    def _refined(
+        self, view: ClusterView, part: Part, sphere: NDArray[np.float64]
+    ) -> SphereFit | None:
+        """Fit twice: the outline and the noise of the surface are known well only after the first
+        fit."""
+        limits = self._settings.min_radius, self._settings.max_radius
+        shared = self._sharing * len(part.points) / part.total
+        # Readings that are no image share nothing with neighbours as a rule, and the edges that a
+        # scanner's beam smears weigh too much where the others weigh less.
+        sharing, growth, doubt = 0.0, 0.0, 1.0 + shared
+        if view.is_organised:
+            sharing, growth, doubt = shared, self._search.edge_growth * view.pixel, 1.0
+        scale, noise = 1.0, self.noise
+        for _ in range(2):
+            around, _ = view.around(sphere)
+            beyond = readings_beyond(around, sphere, self.noise)
+            sphere, covariance, shift, misfit, inliers = refine_sphere(
+                part.points,
+                beyond,
+                sphere,
+                *limits,
+                self._search.inlier_sigmas,
+                noise,
+                sharing,
+                growth,
+            )
+            if not inliers or misfit * scale > self._settings.max_misfit:
+                return None
+            scale *= self._noise_scale(misfit, inliers / (1.0 + shared) - 4.0)
+            noise = self.noise * [scale, scale, scale, 1.0]
+        systematic = np.outer(shift, shift) + self._search.systematic_error**2 * np.eye(4)
+        return SphereFit(sphere, doubt * covariance + systematic, systematic, scale)
+
+    def _noise_scale(self, misfit: float, freedom: float) -> float:
+        """By how much the variance of a surface's readings differs from what is assumed of all, as
+        its misfit in so many degrees of freedom says: the mean of a scaled inverse χ² posterior,
+        roughly, that begins at one with `noise_readings`."""
+        known, freedom = self._search.noise_readings, max(freedom, 0.0)
+        return (known + freedom * misfit) / (known + freedom)
+
+    def _is_plausible(self, fit: SphereFit) -> bool:
+        """Size in the limits and known well, centre beyond the surface that is seen."""
+        settings, radius = self._settings, fit.sphere[3]
+        deviation = np.sqrt(fit.covariance[3, 3])
+        return bool(
+            settings.min_radius - deviation <= radius <= settings.max_radius + deviation
+            and deviation <= settings.max_radius_uncertainty * radius
+            and np.linalg.norm(fit.sphere[:3]) > radius + settings.min_range
+        )
+
+    def _inspected(
+        self, view: ClusterView, fit: SphereFit, most_goes_on: float
+    ) -> DetectedSphere | None:
+        settings, sphere = self._settings, fit.sphere
+        around, each = view.around(sphere)
+        on, against, visible, density = inspect_sphere(
+            around, sphere, self._search.inlier_sigmas, self.noise
+        )
+        enough = visible >= settings.min_visible_fraction or (
+            visible >= settings.min_partly_visible and density >= self._search.min_density
+        )
+        if (
+            each * on < settings.min_points
+            or on < settings.min_surface_fraction * (on + against)
+            or not enough
+            or not self._is_object(view, fit, visible, most_goes_on)
+        ):
+            return None
+        return DetectedSphere(
+            sphere[:3],
+            float(sphere[3]),
+            fit.covariance,
+            each * on,
+            float(np.linalg.norm(sphere[:3])),
+            systematic=fit.systematic,
+        )
+
+    def _is_object(
+        self, view: ClusterView, fit: SphereFit, visible: float, most_goes_on: float
+    ) -> bool:
+        """Whether the sphere is an object of its own and not a part of something larger.
+
+        What has come into the scene since the environment was modelled is most likely an object,
+        and may touch others. What was there already is most likely not, so it must end all round
+        its outline and be seen as a whole.
+        """
+        search, sphere = self._search, fit.sphere
+        goes_on, level, ends, new, patches = look_round_outline(
+            *view.surroundings(sphere), sphere, view.pixel, search.inlier_sigmas, self.noise
+        )
+        if self._misfit_of(patches, fit) > search.shape_misfit:
+            return False
+        if not self._knows_before or new > search.new_readings:
+            return goes_on <= most_goes_on
+        return (
+            goes_on <= search.static_goes_on
+            and level <= search.static_level
+            and ends >= search.static_ends
+            and visible >= search.static_visible
+        )
+
+    def _misfit_of(self, patches: NDArray[np.float64], fit: SphereFit) -> float:
+        """Mean squared error of the surface's patches (n, 3) of `look_round_outline`, in variances.
+
+        The mean of a patch averages the noise away, so that it tells shapes apart that differ by
+        less than the noise of one reading: about one for a sphere.
+        """
+        readings, errors, variances = patches[patches[:, 0] > 0.0].T
+        shared = np.minimum(1.0 + self._sharing, readings)
+        unevenness = self._search.unevenness * float(fit.sphere[3])
+        spread = fit.noise_scale * variances * shared / readings + unevenness**2
+        return float(np.sum(errors**2 / spread) / max(len(errors) - 4, 1))

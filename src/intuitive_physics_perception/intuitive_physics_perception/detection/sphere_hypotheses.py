@@ -1,0 +1,356 @@
+"""Spheres to begin fits from: expected ones, those that an outline suggests, and random ones.
+
+A sphere of radius r at distance l is seen under the half angle α, sin α = r / l, and its nearest
+point at l - r: r = nearest · sin α / (1 - sin α). Lengths in m, the sensor at the origin; `noise`
+as in `sphere_fit`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from enum import Enum
+from math import sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.kernels import allocating_entry, allocating_kernel
+from intuitive_physics_perception.detection.cluster_view import ClusterView
+from intuitive_physics_perception.detection.fitted_sphere import Part, SphereFitter
+from intuitive_physics_perception.detection.sphere_fit import BEHIND_SIGMAS, surface_error
+from intuitive_physics_perception.detection.sphere_inspection import inspect_sphere
+from intuitive_physics_perception.settings import PerceptionSettings
+
+ALIKE = 0.2
+"""Difference of centres and radii, in radii, of hypotheses of which only one is fitted: the widest
+gate of a fit reaches farther. Set by hand."""
+
+LARGEST_SINE = 0.9
+"""Sine of the half angle of an outline at most: numerical, a sensor inside a sphere sees none."""
+
+OUTLINE_QUANTILE = 0.97
+"""Part of the readings inside an outline: the others may be of its flickering edge."""
+
+NEAREST_QUANTILE = 0.1
+"""Part of the readings that count as nearest: their noise averages out. Set by hand."""
+
+SMALLEST_CIRCLE = 0.4
+"""Radius of a circle inside an outline, as a part of the largest one's, below which it is left out.
+Set by hand."""
+
+FEWEST_PIXELS = 2.5
+"""Radius of a circle inside an outline in pixels at least: fewer readings make no sphere."""
+
+NEIGHBOUR_DRAWS = 12
+"""Draws for each of the three points beside the first: enough to find near ones mostly."""
+
+BATCH = 32
+"""Hypotheses after which it is checked whether enough were tried."""
+
+MISSED = 1e-3
+"""Chance of having tried no four points of the best sphere, at which one stops."""
+
+
+class Effort(Enum):
+    """How far a cluster is searched: for spheres that are expected, for those that its outline
+    suggests, too, and for any."""
+
+    EXPECTED = 0
+    OUTLINE = 1
+    RANDOM = 2
+
+
+class SphereHypotheses:
+    """Suggests spheres in clusters.
+
+    Parameters
+    ----------
+    fitter : makes spheres of them
+    settings : tuned numbers
+    rng : decides which random ones are tried
+    """
+
+    def __init__(
+        self, fitter: SphereFitter, settings: PerceptionSettings, rng: np.random.Generator
+    ) -> None:
+        self._fitter = fitter
+        self._settings = settings
+        self._search = settings.spheres
+        self._rng = rng
+
+    def of_cluster(
+        self,
+        view: ClusterView,
+        own: NDArray[np.float64],
+        expected: Sequence[NDArray[np.float64]],
+        effort: Effort,
+    ) -> Iterator[tuple[Part, NDArray[np.float64], bool]]:
+        """Spheres (4,) to begin fits from, the part of the cluster to fit them to, and whether they
+        must end where no other sphere touches them.
+
+        Those that are expected come first, then those inside the outline, where it is that of
+        several objects that touch, the one that the outline suggests, those of known radius, and
+        the best random ones.
+
+        Parameters
+        ----------
+        view : the cluster
+        own : (n, 3) m, its points
+        expected : (4,) each, centre and radius in m
+        effort : how many of these are looked at
+        """
+        for sphere in expected:
+            yield self._fitter.part_near(own, sphere), sphere, False
+        if effort is Effort.EXPECTED:
+            return
+        inscribed = self._inscribed(view)
+        if len(inscribed) > 1:
+            for sphere in inscribed:
+                yield self._fitter.part_near(own, sphere), sphere, True
+        whole = self._fitter.part(own)
+        yield whole, outline_sphere(whole.points), False
+        for sphere in spheres_of_radius(whole.points, self._fitter.known_radii):
+            yield whole, sphere, False
+        if effort is Effort.OUTLINE:
+            return
+        limits = self._settings.min_radius, self._settings.max_radius
+        scored = self._fitter.some(whole.points, self._search.scored_points)
+        spheres, scores = ransac_spheres(
+            scored,
+            limits,
+            self._search.inlier_sigmas,
+            self._fitter.noise,
+            self._settings.hypotheses,
+            self._rng,
+        )
+        # A sphere with enough points has a share of those scored; half allows for a rough start.
+        needed = 0.5 * self._settings.min_points * len(scored) / len(own)
+        tried: list[NDArray[np.float64]] = []
+        for sphere, score in zip(spheres, scores, strict=True):
+            if score <= needed or len(tried) >= self._search.refined_hypotheses:
+                return
+            if any(_are_alike(sphere, other) for other in tried):
+                continue
+            if self._explains(scored, sphere):
+                tried.append(sphere)
+                yield whole, sphere, False
+
+    def _inscribed(self, view: ClusterView) -> list[NDArray[np.float64]]:
+        if not view.is_organised:
+            return []
+        most = self._search.spheres_in_cluster
+        return inscribed_spheres(view.points, view.cluster, view.pixel, most)
+
+    def _explains(self, points: NDArray[np.float64], sphere: NDArray[np.float64]) -> bool:
+        """Cheap inlier test before refinement: are most points in the outline on the sphere?"""
+        on, against, _, _ = inspect_sphere(
+            points, sphere, self._search.inlier_sigmas, self._fitter.noise
+        )
+        return on > self._search.roughly_on * (on + against)
+
+
+def outline_sphere(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (x, y, z, r) of the sphere whose outline and nearest point the cluster has.
+
+    Parameters
+    ----------
+    points : (n, 3) m, of the cluster
+    """
+    ranges = np.linalg.norm(points, axis=1)
+    directions = points / ranges[:, None]
+    low, high = directions.min(axis=0), directions.max(axis=0)
+    axis = 0.5 * (low + high)
+    axis /= np.linalg.norm(axis)
+    sines = np.linalg.norm(np.cross(directions, axis), axis=1)
+    sine = float(np.quantile(sines, OUTLINE_QUANTILE))
+    return _sphere(axis, sine, float(np.quantile(ranges, NEAREST_QUANTILE)))
+
+
+def inscribed_spheres(
+    points: NDArray[np.float32], cluster: NDArray[np.int64], pixel: float, most: int
+) -> list[NDArray[np.float64]]:
+    """Return spheres (x, y, z, r) whose outlines are circles inside the outline of a cluster.
+
+    The largest circle comes first, then the largest with its centre outside of it, and so on:
+    objects that touch make an outline that holds a circle for each.
+
+    Parameters
+    ----------
+    points : (height, width, 3) m, of an organised frame
+    cluster : (n,) indices of the cluster's points
+    pixel : angle between neighbouring pixels, rad
+    most : spheres at most
+    """
+    from scipy.ndimage import binary_fill_holes, distance_transform_edt
+
+    rows, columns = np.divmod(cluster, points.shape[1])
+    top, left = rows.min() - 1, columns.min() - 1
+    mask = np.zeros((rows.max() - top + 2, columns.max() - left + 2), dtype=bool)
+    mask[rows - top, columns - left] = True
+    depth = distance_transform_edt(binary_fill_holes(mask))[rows - top, columns - left]
+    own = points.reshape(-1, 3)[cluster].astype(np.float64)
+    ranges = np.linalg.norm(own, axis=1)
+    spheres: list[NDArray[np.float64]] = []
+    free, largest = np.ones(len(cluster), dtype=bool), float(depth.max())
+    while len(spheres) < most and free.any():
+        middle = int(np.argmax(np.where(free, depth, -1.0)))
+        circle = float(depth[middle])
+        if circle < max(SMALLEST_CIRCLE * largest, FEWEST_PIXELS):
+            break
+        away2 = np.square(rows - rows[middle]) + np.square(columns - columns[middle])
+        inside = away2 < circle * circle
+        free &= ~inside
+        nearest = float(np.quantile(ranges[inside], NEAREST_QUANTILE))
+        # The distance to the first pixel outside is half a pixel too long.
+        spheres.append(
+            _sphere(own[middle] / ranges[middle], np.sin((circle - 0.5) * pixel), nearest)
+        )
+    return spheres
+
+
+def _sphere(axis: NDArray[np.float64], sine: float, nearest: float) -> NDArray[np.float64]:
+    """Sphere (4,) with its centre along a unit vector, from the sine of the half angle under which
+    it is seen and its nearest range."""
+    sine = min(sine, LARGEST_SINE)
+    radius = nearest * sine / (1.0 - sine)
+    return np.append(axis * (nearest + radius), radius)
+
+
+def ransac_spheres(
+    points: NDArray[np.float64],
+    limits: tuple[float, float],
+    sigmas: float,
+    noise: NDArray[np.float64],
+    most: int,
+    rng: np.random.Generator,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return spheres (m, 4) and their MSAC scores (m,), best first.
+
+    Hypotheses come in batches until the best one's share w of the points says that four of its
+    points have been drawn: (1 - w⁴)ⁿ < `MISSED` (Fischler, Bolles 1981).
+
+    Parameters
+    ----------
+    points : (n, 3) m
+    limits : smallest and largest radius, m
+    sigmas : standard deviations within which a point counts
+    noise : (4,) of `RangeNoise`, as in `sphere_fit`
+    most : hypotheses at most
+    """
+    spheres, scores = [np.empty((0, 4))], [np.empty(0)]
+    tried, best = 0, 0.0
+    while tried < _enough(best / len(points), most):
+        draws = rng.random((BATCH, 2 + 3 * NEIGHBOUR_DRAWS))
+        spheres.append(random_spheres(points, draws, *limits))
+        scores.append(score_spheres(points, spheres[-1], sigmas, noise))
+        best = max(best, float(scores[-1].max(initial=0.0)))
+        tried += BATCH
+    order = np.argsort(-np.concatenate(scores), kind="stable")
+    return np.concatenate(spheres)[order], np.concatenate(scores)[order]
+
+
+def _enough(share: float, most: int) -> float:
+    """How many draws of four points are enough where a sphere has that share of all."""
+    chance = min(share, 1.0) ** 4
+    if chance <= 0.0:
+        return most
+    if chance >= 1.0:
+        return 1
+    return min(most, float(np.log(MISSED) / np.log1p(-chance)))
+
+
+def spheres_of_radius(
+    points: NDArray[np.float64], radii: Sequence[float]
+) -> list[NDArray[np.float64]]:
+    """Return (x, y, z, r) for each of some radii: as far behind the nearest points as r says.
+
+    Parameters
+    ----------
+    points : (n, 3) m, of the cluster
+    radii : m
+    """
+    ranges = np.linalg.norm(points, axis=1)
+    near = points[ranges <= np.quantile(ranges, 0.2)].mean(axis=0)
+    distance = float(np.linalg.norm(near))
+    return [np.append(near * (1.0 + radius / distance), radius) for radius in radii]
+
+
+@allocating_entry
+def score_spheres(points: Any, spheres: Any, sigmas: float, noise: Any) -> Any:
+    """MSAC score of each sphere (n, 4): what its inliers lie nearer than the tolerance, in its
+    squares; the larger the better."""
+    scores = np.zeros(spheres.shape[0])
+    for k in range(spheres.shape[0]):
+        cx, cy, cz, r = spheres[k, 0], spheres[k, 1], spheres[k, 2], spheres[k, 3]
+        for i in range(points.shape[0]):
+            error, variance, deviation, ahead, _ = surface_error(
+                points[i, 0], points[i, 1], points[i, 2], cx, cy, cz, r, noise
+            )
+            if ahead > -BEHIND_SIGMAS * deviation:
+                scores[k] += max(1.0 - error * error / (sigmas * sigmas * variance), 0.0)
+    return scores
+
+
+@allocating_entry
+def random_spheres(points: Any, draws: Any, min_radius: float, max_radius: float) -> Any:
+    """Spheres (m, 4) through four points each, m ≤ n: those of a possible size and bulging
+    towards the sensor.
+
+    Parameters
+    ----------
+    draws : (n, 2 + 3 NEIGHBOUR_DRAWS) uniform in [0, 1): first point, scale, and neighbours
+    """
+    n = points.shape[0]
+    spheres = np.empty((draws.shape[0], 4))
+    corners = np.empty((4, 3))
+    found = 0
+    for k in range(draws.shape[0]):
+        corners[0] = points[int(draws[k, 0] * n)]
+        # Points further apart than twice the radius are never on one sphere.
+        reach = 2.0 * min_radius * (max_radius / min_radius) ** draws[k, 1]
+        chosen = 1
+        for j in range(2, draws.shape[1]):
+            candidate = points[int(draws[k, j] * n)]
+            if np.sum((candidate - corners[0]) ** 2) < reach * reach:
+                corners[chosen] = candidate
+                chosen += 1
+                if chosen == 4:
+                    break
+        if chosen == 4 and _through(corners, spheres[found]):
+            r = spheres[found, 3]
+            if 0.8 * min_radius <= r <= 1.25 * max_radius:
+                found += 1
+    return spheres[:found]
+
+
+@allocating_kernel
+def _through(corners: Any, sphere: Any) -> bool:
+    """Write the sphere through four points; False where they lie in a plane or see its inside."""
+    # |p - c|² equal for all: 2 (p_i - p_0) · (c - p_0) = |p_i - p_0|², by Cramer's rule.
+    ax, ay, az = corners[1] - corners[0]
+    bx, by, bz = corners[2] - corners[0]
+    dx, dy, dz = corners[3] - corners[0]
+    a2, b2 = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
+    d2 = dx * dx + dy * dy + dz * dz
+    nx, ny, nz = by * dz - bz * dy, bz * dx - bx * dz, bx * dy - by * dx
+    volume = ax * nx + ay * ny + az * nz
+    if volume * volume <= 1e-8 * a2 * b2 * d2:
+        return False
+    mx, my, mz = dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
+    lx, ly, lz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    x = (a2 * nx + b2 * mx + d2 * lx) / (2.0 * volume)
+    y = (a2 * ny + b2 * my + d2 * ly) / (2.0 * volume)
+    z = (a2 * nz + b2 * mz + d2 * lz) / (2.0 * volume)
+    sphere[0], sphere[1], sphere[2] = corners[0, 0] + x, corners[0, 1] + y, corners[0, 2] + z
+    sphere[3] = sqrt(x * x + y * y + z * z)
+    ahead = 0.0
+    for i in range(4):
+        toward = sphere[:3] - corners[i]
+        ahead += np.sum(toward * corners[i])
+    return ahead > 0.0
+
+
+def _are_alike(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
+    """Whether a fit that begins at one of two spheres (4,) most likely ends as from the other."""
+    return bool(np.abs(first - second).max() < ALIKE * min(first[3], second[3]))

@@ -19,6 +19,7 @@ import numpy as np
 from benchmarks.command import Outcome, report_progress, run_benchmark
 from benchmarks.perception.peers import FrameByFrame, Open3dAndPyransac, Peer
 from benchmarks.perception.real import measure_clouds, measure_real_scenes
+from benchmarks.perception.release import measure_release
 from benchmarks.perception.report import (
     accuracy_table,
     key_figures,
@@ -45,7 +46,7 @@ from intuitive_physics_perception.settings import PerceptionSettings
 SEED = 5
 """Of the scenes, each of which has a generator of its own."""
 
-RENDERED, REAL = PARTS = ("rendered", "real")
+RENDERED, REAL, RELEASE = PARTS = ("rendered", "real", "release")
 """Parts that `--only` may name."""
 
 REAL_DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "real"
@@ -138,6 +139,10 @@ def run(options: argparse.Namespace) -> Outcome:
         ):
             figures.update(found)
             tables += shown
+    if RELEASE in wanted:
+        found, shown = measure_release(options.quick)
+        figures.update(found)
+        tables += shown
     return replace(outcome, tables=tables, key_figures=figures)
 
 

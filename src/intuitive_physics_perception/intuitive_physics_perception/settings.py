@@ -190,10 +190,18 @@ class PerceptionSettings:
         0.006, 0.0001, 1.0, "a sphere is a known object when its radius differs by no more, m"
     )
 
-    confirming_hits: int = number(3, 1, 100, "detections that make a track an object")
+    confirming_hits: int = number(
+        3,
+        1,
+        100,
+        "detections at 30 Hz that make a track an object; at a higher rate those of the same time",
+    )
     coast_time: float = number(0.25, 0.0, 10.0, "a track unseen for longer is closed, s")
     acceleration_noise: float = number(
-        1.5, 0.0, 1000.0, "standard deviation of an unmodelled acceleration, m/s^2"
+        1.5,
+        0.0,
+        1000.0,
+        "standard deviation of an unmodelled acceleration, over 1/30 s, m/s^2",
     )
     max_speed: float = number(15.0, 0.1, 1000.0, "fastest object, m/s")
     bounce_restitution: float = number(
@@ -206,7 +214,11 @@ class PerceptionSettings:
         0.15, 0.01, 1000.0, "an object that moved less is not worth learning from, m"
     )
     min_observed_points: int = number(
-        6, 3, 10000, "points an object needs to be part of an observation"
+        6,
+        3,
+        10000,
+        "points at 30 Hz that an object needs to be part of an observation; at another rate those "
+        "of the same time, at least 3",
     )
     max_duration: float = number(
         10.0, 0.1, 3600.0, "duration after which an observation is closed, s"

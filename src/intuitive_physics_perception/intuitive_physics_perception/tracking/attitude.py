@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from intuitive_physics.shapes import Box, Capsule
 from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION, ObjectState
 from intuitive_physics_perception.detection.detections import DetectedSolid
+from intuitive_physics_perception.tracking.motion import white_acceleration
 from intuitive_physics_perception.tracking.settings import TrackingSettings
 
 ROTATION_PART, VELOCITY_PART = slice(0, 3), slice(3, 6)
@@ -58,16 +59,16 @@ class Attitude:
         Parameters
         ----------
         duration : s
-        noise : rad/s², standard deviation of an unmodelled angular acceleration
+        noise : rad/s², standard deviation of an unmodelled angular acceleration over `FRAME_TIME`
         """
         transition = np.eye(6)
         transition[ROTATION_PART, VELOCITY_PART] = duration * np.eye(3)
-        gain = np.vstack([0.5 * duration**2 * np.eye(3), duration * np.eye(3)])
+        added = np.kron(white_acceleration(duration, noise), np.eye(3))
         return replace(
             self,
             rotation=Rotation.from_rotvec(duration * self.angular_velocity).as_matrix()
             @ self.rotation,
-            covariance=transition @ self.covariance @ transition.T + noise**2 * gain @ gain.T,
+            covariance=transition @ self.covariance @ transition.T + added,
         )
 
     def stopped(self, velocity_deviation: float) -> Attitude:

@@ -19,8 +19,10 @@ from intuitive_physics.scene import Environment
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracking.initial_state import Record, state_at
+from intuitive_physics_perception.tracking.free_motion import FreeMotion, Record
+from intuitive_physics_perception.tracking.initial_state import state_at
 from intuitive_physics_perception.tracking.motion import POSITION, RADIUS
+from intuitive_physics_perception.tracking.settings import lasting
 from intuitive_physics_perception.tracking.smoother import smooth
 from intuitive_physics_perception.tracking.track import Track
 
@@ -169,8 +171,11 @@ def observations_of(
 
 
 def _is_worth(record: Record, settings: PerceptionSettings) -> bool:
+    times = record.times
     return (
-        len(record.times) >= settings.min_observed_points and record.travel >= settings.min_travel
+        len(times) >= 3
+        and times[-1] - times[0] >= lasting(settings.min_observed_points)
+        and record.travel >= settings.min_travel
     )
 
 
@@ -187,13 +192,14 @@ def _piece(
     a hand may have moved them.
     """
     there = [record for record in records if record.times[0] <= start <= record.times[-1]]
+    free = [FreeMotion(record, environment, settings.initial_state) for record in there]
     times = np.unique(np.concatenate([record.between(start, end).times for record in there]))
-    for time in times[: settings.initial_state.start_trials]:
+    for time in times:
         parts = [record.between(time, end) for record in there]
         members = [k for k, part in enumerate(parts) if _is_worth(part, settings)]
         if not members:
             return None
-        states = [state_at(there[k], time, environment, settings) for k in members]
+        states = [state_at(there[k], time, free[k], settings) for k in members]
         known = [state for state in states if state is not None]
         if len(known) == len(members) and any(_moves(state, settings) for state in known):
             return Observation(

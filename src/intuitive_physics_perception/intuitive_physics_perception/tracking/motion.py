@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.scene import Environment, Plane
-from intuitive_physics_perception.tracking.settings import MotionSettings
+from intuitive_physics_perception.tracking.settings import FRAME_TIME, MotionSettings
 
 POSITION, VELOCITY, RADIUS = slice(0, 3), slice(3, 6), 6
 """Where position (m), velocity (m/s) and radius (m) stand in an object's vector."""
@@ -86,7 +86,7 @@ def predicted(
     duration : s
     environment : what the object bounces off
     restitution : expected of a bounce
-    acceleration_noise : m/s², standard deviation of an unmodelled acceleration
+    acceleration_noise : m/s², standard deviation of an unmodelled acceleration over `FRAME_TIME`
     motion : tuned numbers
     """
     ball, left = Prediction(mean, covariance, np.eye(SIZE)), duration
@@ -166,10 +166,24 @@ def _flown(
     moved = transition @ ball.mean
     moved[POSITION] += 0.5 * duration**2 * acceleration
     moved[VELOCITY] += duration * acceleration
-    # An acceleration that is constant over the step and unknown: d²/2 and d times it.
-    gain = np.vstack([0.5 * duration**2 * np.eye(3), duration * np.eye(3), np.zeros((1, 3))])
-    covariance = transition @ ball.covariance @ transition.T + noise**2 * gain @ gain.T
+    covariance = transition @ ball.covariance @ transition.T
+    covariance[:6, :6] += np.kron(white_acceleration(duration, noise), np.eye(3))
     return Prediction(moved, covariance, transition @ ball.transition)
+
+
+def white_acceleration(duration: float, noise: float) -> NDArray[np.float64]:
+    """Return the covariance (2, 2) that an unknown acceleration gives to place and speed.
+
+    It is white noise, so two steps add up to one of their length.
+
+    Parameters
+    ----------
+    duration : s; negative for a step back
+    noise : standard deviation of the acceleration's mean over `FRAME_TIME`, in m/s² or rad/s²
+    """
+    lasts = abs(duration)
+    across = 0.5 * duration * lasts
+    return noise**2 * FRAME_TIME * np.array([[lasts**3 / 3.0, across], [across, lasts]])
 
 
 def _bounced(

@@ -11,6 +11,22 @@ from dataclasses import dataclass
 
 from intuitive_physics.settings import check_settings, number
 
+FRAME_TIME = 1.0 / 30.0
+"""s between the frames that are meant where a setting counts detections or is given for one frame:
+at another frame rate it holds for as much time."""
+
+
+def lasting(detections: float) -> float:
+    """Return how long in s an object was seen at 30 Hz with that many detections, at least.
+
+    Half a frame less, as stamps are not quite regular.
+
+    Parameters
+    ----------
+    detections : one after another
+    """
+    return (detections - 1.5) * FRAME_TIME
+
 
 @dataclass(frozen=True)
 class MotionSettings:
@@ -45,7 +61,8 @@ class MotionSettings:
         20.0,
         0.0,
         10000.0,
-        "standard deviation of what changes an angular velocity: torques of contacts, precession",
+        "standard deviation of what changes an angular velocity, over 1/30 s: torques of contacts, "
+        "precession",
         unit="rad/s²",
     )
     rolling_time: float = number(
@@ -112,8 +129,13 @@ class TrackingSettings:
         "edges are compared",
         unit="m",
     )
-    newest_color: float = number(
-        0.25, 0.0, 1.0, "weight of the newest frame in the colour of a track, as light changes"
+    color_time: float = number(
+        0.116,
+        0.001,
+        1000.0,
+        "time in which a colour fades from a track's mean, as light changes: at 30 Hz the newest "
+        "frame has a weight of 0.25",
+        unit="s",
     )
     color_deviation: float = number(
         0.1,
@@ -133,8 +155,27 @@ class TrackingSettings:
         4.0, 0.0, 100.0, "standard deviations by which a radius may differ within one track"
     )
     radius_slack: float = number(0.003, 0.0, 1.0, "what a radius may differ beyond that", unit="m")
-    tentative_misses: int = number(
-        1, 0, 100, "frames in a row in which a track that is not confirmed may be unseen"
+    tentative_time: float = number(
+        0.08,
+        0.0,
+        10.0,
+        "a track that is not confirmed and unseen for longer is closed: at 30 Hz one frame may "
+        "miss it",
+        unit="s",
+    )
+    leaving_gate: float = number(
+        25.0,
+        1.0,
+        1000.0,
+        "squared velocity, in variances of a fit over half of `rest_time`, from which on it is no "
+        "noise; what is faster than `rest_speed` besides leaves its rest",
+    )
+    resting_part: float = number(
+        0.8,
+        0.0,
+        1.0,
+        "part of `rest_speed` below which an object may come to rest: what has just left its rest "
+        "does not come to it for noise",
     )
     recognition_patience: int = number(
         4,
@@ -156,11 +197,7 @@ class InitialStateSettings:
     """
 
     min_points: int = number(3, 3, 1000, "points of a stretch at least")
-    max_points: int = number(12, 3, 1000, "points of a stretch at most")
-    max_duration: float = number(0.5, 0.01, 100.0, "duration of a stretch at most", unit="s")
-    points_before: int = number(
-        6, 0, 1000, "points before the time asked for at which a stretch may begin"
-    )
+    max_duration: float = number(0.4, 0.01, 100.0, "duration of a stretch at most", unit="s")
     contact_gate: float = number(
         16.0,
         1.0,
@@ -173,12 +210,52 @@ class InitialStateSettings:
         100.0,
         "standard deviations by which χ² of a stretch may exceed its mean",
     )
-    sure_points: int = number(
-        5,
-        3,
-        1000,
-        "points of a stretch that need no plane at its end: fewer obey gravity by chance, as in a "
-        "hand",
+    sure_evidence: float = number(
+        7.0,
+        -100.0,
+        100.0,
+        "logarithm of how much likelier points must be in free motion than in a hand: 1,000 times. "
+        "A swing falls like a free ball for moments, and 30 to 90 beginnings are tried a second",
+    )
+    touching_evidence: float = number(
+        -1.0,
+        -100.0,
+        100.0,
+        "the same where a plane ends the flight or carries the object, as a hop may last for three "
+        "frames at 30 Hz; an object that is held still above a plane is at -5 then",
+    )
+    hand_acceleration: float = number(
+        10.0,
+        0.1,
+        1000.0,
+        "standard deviation of the acceleration that a hand gives: from rest to 2 m/s in 0.2 s",
+        unit="m/s²",
+    )
+    hand_time: float = number(0.1, 0.001, 10.0, "correlation time of that acceleration", unit="s")
+    hand_memory: float = number(
+        0.4,
+        0.0,
+        100.0,
+        "time before a stretch, as it was found first, in which its beginning is looked for",
+        unit="s",
+    )
+    holding_time: float = number(
+        2.0, 0.01, 1000.0, "time for which a hand is seen to hold an object", unit="s"
+    )
+    release_chance: float = number(
+        0.8,
+        0.5,
+        1.0,
+        "probability with which the object is free where a stretch begins: a point too few costs "
+        "little, a point of the hand spoils the velocity",
+    )
+    noise_window: float = number(
+        0.15,
+        0.0,
+        10.0,
+        "time in which a path is a cubic but for noise, by which the noise is measured: five "
+        "frames at 30 Hz",
+        unit="s",
     )
     touch_sigmas: float = number(
         3.0,
@@ -187,9 +264,6 @@ class InitialStateSettings:
         "standard deviations of its position within which an object touches a plane",
     )
     touch_slack: float = number(0.005, 0.0, 1.0, "gap beyond that up to which it touches", unit="m")
-    start_trials: int = number(
-        90, 1, 100000, "times at which the beginning of an observation is tried"
-    )
     path_widening: float = number(
         1.5,
         1.0,

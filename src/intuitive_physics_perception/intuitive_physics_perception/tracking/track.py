@@ -31,11 +31,11 @@ from intuitive_physics_perception.tracking.rolling import (
     rolling_angular_velocity,
     unknown_angular_velocity,
 )
-from intuitive_physics_perception.tracking.settings import MotionSettings
+from intuitive_physics_perception.tracking.settings import FRAME_TIME, MotionSettings
 from intuitive_physics_perception.tracking.smoother import FilterStep
 
 MAX_STEPS = 4000
-"""Newest frames of a track that are kept: bounds its memory. At 30 Hz they last 133 s."""
+"""Newest frames of a track that are kept: bounds its memory. At 90 Hz they last 44 s."""
 
 MEASURED = np.array([0, 1, 2, RADIUS])
 """Components of an object's vector that a detection measures: centre and radius."""
@@ -60,6 +60,7 @@ class Track:
     resting : whether it did not move for `rest_time`
     color : (3,) mean red, green and blue, a recent mean, 0 to 1; None while unknown
     moving_since : s, when it was first seen or left its rest
+    seen_time : s for which it was seen, at most `FRAME_TIME` for each detection
     steps : all frames since it was first seen
     """
 
@@ -73,8 +74,7 @@ class Track:
     attitude: Attitude | None
     last_seen: float
     moving_since: float
-    hits: int = 1
-    misses: int = 0
+    seen_time: float = 0.0
     confirmed: bool = False
     resting: bool = False
     known: KnownObject | None = None
@@ -92,6 +92,25 @@ class Track:
         if color is None:
             return
         self.color = color if self.color is None else self.color + weight * (color - self.color)
+
+    def leave_rest(
+        self, since: float, velocity: NDArray[np.float64], covariance: NDArray[np.float64]
+    ) -> None:
+        """Take up the motion that the frames up to the last one show.
+
+        Parameters
+        ----------
+        since : s, when it began
+        velocity : (3,) m/s
+        covariance : (3, 3) m²/s², of the velocity
+        """
+        self.resting, self.moving_since = False, since
+        self.mean, self.covariance = self.mean.copy(), self.covariance.copy()
+        self.mean[VELOCITY] = velocity
+        self.covariance[VELOCITY] = 0.0
+        self.covariance[:, VELOCITY] = 0.0
+        self.covariance[VELOCITY, VELOCITY] = covariance
+        self.steps[-1] = replace(self.steps[-1], mean=self.mean, covariance=self.covariance)
 
     @property
     def radius_variance(self) -> float:
@@ -167,7 +186,7 @@ class Track:
         self, steps: list[FilterStep], environment: Environment, motion: MotionSettings
     ) -> NDArray[np.float64] | None:
         """Normal of the plane it has rolled on during all of some steps, None for none."""
-        if len(steps) < 4 or steps[-1].time - steps[0].time < 0.7 * motion.rolling_time:
+        if len(steps) < 3 or steps[-1].time - steps[0].time < 0.7 * motion.rolling_time:
             return None
         for plane in supporting_planes(
             environment, self.mean[POSITION], float(self.mean[RADIUS]), motion.support_distance
@@ -269,7 +288,8 @@ class TrackFilter:
             track.attitude = track.attitude.corrected(
                 detection, self._settings.angular_velocity_deviation, self._settings.tracking
             )
-        track.hits, track.misses, track.last_seen = track.hits + 1, 0, track.time
+        track.seen_time += min(track.time - track.last_seen, FRAME_TIME)
+        track.last_seen = track.time
 
     def _forget_velocity(self, track: Track, innovation: NDArray[np.float64]) -> None:
         """Something unmodelled moved it: the estimate of its velocity is void."""
@@ -304,5 +324,6 @@ def _rested(track: Track, duration: float, deviation: float) -> Prediction:
     transition[VELOCITY, VELOCITY] = 0.0
     covariance = transition @ track.covariance @ transition.T
     covariance[VELOCITY, VELOCITY] += deviation**2 * np.eye(3)
-    covariance[POSITION, POSITION] += (deviation * duration) ** 2 * np.eye(3)
+    # As much as at 30 Hz, whatever the frame rate.
+    covariance[POSITION, POSITION] += deviation**2 * duration * FRAME_TIME * np.eye(3)
     return Prediction(mean, covariance, transition)

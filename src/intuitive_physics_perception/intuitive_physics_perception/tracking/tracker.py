@@ -12,7 +12,9 @@ from intuitive_physics.shapes import Capsule
 from intuitive_physics_perception.detection.detections import Detection, kind_of
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.motion import POSITION, RADIUS, SIZE
-from intuitive_physics_perception.tracking.settings import TrackingSettings
+from intuitive_physics_perception.tracking.motion_fits import fitted_motion
+from intuitive_physics_perception.tracking.settings import TrackingSettings, lasting
+from intuitive_physics_perception.tracking.smoother import FilterStep
 from intuitive_physics_perception.tracking.track import (
     MEASURED,
     Track,
@@ -72,21 +74,20 @@ class Tracker:
         ----------
         time : s, later than that of the frame before
         """
-        weight = self._settings.tracking.newest_color
         ended = [track for track in self._tracks if self._is_lost(track, time)]
         self._tracks = [track for track in self._tracks if not self._is_lost(track, time)]
         self._carry_on(time)
         seen = self._matches(detections)
         for track in self._tracks:
             detection = seen.get(track.number)
-            if detection is None:
-                track.misses += 1
-            else:
+            if detection is not None:
+                unseen = time - track.last_seen
                 self._filter.correct(track, detection)
-                track.take_color(detection.color, weight)
+                fading = unseen / self._settings.tracking.color_time
+                track.take_color(detection.color, -float(np.expm1(-fading)))
                 settle(track, self._settings)
             track.close_step(detection)
-            track.resting = track.resting or self._has_come_to_rest(track)
+            self._follow_rest(track)
         taken = [id(detection) for detection in seen.values()]
         self._tracks += [
             self._new_track(time, detection)
@@ -130,11 +131,34 @@ class Tracker:
         spread_of_place = 3.0 * float(np.sqrt(np.trace(spread[:3, :3])))
         return self._settings.max_speed * duration + spread_of_place
 
+    def _follow_rest(self, track: Track) -> None:
+        """See whether a track comes to rest or leaves it."""
+        settings = self._settings
+        recent = _seen(track, 0.5 * settings.rest_time)
+        if len(recent) < 3 or not (track.resting or self._has_come_to_rest(track)):
+            return
+        times = np.array([step.time for step in recent])
+        found = [step.seen for step in recent if step.seen is not None]
+        motion, spread = fitted_motion(
+            times - times[0],
+            np.stack([one.center for one in found]),
+            np.stack([(one.covariance - one.systematic)[:3, :3] for one in found]),
+            np.zeros(3),
+        )
+        velocity, covariance = motion[3:], spread[3:, 3:]
+        speed = float(np.linalg.norm(velocity))
+        moves = velocity @ np.linalg.solve(covariance, velocity) > settings.tracking.leaving_gate
+        if not track.resting:
+            slow = speed < settings.tracking.resting_part * settings.rest_speed
+            track.resting = bool(slow or not moves)
+        elif moves and speed > settings.rest_speed:
+            track.leave_rest(float(times[0]), velocity, covariance)
+
     def _has_come_to_rest(self, track: Track) -> bool:
         """Whether it stayed, within noise and `rest_speed`, where it was for `rest_time`."""
         settings = self._settings
-        recent = [step for step in track.recent(settings.rest_time) if step.seen is not None]
-        if len(recent) < 4 or recent[-1].time - recent[0].time < 0.7 * settings.rest_time:
+        recent = _seen(track, settings.rest_time)
+        if len(recent) < 3 or recent[-1].time - recent[0].time < 0.7 * settings.rest_time:
             return False
         detections = [step.seen for step in recent if step.seen is not None]
         places = np.stack([detection.center for detection in detections])
@@ -144,7 +168,7 @@ class Tracker:
 
     def _is_lost(self, track: Track, time: float) -> bool:
         if not track.confirmed:
-            return track.misses > self._settings.tracking.tentative_misses
+            return time - track.last_seen > self._settings.tracking.tentative_time
         return time - track.last_seen > self._settings.coast_time
 
     def _is_end_of_capsule(self, detection: Detection) -> bool:
@@ -155,17 +179,22 @@ class Tracker:
         then nothing is learned from it."""
         return (
             track.kind == "sphere"
-            and track.misses >= self._settings.confirming_hits
+            and track.time - track.last_seen > lasting(self._settings.confirming_hits + 1)
             and is_in_capsule(track.mean[POSITION], self.tracks)
         )
 
     def _new_track(self, time: float, detection: Detection) -> Track:
         track = self._filter.begin(self.next_number, time, detection)
-        track.take_color(detection.color, self._settings.tracking.newest_color)
+        track.take_color(detection.color, 1.0)
         settle(track, self._settings)
         track.close_step(detection)
         self.next_number += 1
         return track
+
+
+def _seen(track: Track, duration: float) -> list[FilterStep]:
+    """Steps of the last `duration` s in which the object was seen, oldest first."""
+    return [step for step in track.recent(duration) if step.seen is not None]
 
 
 def cheapest_pairs(costs: NDArray[np.float64]) -> list[tuple[int, int]]:
@@ -216,11 +245,12 @@ def settle(track: Track, settings: PerceptionSettings) -> None:
 def _is_settled(track: Track, settings: PerceptionSettings) -> bool:
     """Whether it was seen often enough, and its radius distinguishes known objects."""
     deviation = np.sqrt(track.radius_variance)
-    return track.hits >= settings.confirming_hits and (
+    return track.seen_time >= lasting(settings.confirming_hits) and (
         not settings.known_objects
         or track.attitude is not None
         or 2.0 * deviation < settings.known_object_tolerance
-        or track.hits >= settings.tracking.recognition_patience * settings.confirming_hits
+        or track.seen_time
+        >= lasting(settings.tracking.recognition_patience * settings.confirming_hits)
     )
 
 

@@ -13,7 +13,8 @@ from intuitive_physics.shapes import Sphere
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import EpisodeRecorder, observations_of
-from intuitive_physics_perception.tracking.initial_state import Record, state_at
+from intuitive_physics_perception.tracking.free_motion import FreeMotion, Record
+from intuitive_physics_perception.tracking.initial_state import state_at
 from intuitive_physics_perception.tracking.tracker import Tracker
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
@@ -37,21 +38,25 @@ def record(rng, times, path, name="ball", noise=NOISE):
     )
 
 
+def state(seen, time):
+    return state_at(seen, time, FreeMotion(seen, FLOOR, SETTINGS.initial_state), SETTINGS)
+
+
 def test_the_initial_state_is_least_squares_with_gravity_known(rng, bounce) -> None:
     times = 5.0 + np.arange(0, 0.8, STEP)
     velocity = np.array([1.2, -0.4, 1.0])
     path = bounce(times - 5.0, (0, 0, 0.5), velocity, RADIUS)
     ratios = []
     for _ in range(60):
-        state = state_at(record(rng, times, path), 5.0, FLOOR, SETTINGS)
-        error = np.concatenate([state.position - path[0], state.linear_velocity - velocity])
+        found = state(record(rng, times, path), 5.0)
+        error = np.concatenate([found.position - path[0], found.linear_velocity - velocity])
         own = np.r_[0:3, 6:9]
-        ratios.append(error @ np.linalg.solve(state.covariance[np.ix_(own, own)], error) / 6.0)
+        ratios.append(error @ np.linalg.solve(found.covariance[np.ix_(own, own)], error) / 6.0)
         assert np.linalg.norm(error[3:]) < 0.05
     # An honest covariance: squared errors in variances are one on average.
     assert 0.7 < np.mean(ratios) < 1.5
-    assert np.diag(state.covariance)[9:] == pytest.approx(100.0)
-    assert np.diag(state.covariance)[3:6] == pytest.approx(0.0)
+    assert np.diag(found.covariance)[9:] == pytest.approx(100.0)
+    assert np.diag(found.covariance)[3:6] == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize("points", [3, 4, 5])
@@ -63,25 +68,23 @@ def test_the_stretch_ends_before_the_bounce(rng, bounce, points) -> None:
     start = np.array([0, 0, RADIUS + fall + 0.5 * 9.81 * fall**2])
     errors = []
     for _ in range(20):
-        state = state_at(
-            record(rng, times, bounce(times, start, velocity, RADIUS)), 0.0, FLOOR, SETTINGS
-        )
-        errors.append(state.linear_velocity - velocity)
+        found = state(record(rng, times, bounce(times, start, velocity, RADIUS)), 0.0)
+        errors.append(found.linear_velocity - velocity)
     assert np.abs(np.mean(errors, axis=0)).max() < 0.05
 
 
 def test_a_ball_that_rolls_has_no_falling_state(rng) -> None:
     times = np.arange(0, 1.0, STEP)
     path = np.column_stack([0.8 * times, 0 * times, np.full(times.size, RADIUS)])
-    state = state_at(record(rng, times, path), 0.0, FLOOR, SETTINGS)
-    assert state.linear_velocity == pytest.approx([0.8, 0, 0], abs=0.02)
+    found = state(record(rng, times, path), 0.0)
+    assert found.linear_velocity == pytest.approx([0.8, 0, 0], abs=0.02)
 
 
 def test_a_hand_that_carries_a_ball_gives_no_state(rng) -> None:
     times = np.arange(0, 1.0, STEP)
     path = np.column_stack([0.5 * times, 0.2 * np.sin(6 * times), 1.0 + 0 * times])
     seen = record(rng, times, path)
-    assert all(state_at(seen, time, FLOOR, SETTINGS) is None for time in times[:20])
+    assert all(state(seen, time) is None for time in times[:20])
 
 
 def test_an_observation_begins_when_the_hand_lets_go(rng, bounce) -> None:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics.scene import Environment, Plane
-from intuitive_physics_perception.tracking.motion import SIZE, predicted
+from intuitive_physics_perception.tracking.motion import SIZE, Prediction, predicted
 from intuitive_physics_perception.tracking.settings import MotionSettings
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
@@ -86,8 +86,30 @@ def test_a_ball_flies_past_a_table_and_bounces_below_it() -> None:
 
 
 def test_an_unknown_acceleration_widens_the_covariance() -> None:
+    # White noise: ∫ (T - t)² q dt of the place, with q of a constant acceleration over 1/30 s.
     _, covariance = predict(ball((0, 0, 1), (0, 0, 0)), 0.1, noise=2.0)
-    assert covariance[0, 0] == pytest.approx(1e-6 + 1e-4 + (2.0 * 0.1**2 / 2) ** 2)
+    assert covariance[0, 0] == pytest.approx(1e-6 + 1e-4 + 2.0**2 / 30 * 0.1**3 / 3)
+    assert covariance[3, 3] == pytest.approx(1e-2 + 2.0**2 / 30 * 0.1)
+
+
+@pytest.mark.parametrize("steps", [2, 3, 6])
+def test_short_steps_add_up_to_a_long_one(steps) -> None:
+    """What is known of a ball does not depend on how often it is looked at."""
+    start = ball((0, 0, 3), (1, -2, 0.5))
+    mean, covariance = predict(start, 0.1, noise=2.0)
+    part = Prediction(start, COVARIANCE, np.eye(SIZE))
+    for _ in range(steps):
+        part = predicted(
+            part.mean,
+            part.covariance,
+            0.1 / steps,
+            FLOOR,
+            restitution=0.6,
+            acceleration_noise=2.0,
+            motion=MotionSettings(),
+        )
+    assert part.mean == pytest.approx(mean)
+    assert part.covariance == pytest.approx(covariance, abs=1e-12)
 
 
 @given(

@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from intuitive_physics.scene import Environment, Plane
@@ -270,3 +272,57 @@ def test_balls_that_cross_behind_one_another_keep_their_names(rng) -> None:
             1: pytest.approx(speed, abs=0.15),
             2: pytest.approx(-speed, abs=0.15),
         }, trial
+
+
+@pytest.mark.parametrize("rate", [15, 30, 60, 90])
+@pytest.mark.parametrize("speed", [0.06, 0.1, 0.5])
+def test_a_ball_that_starts_slowly_from_rest_is_seen_to_move(rng, rate, speed) -> None:
+    """Within 0.4 s, though no single frame contradicts rest."""
+    times = np.arange(0, 3.0, 1.0 / rate)
+    along = np.maximum(times - 1.5, 0.0) * speed
+    tracker, found = Tracker(FLOOR, SETTINGS), []
+    for time, x in zip(times, along, strict=True):
+        tracker.update(float(time), [seen(rng, (x, 0.2, 0.05))])
+        (track,) = tracker.tracks or [None]
+        if 1.0 < time < 1.5:
+            assert track.resting
+        if time > 1.9:
+            assert not track.resting
+            off = track.mean[3:6] - [speed, 0, 0]
+            assert off @ np.linalg.solve(track.covariance[3:6, 3:6], off) < 25.0
+            found.append(track.mean[3:6])
+    assert np.mean(found, axis=0) == pytest.approx([speed, 0, 0], abs=0.015)
+    assert 1.2 < track.moving_since < 1.8
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), rate=st.floats(15.0, 90.0), noise=st.floats(0.0003, 0.008))
+def test_a_ball_at_rest_stays_at_rest_whatever_the_noise(seed, rate, noise) -> None:
+    rng = np.random.default_rng(seed)
+    tracker = Tracker(FLOOR, SETTINGS)
+    for time in np.arange(0, 4.0, 1.0 / rate):
+        tracker.update(float(time), [seen(rng, (0.3, 0.2, 0.5), noise=noise)])
+        if time > 1.2:
+            assert [track.resting for track in tracker.tracks] == [True]
+
+
+@pytest.mark.parametrize("rate", [15, 30, 60, 90])
+def test_an_object_is_one_after_the_same_time_at_every_frame_rate(rng, rate) -> None:
+    tracker, times = Tracker(FLOOR, SETTINGS), np.arange(0, 0.5, 1.0 / rate)
+    known = []
+    for time in times:
+        tracker.update(float(time), [seen(rng, (0.3, 0.2, 0.5))])
+        known.append(bool(tracker.tracks))
+    # Three frames at 30 Hz last 67 ms; a slower camera needs as many.
+    assert times[known.index(True)] == pytest.approx(max(2 / 30, 2 / rate), abs=0.018)
+
+
+@pytest.mark.parametrize("rate", [30, 60, 90])
+def test_a_suggestion_that_is_not_seen_again_is_given_up_after_the_same_time(rng, rate) -> None:
+    tracker = Tracker(FLOOR, SETTINGS)
+    tracker.update(0.0, [seen(rng, (0.3, 0.2, 0.5))])
+    for time in np.arange(1.0 / rate, 0.2, 1.0 / rate):
+        tracker.update(float(time), [])
+    for k in range(rate // 5):
+        tracker.update(0.2 + k / rate, [seen(rng, (0.3, 0.2, 0.5))])
+    assert [track.number for track in tracker.tracks] == [2]

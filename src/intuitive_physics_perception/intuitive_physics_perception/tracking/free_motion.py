@@ -1,0 +1,324 @@
+"""Where in a record only gravity and planes act on an object: stretches of free motion.
+
+A stretch is a matter of evidence. Its points fit the acceleration of flight, or of sliding on the
+planes that the object touches, and they could tell that acceleration from none. It begins where
+"anything a hand may do before, free motion from here on" is most likely of all points, and ends
+where the next point contradicts it, the first sign of a bounce.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.scene import Environment, Plane, SceneObject
+from intuitive_physics_perception.tracking.attitude import Attitude
+from intuitive_physics_perception.tracking.motion import (
+    downward,
+    supported_acceleration,
+    supporting_planes,
+)
+from intuitive_physics_perception.tracking.motion_fits import (
+    fitted_motion,
+    free_evidence,
+    grown_count,
+    noise_factor,
+    release_point,
+)
+from intuitive_physics_perception.tracking.settings import InitialStateSettings
+
+SAME_TIME = 1e-9
+"""s by which times of one frame may differ: numerical."""
+
+RELEASE_ITERATIONS = 4
+"""How often beginning and end of a stretch are improved in turn at most: mostly once is enough."""
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Detections of one object.
+
+    Parameters
+    ----------
+    object : what it is
+    times : (n,) s, strictly increasing
+    positions : (n, 3) m, of the centre in the environment's frame
+    covariances : (n, 3, 3) m², of the error that each has of its own
+    bias : (3, 3) m², covariance of the error that is the same in all
+    attitudes : of each, how a box or capsule lies and turns as far as was known then; None of a
+        sphere
+    path_times, path_positions : (m,) s and (m, 3) m, the same motion in the light of all frames
+    """
+
+    object: SceneObject
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+    bias: NDArray[np.float64]
+    attitudes: tuple[Attitude, ...] | None
+    path_times: NDArray[np.float64]
+    path_positions: NDArray[np.float64]
+
+    def between(self, start: float, end: float) -> Record:
+        """Return the part with start ≤ time < end."""
+        inside = (self.times >= start) & (self.times < end)
+        on_path = (self.path_times >= start) & (self.path_times < end)
+        return Record(
+            self.object,
+            self.times[inside],
+            self.positions[inside],
+            self.covariances[inside],
+            self.bias,
+            _chosen(self.attitudes, inside),
+            self.path_times[on_path],
+            self.path_positions[on_path],
+        )
+
+    def covariance_at(self, k: int) -> NDArray[np.float64]:
+        """Return the covariance (3, 3) in m² of the whole error of point k."""
+        return self.covariances[k] + self.bias
+
+    @property
+    def travel(self) -> float:
+        """Largest distance in m from the first position."""
+        if not len(self.times):
+            return 0.0
+        return float(np.linalg.norm(self.positions - self.positions[0], axis=1).max())
+
+
+def _chosen(
+    attitudes: tuple[Attitude, ...] | None, which: NDArray[np.bool_]
+) -> tuple[Attitude, ...] | None:
+    if attitudes is None:
+        return None
+    return tuple(attitudes[k] for k in np.flatnonzero(which))
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Points of a record that move freely, start to end (exclusive).
+
+    Parameters
+    ----------
+    start, end : indices
+    time : s of the first point
+    mean, covariance : (6,) and (6, 6) of position (m) and velocity (m/s) at `time`
+    acceleration : (3,) m/s², the same all the time
+    plane : that carried the object; None in flight
+    goes_on : whether no point contradicts it: it is only too long, or the record ends
+    """
+
+    start: int
+    end: int
+    time: float
+    mean: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    plane: Plane | None
+    goes_on: bool
+
+    def at(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (6,) and (6, 6) of position and velocity at a time in s."""
+        since = time - self.time
+        onward = np.eye(6)
+        onward[:3, 3:] = since * np.eye(3)
+        gained = np.concatenate([0.5 * since**2 * self.acceleration, since * self.acceleration])
+        return onward @ self.mean + gained, onward @ self.covariance @ onward.T
+
+
+@dataclass(frozen=True, eq=False)
+class _Growth:
+    """How far a stretch goes.
+
+    Parameters
+    ----------
+    end : index after its last point
+    expected : (3,) m, where the first point was expected that contradicts those before; None
+        without one
+    contact : index of that point
+    """
+
+    end: int
+    expected: NDArray[np.float64] | None
+    contact: int = -1
+
+
+class FreeMotion:
+    """Finds the stretches of a record in which only gravity and planes act on the object.
+
+    It looks no further than it is asked about.
+
+    Parameters
+    ----------
+    record : what was seen of the object
+    environment : it moved in
+    fit : tuned numbers
+    """
+
+    def __init__(self, record: Record, environment: Environment, fit: InitialStateSettings) -> None:
+        self._record = record
+        self._environment = environment
+        self._fit = fit
+        self._noise = record.covariances * noise_factor(
+            record.times, record.positions, record.covariances, fit.noise_window
+        )
+        self._found: list[Stretch] = []
+        self._looked = 0
+
+    def stretch_at(self, time: float) -> Stretch | None:
+        """Return the stretch that holds a time in s, None where there is none."""
+        times = self._record.times
+        while self._looked < len(times) and times[self._looked] <= time + SAME_TIME:
+            found = self._next(self._looked)
+            self._looked = len(times) if found is None else found.end
+            if found is not None:
+                self._found.append(found)
+        for stretch in self._found:
+            if stretch.time <= time + SAME_TIME and times[stretch.end - 1] >= time:
+                return stretch
+        return None
+
+    def _next(self, first: int) -> Stretch | None:
+        """The first stretch that begins at point `first` or later."""
+        if self._found and self._found[-1].goes_on:
+            before = self._found[-1]
+            further = self._grown(first, before.acceleration)
+            if further.end - first >= self._fit.min_points:
+                return self._stretch(first, further, before.plane, before.acceleration)
+        for start in range(first, len(self._record.times) - self._fit.min_points + 1):
+            sure = [
+                (grown, plane, acceleration)
+                for plane, acceleration in self._accelerations(start)
+                if (grown := self._sure_growth(start, plane, acceleration)) is not None
+            ]
+            if sure:
+                found = self._from_its_release(first, start, *max(sure, key=lambda one: one[0].end))
+                if self._evidence(found) > self._fit.touching_evidence:
+                    return found
+        return None
+
+    def _from_its_release(
+        self,
+        first: int,
+        start: int,
+        grown: _Growth,
+        plane: Plane | None,
+        acceleration: NDArray[np.float64],
+    ) -> Stretch:
+        """A stretch that was found, from where all else ceased to move the object.
+
+        As the beginning moves, so may the end, hence both are found in turn until they stay.
+        """
+        record = self._record
+        earliest = int(np.searchsorted(record.times, record.times[start] - self._fit.hand_memory))
+        for _ in range(RELEASE_ITERATIONS):
+            part = slice(max(first, earliest), grown.end)
+            start = part.start + release_point(
+                record.times[part],
+                record.positions[part],
+                self._noise[part],
+                acceleration,
+                part.start == 0,
+                self._fit,
+            )
+            further = self._grown(start, acceleration)
+            if further.end <= grown.end:
+                break
+            grown = further
+        return self._stretch(start, grown, plane, acceleration)
+
+    def _stretch(
+        self, start: int, grown: _Growth, plane: Plane | None, acceleration: NDArray[np.float64]
+    ) -> Stretch:
+        record, points = self._record, slice(start, grown.end)
+        mean, covariance = fitted_motion(
+            record.times[points] - record.times[start],
+            record.positions[points],
+            self._noise[points],
+            acceleration,
+        )
+        covariance[:3, :3] += record.bias
+        return Stretch(
+            start,
+            grown.end,
+            float(record.times[start]),
+            mean,
+            covariance,
+            acceleration,
+            plane,
+            grown.expected is None,
+        )
+
+    def _evidence(self, stretch: Stretch) -> float:
+        points = slice(stretch.start, stretch.end)
+        return free_evidence(
+            self._record.times[points],
+            self._record.positions[points],
+            self._noise[points],
+            stretch.acceleration,
+            self._fit.hand_acceleration,
+        )
+
+    def _accelerations(self, start: int) -> list[tuple[Plane | None, NDArray[np.float64]]]:
+        """Flight, and sliding where the ball touches planes; with the first plane that carries
+        it."""
+        noise = float(np.sqrt(np.trace(self._record.covariance_at(start))))
+        touched = supporting_planes(
+            self._environment,
+            self._record.positions[start],
+            _height(self._record, start, self._environment),
+            self._fit.touch_sigmas * noise + self._fit.touch_slack,
+        )
+        found: list[tuple[Plane | None, NDArray[np.float64]]] = [(None, self._environment.gravity)]
+        if touched:
+            found.append((touched[0], supported_acceleration(self._environment, touched)))
+        return found
+
+    def _grown(self, start: int, acceleration: NDArray[np.float64]) -> _Growth:
+        """Grow a stretch from `start` until a point shows a contact or it is long enough."""
+        fit, times = self._fit, self._record.times
+        stop = int(np.searchsorted(times, times[start] + fit.max_duration, side="right"))
+        points = slice(start, stop)
+        if stop - start < fit.min_points:
+            return _Growth(start, None)
+        count, expected = grown_count(
+            times[points] - times[start],
+            self._record.positions[points] - self._record.positions[start],
+            self._noise[points],
+            acceleration,
+            fit,
+        )
+        if expected is None:
+            return _Growth(start + count, None)
+        # The bounce may have begun before the point that shows it.
+        kept = count - 1 if count > fit.min_points + 1 else count
+        return _Growth(start + kept, self._record.positions[start] + expected, start + count)
+
+    def _sure_growth(
+        self, start: int, plane: Plane | None, acceleration: NDArray[np.float64]
+    ) -> _Growth | None:
+        """The stretch from `start`; None where the points may as well have moved otherwise."""
+        grown = self._grown(start, acceleration)
+        if grown.end - start < self._fit.min_points:
+            return None
+        touches = plane is not None or (
+            grown.expected is not None and self._touches(grown.contact, grown.expected)
+        )
+        needed = self._fit.touching_evidence if touches else self._fit.sure_evidence
+        found = self._stretch(start, grown, plane, acceleration)
+        return grown if self._evidence(found) > needed else None
+
+    def _touches(self, k: int, position: NDArray[np.float64]) -> bool:
+        """Whether a ball expected at `position` at point k would have met a plane by then."""
+        reach = self._record.object.shape.bounding_radius + self._fit.touch_slack
+        reach += self._fit.touch_sigmas * float(np.sqrt(np.trace(self._record.covariance_at(k))))
+        return any(plane.signed_distances(position) < reach for plane in self._environment.planes)
+
+
+def _height(record: Record, k: int, environment: Environment) -> float:
+    """m of the centre above the lowest point, at point k."""
+    if record.attitudes is None:
+        return record.object.shape.bounding_radius
+    return record.attitudes[k].reach(downward(environment))

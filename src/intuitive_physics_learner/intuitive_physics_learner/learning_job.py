@@ -10,15 +10,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from intuitive_physics.errors import SimulationStoppedError
 from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.simulation.stop_flag import StopFlag
+from intuitive_physics_learner.errors import LearningCancelledError
 from intuitive_physics_learner.learning_session import LearningResult
 from intuitive_physics_learner.search.convergence import SearchProgress
 
 REPORT_PERIOD = 0.1
 """s between two calls of `on_change` at least, except for the last."""
 
-Work = Callable[[Callable[[SearchProgress], None], Callable[[], bool]], LearningResult]
-"""Takes `on_progress` and `cancelled`, as `learn_from_store` does."""
+Work = Callable[[Callable[[SearchProgress], None], StopFlag], LearningResult]
+"""Takes `on_progress`, as `learn_from_store` does, and a flag that its simulations stop by."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ class LearningJob:
     def __init__(self, work: Work, on_change: Callable[[], None]) -> None:
         self._work = work
         self._on_change = on_change
-        self._cancelled = threading.Event()
+        self._stop = StopFlag()
         self._outcome: Future[LearningResult] = Future()
         self._lock = threading.Lock()
         self._progress = JobProgress(0, np.inf, (), np.inf)
@@ -77,8 +80,8 @@ class LearningJob:
         return self._progress.iteration
 
     def cancel(self) -> None:
-        """Make it stop after the present batch of candidates."""
-        self._cancelled.set()
+        """Make it stop, in the midst of a simulation too."""
+        self._stop.set()
 
     def stop(self, timeout: float) -> bool:
         """Cancel, wait up to `timeout` s, and return whether it has ended."""
@@ -107,7 +110,10 @@ class LearningJob:
 
     def _run(self) -> None:
         try:
-            result = self._work(self._on_progress, self._cancelled.is_set)
+            result = self._work(self._on_progress, self._stop)
+        except SimulationStoppedError:
+            self._ended = time.monotonic()
+            self._outcome.set_exception(LearningCancelledError())
         except Exception as error:
             # `result` raises it in the caller's thread.
             self._ended = time.monotonic()

@@ -75,8 +75,8 @@ class LearnerNode(Node):
         )
         self._suggestions = SuggestionService(
             self,
-            lambda request, cancelled: suggest_from_store(
-                self._store, self._simulator, request, cancelled=cancelled
+            lambda request, stop: suggest_from_store(
+                self._store, self._simulator.stopped_by(stop), request, cancelled=stop.is_set
             ),
         )
         self._observations = ObservationServices(
@@ -158,12 +158,12 @@ class LearnerNode(Node):
             self._run_background()
 
     def _work(self, options: LearningOptions) -> Work:
-        return lambda on_progress, cancelled: learn_from_store(
+        return lambda on_progress, stop: learn_from_store(
             self._store,
-            self._simulator,
+            self._simulator.stopped_by(stop),
             options,
             on_progress=on_progress,
-            cancelled=cancelled,
+            cancelled=stop.is_set,
             make_cost=self._make_cost,
         )
 

@@ -198,7 +198,7 @@ class ObservationServices:
 
         async def on_request(request: Any, response: Any) -> Any:
             try:
-                changed = await self._background.run(lambda: answer(request, response))
+                changed = await self._background.run(lambda _: answer(request, response))
                 response.result = ok_result()
                 if changed:
                     self._on_changed()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,6 +14,7 @@ from intuitive_physics.scene import Scene
 from intuitive_physics.settings import check_settings, choice, number, other
 from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS, Simulator, make_simulator
 from intuitive_physics.simulation.contact_noise import LARGEST_TILT, ContactNoise
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics.state import ERROR_SIZE
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
@@ -133,6 +135,12 @@ class PredictionSettings:
         times.flags.writeable = False
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "simulator", make_simulator(options.simulator, options.threads))
+
+    def stopped_by(self, flag: StopFlag) -> PredictionSettings:
+        """Return the same settings whose simulations end once the flag is set."""
+        made = copy(self)
+        object.__setattr__(made, "simulator", self.simulator.stopped_by(flag))
+        return made
 
     def uncertain_parameters(
         self, learned: LearnedParameters | None, materials: tuple[str, ...]

@@ -32,6 +32,7 @@ from intuitive_physics_predictor.nodes.messages import (
 )
 from intuitive_physics_predictor.nodes.services import PredictionServices
 from intuitive_physics_predictor.nodes.ticks import PredictionTicks
+from intuitive_physics_ros.background import RequestLimits
 from intuitive_physics_ros.conversions import static_parameters_from_message
 from intuitive_physics_ros.diagnostics import Diagnostics
 from intuitive_physics_ros.markers import distribution_markers
@@ -65,6 +66,7 @@ PARAMETERS = [
         read_only=False,
     ),
     Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0), read_only=False),
+    *setting_parameters(RequestLimits, read_only=False),
     *setting_parameters(PredictionOptions, read_only=False),
 ]
 """Parameters of the node: the library's options, and those that only a node needs."""

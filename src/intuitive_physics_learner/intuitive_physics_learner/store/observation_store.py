@@ -18,8 +18,17 @@ from pathlib import Path
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.observation import Observation, save_observation
-from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
+from intuitive_physics.limits import check_limit, limits
+from intuitive_physics.observation import (
+    Observation,
+    observation_materials,
+    save_observation,
+)
+from intuitive_physics_learner.errors import (
+    DatabaseBusyError,
+    StorageError,
+    UnreadableVersionError,
+)
 from intuitive_physics_learner.store.database import Database
 from intuitive_physics_learner.store.observation_entries import (
     DOUBTFUL,
@@ -50,6 +59,12 @@ LARGEST_SEARCH_COUNT = 8
 CHUNK = 256
 """Observations read together: some MB of text, and few enough reads."""
 
+TOO_MANY_MATERIALS = (
+    "its {} materials are too many together with those of earlier observations; delete it, or "
+    "raise the limit most_materials"
+)
+"""Reason why an observation is set aside when a database is opened."""
+
 EXCLUDED_BY_USER = "excluded by the user"
 """Reason of an exclusion for which none is given."""
 
@@ -73,6 +88,12 @@ class ObservationStore:
     def __init__(self, path: str | os.PathLike[str], busy_timeout: float | None = None) -> None:
         self._database = Database(path, busy_timeout)
         self.path = self._database.path
+        self._unreadable_versions: dict[int, str] = {}
+        try:
+            self._set_excess_aside()
+        except BaseException:
+            self._database.close()
+            raise
 
     def __enter__(self) -> ObservationStore:
         return self
@@ -97,6 +118,13 @@ class ObservationStore:
         bool
             False when one with this id, or another measurement of the same frames
             (`Observation.same_motion`), was stored before; then nothing changes.
+
+        Raises
+        ------
+        InvalidInputError
+            When it could not be read again, or there would be too many materials (`limits`).
+        StorageError
+            When the file cannot be written.
         """
         return self.add_all([observation]) == 1
 
@@ -114,9 +142,12 @@ class ObservationStore:
             if not any(other.same_motion(one) for other in same):
                 fresh.append(span)
         rows = [
-            (one.id, time.time(), one.to_json()) for one in (span.observation for span in fresh)
+            (one.id, time.time(), _readable_text(one))
+            for one in (span.observation for span in fresh)
         ]
+        materials = observation_materials([span.observation for span in fresh])
         with self._database.writing() as connection:
+            self._check_materials(connection, materials)
             return sum(insert_observation(connection, row) for row in rows)
 
     def count(self, status: str | None = None) -> int:
@@ -334,10 +365,19 @@ class ObservationStore:
             with self._database.writing() as connection:
                 for entry, text in readable:
                     renew_entry(connection, entry.id, text)
+            self._set_excess_aside()
         return self.entries(statuses=[UNREADABLE])
 
     def add_parameters(self, learned: LearnedParameters) -> LearnedParameters:
-        """Store θ_s as the next version and return it with its version."""
+        """Store θ_s as the next version and return it with its version.
+
+        Raises
+        ------
+        InvalidInputError
+            When there would be too many materials (`limits`).
+        StorageError
+            When the file cannot be written.
+        """
         while True:
             stored = self.add_improvement(learned, on=self.newest_version())
             if stored is not None:
@@ -350,6 +390,7 @@ class ObservationStore:
         with self._database.writing() as connection:
             if _newest_version(connection) != on:
                 return None
+            self._check_materials(connection, learned.materials)
             _insert_version(connection, numbered.version, text)
         return numbered
 
@@ -393,9 +434,29 @@ class ObservationStore:
             return _newest_version(connection)
 
     def newest_parameters(self) -> LearnedParameters | None:
-        """Return θ_s of the highest version; None when nothing was learned yet."""
-        newest = self.newest_version()
-        return None if newest == 0 else self.parameters(newest)
+        """Return θ_s of the highest version; None when nothing was learned yet.
+
+        Where that cannot be read it is left as it is (`unreadable_versions`), and the newest that
+        can be read takes its place and its number.
+        """
+        with self._database.reading() as connection:
+            rows = connection.execute(
+                "SELECT version FROM learned_parameters ORDER BY version DESC"
+            )
+            versions = [int(row[0]) for row in rows]
+        for version in versions:
+            if version in self._unreadable_versions:
+                continue
+            try:
+                return replace(self.parameters(version), version=versions[0])
+            except UnreadableVersionError as error:
+                self._unreadable_versions[version] = str(error)
+        return None
+
+    @property
+    def unreadable_versions(self) -> dict[int, str]:
+        """Versions of θ_s that were found to be unreadable so far, and why."""
+        return dict(self._unreadable_versions)
 
     def parameters(self, version: int) -> LearnedParameters:
         """Return θ_s of one version.
@@ -455,6 +516,46 @@ class ObservationStore:
         with self._database.writing() as connection:
             connection.execute("DELETE FROM searches WHERE key = ?", (key,))
 
+    def _check_materials(self, connection: sqlite3.Connection, materials: Sequence[str]) -> None:
+        """Refuse new materials when there would be too many, observed and learned together."""
+        known = {row[0] for row in connection.execute("SELECT name FROM observed_materials")}
+        new = set(materials) - known
+        if not new:
+            return
+        newest = self.newest_parameters()
+        known |= set() if newest is None else set(newest.materials)
+        if new - known:
+            check_limit(
+                "most_materials", len(known | new), f"materials of {self.path} together with these"
+            )
+
+    def _set_excess_aside(self) -> None:
+        """Set observations aside by which there are more materials than may be, the latest first.
+
+        An older version of this program may have stored them.
+        """
+        with self._database.reading() as connection:
+            count = connection.execute("SELECT COUNT(*) FROM observed_materials").fetchone()[0]
+            if count <= limits().most_materials:
+                return
+            rows = connection.execute(
+                "SELECT id, materials FROM observation_entries ORDER BY number"
+            ).fetchall()
+        taken: set[str] = set()
+        aside = []
+        for name, materials in rows:
+            own = set(json.loads(materials))
+            if len(taken | own) > limits().most_materials:
+                aside.append((UNREADABLE, TOO_MANY_MATERIALS.format(len(own)), name))
+            else:
+                taken |= own
+        with self._database.writing() as connection:
+            connection.executemany(
+                "UPDATE observation_entries SET status = ?, weight = 0.0, reason = ?, "
+                "materials = '[]' WHERE id = ?",
+                aside,
+            )
+
     def _set_status(self, ids: Sequence[str], status: str, weight: float, reason: str) -> int:
         with self._database.writing() as connection:
             check_ids(connection, ids)
@@ -499,12 +600,28 @@ class ObservationStore:
 
     def _parameters(self, version: int, text: str) -> LearnedParameters:
         try:
+            check_limit("longest_text", len(text), "characters of the text")
             return LearnedParameters.from_dict(json.loads(text))
-        except (InvalidInputError, json.JSONDecodeError) as error:
-            raise StorageError(
+        except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+            raise UnreadableVersionError(
                 f"{self.path}: version {version} of the learned parameters cannot be read "
                 f"({error}); delete its row"
             ) from None
+
+
+def _readable_text(observation: Observation) -> str:
+    """Return the JSON text of an observation, which the next start can read.
+
+    Raises
+    ------
+    InvalidInputError
+        When it cannot be read.
+    """
+    text = observation.to_json()
+    read = parsed_observation(text)
+    if not isinstance(read, Observation):
+        raise InvalidInputError(f"observation could not be read from the database again: {read}")
+    return text
 
 
 def _insert_version(connection: sqlite3.Connection, version: int, text: str) -> None:

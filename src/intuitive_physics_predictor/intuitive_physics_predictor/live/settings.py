@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.limits import check_limit
 from intuitive_physics.scene import Scene
 from intuitive_physics.settings import check_settings, choice, number, other
 from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS, Simulator, make_simulator
@@ -148,9 +149,17 @@ class PredictionSettings:
         """Return the distribution of θ_s of what was learned and of these materials.
 
         A material without learned parameters may have any.
+
+        Raises
+        ------
+        InvalidInputError
+            When there are too many materials (`limits`).
         """
+        if learned is None:
+            check_limit("most_materials", len(materials), "materials in the scene")
         known = learned or LearnedParameters.defaults(materials)
         union = tuple(dict.fromkeys((*known.materials, *materials)))
+        check_limit("most_materials", len(union), "materials, learned and in the scene")
         return self.options.noise_scales.parameters(known.extended(union))
 
     def prepare(self, scene: Scene, parameters: UncertainParameters) -> PreparedScene:

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.limits import check_limit, limits
+from intuitive_physics.limits import check_limit
 from intuitive_physics.observation import (
     Observation,
     observation_materials,
@@ -45,11 +45,14 @@ from intuitive_physics_learner.store.observation_rows import (
     CANDIDATES,
     ObservationSpan,
     check_ids,
+    excess_observations,
     insert_observation,
     list_entries,
     overlapping_texts,
+    readable_text,
     renew_entry,
     set_status,
+    set_unreadable,
 )
 from intuitive_physics_learner.store.search_checkpoint import SearchCheckpoint
 
@@ -58,12 +61,6 @@ LARGEST_SEARCH_COUNT = 8
 
 CHUNK = 256
 """Observations read together: some MB of text, and few enough reads."""
-
-TOO_MANY_MATERIALS = (
-    "its {} materials are too many together with those of earlier observations; delete it, or "
-    "raise the limit most_materials"
-)
-"""Reason why an observation is set aside when a database is opened."""
 
 EXCLUDED_BY_USER = "excluded by the user"
 """Reason of an exclusion for which none is given."""
@@ -141,11 +138,9 @@ class ObservationStore:
             same = (*self._stored_near(span), *(other.observation for other in near))
             if not any(other.same_motion(one) for other in same):
                 fresh.append(span)
-        rows = [
-            (one.id, time.time(), _readable_text(one))
-            for one in (span.observation for span in fresh)
-        ]
-        materials = observation_materials([span.observation for span in fresh])
+        new = [span.observation for span in fresh]
+        rows = [(one.id, time.time(), readable_text(one)) for one in new]
+        materials = observation_materials(new)
         with self._database.writing() as connection:
             self._check_materials(connection, materials)
             return sum(insert_observation(connection, row) for row in rows)
@@ -529,33 +524,6 @@ class ObservationStore:
                 "most_materials", len(known | new), f"materials of {self.path} together with these"
             )
 
-    def _set_excess_aside(self) -> None:
-        """Set observations aside by which there are more materials than may be, the latest first.
-
-        An older version of this program may have stored them.
-        """
-        with self._database.reading() as connection:
-            count = connection.execute("SELECT COUNT(*) FROM observed_materials").fetchone()[0]
-            if count <= limits().most_materials:
-                return
-            rows = connection.execute(
-                "SELECT id, materials FROM observation_entries ORDER BY number"
-            ).fetchall()
-        taken: set[str] = set()
-        aside = []
-        for name, materials in rows:
-            own = set(json.loads(materials))
-            if len(taken | own) > limits().most_materials:
-                aside.append((UNREADABLE, TOO_MANY_MATERIALS.format(len(own)), name))
-            else:
-                taken |= own
-        with self._database.writing() as connection:
-            connection.executemany(
-                "UPDATE observation_entries SET status = ?, weight = 0.0, reason = ?, "
-                "materials = '[]' WHERE id = ?",
-                aside,
-            )
-
     def _set_status(self, ids: Sequence[str], status: str, weight: float, reason: str) -> int:
         with self._database.writing() as connection:
             check_ids(connection, ids)
@@ -584,19 +552,20 @@ class ObservationStore:
         return [one for one in found if isinstance(one, Observation)]
 
     def _mark_unreadable(self, found: Sequence[tuple[ObservationEntry, InvalidInputError]]) -> None:
-        rows = [
-            (UNREADABLE, str(error), entry.id)
-            for entry, error in found
-            if entry.status != UNREADABLE
-        ]
-        if not rows:
-            return
+        rows = [(entry.id, str(error)) for entry, error in found if entry.status != UNREADABLE]
         # It is marked the next time it is read if another process writes now.
-        with suppress(DatabaseBusyError), self._database.writing() as connection:
-            connection.executemany(
-                "UPDATE observation_entries SET status = ?, weight = 0.0, reason = ? WHERE id = ?",
-                rows,
-            )
+        with suppress(DatabaseBusyError):
+            self._write_unreadable(rows)
+
+    def _set_excess_aside(self) -> None:
+        with self._database.reading() as connection:
+            found = excess_observations(connection)
+        self._write_unreadable(found)
+
+    def _write_unreadable(self, found: Sequence[tuple[str, str]]) -> None:
+        if found:
+            with self._database.writing() as connection:
+                set_unreadable(connection, found)
 
     def _parameters(self, version: int, text: str) -> LearnedParameters:
         try:
@@ -607,21 +576,6 @@ class ObservationStore:
                 f"{self.path}: version {version} of the learned parameters cannot be read "
                 f"({error}); delete its row"
             ) from None
-
-
-def _readable_text(observation: Observation) -> str:
-    """Return the JSON text of an observation, which the next start can read.
-
-    Raises
-    ------
-    InvalidInputError
-        When it cannot be read.
-    """
-    text = observation.to_json()
-    read = parsed_observation(text)
-    if not isinstance(read, Observation):
-        raise InvalidInputError(f"observation could not be read from the database again: {read}")
-    return text
 
 
 def _insert_version(connection: sqlite3.Connection, version: int, text: str) -> None:

@@ -181,9 +181,10 @@ def predict_scene(
     PredictionFailedError, UnsupportedSceneError
         As `noisy_newton.predict`.
     """
+    parameters = settings.uncertain_parameters(learned, scene.materials)
     # Noise makes perceived objects overlap; a requested scene should not.
     check_overlaps([scene], pack_worlds([scene], StaticParameters.uniform(scene.materials)))
-    prepared = settings.prepare(scene, settings.uncertain_parameters(learned, scene.materials))
+    prepared = settings.prepare(scene, parameters)
     distribution = settings.predict(
         prepared,
         increasing_times(times, "times"),

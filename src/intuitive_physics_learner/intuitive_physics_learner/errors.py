@@ -48,6 +48,10 @@ class LearningCancelledError(IntuitivePhysicsError):
         super().__init__(message)
 
 
+class SupersededError(IntuitivePhysicsError):
+    """θ_s was set by others while it was learned; what was learned was not stored."""
+
+
 class IncompatibleEnvironmentError(UnsupportedSceneError):
     """The simulator cannot express the environment in which an observation was made."""
 

@@ -55,6 +55,7 @@ class LearningJob:
         self._work = work
         self._on_change = on_change
         self._stop = StopFlag()
+        self._why = ""
         self._outcome: Future[LearningResult] = Future()
         self._lock = threading.Lock()
         self._progress = JobProgress(0, np.inf, (), np.inf)
@@ -63,6 +64,16 @@ class LearningJob:
         self._ended: float | None = None
         self._thread = threading.Thread(target=self._run, name="learning", daemon=True)
         self._thread.start()
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether it was told to stop."""
+        return self._stop.is_set()
+
+    @property
+    def cancellation(self) -> LearningCancelledError:
+        """What is raised in place of a result once it was told to stop."""
+        return LearningCancelledError(self._why) if self._why else LearningCancelledError()
 
     @property
     def done(self) -> bool:
@@ -79,8 +90,14 @@ class LearningJob:
         """Evaluations of J so far."""
         return self._progress.iteration
 
-    def cancel(self) -> None:
-        """Make it stop, in the midst of a simulation too."""
+    def cancel(self, why: str = "") -> None:
+        """Make it stop, in the midst of a simulation too.
+
+        Parameters
+        ----------
+        why : in the error that `result` raises then; the first reason counts
+        """
+        self._why = self._why or why
         self._stop.set()
 
     def stop(self, timeout: float) -> bool:
@@ -111,9 +128,9 @@ class LearningJob:
     def _run(self) -> None:
         try:
             result = self._work(self._on_progress, self._stop)
-        except SimulationStoppedError:
+        except (SimulationStoppedError, LearningCancelledError):
             self._ended = time.monotonic()
-            self._outcome.set_exception(LearningCancelledError())
+            self._outcome.set_exception(self.cancellation)
         except Exception as error:
             # `result` raises it in the caller's thread.
             self._ended = time.monotonic()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,6 +18,7 @@ from rclpy.task import Future
 from intuitive_physics.settings import check_settings, list_settings, number
 from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics_ros.result_codes import RefusedError
+from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,7 @@ class Background:
         self._name = name
         self._changed = threading.Condition()
         self._waiting: deque[_Request] = deque()
+        self._posted: dict[Hashable, Callable[[], None]] = {}
         self._under_way: _Request | None = None
         self._stopping = False
         # Made with the first work: daemons, so that a process can end whatever they do.
@@ -124,6 +126,20 @@ class Background:
             raise request.error
         return request.answer
 
+    def post(self, work: Callable[[], None], key: Hashable) -> None:
+        """Have the node's own work done before the requests that wait; nobody waits for it.
+
+        Parameters
+        ----------
+        work : what it raises is reported by `unexpected_errors`
+        key : work of the same key that was not begun yet is dropped
+        """
+        with self._changed:
+            if not self._stopping:
+                self._posted[key] = work
+                self._start()
+                self._changed.notify_all()
+
     def stop(self, patience: float = 1.0) -> bool:
         """Cancel all work; return whether what was under way has ended within `patience` s."""
         with self._changed:
@@ -148,15 +164,27 @@ class Background:
         while True:
             with self._changed:
                 self._under_way = None
-                self._changed.wait_for(lambda: self._waiting or self._stopping)
-                if not self._waiting:
-                    return
-                request = self._under_way = self._waiting.popleft()
+                self._changed.wait_for(lambda: self._waiting or self._posted or self._stopping)
+                posted, self._posted = [*self._posted.values()], {}
+                if not posted:
+                    if not self._waiting:
+                        return
+                    request = self._under_way = self._waiting.popleft()
+            if posted:
+                for own in posted:
+                    self._do_own(own)
+                continue
             try:
                 answer, error = request.work(request.stop), None
             except BaseException as raised:
                 answer, error = None, raised
             self._end(request, answer, error)
+
+    def _do_own(self, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except Exception as error:
+            unexpected_errors(self._node).report(error, self._name)
 
     def _watch(self) -> None:
         """Refuse what lasts too long."""

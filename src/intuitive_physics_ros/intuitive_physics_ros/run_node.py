@@ -96,7 +96,8 @@ def _spin(node: Node, stop: StopSignal) -> None:
     stop.when_set(executor.wake)
     try:
         while True:
-            callback, entity, _ = executor.wait_for_ready_callbacks(condition=stop.is_set)
+            ready = executor.wait_for_ready_callbacks(condition=stop.is_set)
+            callback, entity = ready[0], ready[1]
             callback()
             error = callback.exception()
             if isinstance(error, END_OF_SPINNING):

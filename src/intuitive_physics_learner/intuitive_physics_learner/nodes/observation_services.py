@@ -7,7 +7,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from intuitive_physics_msgs.msg import Observation as ObservationMessage
@@ -34,6 +33,7 @@ from intuitive_physics_ros.diagnostics import Level, Status
 from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.qos import OBSERVATIONS
 from intuitive_physics_ros.result_codes import error_result, ok_result
+from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 BUSY_TIMEOUT = 0.5
 """s that one attempt to write waits for another process; what reads meanwhile waits as long."""
@@ -47,6 +47,12 @@ ADD_PATIENCE = 5.0
 LARGEST_QUEUE = 1000
 """Observations that wait in memory at most, 10 to 50 MB: a quarter of an hour at one a second."""
 
+SILENCE = 5.0
+"""s without an answer of the database after which /diagnostics says so."""
+
+LARGEST_PAGE = 10_000
+"""Entries of an answer of `~/list_observations` at most: some MB."""
+
 PAGE = 1000
 """Entries of an answer of `~/list_observations` unless the request gives another number."""
 
@@ -58,11 +64,18 @@ class ObservationQueue:
     ----------
     store : that they go into
     on_stored : called from the thread when some were stored
+    on_refused : called from the thread with what is wrong with an observation
     """
 
-    def __init__(self, store: ObservationStore, on_stored: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        store: ObservationStore,
+        on_stored: Callable[[], None],
+        on_refused: Callable[[Exception], None],
+    ) -> None:
         self._store = store
         self._on_stored = on_stored
+        self._on_refused = on_refused
         self._waiting: deque[Observation] = deque()
         self._changed = threading.Condition()
         self._stopped = False
@@ -122,12 +135,19 @@ class ObservationQueue:
                     self._error = str(error)
                     if self._stopped:
                         return
-                time.sleep(RETRY_PERIOD)
+                    self._changed.wait_for(lambda: self._stopped, RETRY_PERIOD)
+            except Exception as error:
+                # It would be refused each time: the next ones must not wait behind it.
+                self._done()
+                self._on_refused(error)
             else:
-                with self._changed:
-                    self._error = ""
-                    self._waiting.popleft()
+                self._done()
                 self._on_stored()
+
+    def _done(self) -> None:
+        with self._changed:
+            self._error = ""
+            self._waiting.popleft()
 
 
 class ObservationServices:
@@ -136,19 +156,31 @@ class ObservationServices:
     Parameters
     ----------
     node : that offers them
-    database : file of the store
+    store : where they are; only its threads wait for the database
+    background : thread of the database
     on_changed : called in the node's executor when the set of observations has changed
     """
 
-    def __init__(self, node: Node, database: Path, on_changed: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        store: ObservationStore,
+        background: Background,
+        on_changed: Callable[[], None],
+    ) -> None:
         self._node = node
         self._on_changed = on_changed
-        self._store = ObservationStore(database, BUSY_TIMEOUT)
-        self._background = Background(node)
+        self._store = store
+        self._background = background
         self._input = InputMonitor(node, "~/observation", timeout=None)
         # Triggered in the queue's thread, called back in the node's executor.
-        self._queue = ObservationQueue(self._store, node.create_guard_condition(on_changed).trigger)
+        self._queue = ObservationQueue(
+            self._store, node.create_guard_condition(on_changed).trigger, self._on_refused
+        )
         self._unreadable = 0
+        self._counts: dict[str, int] = store.counts()
+        self._counts_error = ""
+        self._counted_at = time.monotonic()
         node.create_subscription(
             ObservationMessage, "~/observation", self._on_observation, OBSERVATIONS
         )
@@ -175,12 +207,16 @@ class ObservationServices:
         }
 
     def stop(self, patience: float) -> None:
-        """Store what waits, for up to `patience` s, and close the database."""
+        """Store what waits, for up to `patience` s."""
         lost = self._queue.stop(patience)
         if lost:
             self._node.get_logger().error(f"{lost} observations could not be stored and are lost")
-        self._background.stop()
-        self._store.close()
+
+    def _on_refused(self, error: Exception) -> None:
+        if isinstance(error, IntuitivePhysicsError):
+            self._input.rejected(error)
+        else:
+            self._input.rejected(unexpected_errors(self._node).report(error, "an observation"))
 
     def _on_observation(self, message: ObservationMessage) -> None:
         try:
@@ -204,9 +240,7 @@ class ObservationServices:
                     self._on_changed()
             except Exception as error:
                 if not isinstance(error, IntuitivePhysicsError):
-                    self._node.get_logger().error(
-                        f"a request failed: {type(error).__name__}: {error}"
-                    )
+                    unexpected_errors(self._node).report(error, "a request")
                 response.result = error_result(error, CODES)
             return response
 
@@ -227,7 +261,9 @@ class ObservationServices:
 
     def _list(self, request: ListObservations.Request, response: ListObservations.Response) -> bool:
         entries = self._store.entries(
-            statuses=request.statuses, after=request.after, limit=request.limit or PAGE
+            statuses=request.statuses,
+            after=request.after,
+            limit=min(request.limit or PAGE, LARGEST_PAGE),
         )
         response.observations = [entry_to_message(entry) for entry in entries]
         response.observation_count = self._store.count()
@@ -259,11 +295,26 @@ class ObservationServices:
         response.exported = self._store.export(request.folder, request.ids)
         return False
 
-    def _check_stored(self) -> Status:
+    @property
+    def count(self) -> int:
+        """Observations that were stored when the database was last asked."""
+        return sum(self._counts.values())
+
+    def _read_counts(self) -> None:
         try:
-            counts = self._store.counts()
+            self._counts, self._counts_error = self._store.counts(), ""
         except StorageError as error:
-            return Status(Level.ERROR, str(error))
+            self._counts_error = str(error)
+        self._counted_at = time.monotonic()
+
+    def _check_stored(self) -> Status:
+        silence = time.monotonic() - self._counted_at
+        self._background.post(self._read_counts, "counts")
+        if self._counts_error:
+            return Status(Level.ERROR, self._counts_error)
+        if silence > SILENCE:
+            return Status(Level.WARN, f"the database has not answered for {silence:.0f} s")
+        counts = self._counts
         unreadable = counts[UNREADABLE]
         message = f"{sum(counts.values())} observations"
         if unreadable:

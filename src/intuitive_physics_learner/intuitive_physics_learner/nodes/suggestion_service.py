@@ -57,9 +57,9 @@ class SuggestionService:
             Suggest, "~/suggest", self._on_suggest, callback_group=ReentrantCallbackGroup()
         )
 
-    def stop(self) -> None:
-        """Cancel the request under way."""
-        self._background.stop()
+    def stop(self, patience: float) -> bool:
+        """Cancel the request under way; return whether it has ended within `patience` s."""
+        return self._background.stop(patience)
 
     async def _on_suggest(
         self, request: Suggest.Request, response: Suggest.Response

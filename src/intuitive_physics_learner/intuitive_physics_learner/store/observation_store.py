@@ -432,7 +432,7 @@ class ObservationStore:
         """Return θ_s of the highest version; None when nothing was learned yet.
 
         Where that cannot be read it is left as it is (`unreadable_versions`), and the newest that
-        can be read takes its place and its number.
+        can be read takes its place and its number; where there is none, the defaults do.
         """
         with self._database.reading() as connection:
             rows = connection.execute(
@@ -446,7 +446,10 @@ class ObservationStore:
                 return replace(self.parameters(version), version=versions[0])
             except UnreadableVersionError as error:
                 self._unreadable_versions[version] = str(error)
-        return None
+        materials = self.materials()
+        if not versions or not materials:
+            return None
+        return replace(LearnedParameters.defaults(materials), version=versions[0])
 
     @property
     def unreadable_versions(self) -> dict[int, str]:

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import rclpy
 from rclpy.duration import Duration
@@ -96,7 +97,7 @@ def _spin(node: Node, stop: StopSignal) -> None:
     stop.when_set(executor.wake)
     try:
         while True:
-            ready = executor.wait_for_ready_callbacks(condition=stop.is_set)
+            ready: Any = executor.wait_for_ready_callbacks(condition=stop.is_set)
             callback, entity = ready[0], ready[1]
             callback()
             error = callback.exception()
@@ -113,12 +114,17 @@ def _spin(node: Node, stop: StopSignal) -> None:
         executor.shutdown()
 
 
-def farewell(publishers: Iterable[Publisher]) -> None:
-    """Wait, for `FAREWELL_LIMIT` at most, until reliable subscribers have all that was published.
+def farewell(publishers: Iterable[Publisher], limit: float = FAREWELL_LIMIT) -> None:
+    """Wait until reliable subscribers have all that was published.
 
     Else the last messages may die with this process.
+
+    Parameters
+    ----------
+    publishers : of what was published
+    limit : s to wait at most
     """
-    end = time.monotonic() + FAREWELL_LIMIT
+    end = time.monotonic() + limit
     for publisher in publishers:
         left = max(0.0, end - time.monotonic())
         publisher.wait_for_all_acked(Duration(seconds=left))

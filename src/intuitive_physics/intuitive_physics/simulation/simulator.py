@@ -10,11 +10,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from intuitive_physics.errors import (
-    InvalidInputError,
-    SimulationStoppedError,
-    UnsupportedSceneError,
-)
+from intuitive_physics.errors import InvalidInputError, UnsupportedSceneError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation.rollout import Rollout
@@ -99,8 +95,7 @@ class Simulator(ABC):
             )
         checked = _checked_times(times, worlds.size)
         rollout = self._rollout(worlds, checked, orientations)
-        if self.stop_flag.is_set():
-            raise SimulationStoppedError
+        self.stop_flag.check()
         return rollout
 
     @abstractmethod

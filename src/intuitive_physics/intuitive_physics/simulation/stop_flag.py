@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.errors import SimulationStoppedError
+
 
 class StopFlag:
     """Set once, from any thread; simulators that were given it then end within some ms.
@@ -20,6 +22,11 @@ class StopFlag:
     def set(self) -> None:
         """End the simulations that look at it, and all later ones."""
         self.number[0] = 1
+
+    def check(self) -> None:
+        """Raise `SimulationStoppedError` once it was set."""
+        if self.is_set():
+            raise SimulationStoppedError
 
     def is_set(self) -> bool:
         """Whether it was set."""

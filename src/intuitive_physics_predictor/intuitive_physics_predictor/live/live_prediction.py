@@ -181,13 +181,15 @@ def predict_scene(
     PredictionFailedError, UnsupportedSceneError
         As `noisy_newton.predict`.
     """
+    checked_times = increasing_times(times, "times")
+    settings.check_horizon(float(checked_times[-1]))
     parameters = settings.uncertain_parameters(learned, scene.materials)
     # Noise makes perceived objects overlap; a requested scene should not.
     check_overlaps([scene], pack_worlds([scene], StaticParameters.uniform(scene.materials)))
     prepared = settings.prepare(scene, parameters)
     distribution = settings.predict(
         prepared,
-        increasing_times(times, "times"),
+        checked_times,
         seed=seed,
         sample_count=sample_count,
     )

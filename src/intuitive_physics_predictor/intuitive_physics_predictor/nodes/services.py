@@ -68,9 +68,9 @@ class PredictionServices:
         node.create_service(Predict, "~/predict", self._on_predict, callback_group=together)
         node.create_service(Query, "~/query", self._on_query, callback_group=together)
 
-    def stop(self) -> None:
-        """Cancel the request under way; those that wait are dropped."""
-        self._background.stop()
+    def stop(self, patience: float = 1.0) -> bool:
+        """Cancel the request under way; return whether it has ended within `patience` s."""
+        return self._background.stop(patience)
 
     async def _on_predict(
         self, request: Predict.Request, response: Predict.Response

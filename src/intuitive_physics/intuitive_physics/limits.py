@@ -38,6 +38,14 @@ class InputLimits:
         100_000_000, 1000, 2_000_000_000, "size of a text that is parsed at most", unit="bytes"
     )
 
+    largest_arrays: int = number(
+        2_000_000_000,
+        1000,
+        1_000_000_000_000,
+        "size of all arrays of a file together at most, unpacked",
+        unit="bytes",
+    )
+
     def __post_init__(self) -> None:
         check_settings(self)
 
@@ -73,8 +81,11 @@ def check_limit(limit: str, got: float, what: str) -> None:
     most = getattr(_in_use, limit)
     if not got <= most:
         unit = next(one.unit for one in list_settings(InputLimits) if one.name == limit)
-        shown = f"{most:g} {unit}" if unit else f"{most}"
         raise InvalidInputError(
-            f"{what}: got {got:g}, expected at most {shown}; send less, or raise the limit {limit} "
-            "where it is meant"
+            f"{what}: got {_shown(got)}, expected at most {_shown(most)}{unit and f' {unit}'}; send "
+            f"less, or raise the limit {limit} where it is meant"
         )
+
+
+def _shown(number: float) -> str:
+    return f"{number:g}" if isinstance(number, float) else str(number)

@@ -81,9 +81,10 @@ def check_limit(limit: str, got: float, what: str) -> None:
     most = getattr(_in_use, limit)
     if not got <= most:
         unit = next(one.unit for one in list_settings(InputLimits) if one.name == limit)
+        expected = f"{_shown(most)} {unit}".rstrip()
         raise InvalidInputError(
-            f"{what}: got {_shown(got)}, expected at most {_shown(most)}{unit and f' {unit}'}; send "
-            f"less, or raise the limit {limit} where it is meant"
+            f"{what}: got {_shown(got)}, expected at most {expected}; send less, or raise the "
+            f"limit {limit} where it is meant"
         )
 
 

@@ -10,8 +10,6 @@ import importlib
 import os
 import signal
 import sys
-from importlib.metadata import entry_points
-from pathlib import Path
 from types import FrameType
 
 GROUP = "intuitive_physics.nodes"
@@ -24,7 +22,10 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 def main() -> int:
     """Run the node whose executable this process is, and return its exit code."""
     _end_at_signals()
-    name = Path(sys.argv[0]).stem
+    # Imported late: it takes a while, in which a signal may come.
+    from importlib.metadata import entry_points
+
+    name = os.path.basename(sys.argv[0]).removesuffix(".py")
     for found in entry_points(group=GROUP, name=name):
         return _code(found.load()())
     known = ", ".join(sorted({one.name for one in entry_points(group=GROUP)}))

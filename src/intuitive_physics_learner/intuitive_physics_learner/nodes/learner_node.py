@@ -15,6 +15,8 @@ from rclpy.parameter import Parameter as RosParameter
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.limits import InputLimits
+from intuitive_physics.settings import list_settings
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner.cost.cluster import CostMaker
 from intuitive_physics_learner.design import suggest_from_store
@@ -52,6 +54,9 @@ from intuitive_physics_ros.qos import LATCHED
 from intuitive_physics_ros.result_codes import error_result, ok_result
 from intuitive_physics_ros.run_node import farewell, run_node
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
+
+LIMITS = frozenset(one.name for one in list_settings(InputLimits))
+"""Names of the parameters that limit what is received and stored."""
 
 STOP_PATIENCE = 1.0
 """s to wait at the end, in all, for observations that wait to be stored, searches and requests."""
@@ -195,7 +200,11 @@ class LearnerNode(Node):
                 return stored
 
     def _on_parameters_set(self, parameters: Sequence[RosParameter]) -> None:
-        if any(one.name.startswith(ONLINE_PREFIX) for one in parameters):
+        names = {one.name for one in parameters}
+        if names & LIMITS:
+            use_limits_of({name: self.get_parameter(name).value for name in LIMITS})
+        # The process that learns in the background begins with all of them.
+        if names & LIMITS or any(name.startswith(ONLINE_PREFIX) for name in names):
             self._run_background()
 
     def _work(self, options: LearningOptions) -> Work:

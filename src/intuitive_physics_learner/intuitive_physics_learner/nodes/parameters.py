@@ -110,7 +110,7 @@ def node_parameters() -> tuple[Parameter, ...]:
         ),
         *setting_parameters(RequestedSearchSettings, read_only=False),
         *setting_parameters(RequestLimits, read_only=False),
-        *setting_parameters(InputLimits),
+        *setting_parameters(InputLimits, read_only=False),
         *_online_parameters(),
     )
 

@@ -77,7 +77,7 @@ PARAMETERS = [
     ),
     Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0), read_only=False),
     *setting_parameters(RequestLimits, read_only=False),
-    *setting_parameters(InputLimits),
+    *setting_parameters(InputLimits, read_only=False),
     *setting_parameters(PredictionOptions, read_only=False),
 ]
 """Parameters of the node: the library's options, and those that only a node needs."""
@@ -179,6 +179,7 @@ class PredictorNode(Node):
 
     def _on_parameters_set(self, new: Sequence[RosParameter]) -> None:
         values, names = self._values(), {one.name for one in new}
+        use_limits_of(values)
         self._ticks.set(
             rate=values["rate"],
             published_samples=values["published_samples"],

@@ -38,6 +38,13 @@ class InputLimits:
         100_000_000, 1000, 2_000_000_000, "size of a text that is parsed at most", unit="bytes"
     )
 
+    largest_database: int = number(
+        20_000_000_000,
+        1_000_000,
+        1_000_000_000_000,
+        "size of a database to which observations are still added at most",
+        unit="bytes",
+    )
     largest_arrays: int = number(
         2_000_000_000,
         1000,

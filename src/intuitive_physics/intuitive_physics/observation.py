@@ -250,6 +250,14 @@ class Observation:
         times += [seen.detections.times for seen in self.objects if seen.detections is not None]
         return min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
 
+    @property
+    def point_count(self) -> int:
+        """Points of all trajectories and detections together."""
+        return sum(
+            len(seen.trajectory) + (0 if seen.detections is None else seen.detections.times.size)
+            for seen in self.objects
+        )
+
     def check_limits(self) -> None:
         """Check that what was observed is of a size to learn from (`limits`).
 
@@ -259,14 +267,10 @@ class Observation:
             When it has too many materials, objects or points, or lasts too long.
         """
         first, last = self.time_span
-        points = sum(
-            len(seen.trajectory) + (0 if seen.detections is None else seen.detections.times.size)
-            for seen in self.objects
-        )
         for limit, got, what in (
             ("most_materials", len(self.materials), "materials"),
             ("most_objects", len(self.objects), "objects"),
-            ("most_points", points, "points"),
+            ("most_points", self.point_count, "points"),
             ("longest_observation", last - min(first, self.start_time), "s from begin to end"),
         ):
             check_limit(limit, got, f"{what} of observation {self.id}")

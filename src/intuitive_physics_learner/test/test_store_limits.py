@@ -137,3 +137,14 @@ def test_the_permissions_of_an_old_database_stay(path):
     path.chmod(0o664)
     ObservationStore(path).close()
     assert stat.S_IMODE(path.stat().st_mode) == 0o664
+
+
+def test_a_database_has_a_largest_size(path, of_materials):
+    use_limits(replace(limits(), largest_database=1_000_000))
+    with ObservationStore(path) as store:
+        assert store.add(of_materials("a"))
+        with store.database.writing() as connection:
+            connection.execute("CREATE TABLE filler AS SELECT zeroblob(1000000) AS zeros")
+        with pytest.raises(InvalidInputError, match="expected at most 1000000 bytes"):
+            store.add(of_materials("b"))
+        assert store.count() == 1

@@ -47,6 +47,9 @@ ADD_PATIENCE = 5.0
 LARGEST_QUEUE = 1000
 """Observations that wait in memory at most, 10 to 50 MB: a quarter of an hour at one a second."""
 
+LARGEST_QUEUE_POINTS = 1_000_000
+"""Points of all observations that wait, about 100 MB; honest ones have some hundred each."""
+
 SILENCE = 5.0
 """s without an answer of the database after which /diagnostics says so."""
 
@@ -93,11 +96,13 @@ class ObservationQueue:
             When too many wait; then this one is lost.
         """
         with self._changed:
-            if len(self._waiting) >= LARGEST_QUEUE:
+            points = sum(one.point_count for one in self._waiting)
+            full = points + observation.point_count > LARGEST_QUEUE_POINTS
+            if len(self._waiting) >= LARGEST_QUEUE or (self._waiting and full):
                 self._lost += 1
                 raise StorageError(
-                    f"{LARGEST_QUEUE} observations wait to be stored already, so this one is lost: "
-                    f"{self._error}"
+                    f"{len(self._waiting)} observations of {points} points wait to be stored "
+                    f"already, so this one is lost: {self._error or 'they come too fast'}"
                 )
             self._waiting.append(observation)
             self._changed.notify()

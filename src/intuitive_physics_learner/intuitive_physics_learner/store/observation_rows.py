@@ -59,6 +59,15 @@ def readable_text(observation: Observation) -> str:
     return text
 
 
+def database_bytes(connection: sqlite3.Connection) -> int:
+    """Return the size of a database's file."""
+    pages, size = (
+        int(connection.execute(f"PRAGMA {name}").fetchone()[0])
+        for name in ("page_count", "page_size")
+    )
+    return pages * size
+
+
 def excess_observations(connection: sqlite3.Connection) -> list[tuple[str, str]]:
     """Return ids of observations by which there are too many materials, the latest, and why.
 

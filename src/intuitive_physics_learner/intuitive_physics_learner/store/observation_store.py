@@ -45,6 +45,7 @@ from intuitive_physics_learner.store.observation_rows import (
     CANDIDATES,
     ObservationSpan,
     check_ids,
+    database_bytes,
     excess_observations,
     insert_observation,
     list_entries,
@@ -143,6 +144,7 @@ class ObservationStore:
         materials = observation_materials(new)
         with self._database.writing() as connection:
             self._check_materials(connection, materials)
+            check_limit("largest_database", database_bytes(connection), f"bytes of {self.path}")
             return sum(insert_observation(connection, row) for row in rows)
 
     def count(self, status: str | None = None) -> int:

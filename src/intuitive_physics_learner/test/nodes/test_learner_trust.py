@@ -8,6 +8,7 @@ import signal
 import sqlite3
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,6 +33,8 @@ from intuitive_physics.shapes import Box
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import ObservationStore
+from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
+from intuitive_physics_learner.nodes.observation_services import ObservationQueue
 from intuitive_physics_ros.conversions import (
     observation_to_message,
     static_parameters_to_message,
@@ -285,6 +288,38 @@ def test_a_busy_database_holds_nothing_but_what_needs_it(start, peer, database):
     peer.spin_until(waiting.done, "the answer")
     assert waiting.result().result.value == ResultCode.OK
     other.close()
+
+
+class BusyStore:
+    """A database that another process writes all the time."""
+
+    def add(self, observation):
+        raise DatabaseBusyError("another process has been writing for too long; try again")
+
+
+def test_observations_that_wait_take_little_memory():
+    queue = ObservationQueue(BusyStore(), lambda: None, lambda error: None)
+    one = stage(name="one")
+    times = np.linspace(0.0, 1.0, 600_000)
+    seen = replace(one.objects[0], trajectory=Trajectory(times, np.zeros((times.size, 3))))
+    large = replace(one, objects=(seen,))
+    queue.put(large)
+    with pytest.raises(StorageError, match="1 observations of 600000 points wait"):
+        queue.put(large)
+    queue.put(one)
+    assert queue.check().values == {"waiting": 2, "lost": 1}
+    assert queue.stop(5.0) == 2
+
+
+def test_an_observation_that_is_refused_does_not_hold_the_next_ones(database):
+    refused = []
+    with ObservationStore(database) as store:
+        queue = ObservationQueue(store, lambda: None, refused.append)
+        for name, count in (("first", 1), ("large", 40), ("last", 1)):
+            queue.put(stage(materials=materials(count), name=name))
+        assert queue.stop(20.0) == 0
+        assert [one.id for one in store.entries()] == ["first", "last"]
+    assert "materials of observation large: got 41" in str(refused[0])
 
 
 def test_requests_that_wait_have_an_end(start, peer, database):

@@ -23,6 +23,7 @@ from rclpy.node import Node
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.observation import Observation
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
 from intuitive_physics_learner.nodes.learning_services import CODES
 from intuitive_physics_learner.store import ObservationEntry, ObservationStore
@@ -231,15 +232,18 @@ class ObservationServices:
         else:
             self._input.accepted()
 
-    def _in_background(self, answer: Callable[[Any, Any], bool]) -> Callable[[Any, Any], Any]:
+    def _in_background(
+        self, answer: Callable[[Any, Any, StopFlag], bool]
+    ) -> Callable[[Any, Any], Any]:
         """Return a service's callback that fills the response in a thread.
 
-        `answer(request, response)` returns whether the set of observations may have changed.
+        `answer(request, response, stop)` returns whether the set of observations may have changed,
+        and ends early once its flag is set.
         """
 
         async def on_request(request: Any, response: Any) -> Any:
             try:
-                changed = await self._background.run(lambda _: answer(request, response))
+                changed = await self._background.run(lambda stop: answer(request, response, stop))
                 response.result = ok_result()
                 if changed:
                     self._on_changed()
@@ -251,7 +255,9 @@ class ObservationServices:
 
         return on_request
 
-    def _add(self, request: AddObservation.Request, response: AddObservation.Response) -> bool:
+    def _add(
+        self, request: AddObservation.Request, response: AddObservation.Response, stop: StopFlag
+    ) -> bool:
         observation = observation_from_message(request.observation)
         deadline = time.monotonic() + ADD_PATIENCE
         while True:
@@ -259,12 +265,14 @@ class ObservationServices:
                 response.added = self._store.add(observation)
                 response.observation_count = self._store.count()
             except DatabaseBusyError:
-                if time.monotonic() > deadline:
+                if time.monotonic() > deadline or stop.is_set():
                     raise
             else:
                 return bool(response.added)
 
-    def _list(self, request: ListObservations.Request, response: ListObservations.Response) -> bool:
+    def _list(
+        self, request: ListObservations.Request, response: ListObservations.Response, stop: StopFlag
+    ) -> bool:
         entries = self._store.entries(
             statuses=request.statuses,
             after=request.after,
@@ -275,7 +283,10 @@ class ObservationServices:
         return False
 
     def _set_status(
-        self, request: SetObservationStatus.Request, response: SetObservationStatus.Response
+        self,
+        request: SetObservationStatus.Request,
+        response: SetObservationStatus.Response,
+        stop: StopFlag,
     ) -> bool:
         if request.status == USED:
             response.changed = self._store.include(request.ids)
@@ -289,15 +300,21 @@ class ObservationServices:
         return response.changed > 0
 
     def _delete(
-        self, request: DeleteObservations.Request, response: DeleteObservations.Response
+        self,
+        request: DeleteObservations.Request,
+        response: DeleteObservations.Response,
+        stop: StopFlag,
     ) -> bool:
         response.deleted = self._store.delete(request.ids)
         return response.deleted > 0
 
     def _export(
-        self, request: ExportObservations.Request, response: ExportObservations.Response
+        self,
+        request: ExportObservations.Request,
+        response: ExportObservations.Response,
+        stop: StopFlag,
     ) -> bool:
-        response.exported = self._store.export(request.folder, request.ids)
+        response.exported = self._store.export(request.folder, request.ids, stop.check)
         return False
 
     @property

@@ -11,7 +11,7 @@ import os
 import sqlite3
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -309,8 +309,19 @@ class ObservationStore:
                 (json.dumps(list(ids)),),
             ).rowcount
 
-    def export(self, folder: str | os.PathLike[str], ids: Sequence[str] = ()) -> int:
+    def export(
+        self,
+        folder: str | os.PathLike[str],
+        ids: Sequence[str] = (),
+        check: Callable[[], None] = lambda: None,
+    ) -> int:
         """Write observations as JSON, one file each: those used, or those with the ids.
+
+        Parameters
+        ----------
+        folder : made where it does not exist
+        ids : of the observations; empty: all that are used
+        check : called before each file; what it raises ends the export
 
         Returns
         -------
@@ -332,6 +343,7 @@ class ObservationStore:
         statuses = () if ids else (USED,)
         count = 0
         for entry, observation in self.each_observation(statuses, ids=ids):
+            check()
             save_observation(observation, target / f"{entry.number:06d}_{entry.id}.json")
             count += 1
         return count

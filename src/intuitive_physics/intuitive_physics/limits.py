@@ -45,11 +45,11 @@ class InputLimits:
         "size of a database to which observations are still added at most",
         unit="bytes",
     )
-    largest_arrays: int = number(
+    largest_unpacked: int = number(
         2_000_000_000,
         1000,
         1_000_000_000_000,
-        "size of all arrays of a file together at most, unpacked",
+        "size of what is unpacked from a file at once at most",
         unit="bytes",
     )
 

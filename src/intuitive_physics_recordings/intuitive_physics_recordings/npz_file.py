@@ -54,7 +54,7 @@ def _check_sizes(path: Path) -> None:
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
         total = sum(member.file_size for member in members)
-        check_limit("largest_arrays", total, f"bytes of the arrays of {path}")
+        check_limit("largest_unpacked", total, f"bytes of the arrays of {path}")
         for member in members:
             with archive.open(member) as file:
                 version = np.lib.format.read_magic(file)

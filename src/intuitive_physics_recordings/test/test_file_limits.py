@@ -11,8 +11,12 @@ import pytest
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.limits import InputLimits, limits, use_limits
+from intuitive_physics_recordings.bag_reader import BagReader
+from intuitive_physics_recordings.depth_bag_writer import DepthBagWriter
 from intuitive_physics_recordings.npz_file import load_arrays
 from intuitive_physics_recordings.parameter_files import load_parameters, save_parameters
+
+from .small_camera import SMALL
 
 
 @pytest.fixture(autouse=True)
@@ -39,7 +43,7 @@ def test_a_header_that_asks_for_terabytes(tmp_path):
 
 
 def test_an_archive_that_unpacks_to_much(tmp_path):
-    use_limits(InputLimits(largest_arrays=1_000_000))
+    use_limits(InputLimits(largest_unpacked=1_000_000))
     path = tmp_path / "bomb.npz"
     np.savez_compressed(path, xyz=np.zeros(200_000))
     assert path.stat().st_size < 10_000
@@ -72,3 +76,23 @@ def test_parameter_files_are_measured_first(tmp_path, suffix):
     path.write_text("[" * 100_000)
     with pytest.raises(InvalidInputError, match="cannot read the parameters"):
         load_parameters(path)
+
+
+def test_chunks_of_a_bag_say_what_they_unpack_to(tmp_path):
+    with DepthBagWriter(tmp_path / "bag", SMALL) as writer:
+        for i in range(100):
+            writer.write(10**18 + i, np.zeros((6, 8), np.uint16))
+    with BagReader(tmp_path / "bag") as bag:
+        assert len(list(bag.messages())) == 200
+    use_limits(InputLimits(largest_unpacked=1000))
+    with pytest.raises(InvalidInputError, match="bytes of a chunk of the bag"):
+        BagReader(tmp_path / "bag")
+
+
+@pytest.mark.parametrize(
+    "name", ["os/msg/path", "os.path/msg/X", "../x/msg/Y", "std_msgs/msg/a", "std_msgs/msg/"]
+)
+def test_no_module_is_imported_that_is_no_package_of_messages(name):
+    replay_node = pytest.importorskip("intuitive_physics_recordings.nodes.replay_node")
+    assert replay_node._message_class(name) is None
+    assert replay_node._message_class("std_msgs/msg/Header") is not None

@@ -163,8 +163,16 @@ class RequestedSearches:
 
         A job that was cancelled and has not ended by then is left to end by itself.
         """
-        history = array("d")
         deadline = self._deadline(job)
+        try:
+            return await self._watched_to_its_end(job, goal, options)
+        finally:
+            deadline.cancel()
+
+    async def _watched_to_its_end(
+        self, job: LearningJob, goal: ServerGoalHandle | None, options: LearningOptions | None
+    ) -> array[float]:
+        history = array("d")
         waits_until = math.inf
         while True:
             change = self._changed.next()
@@ -176,7 +184,6 @@ class RequestedSearches:
             if goal is not None and goal.is_cancel_requested:
                 job.cancel()
             if done:
-                deadline.cancel()
                 self._on_end(job.learned())
                 return history
             if job.cancelled and math.isinf(waits_until):
@@ -184,7 +191,6 @@ class RequestedSearches:
                 _timer(CANCEL_PATIENCE, self._changed.set)
             executor = self._node.executor
             if time.monotonic() >= waits_until and executor is not None:
-                deadline.cancel()
                 executor.create_task(self._ended_late(job))
                 raise job.cancellation
             await change

@@ -118,7 +118,7 @@ class PerceptionNode(Node):
             self._publish_observations(self._pipeline.finish())
         else:
             self.get_logger().warning("the frame under way did not end in time and is left behind")
-        farewell([self._observations])
+        farewell([self._observations, *self._environment.publishers])
         super().destroy_node()
 
     def _make_imu(self, diagnostics: Diagnostics, orientation: list[float]) -> None:

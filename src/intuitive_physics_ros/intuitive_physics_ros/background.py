@@ -32,7 +32,7 @@ class RequestLimits:
         30.0, 0.1, 1e6, "wall time from a request to its answer at most; then it is cancelled"
     )
     largest_queue: int = number(
-        16, 1, 1000, "requests under way or waiting at most; one more is answered BUSY"
+        32, 1, 1000, "requests under way or waiting at most; one more is answered BUSY"
     )
 
     def __post_init__(self) -> None:

@@ -54,6 +54,9 @@ LARGEST_QUEUE_POINTS = 1_000_000
 SILENCE = 5.0
 """s without an answer of the database after which /diagnostics says so."""
 
+LARGEST_NUMBER = 2**63 - 1
+"""Of a row, as SQLite has it."""
+
 LARGEST_PAGE = 10_000
 """Entries of an answer of `~/list_observations` at most: some MB."""
 
@@ -275,7 +278,7 @@ class ObservationServices:
     ) -> bool:
         entries = self._store.entries(
             statuses=request.statuses,
-            after=request.after,
+            after=min(request.after, LARGEST_NUMBER),
             limit=min(request.limit or PAGE, LARGEST_PAGE),
         )
         response.observations = [entry_to_message(entry) for entry in entries]

@@ -151,6 +151,13 @@ def test_a_database_of_an_older_version_that_holds_too_much_starts(start, peer, 
     listed = peer.call(
         ListObservations, "/learner_node/list_observations", ListObservations.Request()
     )
+    none = peer.call(
+        ListObservations,
+        "/learner_node/list_observations",
+        ListObservations.Request(after=2**64 - 1, limit=2**32 - 1),
+    )
+    assert none.result.value == ResultCode.OK
+    assert not none.observations
     assert [one.status for one in listed.observations] == ["used", "unreadable"]
     assert "its 501 materials are too many" in listed.observations[1].reason
     assert node.stop() == 0

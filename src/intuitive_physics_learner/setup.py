@@ -11,7 +11,11 @@ setup(
         ("share/" + package_name, ["package.xml"]),
     ],
     entry_points={
-        "console_scripts": ["learner_node = intuitive_physics_learner.nodes.learner_node:main"]
+        # It ends clean at a signal from its first moment on, and finds the node by its name.
+        "console_scripts": ["learner_node = intuitive_physics_ros.start_node:main"],
+        "intuitive_physics.nodes": [
+            "learner_node = intuitive_physics_learner.nodes.learner_node:main"
+        ],
     },
     python_requires=">=3.10",
     install_requires=["setuptools", "intuitive_physics", "numpy>=1.26", "scipy", "cma"],

@@ -19,8 +19,10 @@ setup(
     description="From depth images or point clouds to environment, object states, observations",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": [
-            "perception_node = intuitive_physics_perception.nodes.perception_node:main",
+        # It ends clean at a signal from its first moment on, and finds the node by its name.
+        "console_scripts": ["perception_node = intuitive_physics_ros.start_node:main"],
+        "intuitive_physics.nodes": [
+            "perception_node = intuitive_physics_perception.nodes.perception_node:main"
         ],
     },
 )

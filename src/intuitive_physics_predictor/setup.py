@@ -13,9 +13,11 @@ setup(
     python_requires=">=3.10",
     install_requires=["setuptools", "numpy>=1.26", "scipy", "scoringrules", "intuitive_physics"],
     entry_points={
-        "console_scripts": [
+        # It ends clean at a signal from its first moment on, and finds the node by its name.
+        "console_scripts": ["predictor_node = intuitive_physics_ros.start_node:main"],
+        "intuitive_physics.nodes": [
             "predictor_node = intuitive_physics_predictor.nodes.predictor_node:main"
-        ]
+        ],
     },
     extras_require={"test": ["pytest", "hypothesis"]},
     zip_safe=False,

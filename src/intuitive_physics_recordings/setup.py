@@ -12,7 +12,11 @@ setup(
         ("share/" + package_name, ["package.xml"]),
     ],
     entry_points={
-        "console_scripts": ["replay_node = intuitive_physics_recordings.nodes.replay_node:main"]
+        # It ends clean at a signal from its first moment on, and finds the node by its name.
+        "console_scripts": ["replay_node = intuitive_physics_ros.start_node:main"],
+        "intuitive_physics.nodes": [
+            "replay_node = intuitive_physics_recordings.nodes.replay_node:main"
+        ],
     },
     install_requires=["setuptools", "intuitive_physics", "numpy>=1.26", "pyyaml", "rosbags"],
     extras_require={"test": ["pytest", "hypothesis"]},

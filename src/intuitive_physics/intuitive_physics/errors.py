@@ -16,6 +16,13 @@ class UnsupportedSceneError(IntuitivePhysicsError):
     """A simulator cannot express the scene it was given; it never simulates another one instead."""
 
 
+class SimulationStoppedError(IntuitivePhysicsError):
+    """A simulation was ended before its end by the flag it was given."""
+
+    def __init__(self, message: str = "the simulation was stopped before its end") -> None:
+        super().__init__(message)
+
+
 class UnknownNameError(IntuitivePhysicsError, KeyError):
     """A name (material, method, engine …) is none of those known."""
 

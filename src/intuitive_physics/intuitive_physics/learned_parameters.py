@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.limits import check_limit
 from intuitive_physics.materials import (
     StaticParameters,
     parameter_names,
@@ -191,6 +192,7 @@ class LearnedParameters:
                 f"learned parameters have the format {got!r}; expected {' or '.join(READ_FORMATS)}"
             )
         try:
+            check_limit("most_materials", len(data["materials"]), "materials")
             parameters = _in_order(data["parameters"], data["materials"])
             names = parameter_names(parameters.materials)
             deviations = [_nan_for_none(data["standard_deviations"][name]) for name in names]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.limits import check_limit
 from intuitive_physics.validation import finite_array, finite_float, name_string
 
 PAIR_COEFFICIENTS = ("static_friction", "dynamic_friction", "rolling_friction", "restitution")
@@ -154,6 +155,7 @@ class StaticParameters:
     def from_dict(data: Mapping[str, Any]) -> StaticParameters:
         """Read what `to_dict` wrote, with all pairs."""
         try:
+            check_limit("most_materials", len(data["density"]), "materials")
             materials = list(data["density"])
             density = [data["density"][name] for name in materials]
             given = {frozenset(pair["materials"]): pair for pair in data["pairs"]}

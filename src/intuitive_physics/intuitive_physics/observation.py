@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.limits import check_limit
 from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
@@ -249,6 +250,31 @@ class Observation:
         times += [seen.detections.times for seen in self.objects if seen.detections is not None]
         return min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
 
+    @property
+    def point_count(self) -> int:
+        """Points of all trajectories and detections together."""
+        return sum(
+            len(seen.trajectory) + (0 if seen.detections is None else seen.detections.times.size)
+            for seen in self.objects
+        )
+
+    def check_limits(self) -> None:
+        """Check that what was observed is of a size to learn from (`limits`).
+
+        Raises
+        ------
+        InvalidInputError
+            When it has too many materials, objects or points, or lasts too long.
+        """
+        first, last = self.time_span
+        for limit, got, what in (
+            ("most_materials", len(self.materials), "materials"),
+            ("most_objects", len(self.objects), "objects"),
+            ("most_points", self.point_count, "points"),
+            ("longest_observation", last - min(first, self.start_time), "s from begin to end"),
+        ):
+            check_limit(limit, got, f"{what} of observation {self.id}")
+
     def same_motion(self, other: Observation) -> bool:
         """Return whether one object at least was measured in the same frames for both.
 
@@ -301,8 +327,13 @@ class Observation:
         InvalidInputError
             When the text is cut short, not JSON, or not an observation.
         """
+        check_limit("longest_text", len(text), "characters of the observation")
         try:
             data = json.loads(text)
+        except RecursionError:
+            raise InvalidInputError(
+                "observation is JSON of too many levels; expected one of ours"
+            ) from None
         except json.JSONDecodeError as error:
             raise InvalidInputError(f"observation is not whole JSON: {error}") from None
         got = data.get("format") if isinstance(data, dict) else type(data).__name__
@@ -312,12 +343,15 @@ class Observation:
                 f"expected {' or '.join(map(repr, READABLE_FORMATS))}"
             )
         try:
-            return Observation(
+            check_limit("most_objects", len(data["objects"]), "objects")
+            observation = Observation(
                 Environment.from_dict(data["environment"]),
                 tuple(ObservedObject.from_dict(seen) for seen in data["objects"]),
                 float(data["start_time"]),
                 data["id"],
             )
+            observation.check_limits()
+            return observation
         except (KeyError, TypeError) as error:
             raise InvalidInputError(f"observation cannot be read: it lacks {error}") from None
 
@@ -385,6 +419,7 @@ def save_observation(observation: Observation, path: str | os.PathLike[str]) -> 
 def load_observation(path: str | os.PathLike[str]) -> Observation:
     """Read a file that `save_observation` wrote."""
     try:
+        check_limit("longest_text", Path(path).stat().st_size, f"bytes of {path}")
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InvalidInputError(f"cannot read {path}: {error}") from None

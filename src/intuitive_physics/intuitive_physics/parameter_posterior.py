@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.limits import check_limit
 from intuitive_physics.materials import (
     StaticParameters,
     parameter_count,
@@ -314,6 +315,7 @@ class ParameterPosterior:
         """
         try:
             materials = list(data["materials"])
+            check_limit("most_materials", len(materials), "materials of the posterior")
             names = parameter_names(materials)
             ends = dict(data["intervals"])
             unknown = sorted(set(ends) - set(names))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.limits import check_limit
 from intuitive_physics.shapes import Shape, Sphere, shape_from_dict
 from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import (
@@ -228,6 +229,8 @@ class Environment:
     def from_dict(data: Mapping[str, Any]) -> Environment:
         """Read what `to_dict` wrote."""
         try:
+            parts = len(data["planes"]) + len(data["boxes"])
+            check_limit("most_primitives", parts, "planes and boxes")
             return Environment(
                 [Plane(**plane) for plane in data["planes"]],
                 [StaticBox(**box) for box in data["boxes"]],

@@ -10,6 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
 
+LONGEST_NAME = 256
+"""Characters of a name at most; names stand in every message, row and log line."""
+
 UNIT_QUATERNION_TOLERANCE = 1e-3
 """How far the norm of a quaternion may be from one: farther is a mistake, not rounding."""
 
@@ -44,7 +47,13 @@ def non_negative_float(value: Any, name: str) -> float:
 def name_string(value: Any, name: str) -> str:
     """Return `value` after checking that it is a string with something in it."""
     if not isinstance(value, str) or not value.strip():
-        raise InvalidInputError(f"{name} is {value!r}; expected a name with at least one character")
+        raise InvalidInputError(
+            f"{name} is {value!r:.80}; expected a name with at least one character"
+        )
+    if len(value) > LONGEST_NAME:
+        raise InvalidInputError(
+            f"{name} is {value!r:.80}… of {len(value)} characters; expected at most {LONGEST_NAME}"
+        )
     return value
 
 

@@ -51,7 +51,7 @@ def make_observation(seed: int, points: int = 5) -> Observation:
 def detections(draw):
     """Any number of points with covariances of any size, singular ones among them."""
     count = draw(st.integers(1, 12))
-    steps = draw(arrays(np.float64, count, elements=st.floats(1e-3, 1e3)))
+    steps = draw(arrays(np.float64, count, elements=st.floats(1e-3, 10.0)))
     positions = draw(arrays(np.float64, (count, 3), elements=st.floats(-1e3, 1e3)))
     roots = draw(arrays(np.float64, (count + 1, 3, 3), elements=st.floats(-1.0, 1.0)))
     squares = roots @ roots.swapaxes(1, 2)

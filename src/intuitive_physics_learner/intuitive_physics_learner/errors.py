@@ -33,6 +33,10 @@ class StorageError(IntuitivePhysicsError):
     """The database of observations cannot be read or written; what it holds was left as it is."""
 
 
+class UnreadableVersionError(StorageError):
+    """A stored version of θ_s cannot be read; the rest of the database can."""
+
+
 class DatabaseBusyError(StorageError):
     """Another process has been writing for too long; the same may succeed later."""
 
@@ -42,6 +46,10 @@ class LearningCancelledError(IntuitivePhysicsError):
 
     def __init__(self, message: str = "learning was cancelled; nothing was stored") -> None:
         super().__init__(message)
+
+
+class SupersededError(IntuitivePhysicsError):
+    """θ_s was set by others while it was learned; what was learned was not stored."""
 
 
 class IncompatibleEnvironmentError(UnsupportedSceneError):

@@ -10,15 +10,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from intuitive_physics.errors import SimulationStoppedError
 from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.simulation.stop_flag import StopFlag
+from intuitive_physics_learner.errors import LearningCancelledError
 from intuitive_physics_learner.learning_session import LearningResult
 from intuitive_physics_learner.search.convergence import SearchProgress
 
 REPORT_PERIOD = 0.1
 """s between two calls of `on_change` at least, except for the last."""
 
-Work = Callable[[Callable[[SearchProgress], None], Callable[[], bool]], LearningResult]
-"""Takes `on_progress` and `cancelled`, as `learn_from_store` does."""
+Work = Callable[[Callable[[SearchProgress], None], StopFlag], LearningResult]
+"""Takes `on_progress`, as `learn_from_store` does, and a flag that its simulations stop by."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,8 @@ class LearningJob:
     def __init__(self, work: Work, on_change: Callable[[], None]) -> None:
         self._work = work
         self._on_change = on_change
-        self._cancelled = threading.Event()
+        self._stop = StopFlag()
+        self._why = ""
         self._outcome: Future[LearningResult] = Future()
         self._lock = threading.Lock()
         self._progress = JobProgress(0, np.inf, (), np.inf)
@@ -60,6 +64,16 @@ class LearningJob:
         self._ended: float | None = None
         self._thread = threading.Thread(target=self._run, name="learning", daemon=True)
         self._thread.start()
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether it was told to stop."""
+        return self._stop.is_set()
+
+    @property
+    def cancellation(self) -> LearningCancelledError:
+        """What is raised in place of a result once it was told to stop."""
+        return LearningCancelledError(self._why) if self._why else LearningCancelledError()
 
     @property
     def done(self) -> bool:
@@ -76,9 +90,15 @@ class LearningJob:
         """Evaluations of J so far."""
         return self._progress.iteration
 
-    def cancel(self) -> None:
-        """Make it stop after the present batch of candidates."""
-        self._cancelled.set()
+    def cancel(self, why: str = "") -> None:
+        """Make it stop, in the midst of a simulation too.
+
+        Parameters
+        ----------
+        why : in the error that `result` raises then; the first reason counts
+        """
+        self._why = self._why or why
+        self._stop.set()
 
     def stop(self, timeout: float) -> bool:
         """Cancel, wait up to `timeout` s, and return whether it has ended."""
@@ -107,7 +127,10 @@ class LearningJob:
 
     def _run(self) -> None:
         try:
-            result = self._work(self._on_progress, self._cancelled.is_set)
+            result = self._work(self._on_progress, self._stop)
+        except (SimulationStoppedError, LearningCancelledError):
+            self._ended = time.monotonic()
+            self._outcome.set_exception(self.cancellation)
         except Exception as error:
             # `result` raises it in the caller's thread.
             self._ended = time.monotonic()

@@ -11,15 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from intuitive_physics.errors import UnsupportedSceneError
+from intuitive_physics.errors import UnknownNameError, UnsupportedSceneError
+from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Scene, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.state import ObjectState
+from intuitive_physics_learner.cost.cancellation import stop_if
 from intuitive_physics_learner.cost.cost_function import MakeCost, TrajectoryCost
-from intuitive_physics_learner.errors import IncompatibleEnvironmentError, NoObservationsError
+from intuitive_physics_learner.errors import (
+    IncompatibleEnvironmentError,
+    NoObservationsError,
+    SupersededError,
+    UnreadableVersionError,
+)
 from intuitive_physics_learner.learning_session import LearningOptions, LearningResult, learn
 from intuitive_physics_learner.methods import JOINT_METHOD, check_method
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria, SearchProgress
@@ -101,6 +108,8 @@ def learn_from_store(
         When the simulator cannot express the environment of an observation, or its objects.
     LearningCancelledError
         When `cancelled` returned True; no version is stored then.
+    SupersededError
+        When a user gave values meanwhile, which this search knows nothing of.
     StorageError
         When the store cannot be read or written.
     """
@@ -116,11 +125,35 @@ def learn_from_store(
     except UnsupportedSceneError:
         check_environments(observations, simulator)
         raise
-    stored = store.add_parameters(result.learned)
+    stop_if(cancelled)
+    stored = _stored(store, result.learned, search.version)
     if result.assessments is not None:
         store.apply_assessments(result.assessments)
     search.delete()
     return replace(result, learned=stored)
+
+
+def _stored(store: ObservationStore, learned: LearnedParameters, begun: int) -> LearnedParameters:
+    """Store what a search found that began from version `begun`, unless values were given since."""
+    while True:
+        newest = store.newest_version()
+        for version in range(begun + 1, newest + 1):
+            if _was_given(store, version):
+                raise SupersededError(
+                    f"version {version} of the static parameters was given while this search ran, "
+                    f"which began from version {begun}; what it found was not stored: learn again, "
+                    "which takes account of what was given"
+                )
+        stored = store.add_improvement(learned, on=newest)
+        if stored is not None:
+            return stored
+
+
+def _was_given(store: ObservationStore, version: int) -> bool:
+    try:
+        return not store.parameters(version).method
+    except (UnknownNameError, UnreadableVersionError):
+        return False
 
 
 def _observations(
@@ -155,6 +188,7 @@ class StoredSearch:
 
     Attributes
     ----------
+    version : of θ_s that it begins from
     seconds : of search so far, those before it was interrupted included
     iterations : evaluations of J so far, likewise
     finished : whether it was stored as finished
@@ -177,12 +211,10 @@ class StoredSearch:
         self._make_cost = make_cost
         self._clock = clock
         self._key = _key(purpose, observations, simulator, options)
-        self._version = store.newest_version()
+        self.version = store.newest_version()
         saved = store.checkpoint(self._key)
-        if saved is None or saved.version != self._version:
-            saved = SearchCheckpoint(
-                self._key, self._version, store.newest_parameters(), {}, 0.0, 0
-            )
+        if saved is None or saved.version != self.version:
+            saved = SearchCheckpoint(self._key, self.version, store.newest_parameters(), {}, 0.0, 0)
         self._start = saved.start
         self._state = saved.state
         self.seconds = saved.seconds
@@ -242,7 +274,7 @@ class StoredSearch:
         version : of the newest θ_s, which the search is to continue with
         finished : whether it has ended
         """
-        self._version = version
+        self.version = version
         if finished:
             self._state = None
         self._write()
@@ -255,7 +287,7 @@ class StoredSearch:
         began = time.monotonic()
         self._store.save_checkpoint(
             SearchCheckpoint(
-                self._key, self._version, self._start, self._state, self.seconds, self.iterations
+                self._key, self.version, self._start, self._state, self.seconds, self.iterations
             )
         )
         taken = time.monotonic() - began

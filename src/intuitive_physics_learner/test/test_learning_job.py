@@ -15,8 +15,8 @@ from intuitive_physics_learner.store.database import default_database_path
 def job_of(observed, simulator, iterations, on_change=lambda: None):
     options = LearningOptions(method="random", criteria=ConvergenceCriteria(iterations))
     return LearningJob(
-        lambda on_progress, cancelled: learn(
-            observed, simulator, options, on_progress=on_progress, cancelled=cancelled
+        lambda on_progress, stop: learn(
+            observed, simulator, options, on_progress=on_progress, cancelled=stop.is_set
         ),
         on_change,
     )
@@ -50,7 +50,7 @@ def test_stops_within_a_second(event_driven, throws):
 
 
 def test_hands_on_what_went_wrong():
-    def work(on_progress, cancelled):
+    def work(on_progress, stop):
         raise ValueError("no luck")
 
     job = LearningJob(work, lambda: None)

@@ -23,7 +23,7 @@ from intuitive_physics_learner import (
     UnknownMethodError,
     learn_from_store,
 )
-from intuitive_physics_learner.errors import IncompatibleEnvironmentError
+from intuitive_physics_learner.errors import IncompatibleEnvironmentError, SupersededError
 from intuitive_physics_learner.search import parameter_search
 
 LEARNER = """
@@ -200,3 +200,30 @@ def test_a_stored_search_is_plain_json(store, glide, glides, monkeypatch):
     with store._database.reading() as connection:
         (text,) = connection.execute("SELECT json FROM searches").fetchone()
     assert set(json.loads(text)) == {"start", "state", "seconds", "iterations"}
+
+
+def given_meanwhile(store, throws, simulator, method):
+    """Learn, while another version of θ_s is stored by others, of a method or of none: given."""
+    store.add_all(throws(2, 0))
+    other = replace(LearnedParameters.defaults(store.materials()), method=method)
+    stored = []
+
+    def on_progress(progress):
+        if not stored:
+            stored.append(store.add_parameters(other))
+
+    return learn_from_store(store, simulator, options(60, method="random"), on_progress=on_progress)
+
+
+def test_a_search_never_supersedes_values_that_were_given_since_it_began(store, throws):
+    with pytest.raises(SupersededError, match="version 1 of the static parameters was given"):
+        given_meanwhile(store, throws, make_simulator("event_driven"), "")
+    assert store.newest_version() == 1
+    # Asked again, it takes account of them.
+    again = learn_from_store(store, make_simulator("event_driven"), options(60, method="random"))
+    assert again.learned.version == 2
+
+
+def test_a_search_supersedes_what_was_learned_meanwhile(store, throws):
+    found = given_meanwhile(store, throws, make_simulator("event_driven"), "online")
+    assert found.learned.version == store.newest_version() == 2

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -76,6 +77,22 @@ class TrajectoryDistribution:
                 f"object is {object_id!r}; expected one of {', '.join(self.object_ids)}"
             )
         return self.object_ids.index(object_id)
+
+    def parts(self, numbers: int) -> Iterator[TrajectoryDistribution]:
+        """Yield the samples in parts of up to so many numbers, in order; weights stay as they are.
+
+        Each has one sample at least.
+        """
+        together = max(1, numbers // max(1, self.positions[0].size)) if self.weights.size else 1
+        for first in range(0, max(1, self.weights.size), together):
+            some = slice(first, first + together)
+            turned = None if self.orientations is None else self.orientations[some]
+            yield replace(
+                self,
+                positions=self.positions[some],
+                weights=self.weights[some],
+                orientations=turned,
+            )
 
     def of(self, object_id: str) -> NDArray[np.float64]:
         """Samples of one object's positions, shape (n_samples, n_times, 3), in m."""

@@ -19,6 +19,7 @@ from intuitive_physics_predictor.queries.events import (
     comes_to_rest,
     enters_region,
     falls_below,
+    joined_forecasts,
     touches,
 )
 
@@ -50,6 +51,21 @@ def test_chance_and_time_of_entering():
     assert forecast.probability == pytest.approx(0.5)
     np.testing.assert_allclose(forecast.times, [2.5 / 4, 2.5 / 3], atol=0.01)
     assert forecast.weights.sum() == pytest.approx(forecast.probability)
+
+
+@given(st.lists(st.floats(0.0, 10.0), min_size=1, max_size=20), st.integers(1, 100))
+@settings(max_examples=50)
+def test_parts_of_the_samples_together_answer_as_all_of_them(speeds, numbers):
+    whole = straight_paths(speeds, np.linspace(0, 1, 5))
+    region = HalfSpaceRegion((-1, 0, 0), -2.5)
+    expected = enters_region(whole, "ball", region)
+    parts = list(whole.parts(numbers))
+    assert sum(part.weights.size for part in parts) == len(speeds)
+    assert max(part.positions.size for part in parts) <= max(numbers, whole.positions[0].size)
+    joined = joined_forecasts([enters_region(part, "ball", region) for part in parts])
+    assert joined.probability == expected.probability
+    np.testing.assert_array_equal(joined.times, expected.times)
+    np.testing.assert_array_equal(joined.weights, expected.weights)
 
 
 def test_falls_below_follows_gravity():

@@ -20,6 +20,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.limits import check_limit
 
 METADATA_FILE = "metadata.yaml"
 """File that makes a folder a rosbag2 recording."""
@@ -85,6 +86,11 @@ class BagReader:
         with self._readable():
             self._reader = Reader(str(self.path))
             self._reader.open()
+        try:
+            self._check_chunks()
+        except InvalidInputError:
+            self._reader.close()
+            raise
         self._typestore = typestore or get_typestore(Stores.ROS2_JAZZY)
         self._recorded_types: dict[str, Typestore] = {}
 
@@ -176,6 +182,15 @@ class BagReader:
             if message.type not in self._recorded_types:
                 self._recorded_types[message.type] = self._types_of(message.type)
             return self._recorded_types[message.type].deserialize_cdr(message.data, message.type)
+
+    def _check_chunks(self) -> None:
+        """Check what the chunks of an MCAP file say they unpack to; SQLite has none."""
+        # A folder's storage has one for each file; a file is its own.
+        whole = self._reader.storage
+        for storage in getattr(whole, "storages", [whole]):
+            for chunk in getattr(storage, "chunks", ()):
+                size = chunk.uncompressed_size
+                check_limit("largest_unpacked", size, f"bytes of a chunk of the bag {self.path}")
 
     def _types_of(self, name: str) -> Typestore:
         """Types that a message type consists of, as the bag defines them where it does."""

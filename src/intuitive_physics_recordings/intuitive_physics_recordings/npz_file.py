@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,7 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.limits import check_limit
 from intuitive_physics.validation import finite_array
+
+HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
+"""What reads the header of an array, by the version of its format."""
 
 Arrays = Mapping[str, NDArray]
 
@@ -24,6 +32,8 @@ def load_arrays(path: Path) -> dict[str, NDArray]:
         When there is no such file or it is no .npz file of plain arrays.
     """
     try:
+        if zipfile.is_zipfile(path):
+            _check_sizes(path)
         data = np.load(path, allow_pickle=False)
         if isinstance(data, np.ndarray):
             raise InvalidInputError(f"{path} is one bare array; expected an .npz file")
@@ -34,6 +44,29 @@ def load_arrays(path: Path) -> dict[str, NDArray]:
             raise
         detail = getattr(error, "strerror", None) or str(error)
         raise InvalidInputError(f"cannot read {path} as an .npz file: {detail}") from None
+
+
+def _check_sizes(path: Path) -> None:
+    """Check what a file says it unpacks to, before anything is unpacked.
+
+    An array is made whole before it is read: a header of a few bytes can ask for terabytes.
+    """
+    with zipfile.ZipFile(path) as archive:
+        members = archive.infolist()
+        total = sum(member.file_size for member in members)
+        check_limit("largest_unpacked", total, f"bytes of the arrays of {path}")
+        for member in members:
+            with archive.open(member) as file:
+                version = np.lib.format.read_magic(file)
+                read = HEADERS.get(version)
+                if read is None:
+                    raise InvalidInputError(f"{path} has arrays of the unknown format {version}")
+                shape, _, kind = read(file)
+            if math.prod(shape) * kind.itemsize > member.file_size:
+                raise InvalidInputError(
+                    f"{member.filename} of {path} has {member.file_size} bytes, and its header "
+                    f"asks for an array of shape {shape} of {kind}; expected as many as it has"
+                )
 
 
 def load_cloud(path: Path) -> NDArray[np.float32]:

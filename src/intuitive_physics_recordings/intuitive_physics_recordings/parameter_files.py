@@ -10,6 +10,7 @@ import yaml
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.limits import check_limit
 
 YAML_SUFFIXES = (".yaml", ".yml")
 """Of files that are read and written as YAML."""
@@ -63,11 +64,12 @@ def read_parameter_file(path: Path) -> Any:
     """
     check_suffix(path)
     try:
+        check_limit("longest_text", path.stat().st_size, f"bytes of {path}")
         text = path.read_text(encoding="utf-8")
         return yaml.safe_load(text) if path.suffix in YAML_SUFFIXES else json.loads(text)
     except OSError as error:
         raise InvalidInputError(f"cannot read the parameters {path}: {error.strerror}") from None
-    except (UnicodeDecodeError, json.JSONDecodeError, yaml.YAMLError) as error:
+    except (UnicodeDecodeError, json.JSONDecodeError, yaml.YAMLError, RecursionError) as error:
         detail = " ".join(str(error).split())
         raise InvalidInputError(f"cannot read the parameters {path}: {detail}") from None
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+
+from intuitive_physics_ros.unexpected_errors import MOST_OF_A_KIND, unexpected_errors
 
 PERIOD = 1.0
 """Seconds between two messages, of real time: diagnostics go on when simulated time stands."""
@@ -45,7 +48,8 @@ Check = Callable[[], Status]
 class Diagnostics:
     """Publishes the answers of a node's checks on /diagnostics.
 
-    The first check comes with it: that no other node has the same full name.
+    Two checks come with it: that no other node has the same full name, and that nothing unexpected
+    was raised.
 
     Parameters
     ----------
@@ -55,7 +59,10 @@ class Diagnostics:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._checks: dict[str, Check] = {"name": NameCheck(node)}
+        self._checks: dict[str, Check] = {
+            "name": NameCheck(node),
+            "unexpected errors": partial(check_unexpected_errors, node),
+        }
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(PERIOD, self._publish, clock=self._steady_clock)
 
@@ -66,10 +73,17 @@ class Diagnostics:
     def _publish(self) -> None:
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
-        message.status = [
-            self._status_message(name, check()) for name, check in self._checks.items()
-        ]
+        message.status = [self._status_message(name, self._answer(name)) for name in self._checks]
         self._publisher.publish(message)
+
+    def _answer(self, name: str) -> Status:
+        try:
+            return self._checks[name]()
+        except Exception as error:
+            # One check that fails must not take the others along.
+            return Status(
+                Level.ERROR, unexpected_errors(self._node).report(error, f"the check {name!r}")
+            )
 
     def _status_message(self, name: str, status: Status) -> DiagnosticStatus:
         return DiagnosticStatus(
@@ -107,3 +121,16 @@ class NameCheck:
             log.info(sentence) if alone else log.warning(sentence)
         self._alone = alone
         return Status(Level.OK if alone else Level.WARN, sentence)
+
+
+def check_unexpected_errors(node: Node) -> Status:
+    """Say how many errors nobody expected there were; several of a kind are an error state."""
+    counts = unexpected_errors(node).counts
+    if not counts:
+        return Status(Level.OK, "none")
+    kind, most = max(counts.items(), key=lambda item: item[1])
+    if most < MOST_OF_A_KIND:
+        return Status(
+            Level.WARN, f"{sum(counts.values())}, the newest kind: {[*counts][-1]}", counts
+        )
+    return Status(Level.ERROR, f"{most} of one kind: {kind}; restart the node", counts)

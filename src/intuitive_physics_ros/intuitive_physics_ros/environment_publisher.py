@@ -7,6 +7,7 @@ from geometry_msgs.msg import TransformStamped
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from numpy.typing import NDArray
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
 from intuitive_physics.geometry.rotations import rotation_matrix
@@ -38,6 +39,11 @@ class EnvironmentPublisher:
             self._transforms = None
         else:
             self._transforms = node.create_publisher(TFMessage, "/tf_static", LATCHED)
+
+    @property
+    def publishers(self) -> list[Publisher]:
+        """What it publishes with, for `farewell`."""
+        return [one for one in (self._environments, self._transforms) if one is not None]
 
     def publish(
         self,

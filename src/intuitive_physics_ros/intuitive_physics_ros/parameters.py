@@ -18,6 +18,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.limits import InputLimits, use_limits
 from intuitive_physics.settings import list_settings
 from intuitive_physics_ros.rclpy_internals import parameter_overrides
 
@@ -134,6 +135,16 @@ def declare_parameters(node: Node, parameters: Iterable[Parameter]) -> dict[str,
     declared = {parameter.name: parameter for parameter in parameters}
     node.add_on_set_parameters_callback(lambda new: _check(declared, new))
     return {name: _declare(node, parameter) for name, parameter in declared.items()}
+
+
+def use_limits_of(values: Mapping[str, Any]) -> None:
+    """Give this process the limits on its inputs that a node's parameters have.
+
+    Parameters
+    ----------
+    values : of parameters by name, those of `setting_parameters(InputLimits)` among them
+    """
+    use_limits(InputLimits(**{one.name: values[one.name] for one in list_settings(InputLimits)}))
 
 
 def unknown_overrides(node: Node) -> list[str]:

@@ -6,7 +6,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -22,3 +24,21 @@ def parameter_overrides(node: Node) -> Mapping[str, Parameter]:
     """
     overrides: Mapping[str, Parameter] = getattr(node, "_parameter_overrides", {})
     return overrides
+
+
+def release(entity: Any) -> None:
+    """Let what an executor waits for be waited for again after its handler has raised.
+
+    A message that cannot be taken raises before rclpy has given its callback group free again; no
+    callback of that group would ever run after it.
+
+    Parameters
+    ----------
+    entity : subscription, service, timer or the like, as an executor hands it out
+    """
+    if not getattr(entity, "_executor_event", False):
+        return
+    entity._executor_event = False
+    group = entity.callback_group
+    if isinstance(group, MutuallyExclusiveCallbackGroup) and not group.can_execute(entity):
+        group.ending_execution(entity)

@@ -9,12 +9,16 @@ import socket
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import rclpy
-from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.duration import Duration
+from rclpy.exceptions import InvalidHandle, NameValidationException, ParameterException
 from rclpy.executors import (
     ConditionReachedException,
     ExternalShutdownException,
@@ -22,11 +26,14 @@ from rclpy.executors import (
     SingleThreadedExecutor,
 )
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_ros.parameters import unknown_overrides
-from intuitive_physics_ros.rclpy_internals import RCLError
+from intuitive_physics_ros.rclpy_internals import RCLError, release
+from intuitive_physics_ros.start_node import STOP_SIGNALS
+from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 START_ERRORS = (IntuitivePhysicsError, NameValidationException, ParameterException, RCLError)
 """What a user's mistake at start-up raises; anything else is a bug and shows its traceback."""
@@ -34,17 +41,23 @@ START_ERRORS = (IntuitivePhysicsError, NameValidationException, ParameterExcepti
 END_OF_SPINNING = (ConditionReachedException, ExternalShutdownException, ShutdownException)
 """What an executor raises when it is to stop."""
 
-STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
-"""Signals that end a node."""
+STOP_LIMIT = 1.7
+"""s from the first signal after which the process ends whatever it is doing. Nodes promise to end
+within 2 s; the rest is for a busy machine."""
+
+FAREWELL_LIMIT = 0.5
+"""s that subscribers have at the end to acknowledge what was published last."""
 
 
 def run_node(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Make a node, run it on a single-threaded executor until it is stopped, clean up.
 
     Ctrl-C (SIGINT), SIGTERM and `rclpy.try_shutdown` end it; signals that come while it ends
-    change nothing. An `IntuitivePhysicsError` that leaves a callback is logged and the node goes
-    on. A node that holds threads, processes or files closes them in its `destroy_node`, up to
-    which it may publish.
+    change nothing. What does not end by itself within `STOP_LIMIT` is ended then: so a node writes
+    to disk before it answers, and not at its end. An `IntuitivePhysicsError` that leaves a callback
+    is logged; any other exception is reported by `unexpected_errors`; the node goes on. A node that
+    holds threads, processes or files closes them in its `destroy_node`, up to which it may publish;
+    `farewell` waits until others have got what it published.
 
     Parameters
     ----------
@@ -84,17 +97,37 @@ def _spin(node: Node, stop: StopSignal) -> None:
     stop.when_set(executor.wake)
     try:
         while True:
-            callback, _, _ = executor.wait_for_ready_callbacks(condition=stop.is_set)
+            ready: Any = executor.wait_for_ready_callbacks(condition=stop.is_set)
+            callback, entity = ready[0], ready[1]
             callback()
             error = callback.exception()
+            if isinstance(error, END_OF_SPINNING):
+                raise error
             if isinstance(error, IntuitivePhysicsError):
                 node.get_logger().error(str(error))
             elif error is not None:
-                raise error
+                unexpected_errors(node).report(error, "a callback")
+                release(entity)
     except END_OF_SPINNING:
         pass
     finally:
         executor.shutdown()
+
+
+def farewell(publishers: Iterable[Publisher], limit: float = FAREWELL_LIMIT) -> None:
+    """Wait until reliable subscribers have all that was published.
+
+    Else the last messages may die with this process.
+
+    Parameters
+    ----------
+    publishers : of what was published
+    limit : s to wait at most
+    """
+    end = time.monotonic() + limit
+    for publisher in publishers:
+        left = max(0.0, end - time.monotonic())
+        publisher.wait_for_all_acked(Duration(seconds=left))
 
 
 def _ensure_log_folder() -> None:
@@ -121,6 +154,8 @@ def _explain(error: Exception) -> int:
 class StopSignal:
     """Is set by the first SIGINT or SIGTERM of this process; later ones change nothing.
 
+    `STOP_LIMIT` after it the process ends with code 0, if it is still there.
+
     rclpy's own handlers end its context at once, under the feet of callbacks and threads that
     publish. With this one everything still works until the node has been destroyed.
 
@@ -129,6 +164,8 @@ class StopSignal:
 
     def __init__(self) -> None:
         self._event = threading.Event()
+        self._lock = threading.Lock()
+        self._action: Callable[[], None] = lambda: None
         # A handler in Python runs only once the main thread is back from waiting in C. What
         # arrives here arrives at once.
         self._arrivals, self._wakeup = socket.socketpair()
@@ -139,6 +176,7 @@ class StopSignal:
         os.register_at_fork(
             before=_hold_back, after_in_parent=_let_through, after_in_child=_leave_to_parent
         )
+        threading.Thread(target=self._await, name="stop signal", daemon=True).start()
 
     def is_set(self) -> bool:
         """Whether a signal has come."""
@@ -146,20 +184,38 @@ class StopSignal:
 
     def when_set(self, action: Callable[[], None]) -> None:
         """Call `action` from another thread as soon as a signal comes, at once if one has."""
-
-        def wait() -> None:
-            self._arrivals.recv(1)
-            self._event.set()
-            action()
-
-        threading.Thread(target=wait, name="stop signal", daemon=True).start()
+        with self._lock:
+            self._action = action
+            if self._event.is_set():
+                action()
 
     def ignore_rest(self) -> None:
         """Ignore SIGINT for good, even while Python itself ends."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
+    def _await(self) -> None:
+        self._arrivals.recv(1)
+        with self._lock:
+            self._event.set()
+            # An executor that was shut down meanwhile has nobody left to wake.
+            with suppress(InvalidHandle):
+                self._action()
+        time.sleep(STOP_LIMIT)
+        print(
+            f"{Path(sys.argv[0]).name}: ended while this was still under way: "
+            + ", ".join(sorted(_unfinished())),
+            file=sys.stderr,
+            flush=True,
+        )
+        os._exit(0)
+
     def _set(self, number: int, frame: FrameType | None) -> None:
         self._event.set()
+
+
+def _unfinished() -> set[str]:
+    """Names of the threads that run, besides the one that asks."""
+    return {one.name for one in threading.enumerate() if one is not threading.current_thread()}
 
 
 # A forked worker shares the socket: a signal to the worker would stop the node. So signals wait

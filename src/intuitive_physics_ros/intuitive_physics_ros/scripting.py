@@ -156,7 +156,10 @@ class NodeProcess:
         self.output = ""
         ros_arguments = ["--ros-args", *arguments] if arguments else []
         # The module is run as the installed executable would run it.
-        run = f"from {module} import main; raise SystemExit(main())"
+        run = (
+            "from intuitive_physics_ros.start_node import run_module; "
+            f"raise SystemExit(run_module({module!r}))"
+        )
         self.process = subprocess.Popen(
             [sys.executable, "-u", "-c", run, *ros_arguments],
             stdout=subprocess.PIPE,

@@ -29,6 +29,9 @@ class SmallNode(Node):
         if "--slow-start" in sys.argv:
             print("starting", flush=True)
             time.sleep(1.0)
+        if "--endless-start" in sys.argv:
+            print("starting", flush=True)
+            time.sleep(60.0)
         super().__init__("small")
         values = declare_parameters(self, PARAMETERS)
         if values["names"] == ["impossible"]:
@@ -49,6 +52,11 @@ class SmallNode(Node):
         print(f"worker ended by signal {-worker.exitcode}", flush=True)
 
     def _on_number(self, message: Float64) -> None:
+        if message.data == 13.0:
+            raise ValueError("13 brings bad luck")
+        if message.data == 14.0:
+            print("sleeps", flush=True)
+            time.sleep(60.0)
         if message.data == 0.0:
             raise InvalidInputError("number is 0; expected another")
         if message.data < 0.0:
@@ -60,6 +68,8 @@ class SmallNode(Node):
     def destroy_node(self) -> None:
         """Say that the end was reached."""
         print("closed", flush=True)
+        if "--slow-end" in sys.argv:
+            time.sleep(60.0)
         super().destroy_node()
 
 

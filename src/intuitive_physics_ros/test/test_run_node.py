@@ -133,6 +133,72 @@ def test_signal_while_it_starts(start, number):
     assert "Traceback" not in node.text
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_while_its_module_is_imported(number, tmp_path):
+    slow = "import time; print('imports', flush=True); time.sleep(60)"
+    (tmp_path / "slow_module.py").write_text(slow)
+    run = "from intuitive_physics_ros.start_node import run_module; run_module('slow_module')"
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    process = subprocess.Popen(
+        [sys.executable, "-c", run],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+    )
+    assert process.stdout.readline() == "imports\n"
+    process.send_signal(number)
+    rest, _ = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, rest) == (0, "")
+
+
+@pytest.mark.parametrize("place", ["start", "callback", "end"])
+def test_it_ends_whatever_it_is_doing(start, caller, place):
+    node = start(*{"start": ["--endless-start"], "end": ["--slow-end"]}.get(place, []))
+    if place == "start":
+        node.wait_for("starting")
+    else:
+        node.wait_for("ready")
+    if place == "callback":
+        publisher = caller.create_publisher(Float64, "/small/number", 10)
+        caller.spin_until(lambda: publisher.get_subscription_count() == 1)
+        publisher.publish(Float64(data=14.0))
+        node.wait_for("sleeps")
+    assert node.stop(signal.SIGINT) == 0, node.text
+    assert "ended while this was still under way: MainThread" in node.text
+    assert "Traceback" not in node.text
+
+
+def test_an_unexpected_error_is_reported_once_and_leaves_it_alive(start, caller):
+    node, levels = start(), []
+    node.wait_for("ready")
+    caller.create_subscription(
+        DiagnosticArray,
+        "/diagnostics",
+        lambda m: levels.extend(
+            (s.level, s.message) for s in m.status if s.name == "small: unexpected errors"
+        ),
+        10,
+    )
+    publisher = caller.create_publisher(Float64, "/small/number", 10)
+    caller.spin_until(lambda: publisher.get_subscription_count() == 1)
+    caller.spin_until(lambda: (DiagnosticStatus.OK, "none") in levels)
+    publisher.publish(Float64(data=13.0))
+    node.wait_for("a callback failed: ValueError: 13 brings bad luck (")
+    caller.spin_until(lambda: levels[-1][0] == DiagnosticStatus.WARN)
+    for _ in range(5):
+        publisher.publish(Float64(data=13.0))
+    caller.spin_until(lambda: levels[-1][0] == DiagnosticStatus.ERROR)
+    assert "ValueError in small_node.py:" in levels[-1][1]
+    assert "_on_number" in levels[-1][1]
+    answers = []
+    caller.create_subscription(Float64, "/small/double", lambda m: answers.append(m.data), 10)
+    caller.spin_until(lambda: publisher.publish(Float64(data=4.0)) or answers)
+    assert node.stop(signal.SIGINT) == 0
+    # Once when it was new, once when it made the error state.
+    assert node.text.count("13 brings bad luck") == 2, node.text
+
+
 def test_worker_it_forked_can_be_ended_and_leaves_it_alive(start):
     node = start("--worker")
     node.wait_for("ready")

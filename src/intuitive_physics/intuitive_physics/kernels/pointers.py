@@ -36,6 +36,17 @@ def _element(context, builder, start, number):
 
 
 @intrinsic
+def flag_at(typingctx, address):
+    """The int64 at an address, read from memory each time, as another thread may change it."""
+
+    def generate(context, builder, signature, arguments):
+        pointer = context.get_value_type(types.CPointer(types.int64))
+        return builder.load_atomic(builder.inttoptr(arguments[0], pointer), "monotonic", 8)
+
+    return types.int64(types.intp), generate
+
+
+@intrinsic
 def float_at(typingctx, address, index):
     """Element `index` of the array of float64 at an address."""
 

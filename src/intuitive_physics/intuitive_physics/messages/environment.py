@@ -6,6 +6,7 @@ from enum import IntEnum
 from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.limits import check_limit
 from intuitive_physics.messages.fields import in_field
 from intuitive_physics.messages.geometry import (
     MakeMessage,
@@ -18,6 +19,7 @@ from intuitive_physics.messages.geometry import (
     xyzw,
 )
 from intuitive_physics.scene import Environment, Plane, StaticBox
+from intuitive_physics.validation import name_string
 
 
 class PrimitiveKind(IntEnum):
@@ -68,6 +70,10 @@ def environment_from_message(message: Any) -> Environment:
         When a primitive is of no known kind or is not what its kind must be, an id stands twice,
         or gravity is not finite.
     """
+    check_limit("most_primitives", len(message.primitives), "planes and boxes")
+    frame_id = message.header.frame_id
+    if frame_id:
+        name_string(frame_id, "frame")
     planes, boxes = [], []
     for i, primitive in enumerate(message.primitives):
         with in_field(f"primitives[{i}]"):
@@ -81,7 +87,7 @@ def environment_from_message(message: Any) -> Environment:
                         f"kind is {kind}; expected {PrimitiveKind.PLANE} (plane) "
                         f"or {PrimitiveKind.BOX} (box)"
                     )
-    return Environment(planes, boxes, xyz(message.gravity), message.header.frame_id)
+    return Environment(planes, boxes, xyz(message.gravity), frame_id)
 
 
 def _plane_to_message(plane: Plane, make: MakeMessage) -> Any:
@@ -100,6 +106,7 @@ def _plane_to_message(plane: Plane, make: MakeMessage) -> Any:
 
 
 def _plane_from_message(message: Any) -> Plane:
+    check_limit("most_corners", len(message.boundary), f"corners of plane {message.id:.80}")
     corners = points_array(message.boundary) if len(message.boundary) else None
     return Plane(message.id, message.material, xyz(message.normal), message.offset, corners)
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.limits import check_limit
 from intuitive_physics.messages.fields import flat_array, float64_field, in_field
 from intuitive_physics.messages.geometry import (
     MakeMessage,
@@ -167,6 +168,7 @@ def object_states_from_messages(
     InvalidInputError
         When one of them is not what it must be; ids may stand twice.
     """
+    check_limit("most_objects", len(messages), "objects")
     scene_objects, states = [], []
     for i, message in enumerate(messages):
         with in_field(f"objects[{i}]"):

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.limits import check_limit
 from intuitive_physics.messages.environment import (
     environment_from_message,
     environment_to_message,
@@ -59,6 +60,8 @@ def observation_from_message(message: Any) -> Observation:
     InvalidInputError
         When a part of it is not what it must be.
     """
+    check_limit("most_objects", len(message.objects), "objects")
+    check_limit("most_points", sum(map(_point_count, message.objects)), "points")
     with in_field("environment"):
         environment = environment_from_message(message.environment)
         if environment.frame_id != message.header.frame_id:
@@ -71,7 +74,14 @@ def observation_from_message(message: Any) -> Observation:
     for i, seen in enumerate(message.objects):
         with in_field(f"objects[{i}]"):
             objects.append(_object_from_message(seen, start_time))
-    return Observation(environment, tuple(objects), start_time, message.id)
+    observation = Observation(environment, tuple(objects), start_time, message.id)
+    observation.check_limits()
+    return observation
+
+
+def _point_count(message: Any) -> int:
+    detections = getattr(message, "detections", None)
+    return len(message.times) + (0 if detections is None else len(detections.times))
 
 
 def _object_to_message(seen: ObservedObject, stamp: Any, make: MakeMessage) -> Any:

@@ -9,6 +9,7 @@ from intuitive_physics.simulation.event_driven import EventDrivenSimulator
 from intuitive_physics.simulation.rollout import Rollout
 from intuitive_physics.simulation.simulator import Simulator
 from intuitive_physics.simulation.stepped import SteppedSimulator
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics.simulation.world_batch import SPHERE, WorldBatch
 
 
@@ -26,6 +27,13 @@ class AutomaticSimulator(Simulator):
     def __init__(self, *, threads: int = 1) -> None:
         self.event_driven = EventDrivenSimulator(threads=threads)
         self.stepped = SteppedSimulator(threads=threads)
+
+    def stopped_by(self, flag: StopFlag) -> AutomaticSimulator:
+        """Return the same simulator whose simulations end once the flag is set."""
+        made = super().stopped_by(flag)
+        made.event_driven = self.event_driven.stopped_by(flag)
+        made.stepped = self.stepped.stopped_by(flag)
+        return made
 
     def _rollout(
         self, worlds: WorldBatch, times: NDArray[np.float64], orientations: bool

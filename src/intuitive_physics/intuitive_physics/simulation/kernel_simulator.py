@@ -44,6 +44,7 @@ class KernelSimulator(Simulator):
             positions=np.empty((count, objects, times.shape[1], 3)),
             orientations=np.empty((count, objects if orientations else 0, times.shape[1], 4)),
             status=np.empty(count, dtype=np.int64),
+            stop=self.stop_flag.number,
         )
         sizes = self._scratch_sizes(worlds)
         arrays, results = worlds.arrays, tuple(outputs)

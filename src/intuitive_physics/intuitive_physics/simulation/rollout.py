@@ -20,6 +20,7 @@ class WorldStatus(IntEnum):
       boxes in event_driven; in stepped 48 contact points for each object, in all.
     - TOO_FAST: stepped would need more than 512 samples of a pair's gap in a step to be sure that
       the two do not pass through each other.
+    - STOPPED: the simulation was ended by its flag.
     """
 
     OK = 0
@@ -27,6 +28,7 @@ class WorldStatus(IntEnum):
     TOO_MANY_EVENTS = 2
     TOO_MANY_CONTACTS = 3
     TOO_FAST = 4
+    STOPPED = 5
 
 
 OK = int(WorldStatus.OK)
@@ -38,6 +40,8 @@ TOO_MANY_EVENTS = int(WorldStatus.TOO_MANY_EVENTS)
 TOO_MANY_CONTACTS = int(WorldStatus.TOO_MANY_CONTACTS)
 """As kernels write it."""
 TOO_FAST = int(WorldStatus.TOO_FAST)
+"""As kernels write it."""
+STOPPED = int(WorldStatus.STOPPED)
 """As kernels write it."""
 
 
@@ -69,9 +73,11 @@ class OutputArrays(NamedTuple):
     orientations : (W, O, T, 4) unit quaternions (x, y, z, w); axis O has length zero when they are
         not wanted
     status : (W,) of `WorldStatus`
+    stop : (1,) as `StopFlag.number`
     """
 
     times: NDArray[np.float64]
     positions: NDArray[np.float64]
     orientations: NDArray[np.float64]
     status: NDArray[np.int64]
+    stop: NDArray[np.int64]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar
+from copy import copy
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,8 +14,11 @@ from intuitive_physics.errors import InvalidInputError, UnsupportedSceneError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation.rollout import Rollout
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics.simulation.world_batch import WorldBatch, pack_worlds
 from intuitive_physics.validation import increasing_times
+
+Self = TypeVar("Self", bound="Simulator")
 
 
 class Simulator(ABC):
@@ -23,6 +27,14 @@ class Simulator(ABC):
     name: ClassVar[str]
     takes_contact_noise: ClassVar[bool] = False
     """Whether it can make impacts noisy."""
+    stop_flag: StopFlag = StopFlag()
+    """Ends its simulations once it is set; that of the class never is."""
+
+    def stopped_by(self: Self, flag: StopFlag) -> Self:
+        """Return the same simulator whose simulations end once the flag is set."""
+        made = copy(self)
+        made.stop_flag = flag
+        return made
 
     def rollout(
         self,
@@ -73,6 +85,8 @@ class Simulator(ABC):
             When the times are not as above.
         UnsupportedSceneError
             When this engine cannot express a world, or impacts that are noisy.
+        SimulationStoppedError
+            When its flag was set before the end.
         """
         if worlds.contact_noise.any() and not self.takes_contact_noise:
             raise UnsupportedSceneError(
@@ -80,7 +94,9 @@ class Simulator(ABC):
                 "set their noise to 0 or use the simulator auto, event_driven or stepped"
             )
         checked = _checked_times(times, worlds.size)
-        return self._rollout(worlds, checked, orientations)
+        rollout = self._rollout(worlds, checked, orientations)
+        self.stop_flag.check()
+        return rollout
 
     @abstractmethod
     def _rollout(

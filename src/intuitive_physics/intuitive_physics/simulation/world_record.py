@@ -6,12 +6,13 @@ from math import isfinite
 
 from intuitive_physics.geometry.vectors import load, store
 from intuitive_physics.kernels import inlined
-from intuitive_physics.kernels.pointers import float_at
+from intuitive_physics.kernels.pointers import flag_at, float_at
 from intuitive_physics.simulation.noisy_impacts import NOISE_FIELDS, set_noise
-from intuitive_physics.simulation.rollout import OK
+from intuitive_physics.simulation.rollout import OK, STOPPED
 
 COMMON_FIELDS = [
     ("status", "i8"),  # `WorldStatus`
+    ("stop", "i8"),  # address of the int64 of `StopFlag`
     ("coefficients", "i8"),  # address of (4, m, m) float64
     ("material_count", "i8"),  # m
     ("gravity", "f8", 3),  # m/s²
@@ -24,20 +25,29 @@ STATIC, DYNAMIC, ROLLING, RESTITUTION = range(4)
 
 
 @inlined
-def start_world(world, worlds, w):
+def start_world(world, worlds, w, stop):
     """Fill in what all engines need of world w of a batch.
 
     Parameters
     ----------
     world : record with `COMMON_FIELDS`
     worlds : `WorldArrays`
+    stop : (1,) as `StopFlag.number`
     """
     world.status = OK
+    world.stop = stop.ctypes.data
     table = worlds.coefficients[worlds.parameter_index[w]]
     world.coefficients = table.ctypes.data
     world.material_count = table.shape[1]
     store(world.gravity, load(worlds.gravity[worlds.environment_index[w]]))
     set_noise(world, worlds.contact_noise, worlds.noise_keys[w])
+
+
+@inlined
+def stop_if_asked(world):
+    """Give a world that was simulated without a fault the status STOPPED if its flag is set."""
+    if flag_at(world.stop) != 0 and world.status == OK:
+        world.status = STOPPED
 
 
 @inlined

@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Sequence
 
 from intuitive_physics_msgs.msg import ResultCode
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
 from intuitive_physics_msgs.srv import GetStaticParameters, SetStaticParameters
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.limits import InputLimits
+from intuitive_physics.settings import list_settings
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner.cost.cluster import CostMaker
 from intuitive_physics_learner.design import suggest_from_store
-from intuitive_physics_learner.errors import StorageError
+from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
 from intuitive_physics_learner.given_parameters import given_parameters
 from intuitive_physics_learner.learning_job import Work
 from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.nodes.learning_services import CODES, RequestedSearches
-from intuitive_physics_learner.nodes.observation_services import ObservationServices
+from intuitive_physics_learner.nodes.observation_services import (
+    ADD_PATIENCE,
+    BUSY_TIMEOUT,
+    ObservationServices,
+)
 from intuitive_physics_learner.nodes.parameters import (
     ONLINE_PREFIX,
     bounds_of,
@@ -35,19 +43,23 @@ from intuitive_physics_learner.online.worker import FAILED, LEARNING
 from intuitive_physics_learner.store import CurrentParameters, ObservationStore
 from intuitive_physics_learner.store.database import database_path
 from intuitive_physics_learner.stored_learning import learn_from_store
+from intuitive_physics_ros.background import Background
 from intuitive_physics_ros.conversions import (
     static_parameters_from_message,
     static_parameters_to_message,
 )
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
-from intuitive_physics_ros.parameters import declare_parameters
+from intuitive_physics_ros.parameters import declare_parameters, use_limits_of
 from intuitive_physics_ros.qos import LATCHED
 from intuitive_physics_ros.result_codes import error_result, ok_result
-from intuitive_physics_ros.run_node import run_node
+from intuitive_physics_ros.run_node import farewell, run_node
+from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
-STOP_PATIENCE = 2.0
-"""s to wait at the end for a search to stop, which it can after every batch of candidates, and for
-observations that wait to be stored."""
+LIMITS = frozenset(one.name for one in list_settings(InputLimits))
+"""Names of the parameters that limit what is received and stored."""
+
+STOP_PATIENCE = 1.0
+"""s to wait at the end, in all, for observations that wait to be stored, searches and requests."""
 
 
 class LearnerNode(Node):
@@ -56,17 +68,23 @@ class LearnerNode(Node):
     def __init__(self) -> None:
         super().__init__("learner_node")
         values = declare_parameters(self, node_parameters())
+        use_limits_of(values)
         # A cluster shares the work itself.
         cores = 1 if values["cluster"] else values["cores"] or len(os.sched_getaffinity(0))
         self._simulator = make_simulator(values["simulator"], threads=cores)
         self._make_cost = CostMaker(values["cluster"])
         self._store = ObservationStore(database_path(values["database"], self.get_namespace()))
-        self._current = CurrentParameters(self._store)
         self._publisher = self.create_publisher(
             StaticParametersMessage, "~/static_parameters", LATCHED
         )
         # Triggered in the thread that watches the background, called back in this node's executor.
         improved = self.create_guard_condition(self._read_newest)
+        # What waits for the disk or for other processes waits in this thread.
+        self._database = Background(self, "database")
+        self._own_store = ObservationStore(self._store.path, BUSY_TIMEOUT)
+        self._current = CurrentParameters(self._own_store)
+        self._told_of: set[int] = set()
+        self._newer = self.create_guard_condition(self._publish)
         self._background = BackgroundLearning(
             self._store.path, values["simulator"], improved.trigger
         )
@@ -75,12 +93,12 @@ class LearnerNode(Node):
         )
         self._suggestions = SuggestionService(
             self,
-            lambda request, cancelled: suggest_from_store(
-                self._store, self._simulator, request, cancelled=cancelled
+            lambda request, stop: suggest_from_store(
+                self._store, self._simulator.stopped_by(stop), request, cancelled=stop.is_set
             ),
         )
         self._observations = ObservationServices(
-            self, self._store.path, self._on_observations_changed
+            self, self._own_store, self._database, self._on_observations_changed
         )
         self._offer()
         self._publish()
@@ -92,21 +110,33 @@ class LearnerNode(Node):
 
     def destroy_node(self) -> None:
         """Stop all searches and close the database."""
+        end = time.monotonic() + STOP_PATIENCE
         self._background.stop()
-        self._suggestions.stop()
-        if not self._searches.stop(STOP_PATIENCE):
-            self.get_logger().warning("the search did not stop in time and is left behind")
-        self._make_cost.close()
+        self._searches.cancel("the node ends, so the search is cancelled")
         self._observations.stop(STOP_PATIENCE)
-        self._store.close()
+        stopped = [
+            one.stop(max(0.0, end - time.monotonic()))
+            for one in (self._database, self._suggestions, self._searches)
+        ]
+        farewell([self._publisher])
+        if all(stopped):
+            self._make_cost.close()
+            self._own_store.close()
+            self._store.close()
+        else:
+            self.get_logger().warning("a search or request did not stop in time and is left behind")
         super().destroy_node()
 
     def _offer(self) -> None:
         self.create_service(
             GetStaticParameters, "~/get_static_parameters", self._on_get_static_parameters
         )
+        # While an answer waits for the database, others must go on.
         self.create_service(
-            SetStaticParameters, "~/set_static_parameters", self._on_set_static_parameters
+            SetStaticParameters,
+            "~/set_static_parameters",
+            self._on_set_static_parameters,
+            callback_group=ReentrantCallbackGroup(),
         )
         self.add_post_set_parameters_callback(self._on_parameters_set)
         diagnostics = Diagnostics(self)
@@ -133,37 +163,57 @@ class LearnerNode(Node):
             response.result = ok_result()
         return response
 
-    def _on_set_static_parameters(
+    async def _on_set_static_parameters(
         self, request: SetStaticParameters.Request, response: SetStaticParameters.Response
     ) -> SetStaticParameters.Response:
         try:
-            given = given_parameters(
-                static_parameters_from_message(request.static_parameters),
-                mode_of(request),
-                request.names,
-                newest=self._current.newest,
-                bounds=bounds_of(request.bounds),
+            stored = await self._database.run(lambda _: self._store_given(request))
+            self._searches.cancel(
+                f"version {stored.version} of the static parameters was given while this search "
+                "ran; nothing was stored: learn again, which takes account of what was given"
             )
-            stored = self._store.add_parameters(given)
             self._take_over(stored)
             self._background.notify()
             response.version = stored.version
             response.result = ok_result()
-        except IntuitivePhysicsError as error:
+        except Exception as error:
+            if not isinstance(error, IntuitivePhysicsError):
+                unexpected_errors(self).report(error, "a request")
             response.result = error_result(error, CODES)
         return response
 
+    def _store_given(self, request: SetStaticParameters.Request) -> LearnedParameters:
+        """Store what a request gives on top of the newest θ_s, whoever stored that."""
+        values = static_parameters_from_message(request.static_parameters)
+        mode, bounds = mode_of(request), bounds_of(request.bounds)
+        deadline = time.monotonic() + ADD_PATIENCE
+        while True:
+            version, newest = self._own_store.newest_version(), self._own_store.newest_parameters()
+            given = given_parameters(values, mode, request.names, newest=newest, bounds=bounds)
+            try:
+                stored = self._own_store.add_improvement(given, on=version)
+            except DatabaseBusyError:
+                if time.monotonic() > deadline:
+                    raise
+                continue
+            if stored is not None:
+                return stored
+
     def _on_parameters_set(self, parameters: Sequence[RosParameter]) -> None:
-        if any(one.name.startswith(ONLINE_PREFIX) for one in parameters):
+        names = {one.name for one in parameters}
+        if names & LIMITS:
+            use_limits_of({name: self.get_parameter(name).value for name in LIMITS})
+        # The process that learns in the background begins with all of them.
+        if names & LIMITS or any(name.startswith(ONLINE_PREFIX) for name in names):
             self._run_background()
 
     def _work(self, options: LearningOptions) -> Work:
-        return lambda on_progress, cancelled: learn_from_store(
+        return lambda on_progress, stop: learn_from_store(
             self._store,
-            self._simulator,
+            self._simulator.stopped_by(stop),
             options,
             on_progress=on_progress,
-            cancelled=cancelled,
+            cancelled=stop.is_set,
             make_cost=self._make_cost,
         )
 
@@ -183,12 +233,22 @@ class LearnerNode(Node):
 
     def _read_newest(self) -> None:
         """Take over what was learned in the background, and materials that were observed."""
-        if self._current.read():
-            self._publish()
+        self._database.post(self._read_store, "newest")
+
+    def _read_store(self) -> None:
+        try:
+            if self._current.read():
+                self._newer.trigger()
+        except StorageError as error:
+            self.get_logger().error(str(error))
+        for version, why in self._own_store.unreadable_versions.items():
+            if version not in self._told_of:
+                self._told_of.add(version)
+                self.get_logger().warning(f"{why}; an older version takes its place")
 
     def _take_over(self, learned: LearnedParameters) -> None:
-        self._current.newest = learned
-        self._publish()
+        if self._current.take(learned):
+            self._publish()
 
     def _publish(self) -> None:
         current = self._current.extended()
@@ -199,13 +259,9 @@ class LearnerNode(Node):
         return static_parameters_to_message(learned, stamp=self.get_clock().now().to_msg())
 
     def _check_learning(self) -> Status:
-        try:
-            count = self._store.count()
-        except StorageError as error:
-            return Status(Level.ERROR, str(error))
         newest = self._current.newest
         values = {
-            "observations": count,
+            "observations": self._observations.count,
             "version": self._current.version,
             "cost": newest.cost if newest else "",
         }

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import threading
+import time
 from array import array
 from collections.abc import Callable
 
@@ -23,6 +26,7 @@ from intuitive_physics_learner.errors import (
     MissingDependencyError,
     NoObservationsError,
     StorageError,
+    SupersededError,
     UnknownMethodError,
 )
 from intuitive_physics_learner.learning_job import JobProgress, LearningJob, Work
@@ -30,6 +34,7 @@ from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.nodes.parameters import learning_options
 from intuitive_physics_ros.background import WorkerSignal
 from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_result
+from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 CODES: dict[type[BaseException], int] = {
     NoObservationsError: ResultCode.NO_OBSERVATIONS,
@@ -39,8 +44,16 @@ CODES: dict[type[BaseException], int] = {
     StorageError: ResultCode.STORAGE_FAILED,
     IncompatibleEnvironmentError: ResultCode.INCOMPATIBLE_ENVIRONMENT,
     ClusterError: ResultCode.CLUSTER_FAILED,
+    SupersededError: ResultCode.CANCELLED,
 }
 """Result code of each error of this package; others are those of `intuitive_physics_ros`."""
+
+DEADLINE = "search_deadline"
+"""Name of the node's parameter."""
+
+CANCEL_PATIENCE = 0.3
+"""s from a request to cancel a search to the answer at most. Simulations end within some ms; steps
+of linear algebra of many parameters, or of another machine, can take longer."""
 
 MakeWork = Callable[[LearningOptions], Work]
 """Makes what a job runs from the options of a request."""
@@ -91,6 +104,12 @@ class RequestedSearches:
         """The search that runs."""
         return None if self._job is None or self._job.done else self._job
 
+    def cancel(self, why: str) -> None:
+        """Cancel a search that runs; its caller is told why."""
+        if self.running is not None:
+            self.running.cancel(why)
+            self._changed.set()
+
     def stop(self, patience: float) -> bool:
         """Cancel a search that runs; return whether it has ended within `patience` seconds."""
         return self._job is None or self._job.stop(patience)
@@ -140,21 +159,67 @@ class RequestedSearches:
         goal: ServerGoalHandle | None = None,
         options: LearningOptions | None = None,
     ) -> array[float]:
-        """Wait for the end of a job, publish feedback to a goal, return its cost history (m)."""
+        """Wait for the end of a job, publish feedback to a goal, return its cost history (m).
+
+        A job that was cancelled and has not ended by then is left to end by itself.
+        """
+        deadline = self._deadline(job)
+        try:
+            return await self._watched_to_its_end(job, goal, options)
+        finally:
+            deadline.cancel()
+
+    async def _watched_to_its_end(
+        self, job: LearningJob, goal: ServerGoalHandle | None, options: LearningOptions | None
+    ) -> array[float]:
         history = array("d")
+        waits_until = math.inf
         while True:
             change = self._changed.next()
             done = job.done
             progress = job.drain_progress()
             history.extend(progress.new_costs)
             if goal is not None and options is not None and progress.new_costs:
-                goal.publish_feedback(_feedback(progress, options))
+                self._publish_feedback(goal, _feedback(progress, options))
             if goal is not None and goal.is_cancel_requested:
                 job.cancel()
             if done:
                 self._on_end(job.learned())
                 return history
+            if job.cancelled and math.isinf(waits_until):
+                waits_until = time.monotonic() + CANCEL_PATIENCE
+                _timer(CANCEL_PATIENCE, self._changed.set)
+            executor = self._node.executor
+            if time.monotonic() >= waits_until and executor is not None:
+                executor.create_task(self._ended_late(job))
+                raise job.cancellation
             await change
+
+    async def _ended_late(self, job: LearningJob) -> None:
+        while not job.done:
+            change = self._changed.next()
+            if not job.done:
+                await change
+        self._on_end(job.learned())
+
+    def _deadline(self, job: LearningJob) -> threading.Timer:
+        seconds = self._node.get_parameter(DEADLINE).value
+
+        def cancel() -> None:
+            job.cancel(
+                f"the search has not ended within {seconds:g} s, so it is cancelled and nothing "
+                f"was stored; raise {DEADLINE}, or set time_limit"
+            )
+            self._changed.set()
+
+        return _timer(seconds, cancel)
+
+    def _publish_feedback(self, goal: ServerGoalHandle, feedback: LearnParameters.Feedback) -> None:
+        try:
+            goal.publish_feedback(feedback)
+        except Exception as error:
+            # Whoever wanted to watch is gone; what is learned counts all the same.
+            unexpected_errors(self._node).report(error, "feedback of a search")
 
     def _fill(self, answer: Learn.Response | LearnParameters.Result, job: LearningJob) -> None:
         answer.iterations = job.iteration
@@ -164,8 +229,16 @@ class RequestedSearches:
 
     def _refusal(self, error: Exception) -> ResultCode:
         if not isinstance(error, IntuitivePhysicsError):
-            self._node.get_logger().error(f"learning failed: {type(error).__name__}: {error}")
+            unexpected_errors(self._node).report(error, "learning")
         return error_result(error, CODES)
+
+
+def _timer(seconds: float, action: Callable[[], None]) -> threading.Timer:
+    """Call something after so long, from another thread that keeps no process alive."""
+    timer = threading.Timer(seconds, action)
+    timer.daemon = True
+    timer.start()
+    return timer
 
 
 def _feedback(progress: JobProgress, options: LearningOptions) -> LearnParameters.Feedback:

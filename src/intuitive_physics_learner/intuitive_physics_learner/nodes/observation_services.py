@@ -7,7 +7,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from intuitive_physics_msgs.msg import Observation as ObservationMessage
@@ -24,6 +23,7 @@ from rclpy.node import Node
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.observation import Observation
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
 from intuitive_physics_learner.nodes.learning_services import CODES
 from intuitive_physics_learner.store import ObservationEntry, ObservationStore
@@ -34,6 +34,7 @@ from intuitive_physics_ros.diagnostics import Level, Status
 from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.qos import OBSERVATIONS
 from intuitive_physics_ros.result_codes import error_result, ok_result
+from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 BUSY_TIMEOUT = 0.5
 """s that one attempt to write waits for another process; what reads meanwhile waits as long."""
@@ -47,6 +48,18 @@ ADD_PATIENCE = 5.0
 LARGEST_QUEUE = 1000
 """Observations that wait in memory at most, 10 to 50 MB: a quarter of an hour at one a second."""
 
+LARGEST_QUEUE_POINTS = 1_000_000
+"""Points of all observations that wait, about 100 MB; honest ones have some hundred each."""
+
+SILENCE = 5.0
+"""s without an answer of the database after which /diagnostics says so."""
+
+LARGEST_NUMBER = 2**63 - 1
+"""Of a row, as SQLite has it."""
+
+LARGEST_PAGE = 10_000
+"""Entries of an answer of `~/list_observations` at most: some MB."""
+
 PAGE = 1000
 """Entries of an answer of `~/list_observations` unless the request gives another number."""
 
@@ -58,11 +71,18 @@ class ObservationQueue:
     ----------
     store : that they go into
     on_stored : called from the thread when some were stored
+    on_refused : called from the thread with what is wrong with an observation
     """
 
-    def __init__(self, store: ObservationStore, on_stored: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        store: ObservationStore,
+        on_stored: Callable[[], None],
+        on_refused: Callable[[Exception], None],
+    ) -> None:
         self._store = store
         self._on_stored = on_stored
+        self._on_refused = on_refused
         self._waiting: deque[Observation] = deque()
         self._changed = threading.Condition()
         self._stopped = False
@@ -80,11 +100,13 @@ class ObservationQueue:
             When too many wait; then this one is lost.
         """
         with self._changed:
-            if len(self._waiting) >= LARGEST_QUEUE:
+            points = sum(one.point_count for one in self._waiting)
+            full = points + observation.point_count > LARGEST_QUEUE_POINTS
+            if len(self._waiting) >= LARGEST_QUEUE or (self._waiting and full):
                 self._lost += 1
                 raise StorageError(
-                    f"{LARGEST_QUEUE} observations wait to be stored already, so this one is lost: "
-                    f"{self._error}"
+                    f"{len(self._waiting)} observations of {points} points wait to be stored "
+                    f"already, so this one is lost: {self._error or 'they come too fast'}"
                 )
             self._waiting.append(observation)
             self._changed.notify()
@@ -122,12 +144,19 @@ class ObservationQueue:
                     self._error = str(error)
                     if self._stopped:
                         return
-                time.sleep(RETRY_PERIOD)
+                    self._changed.wait_for(lambda: self._stopped, RETRY_PERIOD)
+            except Exception as error:
+                # It would be refused each time: the next ones must not wait behind it.
+                self._done()
+                self._on_refused(error)
             else:
-                with self._changed:
-                    self._error = ""
-                    self._waiting.popleft()
+                self._done()
                 self._on_stored()
+
+    def _done(self) -> None:
+        with self._changed:
+            self._error = ""
+            self._waiting.popleft()
 
 
 class ObservationServices:
@@ -136,19 +165,31 @@ class ObservationServices:
     Parameters
     ----------
     node : that offers them
-    database : file of the store
+    store : where they are; only its threads wait for the database
+    background : thread of the database
     on_changed : called in the node's executor when the set of observations has changed
     """
 
-    def __init__(self, node: Node, database: Path, on_changed: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        store: ObservationStore,
+        background: Background,
+        on_changed: Callable[[], None],
+    ) -> None:
         self._node = node
         self._on_changed = on_changed
-        self._store = ObservationStore(database, BUSY_TIMEOUT)
-        self._background = Background(node)
+        self._store = store
+        self._background = background
         self._input = InputMonitor(node, "~/observation", timeout=None)
         # Triggered in the queue's thread, called back in the node's executor.
-        self._queue = ObservationQueue(self._store, node.create_guard_condition(on_changed).trigger)
+        self._queue = ObservationQueue(
+            self._store, node.create_guard_condition(on_changed).trigger, self._on_refused
+        )
         self._unreadable = 0
+        self._counts: dict[str, int] = store.counts()
+        self._counts_error = ""
+        self._counted_at = time.monotonic()
         node.create_subscription(
             ObservationMessage, "~/observation", self._on_observation, OBSERVATIONS
         )
@@ -175,12 +216,16 @@ class ObservationServices:
         }
 
     def stop(self, patience: float) -> None:
-        """Store what waits, for up to `patience` s, and close the database."""
+        """Store what waits, for up to `patience` s."""
         lost = self._queue.stop(patience)
         if lost:
             self._node.get_logger().error(f"{lost} observations could not be stored and are lost")
-        self._background.stop()
-        self._store.close()
+
+    def _on_refused(self, error: Exception) -> None:
+        if isinstance(error, IntuitivePhysicsError):
+            self._input.rejected(error)
+        else:
+            self._input.rejected(unexpected_errors(self._node).report(error, "an observation"))
 
     def _on_observation(self, message: ObservationMessage) -> None:
         try:
@@ -190,29 +235,32 @@ class ObservationServices:
         else:
             self._input.accepted()
 
-    def _in_background(self, answer: Callable[[Any, Any], bool]) -> Callable[[Any, Any], Any]:
+    def _in_background(
+        self, answer: Callable[[Any, Any, StopFlag], bool]
+    ) -> Callable[[Any, Any], Any]:
         """Return a service's callback that fills the response in a thread.
 
-        `answer(request, response)` returns whether the set of observations may have changed.
+        `answer(request, response, stop)` returns whether the set of observations may have changed,
+        and ends early once its flag is set.
         """
 
         async def on_request(request: Any, response: Any) -> Any:
             try:
-                changed = await self._background.run(lambda: answer(request, response))
+                changed = await self._background.run(lambda stop: answer(request, response, stop))
                 response.result = ok_result()
                 if changed:
                     self._on_changed()
             except Exception as error:
                 if not isinstance(error, IntuitivePhysicsError):
-                    self._node.get_logger().error(
-                        f"a request failed: {type(error).__name__}: {error}"
-                    )
+                    unexpected_errors(self._node).report(error, "a request")
                 response.result = error_result(error, CODES)
             return response
 
         return on_request
 
-    def _add(self, request: AddObservation.Request, response: AddObservation.Response) -> bool:
+    def _add(
+        self, request: AddObservation.Request, response: AddObservation.Response, stop: StopFlag
+    ) -> bool:
         observation = observation_from_message(request.observation)
         deadline = time.monotonic() + ADD_PATIENCE
         while True:
@@ -220,21 +268,28 @@ class ObservationServices:
                 response.added = self._store.add(observation)
                 response.observation_count = self._store.count()
             except DatabaseBusyError:
-                if time.monotonic() > deadline:
+                if time.monotonic() > deadline or stop.is_set():
                     raise
             else:
                 return bool(response.added)
 
-    def _list(self, request: ListObservations.Request, response: ListObservations.Response) -> bool:
+    def _list(
+        self, request: ListObservations.Request, response: ListObservations.Response, stop: StopFlag
+    ) -> bool:
         entries = self._store.entries(
-            statuses=request.statuses, after=request.after, limit=request.limit or PAGE
+            statuses=request.statuses,
+            after=min(request.after, LARGEST_NUMBER),
+            limit=min(request.limit or PAGE, LARGEST_PAGE),
         )
         response.observations = [entry_to_message(entry) for entry in entries]
         response.observation_count = self._store.count()
         return False
 
     def _set_status(
-        self, request: SetObservationStatus.Request, response: SetObservationStatus.Response
+        self,
+        request: SetObservationStatus.Request,
+        response: SetObservationStatus.Response,
+        stop: StopFlag,
     ) -> bool:
         if request.status == USED:
             response.changed = self._store.include(request.ids)
@@ -248,22 +303,43 @@ class ObservationServices:
         return response.changed > 0
 
     def _delete(
-        self, request: DeleteObservations.Request, response: DeleteObservations.Response
+        self,
+        request: DeleteObservations.Request,
+        response: DeleteObservations.Response,
+        stop: StopFlag,
     ) -> bool:
         response.deleted = self._store.delete(request.ids)
         return response.deleted > 0
 
     def _export(
-        self, request: ExportObservations.Request, response: ExportObservations.Response
+        self,
+        request: ExportObservations.Request,
+        response: ExportObservations.Response,
+        stop: StopFlag,
     ) -> bool:
-        response.exported = self._store.export(request.folder, request.ids)
+        response.exported = self._store.export(request.folder, request.ids, stop.check)
         return False
 
-    def _check_stored(self) -> Status:
+    @property
+    def count(self) -> int:
+        """Observations that were stored when the database was last asked."""
+        return sum(self._counts.values())
+
+    def _read_counts(self) -> None:
         try:
-            counts = self._store.counts()
+            self._counts, self._counts_error = self._store.counts(), ""
         except StorageError as error:
-            return Status(Level.ERROR, str(error))
+            self._counts_error = str(error)
+        self._counted_at = time.monotonic()
+
+    def _check_stored(self) -> Status:
+        silence = time.monotonic() - self._counted_at
+        self._background.post(self._read_counts, "counts")
+        if self._counts_error:
+            return Status(Level.ERROR, self._counts_error)
+        if silence > SILENCE:
+            return Status(Level.WARN, f"the database has not answered for {silence:.0f} s")
+        counts = self._counts
         unreadable = counts[UNREADABLE]
         message = f"{sum(counts.values())} observations"
         if unreadable:

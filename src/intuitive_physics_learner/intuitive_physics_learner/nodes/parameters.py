@@ -13,6 +13,7 @@ from intuitive_physics_msgs.srv import SetStaticParameters
 from rclpy.node import Node
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.limits import InputLimits
 from intuitive_physics.parameter_space import Bounds, ParameterSpace
 from intuitive_physics.settings import check_settings, choice, list_settings, number
 from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS
@@ -29,6 +30,7 @@ from intuitive_physics_learner.store.database import (
     PLACEHOLDER_GUIDE,
     default_database_path,
 )
+from intuitive_physics_ros.background import RequestLimits
 from intuitive_physics_ros.conversions import bounds_from_messages
 from intuitive_physics_ros.parameters import Parameter, setting_parameters
 from intuitive_physics_ros.result_codes import RefusedError
@@ -59,6 +61,13 @@ class RequestedSearchSettings:
     cost_threshold: float = number(0.0, 0.0, 1000.0, "J below which a search stops", unit="m")
     time_limit: float = number(
         0.0, 0.0, 1e6, "wall time of a search at most; 0: no limit", unit="s"
+    )
+    search_deadline: float = number(
+        86400.0,
+        1.0,
+        1e6,
+        "wall time after which a requested search is cancelled, which stores nothing",
+        unit="s",
     )
     seed: int = number(0, 0, 2**62, "of the random numbers of every search")
 
@@ -100,6 +109,8 @@ def node_parameters() -> tuple[Parameter, ...]:
             read_only=False,
         ),
         *setting_parameters(RequestedSearchSettings, read_only=False),
+        *setting_parameters(RequestLimits, read_only=False),
+        *setting_parameters(InputLimits, read_only=False),
         *_online_parameters(),
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Sequence
 
@@ -14,12 +13,12 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics_learner.design import (
     AboutMotion,
     Suggestion,
     SuggestionRequest,
 )
-from intuitive_physics_learner.errors import LearningCancelledError
 from intuitive_physics_learner.nodes.learning_services import CODES
 from intuitive_physics_ros.background import Background
 from intuitive_physics_ros.conversions import (
@@ -27,7 +26,8 @@ from intuitive_physics_ros.conversions import (
     region_from_message,
     scene_from_messages,
 )
-from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_result
+from intuitive_physics_ros.result_codes import error_result, ok_result
+from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 TIME_LIMIT = "suggestion_time_limit"
 """Name of the node's parameter."""
@@ -35,8 +35,8 @@ TIME_LIMIT = "suggestion_time_limit"
 DEFAULT_COUNT = 5
 """Throws suggested where a request names no number."""
 
-MakeSuggestions = Callable[[SuggestionRequest, Callable[[], bool]], list[Suggestion]]
-"""Takes a request and `cancelled`, and returns the best throws."""
+MakeSuggestions = Callable[[SuggestionRequest, StopFlag], list[Suggestion]]
+"""Takes a request and a flag that it stops by, and returns the best throws."""
 
 
 class SuggestionService:
@@ -51,17 +51,15 @@ class SuggestionService:
     def __init__(self, node: Node, make: MakeSuggestions) -> None:
         self._node = node
         self._make = make
-        self._background = Background(node)
-        self._ending = threading.Event()
+        self._background = Background(node, "suggestions")
         self._busy = False
         node.create_service(
             Suggest, "~/suggest", self._on_suggest, callback_group=ReentrantCallbackGroup()
         )
 
-    def stop(self) -> None:
-        """Cancel the request under way and wait for its end."""
-        self._ending.set()
-        self._background.stop()
+    def stop(self, patience: float) -> bool:
+        """Cancel the request under way; return whether it has ended within `patience` s."""
+        return self._background.stop(patience)
 
     async def _on_suggest(
         self, request: Suggest.Request, response: Suggest.Response
@@ -76,32 +74,22 @@ class SuggestionService:
         try:
             asked = _request(request)
             began = time.monotonic()
-            found = await self._background.run(lambda: self._made(asked, began))
+            limit = self._node.get_parameter(TIME_LIMIT).value
+            found = await self._background.run(
+                lambda stop: self._make(asked, stop),
+                time_limit=limit,
+                remedy=f"not all throws were judged; raise {TIME_LIMIT}",
+            )
             _fill(response, found)
             response.computation_time = time.monotonic() - began
             response.result = ok_result()
         except Exception as error:
             if not isinstance(error, IntuitivePhysicsError):
-                text = f"no suggestion could be made: {type(error).__name__}: {error}"
-                self._node.get_logger().error(text)
+                unexpected_errors(self._node).report(error, "a suggestion")
             response.result = error_result(error, CODES)
         finally:
             self._busy = False
         return response
-
-    def _made(self, request: SuggestionRequest, began: float) -> list[Suggestion]:
-        limit = self._node.get_parameter(TIME_LIMIT).value
-
-        def cancelled() -> bool:
-            return self._ending.is_set() or time.monotonic() - began > limit
-
-        try:
-            return self._make(request, cancelled)
-        except LearningCancelledError:
-            raise RefusedError(
-                ResultCode.CANCELLED,
-                f"not all throws were judged within {limit:g} s; raise {TIME_LIMIT}",
-            ) from None
 
 
 def _request(message: Suggest.Request) -> SuggestionRequest:

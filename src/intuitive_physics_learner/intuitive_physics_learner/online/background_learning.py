@@ -13,9 +13,10 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
+from intuitive_physics.limits import limits
 from intuitive_physics.settings import list_settings
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.worker import FAILED, WAITING, WorkerReport
@@ -102,6 +103,7 @@ class BackgroundLearning:
             "database": str(self._database),
             "simulator": self._simulator,
             "cores": cores,
+            "limits": asdict(limits()),
             "options": {
                 one.name: getattr(options, one.name) for one in list_settings(OnlineOptions)
             },

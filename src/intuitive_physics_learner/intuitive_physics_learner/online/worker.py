@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.limits import InputLimits, use_limits
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.stored_online_learning import StoredOnlineLearning
@@ -118,6 +119,7 @@ def main() -> None:
     # Ctrl-C at a terminal reaches this too; the node decides when it ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     task = json.loads(sys.argv[1])
+    use_limits(InputLimits(**task.get("limits", {})))
     try:
         with ObservationStore(task["database"]) as store:
             Worker(store, task["simulator"], task["cores"], OnlineOptions(**task["options"])).run()

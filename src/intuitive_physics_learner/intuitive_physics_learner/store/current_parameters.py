@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics_learner.store.observation_store import ObservationStore
 
@@ -25,6 +27,7 @@ class CurrentParameters:
 
     def __init__(self, store: ObservationStore) -> None:
         self._store = store
+        self._lock = threading.Lock()
         self._materials = store.materials()
         self.newest = store.newest_parameters()
 
@@ -42,12 +45,22 @@ class CurrentParameters:
         StorageError
             When the store cannot be read.
         """
-        before, self._materials = self._materials, self._store.materials()
-        newest = self._store.newest_parameters()
-        if newest is None or newest.version <= self.version:
-            return self._materials != before
-        self.newest = newest
-        return True
+        materials, newest = self._store.materials(), self._store.newest_parameters()
+        with self._lock:
+            before, self._materials = self._materials, materials
+        taken = newest is not None and self.take(newest)
+        return taken or materials != before
+
+    def take(self, learned: LearnedParameters) -> bool:
+        """Take θ_s over unless its version is none above the present one; return whether it is.
+
+        Any thread may call this: whoever is late does not undo what was newer.
+        """
+        with self._lock:
+            if learned.version <= self.version:
+                return False
+            self.newest = learned
+            return True
 
     def extended(self) -> LearnedParameters | None:
         """Return θ_s over all observed materials, with defaults for those that were not learned.

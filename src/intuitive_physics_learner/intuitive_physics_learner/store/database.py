@@ -139,6 +139,9 @@ FIRST_ROWS = (
 )
 """Queries that touch each table and index once, which takes no time that grows with the file."""
 
+PRIVATE = 0o600
+"""Permissions of a new database: what a robot saw and learned is for its own user."""
+
 BUSY_TIMEOUT = 5.0
 """s to wait for another process that writes, unless a store is opened with another one."""
 
@@ -215,6 +218,7 @@ class Database:
                 "expected a place that can be written"
             ) from None
         with self._explained("open"):
+            self._make_private()
             self._connection = sqlite3.connect(
                 self.path, timeout=timeout, isolation_level=None, check_same_thread=False
             )
@@ -263,6 +267,21 @@ class Database:
         with self.reading() as connection:
             found = " ".join(_quick_check(connection, 5))
         return "" if found == "ok" else found
+
+    def _make_private(self) -> None:
+        """Make a file that does not exist yet so that only its owner can read it.
+
+        SQLite gives the permissions of the file to its write-ahead log.
+        """
+        try:
+            os.close(os.open(self.path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, PRIVATE))
+        except FileExistsError:
+            return
+        except OSError as error:
+            # As SQLite says it of a file that exists.
+            raise sqlite3.OperationalError(
+                f"unable to open database file ({error.strerror})"
+            ) from None
 
     def _prepare(self) -> None:
         with self.reading() as connection:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.limits import check_limit
 from intuitive_physics.observation import Observation
 
 USED, EXCLUDED, DOUBTFUL, UNREADABLE = "used", "excluded", "doubtful", "unreadable"
@@ -128,6 +129,7 @@ def text_columns(text: str) -> tuple[Any, ...]:
         When the text cannot be read.
     """
     try:
+        check_limit("longest_text", len(text), "characters of the text")
         data = json.loads(text)
         objects, environment = data["objects"], data["environment"]
         materials = [seen["object"]["material"] for seen in objects]
@@ -143,7 +145,7 @@ def text_columns(text: str) -> tuple[Any, ...]:
             sum(len(seen["times"]) for seen in objects),
             any(seen.get("detections") is not None for seen in objects),
         )
-    except (ValueError, LookupError, TypeError, AttributeError) as error:
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         raise InvalidInputError(f"{type(error).__name__}: {error}") from None
 
 
@@ -166,5 +168,5 @@ def parsed_observation(text: str) -> Observation | InvalidInputError:
     except InvalidInputError as error:
         return error
     # A text that is JSON, but was changed by hand, can fail in any of these ways.
-    except (ValueError, TypeError, LookupError, AttributeError) as error:
+    except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
         return InvalidInputError(f"{type(error).__name__}: {error}")

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.limits import limits
 from intuitive_physics.observation import Observation
 from intuitive_physics_learner.store.observation_entries import (
     COLUMNS,
@@ -16,8 +17,15 @@ from intuitive_physics_learner.store.observation_entries import (
     UNREADABLE_COLUMNS,
     USED,
     ObservationEntry,
+    parsed_observation,
     text_columns,
 )
+
+TOO_MANY_MATERIALS = (
+    "its {} materials are too many together with those of earlier observations; delete it, or "
+    "raise the limit most_materials"
+)
+"""Reason why an observation is set aside when a database is opened."""
 
 CANDIDATES = 64
 """Stored observations that a new one is compared with at most, the nearest in time first; a camera
@@ -34,6 +42,61 @@ def insert_observation(connection: sqlite3.Connection, row: tuple[str, float, st
     if inserted:
         insert_entry(connection, *row)
     return bool(inserted)
+
+
+def readable_text(observation: Observation) -> str:
+    """Return the JSON text of an observation, which the next start can read.
+
+    Raises
+    ------
+    InvalidInputError
+        When it cannot be read.
+    """
+    text = observation.to_json()
+    read = parsed_observation(text)
+    if not isinstance(read, Observation):
+        raise InvalidInputError(f"observation could not be read from the database again: {read}")
+    return text
+
+
+def database_bytes(connection: sqlite3.Connection) -> int:
+    """Return the size of a database's file."""
+    pages, size = (
+        int(connection.execute(f"PRAGMA {name}").fetchone()[0])
+        for name in ("page_count", "page_size")
+    )
+    return pages * size
+
+
+def excess_observations(connection: sqlite3.Connection) -> list[tuple[str, str]]:
+    """Return ids of observations by which there are too many materials, the latest, and why.
+
+    An older version of this program may have stored them.
+    """
+    count = connection.execute("SELECT COUNT(*) FROM observed_materials").fetchone()[0]
+    most = limits().most_materials
+    if count <= most:
+        return []
+    taken: set[str] = set()
+    found = []
+    for name, materials in connection.execute(
+        "SELECT id, materials FROM observation_entries ORDER BY number"
+    ):
+        own = set(json.loads(materials))
+        if len(taken | own) > most:
+            found.append((name, TOO_MANY_MATERIALS.format(len(own))))
+        else:
+            taken |= own
+    return found
+
+
+def set_unreadable(connection: sqlite3.Connection, found: Sequence[tuple[str, str]]) -> None:
+    """Give observations, each with the reason, the status of what cannot be read."""
+    connection.executemany(
+        "UPDATE observation_entries SET status = ?, weight = 0.0, reason = ?, materials = '[]' "
+        "WHERE id = ?",
+        [(UNREADABLE, reason, name) for name, reason in found],
+    )
 
 
 def check_ids(connection: sqlite3.Connection, ids: Sequence[str]) -> None:

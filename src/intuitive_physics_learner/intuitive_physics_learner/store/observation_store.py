@@ -11,15 +11,24 @@ import os
 import sqlite3
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.observation import Observation, save_observation
-from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
+from intuitive_physics.limits import check_limit
+from intuitive_physics.observation import (
+    Observation,
+    observation_materials,
+    save_observation,
+)
+from intuitive_physics_learner.errors import (
+    DatabaseBusyError,
+    StorageError,
+    UnreadableVersionError,
+)
 from intuitive_physics_learner.store.database import Database
 from intuitive_physics_learner.store.observation_entries import (
     DOUBTFUL,
@@ -36,11 +45,15 @@ from intuitive_physics_learner.store.observation_rows import (
     CANDIDATES,
     ObservationSpan,
     check_ids,
+    database_bytes,
+    excess_observations,
     insert_observation,
     list_entries,
     overlapping_texts,
+    readable_text,
     renew_entry,
     set_status,
+    set_unreadable,
 )
 from intuitive_physics_learner.store.search_checkpoint import SearchCheckpoint
 
@@ -73,6 +86,12 @@ class ObservationStore:
     def __init__(self, path: str | os.PathLike[str], busy_timeout: float | None = None) -> None:
         self._database = Database(path, busy_timeout)
         self.path = self._database.path
+        self._unreadable_versions: dict[int, str] = {}
+        try:
+            self._set_excess_aside()
+        except BaseException:
+            self._database.close()
+            raise
 
     def __enter__(self) -> ObservationStore:
         return self
@@ -97,6 +116,13 @@ class ObservationStore:
         bool
             False when one with this id, or another measurement of the same frames
             (`Observation.same_motion`), was stored before; then nothing changes.
+
+        Raises
+        ------
+        InvalidInputError
+            When it could not be read again, or there would be too many materials (`limits`).
+        StorageError
+            When the file cannot be written.
         """
         return self.add_all([observation]) == 1
 
@@ -113,10 +139,12 @@ class ObservationStore:
             same = (*self._stored_near(span), *(other.observation for other in near))
             if not any(other.same_motion(one) for other in same):
                 fresh.append(span)
-        rows = [
-            (one.id, time.time(), one.to_json()) for one in (span.observation for span in fresh)
-        ]
+        new = [span.observation for span in fresh]
+        rows = [(one.id, time.time(), readable_text(one)) for one in new]
+        materials = observation_materials(new)
         with self._database.writing() as connection:
+            self._check_materials(connection, materials)
+            check_limit("largest_database", database_bytes(connection), f"bytes of {self.path}")
             return sum(insert_observation(connection, row) for row in rows)
 
     def count(self, status: str | None = None) -> int:
@@ -281,8 +309,19 @@ class ObservationStore:
                 (json.dumps(list(ids)),),
             ).rowcount
 
-    def export(self, folder: str | os.PathLike[str], ids: Sequence[str] = ()) -> int:
+    def export(
+        self,
+        folder: str | os.PathLike[str],
+        ids: Sequence[str] = (),
+        check: Callable[[], None] = lambda: None,
+    ) -> int:
         """Write observations as JSON, one file each: those used, or those with the ids.
+
+        Parameters
+        ----------
+        folder : made where it does not exist
+        ids : of the observations; empty: all that are used
+        check : called before each file; what it raises ends the export
 
         Returns
         -------
@@ -304,6 +343,7 @@ class ObservationStore:
         statuses = () if ids else (USED,)
         count = 0
         for entry, observation in self.each_observation(statuses, ids=ids):
+            check()
             save_observation(observation, target / f"{entry.number:06d}_{entry.id}.json")
             count += 1
         return count
@@ -334,10 +374,19 @@ class ObservationStore:
             with self._database.writing() as connection:
                 for entry, text in readable:
                     renew_entry(connection, entry.id, text)
+            self._set_excess_aside()
         return self.entries(statuses=[UNREADABLE])
 
     def add_parameters(self, learned: LearnedParameters) -> LearnedParameters:
-        """Store θ_s as the next version and return it with its version."""
+        """Store θ_s as the next version and return it with its version.
+
+        Raises
+        ------
+        InvalidInputError
+            When there would be too many materials (`limits`).
+        StorageError
+            When the file cannot be written.
+        """
         while True:
             stored = self.add_improvement(learned, on=self.newest_version())
             if stored is not None:
@@ -350,6 +399,7 @@ class ObservationStore:
         with self._database.writing() as connection:
             if _newest_version(connection) != on:
                 return None
+            self._check_materials(connection, learned.materials)
             _insert_version(connection, numbered.version, text)
         return numbered
 
@@ -393,9 +443,32 @@ class ObservationStore:
             return _newest_version(connection)
 
     def newest_parameters(self) -> LearnedParameters | None:
-        """Return θ_s of the highest version; None when nothing was learned yet."""
-        newest = self.newest_version()
-        return None if newest == 0 else self.parameters(newest)
+        """Return θ_s of the highest version; None when nothing was learned yet.
+
+        Where that cannot be read it is left as it is (`unreadable_versions`), and the newest that
+        can be read takes its place and its number; where there is none, the defaults do.
+        """
+        with self._database.reading() as connection:
+            rows = connection.execute(
+                "SELECT version FROM learned_parameters ORDER BY version DESC"
+            )
+            versions = [int(row[0]) for row in rows]
+        for version in versions:
+            if version in self._unreadable_versions:
+                continue
+            try:
+                return replace(self.parameters(version), version=versions[0])
+            except UnreadableVersionError as error:
+                self._unreadable_versions[version] = str(error)
+        materials = self.materials()
+        if not versions or not materials:
+            return None
+        return replace(LearnedParameters.defaults(materials), version=versions[0])
+
+    @property
+    def unreadable_versions(self) -> dict[int, str]:
+        """Versions of θ_s that were found to be unreadable so far, and why."""
+        return dict(self._unreadable_versions)
 
     def parameters(self, version: int) -> LearnedParameters:
         """Return θ_s of one version.
@@ -455,6 +528,19 @@ class ObservationStore:
         with self._database.writing() as connection:
             connection.execute("DELETE FROM searches WHERE key = ?", (key,))
 
+    def _check_materials(self, connection: sqlite3.Connection, materials: Sequence[str]) -> None:
+        """Refuse new materials when there would be too many, observed and learned together."""
+        known = {row[0] for row in connection.execute("SELECT name FROM observed_materials")}
+        new = set(materials) - known
+        if not new:
+            return
+        newest = self.newest_parameters()
+        known |= set() if newest is None else set(newest.materials)
+        if new - known:
+            check_limit(
+                "most_materials", len(known | new), f"materials of {self.path} together with these"
+            )
+
     def _set_status(self, ids: Sequence[str], status: str, weight: float, reason: str) -> int:
         with self._database.writing() as connection:
             check_ids(connection, ids)
@@ -483,25 +569,27 @@ class ObservationStore:
         return [one for one in found if isinstance(one, Observation)]
 
     def _mark_unreadable(self, found: Sequence[tuple[ObservationEntry, InvalidInputError]]) -> None:
-        rows = [
-            (UNREADABLE, str(error), entry.id)
-            for entry, error in found
-            if entry.status != UNREADABLE
-        ]
-        if not rows:
-            return
+        rows = [(entry.id, str(error)) for entry, error in found if entry.status != UNREADABLE]
         # It is marked the next time it is read if another process writes now.
-        with suppress(DatabaseBusyError), self._database.writing() as connection:
-            connection.executemany(
-                "UPDATE observation_entries SET status = ?, weight = 0.0, reason = ? WHERE id = ?",
-                rows,
-            )
+        with suppress(DatabaseBusyError):
+            self._write_unreadable(rows)
+
+    def _set_excess_aside(self) -> None:
+        with self._database.reading() as connection:
+            found = excess_observations(connection)
+        self._write_unreadable(found)
+
+    def _write_unreadable(self, found: Sequence[tuple[str, str]]) -> None:
+        if found:
+            with self._database.writing() as connection:
+                set_unreadable(connection, found)
 
     def _parameters(self, version: int, text: str) -> LearnedParameters:
         try:
+            check_limit("longest_text", len(text), "characters of the text")
             return LearnedParameters.from_dict(json.loads(text))
-        except (InvalidInputError, json.JSONDecodeError) as error:
-            raise StorageError(
+        except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+            raise UnreadableVersionError(
                 f"{self.path}: version {version} of the learned parameters cannot be read "
                 f"({error}); delete its row"
             ) from None

@@ -21,6 +21,7 @@ from intuitive_physics_ros.conversions import seconds_from_stamp
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
 from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.qos import SENSOR_DATA
+from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 Frame: TypeAlias = Image | PointCloud2
 UseFrame: TypeAlias = Callable[[Header, NDArray[np.float32], NDArray[np.uint8] | None], str]
@@ -79,6 +80,7 @@ class FrameInput:
         color: bool,
         use: UseFrame,
     ) -> None:
+        self._node = node
         self._log = node.get_logger()
         self._use = use
         self._decoder = FrameDecoder(rectified=rectified)
@@ -99,9 +101,14 @@ class FrameInput:
         """Frames left out because newer ones came before they could be handled."""
         return self._worker.dropped
 
-    def stop(self) -> None:
-        """End the thread once the frame under way is done."""
-        self._worker.stop()
+    def stop(self, patience: float) -> bool:
+        """End the thread once the frame under way is done; return whether it has ended.
+
+        Parameters
+        ----------
+        patience : s to wait for it at most
+        """
+        return self._worker.stop(patience)
 
     def _on_camera(self, message: CameraInfo) -> None:
         try:
@@ -126,7 +133,7 @@ class FrameInput:
             problem = str(error)
         except Exception as error:
             # A thread that dies would take all perception with it.
-            problem = f"internal error, please report: {error!r}"
+            problem = unexpected_errors(self._node).report(error, "a frame")
         if problem:
             monitor.rejected(problem)
         else:
@@ -182,12 +189,23 @@ class FrameWorker(Generic[Item]):
             self._items.append(item)
             self._changed.notify()
 
-    def stop(self) -> None:
-        """End the thread once the item under way is done; those that wait are dropped."""
+    def stop(self, patience: float | None = None) -> bool:
+        """End the thread once the item under way is done; those that wait are dropped.
+
+        Parameters
+        ----------
+        patience : s to wait for it at most; None: no limit
+
+        Returns
+        -------
+        bool
+            Whether it has ended.
+        """
         with self._changed:
             self._stopping = True
             self._changed.notify()
-        self._thread.join()
+        self._thread.join(patience)
+        return not self._thread.is_alive()
 
     def _run(self) -> None:
         self._prepare()

@@ -41,10 +41,13 @@ from intuitive_physics_ros.markers import (
 )
 from intuitive_physics_ros.parameters import Parameter, declare_parameters, setting_parameters
 from intuitive_physics_ros.qos import OBSERVATIONS, SENSOR_DATA
-from intuitive_physics_ros.run_node import run_node
+from intuitive_physics_ros.run_node import farewell, run_node
 
 NO_ORIENTATION = [0.0, 0.0, 0.0, 0.0]
 """Value of the parameter `imu_orientation` that stands for none: ROS parameters have a value."""
+
+STOP_PATIENCE = 0.8
+"""s to wait at the end for the frame under way."""
 
 PARAMETERS = [
     Parameter("input", "auto", "what is subscribed to", choices=tuple(INPUTS)),
@@ -111,8 +114,11 @@ class PerceptionNode(Node):
 
     def destroy_node(self) -> None:
         """Stop the worker and publish what it had under way."""
-        self._input.stop()
-        self._publish_observations(self._pipeline.finish())
+        if self._input.stop(STOP_PATIENCE):
+            self._publish_observations(self._pipeline.finish())
+        else:
+            self.get_logger().warning("the frame under way did not end in time and is left behind")
+        farewell([self._observations, *self._environment.publishers])
         super().destroy_node()
 
     def _make_imu(self, diagnostics: Diagnostics, orientation: list[float]) -> None:

@@ -14,6 +14,7 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.simulation import pack_worlds
 from intuitive_physics.simulation.rigid_bodies.overlaps import check_overlaps
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import increasing_times
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
@@ -134,6 +135,10 @@ class LivePrediction:
         """Version of θ_s; 0 without learned parameters."""
         return 0 if self.learned is None else self.learned.version
 
+    def stopped_by(self, flag: StopFlag) -> LivePrediction:
+        """Return the same prediction, whose repetitions end once the flag is set."""
+        return replace(self, settings=self.settings.stopped_by(flag))
+
     def repeat(self, times: NDArray[np.float64], sample_count: int) -> TrajectoryDistribution:
         """Predict from the same inputs, with orientations; the same count gives the same samples.
 
@@ -176,12 +181,15 @@ def predict_scene(
     PredictionFailedError, UnsupportedSceneError
         As `noisy_newton.predict`.
     """
+    checked_times = increasing_times(times, "times")
+    settings.check_horizon(float(checked_times[-1]))
+    parameters = settings.uncertain_parameters(learned, scene.materials)
     # Noise makes perceived objects overlap; a requested scene should not.
     check_overlaps([scene], pack_worlds([scene], StaticParameters.uniform(scene.materials)))
-    prepared = settings.prepare(scene, settings.uncertain_parameters(learned, scene.materials))
+    prepared = settings.prepare(scene, parameters)
     distribution = settings.predict(
         prepared,
-        increasing_times(times, "times"),
+        checked_times,
         seed=seed,
         sample_count=sample_count,
     )

@@ -72,13 +72,19 @@ class Pacer:
             self._rate = rate
             self._changed.notify()
 
-    def stop(self) -> None:
-        """End the thread once the call under way is done."""
+    def stop(self, patience: float | None = None) -> bool:
+        """End the thread once the call under way is done; return whether it has ended.
+
+        Parameters
+        ----------
+        patience : s to wait for it at most; None: no limit
+        """
         with self._changed:
             self._stopping = True
             self._changed.notify()
         if self._thread.is_alive():
-            self._thread.join()
+            self._thread.join(patience)
+        return not self._thread.is_alive()
 
     def _run(self) -> None:
         while not self._stopping:

@@ -19,11 +19,17 @@ from intuitive_physics_predictor.queries.events import (
     comes_to_rest,
     enters_region,
     falls_below,
+    joined_forecasts,
     touches,
 )
 
 LARGEST_TIME_STEP = 0.01
 """Largest step, in s, between the times at which events are searched. Our choice."""
+
+
+SHARE = 500_000
+"""Numbers of a prediction that are searched for an event at once at most: 80 MB and half a second.
+Our choice."""
 
 
 class Event(Enum):
@@ -93,13 +99,18 @@ def answer(question: Question, made: LivePrediction) -> Answer:
     options = made.settings.options
     horizon = question.horizon or options.horizon
     made.distribution.index(question.object_id)
+    made.settings.check_horizon(horizon)
     distribution = made.repeat(
         output_times(horizon, min(options.time_step, LARGEST_TIME_STEP, horizon)),
         question.sample_count or options.sample_count,
     )
     if question.event is Event.INTERCEPTS:
         return _interception(question, distribution)
-    return Answer(_forecast(question, distribution, made))
+    found = []
+    for part in distribution.parts(SHARE):
+        made.settings.simulator.stop_flag.check()
+        found.append(_forecast(question, part, made))
+    return Answer(joined_forecasts(found))
 
 
 def _forecast(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,10 +10,12 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.limits import check_limit
 from intuitive_physics.scene import Scene
 from intuitive_physics.settings import check_settings, choice, number, other
 from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS, Simulator, make_simulator
 from intuitive_physics.simulation.contact_noise import LARGEST_TILT, ContactNoise
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics.state import ERROR_SIZE
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
@@ -25,10 +28,6 @@ from intuitive_physics_predictor.noisy_newton import (
 )
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
-LARGEST_PREDICTION = 50_000_000
-"""Largest count of float64 numbers in one prediction, or in the samples it is made from: 400 MB and
-some seconds of simulation. Our choice."""
-
 
 @dataclass(frozen=True)
 class PredictionOptions:
@@ -37,6 +36,16 @@ class PredictionOptions:
     horizon: float = number(5.0, 0.01, 60.0, "s predicted ahead")
     time_step: float = number(0.01, 0.001, 1.0, "s between predicted points")
     sample_count: int = number(DEFAULT_SAMPLE_COUNT, 1, 10_000, "simulations a prediction")
+    longest_horizon: float = number(
+        600.0, 0.01, 1e6, "s predicted ahead at most, whatever is asked"
+    )
+    largest_prediction: int = number(
+        20_000_000,
+        1000,
+        1_000_000_000,
+        "numbers of a prediction, or of the samples it is made from, at most; a million takes up "
+        "to 30 MB",
+    )
     simulator: str = choice("auto", tuple(SIMULATORS), f"engine. {ENGINE_GUIDE}")
     threads: int = number(2, 1, 64, "threads that simulate; the answer does not depend on it")
     stale_after: float = number(0.5, 0.01, 60.0, "s; older states are not predicted from")
@@ -129,10 +138,16 @@ class PredictionSettings:
     def __post_init__(self) -> None:
         options = self.options
         times = output_times(options.horizon, options.time_step)
-        check_size(options.sample_count, 1, times.size)
+        self._check_size(options.sample_count, 1, times.size)
         times.flags.writeable = False
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "simulator", make_simulator(options.simulator, options.threads))
+
+    def stopped_by(self, flag: StopFlag) -> PredictionSettings:
+        """Return the same settings whose simulations end once the flag is set."""
+        made = copy(self)
+        object.__setattr__(made, "simulator", self.simulator.stopped_by(flag))
+        return made
 
     def uncertain_parameters(
         self, learned: LearnedParameters | None, materials: tuple[str, ...]
@@ -140,9 +155,17 @@ class PredictionSettings:
         """Return the distribution of θ_s of what was learned and of these materials.
 
         A material without learned parameters may have any.
+
+        Raises
+        ------
+        InvalidInputError
+            When there are too many materials (`limits`).
         """
+        if learned is None:
+            check_limit("most_materials", len(materials), "materials in the scene")
         known = learned or LearnedParameters.defaults(materials)
         union = tuple(dict.fromkeys((*known.materials, *materials)))
+        check_limit("most_materials", len(union), "materials, learned and in the scene")
         return self.options.noise_scales.parameters(known.extended(union))
 
     def prepare(self, scene: Scene, parameters: UncertainParameters) -> PreparedScene:
@@ -161,10 +184,10 @@ class PredictionSettings:
         Raises
         ------
         InvalidInputError
-            When they have more than `LARGEST_PREDICTION` numbers.
+            When they have more than `largest_prediction` numbers.
         """
         objects, parameters = len(prepared.scene.objects), prepared.world.coefficients.size
-        check_size(sample_count, objects, 1, parameters)
+        self._check_size(sample_count, objects, 1, parameters)
         options = self.options
         return prepared.sampled(
             sample_count,
@@ -193,15 +216,51 @@ class PredictionSettings:
         Raises
         ------
         InvalidInputError
-            When the prediction would have more than `LARGEST_PREDICTION` numbers.
+            When the prediction would have more than `largest_prediction` numbers.
         PredictionFailedError, UnsupportedSceneError
             As `noisy_newton.predict`.
         """
-        check_size(sample_count, len(prepared.scene.objects), times.size)
+        self._check_size(sample_count, len(prepared.scene.objects), times.size)
         worlds = self.draw(prepared, seed, sample_count) if drawn is None else drawn
         return predict_sampled(
             prepared.scene, worlds, times, simulator=self.simulator, orientations=orientations
         )
+
+    def check_horizon(self, horizon: float) -> None:
+        """Check how far ahead (s) a prediction is to go.
+
+        Raises
+        ------
+        InvalidInputError
+            When it is farther than the option `longest_horizon`.
+        """
+        if horizon > self.options.longest_horizon:
+            raise InvalidInputError(
+                f"a prediction of {horizon:g} s was asked for; expected at most "
+                f"{self.options.longest_horizon:g} s: ask for less, or raise longest_horizon"
+            )
+
+    def _check_size(self, sample_count: int, objects: int, times: int, parameters: int = 0) -> None:
+        """Check that a prediction is not too large to be computed.
+
+        Parameters
+        ----------
+        parameters : material parameters drawn for each sample
+
+        Raises
+        ------
+        InvalidInputError
+            When it, or the samples it is made from, would have more numbers than the option
+            `largest_prediction`.
+        """
+        # Of each object the 13 numbers of its state, and the 12 normal ones they are drawn from.
+        drawn = objects * (2 * ERROR_SIZE + 1) + parameters
+        largest = self.options.largest_prediction
+        if sample_count * max(objects * times * 3, drawn) > largest:
+            raise InvalidInputError(
+                f"{sample_count} samples of {objects} objects at {times} times were asked for; "
+                f"expected at most {largest:,} numbers: ask for fewer, or raise largest_prediction"
+            )
 
 
 def output_times(horizon: float, time_step: float) -> NDArray[np.float64]:
@@ -218,24 +277,3 @@ def output_times(horizon: float, time_step: float) -> NDArray[np.float64]:
             "0 < time step ≤ horizon, and at most a million times"
         )
     return time_step * np.arange(int(horizon / time_step + 1e-9) + 1, dtype=np.float64)
-
-
-def check_size(sample_count: int, objects: int, times: int, parameters: int = 0) -> None:
-    """Check that a prediction is not too large to be computed.
-
-    Parameters
-    ----------
-    parameters : material parameters drawn for each sample
-
-    Raises
-    ------
-    InvalidInputError
-        When it, or the samples it is made from, would have more than `LARGEST_PREDICTION` numbers.
-    """
-    # Of each object the 13 numbers of its state, and the 12 normal ones they are drawn from.
-    drawn = objects * (2 * ERROR_SIZE + 1) + parameters
-    if sample_count * max(objects * times * 3, drawn) > LARGEST_PREDICTION:
-        raise InvalidInputError(
-            f"{sample_count} samples of {objects} objects at {times} times were asked for; "
-            f"expected at most {LARGEST_PREDICTION:,} numbers, ask for fewer"
-        )

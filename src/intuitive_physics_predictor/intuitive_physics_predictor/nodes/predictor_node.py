@@ -21,6 +21,7 @@ from rclpy.serialization import deserialize_message
 from visualization_msgs.msg import MarkerArray
 
 from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.limits import InputLimits
 from intuitive_physics_predictor.compile import warm_up
 from intuitive_physics_predictor.live.predictor import Predictor, Snapshot
 from intuitive_physics_predictor.live.settings import PredictionOptions, PredictionSettings
@@ -32,18 +33,28 @@ from intuitive_physics_predictor.nodes.messages import (
 )
 from intuitive_physics_predictor.nodes.services import PredictionServices
 from intuitive_physics_predictor.nodes.ticks import PredictionTicks
+from intuitive_physics_ros.background import RequestLimits
 from intuitive_physics_ros.conversions import static_parameters_from_message
 from intuitive_physics_ros.diagnostics import Diagnostics
 from intuitive_physics_ros.markers import distribution_markers
 from intuitive_physics_ros.monitors import InputMonitor
-from intuitive_physics_ros.parameters import Parameter, declare_parameters, setting_parameters
+from intuitive_physics_ros.parameters import (
+    Parameter,
+    declare_parameters,
+    setting_parameters,
+    use_limits_of,
+)
 from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
 from intuitive_physics_ros.run_node import run_node
+from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 SWITCH_INTERVAL = 5e-4
 """s after which a waiting thread gets Python; the default is 5 ms. Making markers takes several
 ms, a tick must not wait for it. Our choice."""
 
+
+STOP_PATIENCE = 0.5
+"""s to wait at the end for the prediction under way, and as long for the request under way."""
 
 OPTIONS = frozenset(option.name for option in fields(PredictionOptions))
 """Names of the parameters that are options of the library."""
@@ -65,6 +76,8 @@ PARAMETERS = [
         read_only=False,
     ),
     Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0), read_only=False),
+    *setting_parameters(RequestLimits, read_only=False),
+    *setting_parameters(InputLimits, read_only=False),
     *setting_parameters(PredictionOptions, read_only=False),
 ]
 """Parameters of the node: the library's options, and those that only a node needs."""
@@ -76,6 +89,7 @@ class PredictorNode(Node):
     def __init__(self) -> None:
         super().__init__("predictor_node")
         values = declare_parameters(self, PARAMETERS)
+        use_limits_of(values)
         self._ticks = PredictionTicks(
             self,
             settings_from_parameters(values),
@@ -94,8 +108,9 @@ class PredictorNode(Node):
 
     def destroy_node(self) -> None:
         """Stop predicting."""
-        self._ticks.stop()
-        self._answers.stop()
+        stopped = [one.stop(STOP_PATIENCE) for one in (self._ticks, self._answers)]
+        if not all(stopped):
+            self.get_logger().warning("what was predicted did not stop in time and is left behind")
         super().destroy_node()
 
     def _subscribe(self) -> None:
@@ -120,7 +135,7 @@ class PredictorNode(Node):
         arrival = Arrival(1e-9 * self.get_clock().now().nanoseconds, time.monotonic())
 
         def take(predictor: Predictor) -> None:
-            with _reported(monitor):
+            with _reported(self, monitor):
                 predictor.take(**read(deserialize_message(message, kind), arrival))
                 monitor.accepted()
 
@@ -131,7 +146,7 @@ class PredictorNode(Node):
         """Draw from newer θ_s beside the ticks, then have it taken over between two of them."""
 
         def prepare(snapshot: Snapshot) -> None:
-            with _reported(monitor):
+            with _reported(self, monitor):
                 received = deserialize_message(message, StaticParametersMessage)
                 learned = static_parameters_from_message(received)
                 snapshot.settings.uncertain_parameters(learned, learned.materials)
@@ -164,6 +179,7 @@ class PredictorNode(Node):
 
     def _on_parameters_set(self, new: Sequence[RosParameter]) -> None:
         values, names = self._values(), {one.name for one in new}
+        use_limits_of(values)
         self._ticks.set(
             rate=values["rate"],
             published_samples=values["published_samples"],
@@ -177,14 +193,14 @@ class PredictorNode(Node):
 
 
 @contextmanager
-def _reported(monitor: InputMonitor) -> Iterator[None]:
+def _reported(node: Node, monitor: InputMonitor) -> Iterator[None]:
     """Report an input that is wrong, and go on."""
     try:
         yield
     except IntuitivePhysicsError as error:
         monitor.rejected(error)
     except Exception as error:
-        monitor.rejected(f"internal error, please report: {error!r}")
+        monitor.rejected(unexpected_errors(node).report(error, "an input"))
 
 
 def settings_from_parameters(values: dict[str, Any]) -> PredictionSettings:

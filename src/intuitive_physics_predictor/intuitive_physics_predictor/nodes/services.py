@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 from intuitive_physics_msgs.msg import ResultCode
 from intuitive_physics_msgs.msg import TrajectoryDistribution as DistributionMessage
@@ -13,6 +14,7 @@ from rclpy.node import Node
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.scene import Scene
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics_predictor.live.live_prediction import LivePrediction, predict_scene
 from intuitive_physics_predictor.live.predictor import Snapshot
 from intuitive_physics_predictor.live.question import Answer, Event, Question, answer
@@ -31,6 +33,7 @@ from intuitive_physics_ros.conversions import (
 )
 from intuitive_physics_ros.conversions.primitives import point_to_message
 from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_result
+from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 CODES: dict[type[BaseException], int] = {
     PredictionFailedError: ResultCode.PREDICTION_FAILED,
@@ -48,7 +51,7 @@ LONGEST_WAIT = 0.1
 
 
 class PredictionServices:
-    """Answers `~/predict` and `~/query`, each simulated in the background.
+    """Answers `~/predict` and `~/query`, each simulated in the background within its time limit.
 
     Parameters
     ----------
@@ -65,16 +68,18 @@ class PredictionServices:
         node.create_service(Predict, "~/predict", self._on_predict, callback_group=together)
         node.create_service(Query, "~/query", self._on_query, callback_group=together)
 
-    def stop(self) -> None:
-        """Wait for the answer under way; waiting requests are dropped."""
-        self._background.stop()
+    def stop(self, patience: float = 1.0) -> bool:
+        """Cancel the request under way; return whether it has ended within `patience` s."""
+        return self._background.stop(patience)
 
     async def _on_predict(
         self, request: Predict.Request, response: Predict.Response
     ) -> Predict.Response:
         started, now = time.perf_counter(), 1e-9 * self._node.get_clock().now().nanoseconds
         try:
-            response.distribution = await self._background.run(lambda: self._predict(request, now))
+            response.distribution = await self._background.run(
+                lambda stop: self._predict(request, now, stop)
+            )
             response.distribution.computation_time = time.perf_counter() - started
             response.result = ok_result()
         except Exception as error:
@@ -90,7 +95,9 @@ class PredictionServices:
                     "nothing is predicted now; expected an environment and objects that are seen",
                 )
             question = question_from_request(request)
-            answered: Answer = await self._background.run(lambda: answer(question, made))
+            answered: Answer = await self._background.run(
+                lambda stop: answer(question, made.stopped_by(stop))
+            )
             response.probability = answered.forecast.probability
             response.times = float32_field(answered.forecast.times)
             response.weights = float32_field(answered.forecast.weights)
@@ -103,14 +110,15 @@ class PredictionServices:
             response.result = self._refusal(error)
         return response
 
-    def _predict(self, request: Predict.Request, now: float) -> DistributionMessage:
+    def _predict(self, request: Predict.Request, now: float, stop: StopFlag) -> DistributionMessage:
         # What was heard and set before the request counts.
         snapshot = self._ticks.settled_snapshot(LONGEST_WAIT)
+        snapshot = replace(snapshot, settings=snapshot.settings.stopped_by(stop))
         return distribution_message(DistributionWriter(), predict_request(request, snapshot, now))
 
     def _refusal(self, error: Exception) -> ResultCode:
         if not isinstance(error, IntuitivePhysicsError):
-            self._node.get_logger().error(f"a request failed: {type(error).__name__}: {error}")
+            unexpected_errors(self._node).report(error, "a request")
         return error_result(error, CODES)
 
 

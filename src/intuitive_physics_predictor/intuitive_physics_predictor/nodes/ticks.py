@@ -5,12 +5,12 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Hashable
-from concurrent.futures import Future, ThreadPoolExecutor, wait
 
 from intuitive_physics_msgs.msg import TrajectoryDistribution as DistributionMessage
 from rclpy.node import Node
 
 from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics_predictor.live.live_prediction import (
     LivePrediction,
     NoObjectsError,
@@ -20,9 +20,11 @@ from intuitive_physics_predictor.live.pacer import Pacer
 from intuitive_physics_predictor.live.predictor import Predictor, Snapshot
 from intuitive_physics_predictor.live.settings import PredictionSettings
 from intuitive_physics_predictor.nodes.messages import distribution_message
+from intuitive_physics_ros.background import Background
 from intuitive_physics_ros.conversions import DistributionWriter
 from intuitive_physics_ros.monitors import RateMonitor
 from intuitive_physics_ros.qos import SENSOR_DATA
+from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 FAILURES_LOGGED_EVERY = 10.0
 """s between two log lines about samples that failed. Our choice."""
@@ -53,16 +55,17 @@ class PredictionTicks:
     ) -> None:
         self.monitor = RateMonitor("predicts", rate)
         self._node = node
-        self._predictor = Predictor(settings, seed)
+        self._stop = StopFlag()
+        self._predictor = Predictor(settings.stopped_by(self._stop), seed)
         self._published_samples = published_samples
         self._writer = DistributionWriter()
         self._paused_for = ""
         self._publisher = node.create_publisher(
             DistributionMessage, "~/trajectory_distribution", SENSOR_DATA
         )
-        self._background = ThreadPoolExecutor(1, thread_name_prefix="prepare")
-        self._to_prepare: Callable[[Snapshot], None] | None = None
-        self._prepared: Future[None] | None = None
+        self._background = Background(node, "prepare")
+        self._prepared = threading.Event()
+        self._prepared.set()
         self._pacer = Pacer(self._on_tick, rate, self._predictor.draw_ahead)
 
     @property
@@ -79,18 +82,19 @@ class PredictionTicks:
 
         Of work that was not begun the newest counts.
         """
-        self._to_prepare = work
-        self._prepared = self._background.submit(self._do_newest)
+        self._prepared = done = threading.Event()
 
-    def _do_newest(self) -> None:
-        work, self._to_prepare = self._to_prepare, None
-        if work is not None:
-            work(self.snapshot)
+        def prepare() -> None:
+            try:
+                work(self.snapshot)
+            finally:
+                done.set()
+
+        self._background.post(prepare, key="newest")
 
     def settled_snapshot(self, longest: float) -> Snapshot:
         """Return the snapshot once all that was posted is done, after `longest` s at most."""
-        if self._prepared is not None:
-            wait([self._prepared], longest)
+        self._prepared.wait(longest)
         done = threading.Event()
         self._pacer.post(done.set)
         done.wait(longest)
@@ -107,7 +111,8 @@ class PredictionTicks:
         """Set how the next predictions are made; None leaves settings or seed as they are."""
 
         def work() -> None:
-            self._predictor.set(settings=settings, seed=seed)
+            own = None if settings is None else settings.stopped_by(self._stop)
+            self._predictor.set(settings=own, seed=seed)
             self._published_samples = published_samples
             if rate != self.monitor.rate:
                 self.monitor.rate = rate
@@ -119,10 +124,12 @@ class PredictionTicks:
         """Begin, with the first tick at once."""
         self._pacer.start()
 
-    def stop(self) -> None:
-        """End once the tick under way is done, and what is prepared."""
-        self._background.shutdown(cancel_futures=True)
-        self._pacer.stop()
+    def stop(self, patience: float) -> bool:
+        """Cut the tick under way short; return whether all has ended within `patience` s."""
+        self._stop.set()
+        end = time.monotonic() + patience
+        ticks = self._pacer.stop(patience)
+        return self._background.stop(max(0.0, end - time.monotonic())) and ticks
 
     def _on_tick(self, late: float, left_out: int) -> None:
         """Predict from the newest inputs and publish."""
@@ -136,7 +143,8 @@ class PredictionTicks:
             self._publisher.publish(message)
         except Exception as error:
             # An exception that ended this thread would end all prediction.
-            self._pause(error, had_prediction)
+            if not self._stop.is_set():
+                self._pause(error, had_prediction)
             return
         self.monitor.left_out(left_out)
         self.monitor.done(time.perf_counter() - due)
@@ -157,7 +165,9 @@ class PredictionTicks:
     def _pause(self, error: Exception, had_prediction: bool) -> None:
         """Report why nothing is predicted: on /diagnostics, and a new reason in the log."""
         known = isinstance(error, IntuitivePhysicsError)
-        reason = str(error) if known else f"internal error, please report: {error!r}"
+        reason = (
+            str(error) if known else unexpected_errors(self._node).report(error, "a prediction")
+        )
         self.monitor.idle(reason)
         # The age of the states in the reason grows: it is one reason. No states yet is no news.
         waits = isinstance(error, NothingToPredictError)

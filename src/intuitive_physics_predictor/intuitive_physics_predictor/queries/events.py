@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -134,6 +134,14 @@ def _first(
     return EventForecast(float(weights.sum()), when[order], weights)
 
 
+def joined_forecasts(parts: Sequence[EventForecast]) -> EventForecast:
+    """Return the forecast of all samples from those of parts of them, in the samples' order."""
+    times = np.concatenate([part.times for part in parts])
+    order = np.argsort(times, kind="stable")
+    weights = np.concatenate([part.weights for part in parts])[order]
+    return EventForecast(float(weights.sum()), times[order], weights)
+
+
 def touching(
     distribution: TrajectoryDistribution, scene: Scene, object_id: str, other_id: str
 ) -> NDArray[np.bool_]:
@@ -262,6 +270,9 @@ def _turns(orientations: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(2.0 * np.arccos(np.minimum(cosine, 1.0)))
 
 
+LARGEST_SQUARES = 1_000_000
+"""Distances of places and samples that are held at once, 30 MB. Our choice."""
+
 MOST_PLACES = 64
 """Samples whose positions are tried as places: probabilities a few % apart are distinguished."""
 
@@ -334,8 +345,12 @@ def _best_place(
     inside = points[reachable.contains(points)][:MOST_PLACES]
     if not len(inside):
         return None
-    squares = _squares(inside, points)
-    place = inside[int(_caught(squares, weights, reach).argmax())]
+    together = max(1, LARGEST_SQUARES // len(points))
+    by_place = [
+        _caught(_squares(inside[i : i + together], points), weights, reach)
+        for i in range(0, len(inside), together)
+    ]
+    place = inside[int(np.concatenate(by_place).argmax())]
     # The middle of what that place catches lies in the box too, and may catch more.
     caught = _squares(place[None], points)[0] <= reach**2
     middle = np.average(points[caught], axis=0, weights=weights[caught])

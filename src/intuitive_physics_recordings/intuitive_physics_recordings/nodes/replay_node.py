@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 import threading
 import time
@@ -10,7 +11,6 @@ from typing import Any
 
 import rclpy
 from builtin_interfaces.msg import Time
-from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -22,13 +22,20 @@ from intuitive_physics_recordings.bag_reader import BagMessage, BagReader, BagTo
 from intuitive_physics_recordings.replay import Replay, ReplaySettings
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
 from intuitive_physics_ros.parameters import Parameter, declare_parameters
-from intuitive_physics_ros.run_node import run_node
+from intuitive_physics_ros.run_node import farewell, run_node
+from intuitive_physics_ros.unexpected_errors import unexpected_errors
+
+TYPE_NAME = re.compile(r"[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*")
+"""Names of messages, as ROS allows them."""
 
 CLOCK_TOPIC = "/clock"
 """Where ROS nodes that use simulated time look for it."""
 
 QUEUE_DEPTH = 10
 """Messages kept for a slow subscriber of a replayed topic."""
+
+STOP_PATIENCE = 0.5
+"""s to wait at the end for the message under way."""
 
 POLL_PERIOD = 0.05
 """s between two checks for subscribers."""
@@ -86,15 +93,17 @@ class ReplayNode(Node):
         Diagnostics(self).add("bag", self._status)
         self._stopping = threading.Event()
         self._finished = self.create_guard_condition(self._end)
-        self._thread = threading.Thread(target=self._run, name="replay")
+        self._thread = threading.Thread(target=self._run, name="replay", daemon=True)
         self._thread.start()
 
     def destroy_node(self) -> None:
         """Stop playing, then close the bag."""
         self._stopping.set()
         self._replay.stop()
-        self._thread.join()
-        self._bag.close()
+        self._thread.join(STOP_PATIENCE)
+        farewell(self._publishers_by_topic.values())
+        if not self._thread.is_alive():
+            self._bag.close()
         super().destroy_node()
 
     def _make_publishers(self) -> dict[str, Publisher]:
@@ -141,6 +150,9 @@ class ReplayNode(Node):
         except IntuitivePhysicsError as error:
             self.exit_code = 1
             self.get_logger().fatal(str(error))
+        except Exception as error:
+            self.exit_code = 1
+            unexpected_errors(self).report(error, "the replay")
         if not self._stopping.is_set():
             self._finished.trigger()
 
@@ -168,9 +180,7 @@ class ReplayNode(Node):
             self._stopping.wait(SETTLING_TIME)
 
     def _wait_until_acknowledged(self) -> None:
-        # Else the last messages may die with this process, before reliable subscribers had them.
-        for publisher in self._publishers_by_topic.values():
-            publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT))
+        farewell(self._publishers_by_topic.values(), ACKNOWLEDGE_TIMEOUT)
 
     def _publish(self, message: BagMessage) -> None:
         if rclpy.ok():
@@ -199,6 +209,9 @@ class ReplayNode(Node):
 def _message_class(type_name: str) -> Any | None:
     """Return the class of a type such as "sensor_msgs/msg/Image", None where it is unknown."""
     package, _, name = type_name.partition("/msg/")
+    # A name of a bag is imported: only what can be the name of a package of messages is.
+    if not TYPE_NAME.fullmatch(type_name):
+        return None
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError):

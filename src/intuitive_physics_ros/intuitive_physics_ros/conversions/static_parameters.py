@@ -14,6 +14,7 @@ from std_msgs.msg import Header
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.limits import check_limit
 from intuitive_physics.materials import (
     PAIR_COEFFICIENTS,
     StaticParameters,
@@ -24,6 +25,7 @@ from intuitive_physics.materials import (
 from intuitive_physics.messages.fields import flat_array, float64_field, in_field
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, Bounds, parameter_vector
+from intuitive_physics.validation import name_string
 
 SCALES = {ParameterBounds.LINEAR: "linear", ParameterBounds.LOGARITHMIC: "logarithmic"}
 """Names of the scales by their code in a message."""
@@ -94,8 +96,10 @@ def static_parameters_from_message(message: StaticParametersMessage) -> LearnedP
         When a list has not one element for each material, a pair is missing, stands twice or has
         an unknown material, or a value lies outside its range.
     """
-    materials = list(message.materials)
-    m = len(materials)
+    m = len(message.materials)
+    # Before anything that grows with the number of pairs.
+    check_limit("most_materials", m, "materials")
+    materials = [name_string(name, "material") for name in message.materials]
     if len(set(materials)) != m:
         raise InvalidInputError(f"materials are {materials}; expected each name once")
     with in_field("densities"):

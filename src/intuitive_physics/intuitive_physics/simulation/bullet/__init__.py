@@ -53,7 +53,9 @@ class BulletSimulator(Simulator):
             for w, plan in enumerate(plans):
                 row = times[w if len(times) > 1 else 0]
                 row = row[np.isfinite(row)]
-                x, q = roll_world(client, plan, row, self.time_step)
+                x, q = roll_world(client, plan, row, self.time_step, self.stop_flag)
+                if self.stop_flag.is_set():
+                    break
                 finite = np.isfinite(x).all() and np.isfinite(q).all()
                 status[w] = WorldStatus.OK if finite else WorldStatus.NOT_FINITE
                 if finite:

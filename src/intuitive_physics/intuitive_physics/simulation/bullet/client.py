@@ -13,6 +13,7 @@ from intuitive_physics.scene import Environment
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 from intuitive_physics.simulation.bullet.plan import Plan
 from intuitive_physics.simulation.bullet.surfaces import Surface
+from intuitive_physics.simulation.stop_flag import StopFlag
 
 OVERLAP_LEFT, OVERLAP_TAKEN = 1e-5, 0.2
 """Depth in m that a contact may keep, and the part of the rest that each step takes away."""
@@ -37,14 +38,19 @@ class Client:
 
 
 def roll_world(
-    client: Client, plan: Plan, times: NDArray[np.float64], time_step: float
+    client: Client,
+    plan: Plan,
+    times: NDArray[np.float64],
+    time_step: float,
+    stop: StopFlag,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Simulate one world.
+    """Simulate one world, to the end unless it is stopped.
 
     Parameters
     ----------
     times : (n_times,) s
     time_step : s
+    stop : looked at before each step
 
     Returns
     -------
@@ -65,7 +71,7 @@ def roll_world(
     steps = 0
     before = after = look()
     for t in times:
-        while steps * time_step < t - 1e-12:
+        while steps * time_step < t - 1e-12 and not stop.is_set():
             engine.stepSimulation(physicsClientId=world)
             _part_overlapping(client, set(bodies))
             steps += 1

@@ -27,7 +27,7 @@ from intuitive_physics.simulation.event_driven.world import (
 )
 from intuitive_physics.simulation.rollout import NOT_FINITE, OK, TOO_MANY_EVENTS, OutputArrays
 from intuitive_physics.simulation.world_batch import WorldArrays
-from intuitive_physics.simulation.world_record import start_world, wanted_outputs
+from intuitive_physics.simulation.world_record import start_world, stop_if_asked, wanted_outputs
 
 INSTANT = 1e-7
 """s. Events nearer than this are at the same time …"""
@@ -57,7 +57,7 @@ def roll_worlds(first, last, batch, results, scratch, max_events):
         if worlds.environment_index[w] != placed:
             placed = worlds.environment_index[w]
             place_solids(world, worlds, placed)
-        start_world(world, worlds, w)
+        start_world(world, worlds, w, outputs.stop)
         world.object_count = worlds.object_counts[w]
         for i in range(world.object_count):
             material = worlds.object_materials[w, i]
@@ -114,8 +114,9 @@ def _roll_world(world, times, max_events, positions, orientations):
     events = 0
     instant, at_once = -1.0, 0
     while world.status == OK:
+        stop_if_asked(world)
         t, i, j = _next_event(world)
-        if t > world.end:
+        if t > world.end or world.status != OK:
             break
         events += 1
         at_once = at_once + 1 if t - instant < INSTANT else 0

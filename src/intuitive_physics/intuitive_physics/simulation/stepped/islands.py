@@ -18,6 +18,7 @@ from intuitive_physics.simulation.stepped.lone_body import step_lone_body
 from intuitive_physics.simulation.stepped.motion import is_still, write_rest
 from intuitive_physics.simulation.stepped.parts import step_island
 from intuitive_physics.simulation.world_batch import CAPSULE, SPHERE
+from intuitive_physics.simulation.world_record import stop_if_asked
 
 MOST_STEPS = 32
 """Maximum steps of independent islands before they are looked for again."""
@@ -90,6 +91,7 @@ def carry_island(world, moving, root, first, count, step, threshold):
     body = body_at(world, root)
     done, advance = 0, count
     while done < count and world.status == OK:
+        stop_if_asked(world)
         start = (first + done) * step
         advance = min(advance, count - done) if _may_advance_many(body) else 1
         if advance == 1:

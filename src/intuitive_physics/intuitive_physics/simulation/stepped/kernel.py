@@ -14,7 +14,7 @@ from intuitive_physics.simulation.stepped.islands import carry_island, mark_isla
 from intuitive_physics.simulation.stepped.motion import TIME_ROUNDING, output_time, write_rest
 from intuitive_physics.simulation.stepped.parts import rebound_threshold
 from intuitive_physics.simulation.world_batch import WorldArrays
-from intuitive_physics.simulation.world_record import start_world, wanted_outputs
+from intuitive_physics.simulation.world_record import start_world, stop_if_asked, wanted_outputs
 
 
 @entry
@@ -31,7 +31,7 @@ def roll_worlds(first, last, batch, results, scratch, step):
     worlds, outputs = WorldArrays(*batch), OutputArrays(*results)
     world = scratch[0]
     for w in range(first, last):
-        start_world(world, worlds, w)
+        start_world(world, worlds, w, outputs.stop)
         world.gravity_size = norm(load(world.gravity))
         world.moving = worlds.object_counts[w]
         for i in range(world.moving):
@@ -77,6 +77,7 @@ def _roll_world(world, moving, step):
     _part_start(world, moving)
     end = output_time(world, world.output_count - 1)
     steps = 0
+    stop_if_asked(world)
     while world.status == OK and steps * step < end - TIME_ROUNDING:
         left = 1 + int((end - TIME_ROUNDING) / step) - steps
         count = max(1, min(left, mark_islands(world, moving, step)))

@@ -34,7 +34,8 @@ from intuitive_physics_experiments.rendering.depth_noise import DepthNoise
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.frame_result import FrameResult
-from intuitive_physics_perception.pipeline import PerceptionPipeline, perceive_cloud
+from intuitive_physics_perception.pipeline import PerceptionPipeline
+from intuitive_physics_perception.scene import perceive_cloud
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SEED = 18

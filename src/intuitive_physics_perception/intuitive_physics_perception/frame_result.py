@@ -63,7 +63,8 @@ class FrameResult:
     ----------
     time : s
     model : the environment; None while it is not known
-    is_new_model : whether this frame completed it
+    is_new_model : whether this frame completed it, or revised it
+    revised : one sentence when parts of the environment have come or gone; else empty
     restarted : whether time went back, so that tracking has started again
     moved : one sentence when the sensor was moved, so that the environment is modelled again from
         the frames that follow; else empty
@@ -76,6 +77,7 @@ class FrameResult:
     time: float
     model: EnvironmentModel | None
     is_new_model: bool = False
+    revised: str = ""
     restarted: bool = False
     moved: str = ""
     detections: tuple[Detection, ...] = ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 from time import perf_counter
 
@@ -11,27 +12,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
-from intuitive_physics.scene import Environment
 from intuitive_physics.validation import unit_vector
-from intuitive_physics_perception.detection.detections import (
-    DetectedSolid,
-    DetectedSphere,
-    without_doubles,
-)
-from intuitive_physics_perception.detection.foreground import Clusters, ForegroundFinder
-from intuitive_physics_perception.detection.solids import SolidFinder, all_objects
-from intuitive_physics_perception.detection.spheres import ClusterSpheres, SphereFinder
+from intuitive_physics_perception.detection.detections import DetectedSolid, DetectedSphere
+from intuitive_physics_perception.detection.solids import all_objects
 from intuitive_physics_perception.environment.environment_model import (
-    EnvironmentCheck,
-    EnvironmentModel,
     NoEnvironmentError,
     model_environment,
 )
-from intuitive_physics_perception.environment.static_boxes import StaticBoxFilter, with_static_boxes
+from intuitive_physics_perception.environment.static_boxes import with_static_boxes
 from intuitive_physics_perception.frame_result import FrameDiagnostics, FrameResult, PerceivedObject
+from intuitive_physics_perception.scene import ModelledScene
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracking.episodes import Episode, EpisodeRecorder
-from intuitive_physics_perception.tracking.tracker import Tracker
+from intuitive_physics_perception.tracking.episodes import Episode
 
 
 class PerceptionPipeline:
@@ -42,6 +34,8 @@ class PerceptionPipeline:
     settings : of all stages
     rng : source of all random choices
     clock : seconds, by which stages are timed
+    background : in which the environment is revised while frames go on, as a live camera needs;
+        None revises it within a frame, so that results depend on the frames alone
     """
 
     def __init__(
@@ -49,10 +43,12 @@ class PerceptionPipeline:
         settings: PerceptionSettings,
         rng: np.random.Generator,
         clock: Callable[[], float] = perf_counter,
+        background: Executor | None = None,
     ) -> None:
         self.settings = settings
         self._rng = rng
         self._clock = clock
+        self._background = background
         self._next_track = 1
         self._last_time = -np.inf
         self._first_frames: list[NDArray[np.float32]] = []
@@ -132,9 +128,8 @@ class PerceptionPipeline:
         if self.settings.static_boxes:
             model = with_static_boxes(model, frames, self.settings, self._rng)
         self._scene = ModelledScene(
-            model, self.settings, self._rng, self._next_track, _nearest_ranges(frames)
+            model, frames, self.settings, self._rng, self._next_track, self._background
         )
-        self._scene.prepare(points)
         seconds = {"environment": self._clock() - started}
         return FrameResult(
             time, model, is_new_model=True, diagnostics=FrameDiagnostics(seconds=seconds)
@@ -153,12 +148,13 @@ class PerceptionPipeline:
         if moved:
             episodes = self._forget_environment()
             return replace(self._unused(time, moved), episodes=episodes, moved=moved)
-        clusters = scene.clusters(points)
+        clusters = scene.stages.clusters(points)
         instants.append(self._clock())
         spheres = scene.find_spheres(points, clusters, time)
         instants.append(self._clock())
-        seen = all_objects(points, spheres, scene.solids, colors)
-        scene.foreground.expect_objects([one.pixels(points) for one in seen])
+        seen = all_objects(points, spheres, scene.stages.solids, colors)
+        pixels = [one.pixels(points) for one in seen]
+        scene.stages.foreground.expect_objects(pixels)
         found = [one.detection for one in seen]
         pose = scene.model.rotation, scene.model.translation
         detections = [detection.moved(*pose) for detection in found]
@@ -176,7 +172,13 @@ class PerceptionPipeline:
         instants.append(self._clock())
         episodes = scene.episodes.update(time, alive, ended)
         instants.append(self._clock())
-        stages = ("planes", "spheres", "solids", "tracking", "episodes")
+        revised = scene.watch(points, time, pixels)
+        instants.append(self._clock())
+        if revised is None:
+            episodes = (*episodes, *self._forget_environment())
+            moved = "the support has gone: the environment is modelled again"
+            return replace(self._unused(time, moved), episodes=episodes, moved=moved)
+        stages = ("planes", "spheres", "solids", "tracking", "episodes", "revision")
         diagnostics = FrameDiagnostics(
             readings=clusters.readings,
             foreground=clusters.foreground,
@@ -188,6 +190,8 @@ class PerceptionPipeline:
         return FrameResult(
             time,
             scene.model,
+            is_new_model=bool(revised),
+            revised=revised,
             detections=tuple(detections),
             objects=objects,
             episodes=episodes,
@@ -220,120 +224,3 @@ def _has_readings(points: NDArray[np.float32]) -> bool:
 
 def _observations(episodes: Sequence[Episode]) -> tuple[Observation, ...]:
     return tuple(found for episode in episodes for found in episode.observations())
-
-
-def _nearest_ranges(frames: Sequence[NDArray[np.float32]]) -> NDArray[np.float32] | None:
-    """Nearest range (height, width) m that each pixel read in organised frames, NaN for none."""
-    if frames[0].shape[0] == 1 or any(frame.shape != frames[0].shape for frame in frames):
-        return None
-    ranges = np.fmin.reduce([np.linalg.norm(frame, axis=2) for frame in frames])
-    return np.asarray(ranges, dtype=np.float32)
-
-
-class ModelledScene:
-    """Stages made for one environment, and what they remember of it.
-
-    Parameters
-    ----------
-    model : the environment
-    settings : of all stages
-    rng : source of all random choices
-    first_track : number of the first track
-    before : (height, width) m, what the frames read that it was modelled from; None where their
-        readings have no fixed pixels
-    """
-
-    def __init__(
-        self,
-        model: EnvironmentModel,
-        settings: PerceptionSettings,
-        rng: np.random.Generator,
-        first_track: int,
-        before: NDArray[np.float32] | None,
-    ) -> None:
-        self.model = model
-        self._settings = settings
-        self.check = EnvironmentCheck(model, settings)
-        self.foreground = ForegroundFinder(model, settings, before)
-        self.static_boxes = StaticBoxFilter(model, settings)
-        self.spheres = SphereFinder(model.noise, settings, rng, before)
-        self.solids = SolidFinder(model, settings, rng) if settings.find_solids else None
-        self.restart_tracking(first_track)
-
-    def clusters(self, points: NDArray[np.float32]) -> Clusters:
-        """Return clusters of what is neither a plane nor a static box.
-
-        Parameters
-        ----------
-        points : (height, width, 3) m, of a frame
-        """
-        return self.static_boxes.without(points, self.foreground.find(points))
-
-    def find_spheres(
-        self, points: NDArray[np.float32], clusters: Clusters, time: float
-    ) -> list[ClusterSpheres]:
-        """Return the spheres of a frame by cluster: those that are followed are looked for first,
-        where they are expected.
-
-        Parameters
-        ----------
-        points : (height, width, 3) m
-        time : s
-        """
-        expected = [
-            np.append(self.model.to_sensor(sphere[:3]), sphere[3])
-            for sphere in self.tracker.expected_spheres(time)
-        ]
-        return self.spheres.find(
-            points, clusters, self._settings.clusters.searches_in_frame, expected
-        )
-
-    def prepare(self, points: NDArray[np.float32]) -> None:
-        """Find where each pixel's ray meets a plane, and search the first clusters, so that no
-        later frame waits for it.
-
-        Parameters
-        ----------
-        points : (height, width, 3) m, of a frame
-        """
-        for _ in range(self._settings.clusters.first_searches):
-            spheres = self.spheres.find(points, self.clusters(points))
-            all_objects(points, spheres, self.solids)
-
-    def restart_tracking(self, first_track: int) -> None:
-        """Forget all tracks; the environment stays."""
-        self.tracker = Tracker(self.model.environment, self._settings, first_track)
-        self.episodes = EpisodeRecorder(self.model.environment, self._settings)
-
-
-def perceive_cloud(
-    points: ArrayLike, settings: PerceptionSettings, rng: np.random.Generator
-) -> tuple[Environment, list[DetectedSphere]]:
-    """Perceive one cloud alone: its environment, and the spheres in the environment's frame.
-
-    Parameters
-    ----------
-    points : (n, 3) or (height, width, 3) m in the sensor's frame, the sensor at the origin; NaN
-        where nothing was read
-
-    Raises
-    ------
-    InvalidInputError
-        When the points have another shape.
-    NoEnvironmentError
-        When the cloud shows no supporting plane.
-    """
-    try:
-        cloud = np.ascontiguousarray(points, dtype=np.float32)
-    except (TypeError, ValueError):
-        raise InvalidInputError(f"points are {points!r:.80}; expected numbers (n, 3)") from None
-    if cloud.ndim not in (2, 3) or cloud.shape[-1] != 3:
-        raise InvalidInputError(
-            f"points have the shape {cloud.shape}; expected (n, 3) or (height, width, 3)"
-        )
-    frame = cloud if cloud.ndim == 3 else cloud[None]
-    model = model_environment([frame], settings, rng)
-    clusters = ForegroundFinder(model, settings).find(frame)
-    found = SphereFinder(model.noise, settings, rng).find(frame, clusters)
-    spheres = without_doubles([sphere for part in found for sphere in part.spheres])
-    return model.environment, [s.moved(model.rotation, model.translation) for s in spheres]

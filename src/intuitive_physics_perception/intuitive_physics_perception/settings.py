@@ -18,6 +18,7 @@ from intuitive_physics_perception.environment.settings import (
     PlaneDetectionSettings,
     PlaneEdgeSettings,
     RestSettings,
+    RevisionSettings,
     StaticBoxSettings,
 )
 from intuitive_physics_perception.tracking.settings import (
@@ -125,6 +126,11 @@ class PerceptionSettings:
     )
     moved_time: float = number(
         0.5, 0.0, 60.0, "time for which that must last until planes are modelled again, s"
+    )
+    revise_environment: bool = other(
+        True,
+        "add planes and boxes that come and stay, remove those that one sees through; of clouds "
+        "with fixed pixels only",
     )
     plane_material: str = other("environment", "material of the planes")
     static_boxes: bool = other(
@@ -234,6 +240,9 @@ class PerceptionSettings:
         PlaneEdgeSettings(), "when the end of a plane counts as seen"
     )
     static_box_fit: StaticBoxSettings = other(StaticBoxSettings(), "what becomes a static box")
+    revision: RevisionSettings = other(
+        RevisionSettings(), "when the environment is revised, and when the sensor was moved"
+    )
     rest: RestSettings = other(RestSettings(), "when an accelerometer counts as at rest")
 
     clusters: ClusterSettings = other(ClusterSettings(), "how foreground is split into clusters")

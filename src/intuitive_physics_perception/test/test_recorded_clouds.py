@@ -9,7 +9,7 @@ import pytest
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_perception.environment.environment_model import NoEnvironmentError
-from intuitive_physics_perception.pipeline import perceive_cloud
+from intuitive_physics_perception.scene import perceive_cloud
 from intuitive_physics_perception.settings import PerceptionSettings
 
 REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "real"

@@ -113,7 +113,7 @@ def _environment_and_spheres(points: Any, options: argparse.Namespace) -> tuple[
     import numpy as np
 
     from intuitive_physics_perception.environment.environment_model import NoEnvironmentError
-    from intuitive_physics_perception.pipeline import perceive_cloud
+    from intuitive_physics_perception.scene import perceive_cloud
 
     def perceive(up: Sequence[float] | None) -> tuple[Any, Any]:
         return perceive_cloud(points, _settings(options, up), np.random.default_rng(options.seed))

@@ -1,9 +1,9 @@
-"""The environment Ω_e: modelled from the first frames, and checked against later ones."""
+"""The environment Ω_e: modelled from the first frames, and revised when the scene has changed."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,12 +25,28 @@ VERTICAL_VIEW_COSINE = float(np.cos(np.radians(10.0)))
 """Cosine of the angle between optical axis and vertical below which the view counts as vertical:
 the horizontal part of the optical axis is then too short to give a direction. Set by hand."""
 
-CHECKED_POINTS = 1200
-"""Points of each frame, evenly over it, that are compared with the planes: bounds the time."""
-
 
 class NoEnvironmentError(IntuitivePhysicsError):
     """The frames show no plane that could support anything."""
+
+
+@dataclass(frozen=True)
+class PlaneAgreement:
+    """How well readings agree with the planes of an environment.
+
+    A reading hides a plane when it lies before it by more than `hiding_depth`.
+
+    Parameters
+    ----------
+    explained : part of the readings that hide no plane which lie on one
+    visible : part of all readings that hide no plane
+    support : part of the readings where the support should be, and nothing hides it, which lie on
+        it; 1 where all is hidden
+    """
+
+    explained: float
+    visible: float
+    support: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +65,7 @@ class EnvironmentModel:
     rotation : (3, 3) and
     translation : (3,) m: p_environment = rotation p_sensor + translation
     noise : of the range readings, measured on the planes
-    explained : part of the readings that lie on one of the planes
+    agreement : of the readings with the planes when they were modelled
     """
 
     environment: Environment
@@ -57,7 +73,7 @@ class EnvironmentModel:
     rotation: NDArray[np.float64]
     translation: NDArray[np.float64]
     noise: RangeNoise
-    explained: float
+    agreement: PlaneAgreement
 
     def to_environment(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return points (..., 3) of the sensor's frame in the environment's frame, m."""
@@ -132,29 +148,128 @@ def model_environment(
     rotation, translation = _gravity_aligned(
         planes[0], planes[0].normal if up is None else np.asarray(up, dtype=np.float64)
     )
+    names = [f"plane_{k}" for k in range(len(planes))]
     environment = Environment(
-        [
-            Plane(
-                f"plane_{k}",
-                settings.plane_material,
-                rotation @ plane.normal,
-                plane.offset + float(rotation @ plane.normal @ translation),
-                None if plane.boundary is None else plane.boundary @ rotation.T + translation,
-            )
-            for k, plane in enumerate(planes)
-        ],
+        _as_environment(planes, names, rotation, translation, settings),
         gravity=(0.0, 0.0, -settings.gravity),
         frame_id=settings.environment_frame_id,
     )
-    cloud = RangeCloud(points, noise, settings)
-    explained = float(np.mean(explained_points(cloud, planes)))
-    return EnvironmentModel(environment, tuple(planes), rotation, translation, noise, explained)
+    agreement = plane_agreement(RangeCloud(points, noise, settings), planes, settings)
+    return EnvironmentModel(environment, tuple(planes), rotation, translation, noise, agreement)
 
 
-def explained_points(cloud: RangeCloud, planes: Sequence[DetectedPlane]) -> NDArray[np.bool_]:
-    """Which points (n,) lie on one of the planes, wherever those end."""
-    near = [cloud.near(plane.numbers) for plane in planes]
-    return np.asarray(np.any(near, axis=0))
+def revised_environment(
+    model: EnvironmentModel,
+    frame: NDArray[np.float32],
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+) -> EnvironmentModel | None:
+    """Model the planes again where the sensor still stands as it did.
+
+    A plane that is still there keeps its id and its place, so that the frame stays; where it ends
+    is looked at anew.
+
+    Parameters
+    ----------
+    model : what is known
+    frame : (height, width, 3) m, what has been seen for some time, NaN where nothing was read
+
+    Returns
+    -------
+    EnvironmentModel
+        Without static boxes; None where the support has gone, and with it the frame.
+    """
+    points = fuse([frame], settings, rng)
+    known = {plane.numbers.tobytes(): plane.numbers for plane in model.detected}
+    planes = detect_planes(points, model.noise, settings, rng, list(known.values()))
+    planes, names = _named(planes, model)
+    if "plane_0" not in names:
+        return None
+    cloud = RangeCloud(fuse([frame], settings, rng, MAX_EDGE_POINTS), model.noise, settings)
+    planes = with_edges(planes, cloud, settings, rng)
+    old = model.environment
+    environment = Environment(
+        _as_environment(planes, names, model.rotation, model.translation, settings),
+        (),
+        old.gravity,
+        old.frame_id,
+        old.air_density,
+    )
+    agreement = plane_agreement(RangeCloud(points, model.noise, settings), planes, settings)
+    return replace(model, environment=environment, detected=tuple(planes), agreement=agreement)
+
+
+def _named(
+    planes: Sequence[DetectedPlane], model: EnvironmentModel
+) -> tuple[list[DetectedPlane], list[str]]:
+    """Sort planes, the support first, and give each the id of the one it was, or a new one.
+
+    Surfaces of one plane are told apart by their middles: each is the nearest one of before.
+    """
+    names = [""] * len(planes)
+    for old, was in zip(model.detected, model.environment.planes, strict=True):
+        middle = old.corners.mean(axis=0)
+        same = [
+            (float(np.linalg.norm(plane.corners.mean(axis=0) - middle)), k)
+            for k, plane in enumerate(planes)
+            if not names[k] and np.array_equal(plane.numbers, old.numbers)
+        ]
+        if same:
+            names[min(same)[1]] = was.id
+    number = 1 + max(int(plane.id.rsplit("_", 1)[1]) for plane in model.environment.planes)
+    for k, name in enumerate(names):
+        if not name:
+            names[k], number = f"plane_{number}", number + 1
+    order = sorted(range(len(planes)), key=lambda k: (names[k] != "plane_0", k))
+    return [planes[k] for k in order], [names[k] for k in order]
+
+
+def _as_environment(
+    planes: Sequence[DetectedPlane],
+    names: Sequence[str],
+    rotation: NDArray[np.float64],
+    translation: NDArray[np.float64],
+    settings: PerceptionSettings,
+) -> list[Plane]:
+    """Planes of the sensor's frame in the environment's."""
+    return [
+        Plane(
+            name,
+            settings.plane_material,
+            rotation @ plane.normal,
+            plane.offset + float(rotation @ plane.normal @ translation),
+            None if plane.boundary is None else plane.boundary @ rotation.T + translation,
+        )
+        for plane, name in zip(planes, names, strict=True)
+    ]
+
+
+def plane_agreement(
+    cloud: RangeCloud, planes: Sequence[DetectedPlane], settings: PerceptionSettings
+) -> PlaneAgreement:
+    """Return how well readings agree with planes.
+
+    Parameters
+    ----------
+    cloud : at least one reading
+    planes : of the environment, the support first
+    """
+    depth = settings.revision.hiding_depth
+    on, hides = np.zeros(len(cloud.points), dtype=bool), np.zeros(len(cloud.points), dtype=bool)
+    support = 1.0
+    for k, plane in enumerate(planes):
+        near = cloud.near(plane.numbers)
+        on |= near
+        along = cloud.points @ plane.normal
+        meeting = np.flatnonzero(along < 0.0)
+        feet = cloud.points[meeting] * (plane.offset / along[meeting])[:, None]
+        meeting = meeting[plane.outlines(feet)]
+        before = along[meeting] - plane.offset > depth
+        hides[meeting[before]] = True
+        if k == 0 and not before.all():
+            support = float(near[meeting[~before]].mean())
+    visible = on | ~hides
+    return PlaneAgreement(float(on.sum() / max(visible.sum(), 1)), float(visible.mean()), support)
 
 
 def _support_first(
@@ -223,58 +338,3 @@ def _gravity_aligned(
     rotation = np.stack([x, np.cross(up, x), up])
     # Straight down from the sensor the support is offset / (normal · up) along up.
     return rotation, np.array([0.0, 0.0, -support.offset / float(support.normal @ up)])
-
-
-class EnvironmentCheck:
-    """Compares how much of each frame lies on the modelled planes with how much did at first.
-
-    What moves through the view covers a part of it for a while; a sensor that was moved, if only by
-    half a degree, sees most planes elsewhere, and goes on to. A sensor that slides along its only
-    plane, or turns about that plane's normal, sees nothing change and is not noticed.
-
-    Parameters
-    ----------
-    model : the environment
-    settings : `moved_fraction` and `moved_time` decide
-    """
-
-    def __init__(self, model: EnvironmentModel, settings: PerceptionSettings) -> None:
-        self._model = model
-        self._settings = settings
-        self._since: float | None = None
-
-    def moved(self, points: NDArray[np.float32], time: float) -> str:
-        """Say in a sentence that the sensor was moved; empty while it was not.
-
-        Parameters
-        ----------
-        points : (height, width, 3) m in the sensor's frame, NaN where nothing was read
-        time : s
-        """
-        fraction = self._explained(points) / max(self._model.explained, 1e-9)
-        if fraction >= self._settings.moved_fraction:
-            self._since = None
-            return ""
-        if self._since is None or time < self._since:
-            self._since = time
-        lasting = time - self._since
-        if lasting < self._settings.moved_time:
-            return ""
-        return (
-            f"for {lasting:.1f} s {fraction:.0%} of the readings that should lie on the planes do; "
-            "the sensor was moved: they are modelled again"
-        )
-
-    def _explained(self, points: NDArray[np.float32]) -> float:
-        """Part of some readings of a frame, evenly over it, that lies on a plane."""
-        height, width = points.shape[:2]
-        stride = max(1, int(np.sqrt(height * width / CHECKED_POINTS)))
-        some = points[::stride, ::stride] if height > 1 else points[:, :: stride * stride]
-        some = some.reshape(-1, 3)
-        ranges = np.linalg.norm(some, axis=1)
-        # NaN compares false.
-        some = some[(ranges >= self._settings.min_range) & (ranges <= self._settings.max_range)]
-        if len(some) < MIN_POINTS:
-            return self._model.explained
-        cloud = RangeCloud(some.astype(np.float64), self._model.noise, self._settings)
-        return float(explained_points(cloud, self._model.detected).mean())

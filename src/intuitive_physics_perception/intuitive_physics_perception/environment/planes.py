@@ -66,6 +66,7 @@ def detect_planes(
     noise: RangeNoise,
     settings: PerceptionSettings,
     rng: np.random.Generator,
+    known: Sequence[NDArray[np.float64]] = (),
 ) -> list[DetectedPlane]:
     """Find all planes that hold at least `plane_min_fraction` of the points, largest first.
 
@@ -73,12 +74,17 @@ def detect_planes(
     ----------
     points : (n, 3) m, all finite, the sensor at the origin
     rng : decides which hypotheses are tried
+    known : (4,) normal and offset in m of each plane that was there before; it stays where it was
+        as long as enough points are near it
     """
     cloud = RangeCloud(points, noise, settings)
     search = settings.plane_detection
     needed = max(int(settings.plane_min_fraction * len(points)), 3)
-    found: list[NDArray[np.float64]] = []
+    found = [plane for plane in known if cloud.near(plane).sum() >= needed]
+    fixed = len(found)
     free = np.ones(len(points), dtype=bool)
+    for there in found:
+        free &= ~cloud.near(there)
     # A plane that is found twice is merged, so a few more searches than planes are allowed.
     for _ in range(2 * settings.max_planes):
         plane = _best_plane(cloud, np.flatnonzero(free), needed, search, rng)
@@ -87,7 +93,7 @@ def detect_planes(
         free &= ~cloud.near(plane)
         if not _bulges(cloud, plane, settings.max_radius, search):
             found.append(plane)
-    merged = _apart(cloud, _merge(cloud, found, search), search)
+    merged = _apart(cloud, _merge(cloud, found, fixed, search), fixed, search)
     smallest = search.small_width * settings.max_radius
     planes = [
         outlined
@@ -208,18 +214,26 @@ def _bulges(
 
 
 def _merge(
-    cloud: RangeCloud, planes: list[NDArray[np.float64]], search: PlaneDetectionSettings
+    cloud: RangeCloud,
+    planes: list[NDArray[np.float64]],
+    fixed: int,
+    search: PlaneDetectionSettings,
 ) -> list[NDArray[np.float64]]:
-    """Join planes that are one: nearly parallel, and the points of one are near the other."""
-    merged: list[NDArray[np.float64]] = []
+    """Join planes that are one: nearly parallel, and the points of one are near the other.
+
+    The first `fixed` of them stay as they are.
+    """
+    merged = planes[:fixed]
     smallest_cosine = float(np.cos(np.radians(search.merge_angle)))
-    for plane in planes:
+    for plane in planes[fixed:]:
         for k, kept in enumerate(merged):
             if plane[:3] @ kept[:3] < smallest_cosine:
                 continue
             own = np.flatnonzero(cloud.near(plane))
             if np.median(np.abs(cloud.scaled_distances(kept, own))) < search.merge_distance:
-                merged[k] = _refined(cloud, kept, np.arange(len(cloud.points)), search.refinements)
+                if k >= fixed:
+                    every = np.arange(len(cloud.points))
+                    merged[k] = _refined(cloud, kept, every, search.refinements)
                 break
         else:
             merged.append(plane)
@@ -227,9 +241,14 @@ def _merge(
 
 
 def _apart(
-    cloud: RangeCloud, planes: list[NDArray[np.float64]], search: PlaneDetectionSettings
+    cloud: RangeCloud,
+    planes: list[NDArray[np.float64]],
+    fixed: int,
+    search: PlaneDetectionSettings,
 ) -> list[NDArray[np.float64]]:
     """Refine planes without the readings that lie near another one that crosses them.
+
+    The first `fixed` of them stay as they are.
 
     Where a wall meets the floor a strip of it lies within the tolerance of the floor, all on one
     side: it would lift the floor's end, and tilt gravity with it. Of a plane beside, nearly
@@ -237,8 +256,8 @@ def _apart(
     """
     near = [cloud.near(plane) for plane in planes]
     largest_cosine = float(np.cos(np.radians(search.merge_angle)))
-    refined = []
-    for plane in planes:
+    refined = planes[:fixed]
+    for plane in planes[fixed:]:
         own = np.ones(len(cloud.points), dtype=bool)
         for other, strip in zip(planes, near, strict=True):
             if abs(plane[:3] @ other[:3]) < largest_cosine:

@@ -150,6 +150,67 @@ class StaticBoxSettings:
         0.005, 0.0, 1.0, "part of the readings on a box that noise puts outside of it"
     )
     checked_points: int = number(1500, 1, 1000000, "readings of a cluster that are checked at most")
+    same_part: float = number(
+        0.2,
+        0.0,
+        1.0,
+        "part of its diagonal by which a box that is seen again may differ in place and edges",
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class RevisionSettings:
+    """When what is modelled of the environment is revised, and when the sensor was moved."""
+
+    gone_time: float = number(
+        0.5,
+        0.0,
+        60.0,
+        "time for which one sees farther than before until what was there is gone: a reading that "
+        "errs is over by then",
+        unit="s",
+    )
+    come_time: float = number(
+        3.0,
+        0.0,
+        600.0,
+        "time for which something nearer stays, and is no object, until it is a part of the "
+        "environment: people and hands seldom hold still that long",
+        unit="s",
+    )
+    changed_pixels: float = number(
+        12.0,
+        1.0,
+        1000.0,
+        "side of a square of pixels that a change must fill: the face of a box of 4 cm, the "
+        "smallest that is modelled, at 1.7 m from a camera of 525 pixels focal length",
+    )
+    object_margin: int = number(4, 0, 100, "pixels beside an object that are not taken for it")
+    hiding_depth: float = number(
+        0.1,
+        0.0,
+        10.0,
+        "distance before a plane from which on a reading hides it: what is nearer to the plane "
+        "contradicts it",
+        unit="m",
+    )
+    least_visible: float = number(
+        0.1,
+        0.0,
+        1.0,
+        "part of the readings, of what it was at first, that nothing hides at least: with less "
+        "nothing can be told of the planes",
+    )
+    covered_time: float = number(
+        2.0,
+        0.0,
+        600.0,
+        "time for which nearly all is hidden until the sensor counts as moved",
+        unit="s",
+    )
 
     def __post_init__(self) -> None:
         check_settings(self)

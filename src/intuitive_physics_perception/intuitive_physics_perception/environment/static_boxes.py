@@ -27,12 +27,14 @@ def with_static_boxes(
     frames: Sequence[NDArray[np.float32]],
     settings: PerceptionSettings,
     rng: np.random.Generator,
+    known: Sequence[StaticBox] = (),
 ) -> EnvironmentModel:
     """Return a model with a box around all that stands still and is no object.
 
     Parameters
     ----------
     frames : each (height, width, 3) m, those the model was made from
+    known : boxes that were there before: what still stands as it did keeps its place and its id
     """
     frame = np.ascontiguousarray(fused_frame(frames, MAX_EDGE_POINTS), dtype=np.float32)
     clusters = ForegroundFinder(model, settings).find(frame)
@@ -48,9 +50,38 @@ def with_static_boxes(
             boxes.append(box)
     if settings.solids_are_objects:
         boxes = _without_objects(boxes, model, frames, settings, rng)
-    known = model.environment
-    environment = Environment(known.planes, boxes, known.gravity, known.frame_id, known.air_density)
+    boxes = _as_known(boxes, known, settings.static_box_fit.same_part)
+    old = model.environment
+    environment = Environment(old.planes, boxes, old.gravity, old.frame_id, old.air_density)
     return replace(model, environment=environment)
+
+
+def _as_known(
+    boxes: Sequence[StaticBox], known: Sequence[StaticBox], same_part: float
+) -> list[StaticBox]:
+    """Boxes of which those that are known already stay as they were, and the others get new ids.
+
+    Two are the same when centres and edges differ by no more than a part of the diagonal.
+    """
+    number = 1 + max((int(box.id.rsplit("_", 1)[1]) for box in known), default=-1)
+    left, found = list(known), []
+    for box in boxes:
+        same = [old for old in left if _difference(box, old) < same_part]
+        if same:
+            nearest = min(same, key=lambda old: _difference(box, old))
+            left.remove(nearest)
+            found.append(nearest)
+        else:
+            found.append(replace(box, id=f"box_{number}"))
+            number += 1
+    return found
+
+
+def _difference(box: StaticBox, other: StaticBox) -> float:
+    """How far two boxes' centres, or sorted edges, are apart, in diagonals of the other one."""
+    edges = np.sort(box.edge_lengths) - np.sort(other.edge_lengths)
+    apart = max(np.linalg.norm(box.center - other.center), np.abs(edges).max())
+    return float(apart / np.linalg.norm(other.edge_lengths))
 
 
 def _without_objects(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 from intuitive_physics_msgs.msg import ObjectStates
 from intuitive_physics_msgs.msg import Observation as ObservationMessage
@@ -84,7 +86,10 @@ class PerceptionNode(Node):
         super().__init__("perception_node")
         values = declare_parameters(self, PARAMETERS)
         settings = settings_from_values(values)
-        self._pipeline = PerceptionPipeline(settings, np.random.default_rng(values["seed"]))
+        self._revision = ThreadPoolExecutor(1, "revision of the environment")
+        self._pipeline = PerceptionPipeline(
+            settings, np.random.default_rng(values["seed"]), background=self._revision
+        )
         self._rebuild = False
         self._sensor_frame = ""
         self._newest: tuple[Header, FrameResult] | None = None
@@ -118,6 +123,7 @@ class PerceptionNode(Node):
             self._publish_observations(self._pipeline.finish())
         else:
             self.get_logger().warning("the frame under way did not end in time and is left behind")
+        self._revision.shutdown(wait=False, cancel_futures=True)
         farewell([self._observations, *self._environment.publishers])
         super().destroy_node()
 
@@ -166,6 +172,8 @@ class PerceptionNode(Node):
         if result.moved:
             self._moves += 1
             self.get_logger().warning(result.moved)
+        if result.revised:
+            self.get_logger().info(result.revised)
         if result.is_new_model and result.model is not None:
             self._publish_environment(header, result.model)
         if result.model is not None and not result.diagnostics.problem:

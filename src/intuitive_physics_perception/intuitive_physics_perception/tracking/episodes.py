@@ -63,6 +63,10 @@ class EpisodeRecorder:
         self._start: float | None = None
         self._ended: list[Track] = []
 
+    def take_environment(self, environment: Environment) -> None:
+        """Go on in an environment of which a part has come or gone, in the same frame."""
+        self._environment = environment
+
     def update(
         self, time: float, alive: Sequence[Track], ended: Sequence[Track]
     ) -> tuple[Episode, ...]:

@@ -47,6 +47,10 @@ class Tracker:
         self._filter = TrackFilter(environment, settings)
         self._tracks: list[Track] = []
 
+    def take_environment(self, environment: Environment) -> None:
+        """Go on in an environment of which a part has come or gone, in the same frame."""
+        self._filter = TrackFilter(environment, self._settings)
+
     @property
     def tracks(self) -> list[Track]:
         """Tracks that are alive and were seen often enough to be an object."""
@@ -167,9 +171,12 @@ class Tracker:
         return bool(away < 0.5 * settings.rest_speed * settings.rest_time + 2.0 * noise)
 
     def _is_lost(self, track: Track, time: float) -> bool:
-        if not track.confirmed:
-            return time - track.last_seen > self._settings.tracking.tentative_time
-        return time - track.last_seen > self._settings.coast_time
+        unseen = time - track.last_seen
+        # At a low rate the next frame may be the first that could have shown it again.
+        missed = track.steps[-1].seen is None
+        if not track.confirmed and missed and unseen > self._settings.tracking.tentative_time:
+            return True
+        return unseen > self._settings.coast_time
 
     def _is_end_of_capsule(self, detection: Detection) -> bool:
         return kind_of(detection) == "sphere" and is_in_capsule(detection.center, self.tracks)

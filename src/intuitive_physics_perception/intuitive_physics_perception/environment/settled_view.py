@@ -1,0 +1,202 @@
+"""What each pixel of a sensor that stands still has read for a while, beside what was modelled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.kernels import allocating_entry, entry
+from intuitive_physics_perception.environment.noise import CHANGE_SIGMAS, RangeNoise
+from intuitive_physics_perception.environment.settings import RevisionSettings
+
+ROWS_APART = 4
+"""Each frame updates every fourth row, in turn: what settles takes many frames, and a look at all
+pixels would cost a frame four times as much."""
+
+MAX_AVERAGED = 30
+"""Readings that the mean of a settled pixel goes back to: its error is then below a fifth of that
+of one reading, and it follows what drifts."""
+
+MIN_LOOKS = 3
+"""Equal readings that a settled pixel has at least: two may be equal by chance."""
+
+
+class SettledView:
+    """What an organised cloud has read in each pixel for some time, and since when.
+
+    A pixel is settled while its readings differ by no more than noise explains. Where nothing is
+    read nothing is told, so missing readings neither settle a pixel nor unsettle it.
+
+    Parameters
+    ----------
+    known : (height, width, 3) m, what the environment was modelled from, NaN where nothing was read
+    noise : of the readings
+    settings : what counts as settled, and how large a change must be
+    """
+
+    def __init__(
+        self, known: NDArray[np.float32], noise: RangeNoise, settings: RevisionSettings
+    ) -> None:
+        self._settings = settings
+        self._limits = np.array(
+            [noise.constant**2, noise.quadratic**2, noise.limit**2, 2.0 * CHANGE_SIGMAS**2],
+            dtype=np.float32,
+        )
+        self._known = known.copy()
+        height, width = known.shape[:2]
+        self._means = np.full((height, width, 3), np.nan, dtype=np.float32)
+        self._since = np.zeros((height, width), dtype=np.float64)
+        self._counts = np.zeros((height, width), dtype=np.int32)
+        self._next_row = 0
+
+    def take(
+        self, points: NDArray[np.float32], time: float, objects: Sequence[NDArray[np.int64]]
+    ) -> None:
+        """Take a frame.
+
+        Parameters
+        ----------
+        points : (height, width, 3) m, NaN where nothing was read
+        time : s
+        objects : pixels (n,) of each object of the frame: they, and those beside them, show no part
+            of the environment
+        """
+        _take(points, self._means, self._since, self._counts, self._limits, time, self._next_row)
+        self._next_row = (self._next_row + 1) % ROWS_APART
+        height, width = points.shape[:2]
+        for pixels in objects:
+            if pixels.size:
+                _unsettle(self._counts, pixels, height, width, self._settings.object_margin)
+
+    def settled(self, time: float) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Return what has settled elsewhere, and what was known where nothing has.
+
+        What is farther than before is seen through what was there, which takes less time to believe
+        than something nearer, which may go on again.
+
+        Parameters
+        ----------
+        time : s, of the last frame
+
+        Returns
+        -------
+        points : (height, width, 3) m
+        changed : (height, width) which of them have settled elsewhere than was known
+        """
+        changes = _changes(
+            self._means,
+            self._known,
+            self._since,
+            self._counts,
+            self._limits,
+            self._times(time),
+            1,
+        )
+        changed = changes > 0
+        return np.where(changed[:, :, None], self._means, self._known), changed
+
+    def has_changed(self, time: float) -> bool:
+        """Return whether something of some size has settled elsewhere than what was known.
+
+        Edges that waver are one or two pixels wide, so a change must fill a square of pixels.
+
+        Parameters
+        ----------
+        time : s, of the last frame
+        """
+        from scipy.ndimage import binary_erosion
+
+        changes = _changes(
+            self._means,
+            self._known,
+            self._since,
+            self._counts,
+            self._limits,
+            self._times(time),
+            ROWS_APART,
+        )
+        side = max(1, round(self._settings.changed_pixels / ROWS_APART))
+        blobs = binary_erosion(changes > 0, np.ones((side, side), dtype=bool))
+        return bool(blobs.any())
+
+    def know(self, points: NDArray[np.float32]) -> None:
+        """Take what the environment has been modelled from again.
+
+        Parameters
+        ----------
+        points : (height, width, 3) m, NaN where nothing was read
+        """
+        self._known = points.copy()
+
+    def restart(self) -> None:
+        """Forget since when what is seen has been there; what was known stays."""
+        self._counts[:] = 0
+
+    def _times(self, time: float) -> NDArray[np.float64]:
+        """Times since which a pixel is settled that reads farther, and that reads nearer."""
+        return np.array([time - self._settings.gone_time, time - self._settings.come_time])
+
+
+@entry
+def _take(
+    points: Any, means: Any, since: Any, counts: Any, limits: Any, time: float, first: int
+) -> None:
+    """Go on with the means of pixels whose readings stay; begin anew where they do not."""
+    for v in range(first, points.shape[0], ROWS_APART):
+        for u in range(points.shape[1]):
+            x, y, z = points[v, u, 0], points[v, u, 1], points[v, u, 2]
+            if np.isnan(z):
+                continue
+            n = counts[v, u]
+            if n > 0:
+                mx, my, mz = means[v, u, 0], means[v, u, 1], means[v, u, 2]
+                range2 = mx * mx + my * my + mz * mz
+                variance = min(limits[0] + limits[1] * range2 * range2, limits[2])
+                # The same ray, so the difference of the points is that of the ranges.
+                change2 = (x - mx) ** 2 + (y - my) ** 2 + (z - mz) ** 2
+                if change2 <= limits[3] * variance:
+                    n = min(n + 1, MAX_AVERAGED)
+                    counts[v, u] = n
+                    means[v, u, 0] = mx + (x - mx) / n
+                    means[v, u, 1] = my + (y - my) / n
+                    means[v, u, 2] = mz + (z - mz) / n
+                    continue
+            counts[v, u] = 1
+            since[v, u] = time
+            means[v, u, 0], means[v, u, 1], means[v, u, 2] = x, y, z
+
+
+@entry
+def _unsettle(counts: Any, pixels: Any, height: int, width: int, margin: int) -> None:
+    """Let pixels (n,) and those up to `margin` beside them begin anew."""
+    for pixel in pixels:
+        v, u = pixel // width, pixel % width
+        for i in range(max(0, v - margin), min(height, v + margin + 1)):
+            for j in range(max(0, u - margin), min(width, u + margin + 1)):
+                counts[i, j] = 0
+
+
+@allocating_entry
+def _changes(
+    means: Any, known: Any, since: Any, counts: Any, limits: Any, times: Any, stride: int
+) -> Any:
+    """Mark every `stride`-th pixel in both directions whose settled reading is not as known."""
+    height, width = counts.shape
+    changes = np.zeros(((height - 1) // stride + 1, (width - 1) // stride + 1), dtype=np.uint8)
+    for i in range(changes.shape[0]):
+        for j in range(changes.shape[1]):
+            v, u = i * stride, j * stride
+            if counts[v, u] < MIN_LOOKS or since[v, u] > times[0]:
+                continue
+            x, y, z = means[v, u, 0], means[v, u, 1], means[v, u, 2]
+            kx, ky, kz = known[v, u, 0], known[v, u, 1], known[v, u, 2]
+            range2, known2 = x * x + y * y + z * z, kx * kx + ky * ky + kz * kz
+            # NaN compares false: where nothing was known something nearer than all has come.
+            if range2 > known2 or since[v, u] <= times[1]:
+                variance = min(limits[0] + limits[1] * range2 * range2, limits[2])
+                change2 = (x - kx) ** 2 + (y - ky) ** 2 + (z - kz) ** 2
+                changes[i, j] = not change2 <= limits[3] * variance
+    return changes

@@ -1,0 +1,380 @@
+"""One environment over time: its stages, whether it still is as it was modelled, its revision."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor, Future
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.scene import Environment
+from intuitive_physics_perception.detection.detections import DetectedSphere, without_doubles
+from intuitive_physics_perception.detection.foreground import Clusters, ForegroundFinder
+from intuitive_physics_perception.detection.solids import SolidFinder, all_objects
+from intuitive_physics_perception.detection.spheres import ClusterSpheres, SphereFinder
+from intuitive_physics_perception.environment.environment_model import (
+    MIN_POINTS,
+    EnvironmentModel,
+    PlaneAgreement,
+    model_environment,
+    plane_agreement,
+    revised_environment,
+)
+from intuitive_physics_perception.environment.fusion import fused_frame
+from intuitive_physics_perception.environment.range_cloud import RangeCloud
+from intuitive_physics_perception.environment.settled_view import SettledView
+from intuitive_physics_perception.environment.static_boxes import StaticBoxFilter, with_static_boxes
+from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.tracking.episodes import EpisodeRecorder
+from intuitive_physics_perception.tracking.tracker import Tracker
+
+CHECKED_POINTS = 1200
+"""Points of each frame, evenly over it, that are compared with the planes: bounds the time."""
+
+LOOK_EVERY = 0.25
+"""s between two looks for what has changed: half of the shortest time in which something may."""
+
+
+class EnvironmentCheck:
+    """Compares how much of each frame lies on the modelled planes with how much did at first.
+
+    What moves through the view hides a part of it, which tells nothing of the planes. What has gone
+    shows something else behind it, while the rest of the view is as it was. A sensor that was
+    moved, if only by half a degree, sees most planes elsewhere. One that slides along its only
+    plane, or turns about that plane's normal, sees nothing change and is not noticed.
+
+    Parameters
+    ----------
+    model : the environment
+    settings : `moved_fraction`, `moved_time` and `revision` decide
+    revised : whether what comes and goes is looked for
+    """
+
+    def __init__(
+        self, model: EnvironmentModel, settings: PerceptionSettings, *, revised: bool = False
+    ) -> None:
+        self._model = model
+        self._settings = settings
+        self._revised = revised
+        self._since: float | None = None
+
+    def moved(self, points: NDArray[np.float32], time: float) -> str:
+        """Say in a sentence that the sensor was moved; empty while it was not.
+
+        Parameters
+        ----------
+        points : (height, width, 3) m in the sensor's frame, NaN where nothing was read
+        time : s
+        """
+        now, was = self._agreement(points), self._model.agreement
+        least = self._settings.moved_fraction
+        covered = now.visible < self._settings.revision.least_visible * was.visible
+        fraction = now.explained / max(was.explained, 1e-9)
+        # Where the support is as it was the sensor is as high and tilted as it was: what is
+        # elsewhere came or went, which a revision finds.
+        stands = not covered and (
+            fraction >= least or (self._revised and now.support >= least * was.support)
+        )
+        if stands or least == 0.0:
+            self._since = None
+            return ""
+        if self._since is None or time < self._since:
+            self._since = time
+        lasting = time - self._since
+        if lasting < (
+            self._settings.revision.covered_time if covered else self._settings.moved_time
+        ):
+            return ""
+        if covered:
+            return (
+                f"for {lasting:.1f} s something before all planes has hidden them; the sensor was "
+                "moved or covered: they are modelled again"
+            )
+        return (
+            f"for {lasting:.1f} s {fraction:.0%} of the readings that should lie on the planes do; "
+            "the sensor was moved: they are modelled again"
+        )
+
+    def _agreement(self, points: NDArray[np.float32]) -> PlaneAgreement:
+        """Agreement with the planes of some readings of a frame, evenly over it."""
+        height, width = points.shape[:2]
+        stride = max(1, int(np.sqrt(height * width / CHECKED_POINTS)))
+        some = points[::stride, ::stride] if height > 1 else points[:, :: stride * stride]
+        some = some.reshape(-1, 3)
+        ranges = np.linalg.norm(some, axis=1)
+        # NaN compares false.
+        some = some[(ranges >= self._settings.min_range) & (ranges <= self._settings.max_range)]
+        if len(some) < MIN_POINTS:
+            return self._model.agreement
+        cloud = RangeCloud(some.astype(np.float64), self._model.noise, self._settings)
+        return plane_agreement(cloud, self._model.detected, self._settings)
+
+
+class Stages:
+    """What finds objects in the frames of one environment, and what it remembers of it.
+
+    Parameters
+    ----------
+    model : the environment
+    settings : of all stages
+    rng : source of all random choices
+    before : (height, width) m, the nearest that each pixel read when the environment was modelled,
+        NaN for nothing; None where readings have no fixed pixels
+    """
+
+    def __init__(
+        self,
+        model: EnvironmentModel,
+        settings: PerceptionSettings,
+        rng: np.random.Generator,
+        before: NDArray[np.float32] | None,
+    ) -> None:
+        self.model = model
+        self.before = before
+        self.foreground = ForegroundFinder(model, settings, before)
+        self.static_boxes = StaticBoxFilter(model, settings)
+        self.spheres = SphereFinder(model.noise, settings, rng, before)
+        self.solids = SolidFinder(model, settings, rng) if settings.find_solids else None
+        self._searches = settings.clusters.first_searches
+
+    def clusters(self, points: NDArray[np.float32]) -> Clusters:
+        """Return clusters of what is neither a plane nor a static box.
+
+        Parameters
+        ----------
+        points : (height, width, 3) m, of a frame
+        """
+        return self.static_boxes.without(points, self.foreground.find(points))
+
+    def prepare(self, points: NDArray[np.float32]) -> None:
+        """Find where each pixel's ray meets a plane, and search the first clusters, so that no
+        later frame waits for it.
+
+        Parameters
+        ----------
+        points : (height, width, 3) m, of a frame
+        """
+        for _ in range(self._searches):
+            spheres = self.spheres.find(points, self.clusters(points))
+            all_objects(points, spheres, self.solids)
+
+
+class ModelledScene:
+    """One environment as it changes, and what moves in it.
+
+    Parameters
+    ----------
+    model : the environment
+    frames : (height, width, 3) m each, that it was modelled from
+    settings : of all stages
+    rng : source of all random choices
+    first_track : number of the first track
+    background : in which the environment is revised while frames go on; None revises it at once
+    """
+
+    def __init__(
+        self,
+        model: EnvironmentModel,
+        frames: Sequence[NDArray[np.float32]],
+        settings: PerceptionSettings,
+        rng: np.random.Generator,
+        first_track: int,
+        background: Executor | None = None,
+    ) -> None:
+        self._settings = settings
+        self._rng = rng
+        self._background = background
+        self._view = _settled_view(model, frames, settings)
+        self._pending: Future[Stages | None] | None = None
+        self._changed_since: float | None = None
+        self.stages = Stages(model, settings, rng, _nearest_ranges(frames))
+        self.stages.prepare(frames[-1])
+        self.check = EnvironmentCheck(model, settings, revised=self._view is not None)
+        self.restart_tracking(first_track)
+
+    @property
+    def model(self) -> EnvironmentModel:
+        """The environment as it is known now."""
+        return self.stages.model
+
+    def find_spheres(
+        self, points: NDArray[np.float32], clusters: Clusters, time: float
+    ) -> list[ClusterSpheres]:
+        """Return the spheres of a frame by cluster: those that are followed are looked for first,
+        where they are expected.
+
+        Parameters
+        ----------
+        points : (height, width, 3) m
+        time : s
+        """
+        expected = [
+            np.append(self.model.to_sensor(sphere[:3]), sphere[3])
+            for sphere in self.tracker.expected_spheres(time)
+        ]
+        return self.stages.spheres.find(
+            points, clusters, self._settings.clusters.searches_in_frame, expected
+        )
+
+    def restart_tracking(self, first_track: int) -> None:
+        """Forget all tracks, and since when what is seen has been there; the environment stays."""
+        self.tracker = Tracker(self.model.environment, self._settings, first_track)
+        self.episodes = EpisodeRecorder(self.model.environment, self._settings)
+        self._next_look, self._changed_since = -np.inf, None
+        if self._view is not None:
+            self._view.restart()
+
+    def watch(
+        self, points: NDArray[np.float32], time: float, objects: Sequence[NDArray[np.int64]]
+    ) -> str | None:
+        """See in a frame whether parts of the environment have come or gone, and revise it then.
+
+        Parameters
+        ----------
+        points : (height, width, 3) m
+        time : s
+        objects : pixels (n,) of each object of the frame
+
+        Returns
+        -------
+        str or None
+            What has changed, in a sentence, empty while nothing has; None where the support has
+            gone, and the environment has to be modelled anew.
+        """
+        if self._view is None:
+            return ""
+        self._view.take(points, time, objects)
+        if self._pending is None and time >= self._next_look:
+            self._look(self._view, time)
+        if self._pending is None or not self._pending.done():
+            return ""
+        stages, self._pending = self._pending.result(), None
+        self._next_look = time + self._settings.revision.gone_time
+        return None if stages is None else self._take(stages)
+
+    def _look(self, view: SettledView, time: float) -> None:
+        """Begin a revision when something has changed, and the rest of it has had time to settle,
+        too."""
+        self._next_look = time + LOOK_EVERY
+        if not view.has_changed(time):
+            self._changed_since = None
+        elif self._changed_since is None:
+            self._changed_since = time
+        elif time - self._changed_since >= self._settings.revision.gone_time:
+            self._changed_since = None
+            self._begin_revision(view, time)
+
+    def _begin_revision(self, view: SettledView, time: float) -> None:
+        known, settled = view.settled(time)
+        view.know(known)
+        before = self.stages.before
+        if before is not None:
+            before = np.where(settled, np.linalg.norm(known, axis=2), before)
+        # A generator of its own: the frames that go on draw from the other one.
+        (rng,) = self._rng.spawn(1)
+        job = self.model, known, before, self._settings, rng
+        if self._background is not None:
+            self._pending = self._background.submit(_revised_stages, *job)
+        else:
+            self._pending = Future()
+            self._pending.set_result(_revised_stages(*job))
+
+    def _take(self, stages: Stages) -> str:
+        """Go on with a revised environment; say in a sentence how it differs."""
+        was = _ids(self.model.environment)
+        self.stages = stages
+        self.check = EnvironmentCheck(self.model, self._settings, revised=True)
+        self.tracker.take_environment(self.model.environment)
+        self.episodes.take_environment(self.model.environment)
+        now = _ids(self.model.environment)
+        changes = [("come", now - was), ("gone", was - now)]
+        said = "; ".join(f"{what}: {', '.join(sorted(ids))}" for what, ids in changes if ids)
+        return f"the environment has changed; {said or 'parts of it end elsewhere'}"
+
+
+def _ids(environment: Environment) -> set[str]:
+    planes, boxes = environment.planes, environment.boxes
+    return {*(plane.id for plane in planes), *(box.id for box in boxes)}
+
+
+def _is_organised(frames: Sequence[NDArray[np.float32]]) -> bool:
+    """Whether frames (height, width, 3) have the same pixels, whose rays stay."""
+    return frames[0].shape[0] > 1 and all(frame.shape == frames[0].shape for frame in frames)
+
+
+def _settled_view(
+    model: EnvironmentModel, frames: Sequence[NDArray[np.float32]], settings: PerceptionSettings
+) -> SettledView | None:
+    """What watches the environment that frames (height, width, 3) m show, where that is possible
+    and asked for."""
+    if not (settings.revise_environment and _is_organised(frames)):
+        return None
+    known = fused_frame(frames, frames[0].size).astype(np.float32)
+    return SettledView(known, model.noise, settings.revision)
+
+
+def _nearest_ranges(frames: Sequence[NDArray[np.float32]]) -> NDArray[np.float32] | None:
+    """Nearest range (height, width) m that each pixel read in organised frames, NaN for none."""
+    if not _is_organised(frames):
+        return None
+    ranges = np.fmin.reduce([np.linalg.norm(frame, axis=2) for frame in frames])
+    return np.asarray(ranges, dtype=np.float32)
+
+
+def _revised_stages(
+    model: EnvironmentModel,
+    known: NDArray[np.float32],
+    before: NDArray[np.float32] | None,
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+) -> Stages | None:
+    """Stages for an environment of which something has come or gone; None where its support has.
+
+    Parameters
+    ----------
+    known : (height, width, 3) m, what has been seen for some time
+    before : (height, width) m, as `Stages` has it
+    """
+    revised = revised_environment(model, known, settings, rng)
+    if revised is None:
+        return None
+    if settings.static_boxes:
+        revised = with_static_boxes(revised, [known], settings, rng, model.environment.boxes)
+    stages = Stages(revised, settings, rng, before)
+    stages.prepare(known)
+    return stages
+
+
+def perceive_cloud(
+    points: ArrayLike, settings: PerceptionSettings, rng: np.random.Generator
+) -> tuple[Environment, list[DetectedSphere]]:
+    """Perceive one cloud alone: its environment, and the spheres in the environment's frame.
+
+    Parameters
+    ----------
+    points : (n, 3) or (height, width, 3) m in the sensor's frame, the sensor at the origin; NaN
+        where nothing was read
+
+    Raises
+    ------
+    InvalidInputError
+        When the points have another shape.
+    NoEnvironmentError
+        When the cloud shows no supporting plane.
+    """
+    try:
+        cloud = np.ascontiguousarray(points, dtype=np.float32)
+    except (TypeError, ValueError):
+        raise InvalidInputError(f"points are {points!r:.80}; expected numbers (n, 3)") from None
+    if cloud.ndim not in (2, 3) or cloud.shape[-1] != 3:
+        raise InvalidInputError(
+            f"points have the shape {cloud.shape}; expected (n, 3) or (height, width, 3)"
+        )
+    frame = cloud if cloud.ndim == 3 else cloud[None]
+    model = model_environment([frame], settings, rng)
+    clusters = ForegroundFinder(model, settings).find(frame)
+    found = SphereFinder(model.noise, settings, rng).find(frame, clusters)
+    spheres = without_doubles([sphere for part in found for sphere in part.spheres])
+    return model.environment, [s.moved(model.rotation, model.translation) for s in spheres]

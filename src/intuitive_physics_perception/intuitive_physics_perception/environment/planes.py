@@ -49,6 +49,11 @@ class DetectedPlane:
         """Normal and offset in one array (4,)."""
         return np.append(self.normal, self.offset)
 
+    @property
+    def width(self) -> float:
+        """Largest distance between two of its corners, m."""
+        return float(np.linalg.norm(self.corners[:, None] - self.corners, axis=2).max())
+
     def outlines(self, places: NDArray[Any]) -> NDArray[np.bool_]:
         """Which places (n, 3) on the plane lie in its outline, or hardly out of it."""
         along = np.roll(self.corners, -1, axis=0) - self.corners

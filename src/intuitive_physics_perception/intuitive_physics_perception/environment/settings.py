@@ -126,6 +126,17 @@ class StaticBoxSettings:
         "longest edge of a box at least: what is smaller is what noise left of an edge",
         unit="m",
     )
+    min_thickness: float = number(
+        0.02,
+        0.0,
+        10.0,
+        "thickness of a box at least: what is seen of a thinner one is its face. Two edges below "
+        "that are an edge of something or noise, and no box",
+        unit="m",
+    )
+    rays_through: int = number(
+        30, 1, 1000000, "rays under something by which one sees that it does not stand there"
+    )
     outside_fraction: float = number(
         0.01, 0.0, 0.5, "part of the points that may lie outside at each face, as flying pixels do"
     )

@@ -37,6 +37,7 @@ from benchmarks.perception.run import (
 from benchmarks.perception.scenes import PAUSE, SceneKind, random_truth
 from benchmarks.perception.score import Ball, Score
 from benchmarks.perception.truth import TrueRecording
+from benchmarks.perception.unorganised import measure_unorganised
 from benchmarks.results.result import Table
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_truth
@@ -46,7 +47,7 @@ from intuitive_physics_perception.settings import PerceptionSettings
 SEED = 5
 """Of the scenes, each of which has a generator of its own."""
 
-RENDERED, REAL, RELEASE = PARTS = ("rendered", "real", "release")
+RENDERED, REAL, RELEASE, UNORGANISED = PARTS = ("rendered", "real", "release", "unorganised")
 """Parts that `--only` may name."""
 
 REAL_DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "real"
@@ -141,6 +142,10 @@ def run(options: argparse.Namespace) -> Outcome:
             tables += shown
     if RELEASE in wanted:
         found, shown = measure_release(options.quick)
+        figures.update(found)
+        tables += shown
+    if UNORGANISED in wanted:
+        found, shown = measure_unorganised(options.quick)
         figures.update(found)
         tables += shown
     return replace(outcome, tables=tables, key_figures=figures)

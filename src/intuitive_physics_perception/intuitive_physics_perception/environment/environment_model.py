@@ -346,30 +346,54 @@ def _measured_noise(
     of neighbours go together in the last two."""
     if not settings.estimate_noise or not planes:
         return assumed
-    points = fuse([frames[-1].reshape(1, -1, 3)], settings, rng)
-    ranges = np.linalg.norm(points, axis=1)
-    normals = np.stack([plane.normal for plane in planes])
-    offsets = np.array([plane.offset for plane in planes])
-    along = points @ normals.T
-    errors = along - offsets
-    nearest = np.abs(errors).argmin(axis=1)
-    rows = np.arange(len(points))
-    error, cosine = errors[rows, nearest], along[rows, nearest] / ranges
-    # Grazing rays measure the plane's unevenness, not of the noise along the ray.
-    frontal = np.abs(cosine) > 0.25
-    near = np.abs(error) < settings.plane_tolerance + settings.plane_sigmas * np.abs(
-        cosine
-    ) * assumed.deviation(ranges)
-    use = frontal & near
-    measured = assumed.measured(ranges[use], error[use] / cosine[use])
+    points, errors = _errors_on_planes(fuse(frames[-1:], settings, rng), planes, assumed, settings)
+    measured = assumed.measured(np.linalg.norm(points, axis=1), errors)
     if frames[-1].shape[0] == 1:
-        readings = fuse([frames[-1]], settings, rng, frames[-1].shape[1])
-        cloud = RangeCloud(readings, assumed, settings)
-        return measured.with_spacing(angle_between_readings(cloud, rng))
+        return _scan_noise(measured, frames[-1], planes, settings, rng)
     if len(frames) < 2:
         return measured
     before, after = (np.linalg.norm(frame.astype(np.float64), axis=2) for frame in frames[-2:])
     return measured.with_correlation(before, after)
+
+
+def _scan_noise(
+    measured: RangeNoise,
+    frame: NDArray[np.float32],
+    planes: Sequence[DetectedPlane],
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+) -> RangeNoise:
+    """Noise of a cloud without pixels (1, n, 3), whose noise along the rays is known."""
+    readings = fuse([frame], settings, rng, frame.shape[1])
+    spacing = angle_between_readings(RangeCloud(readings, measured, settings), rng)
+    if spacing <= 0.0:
+        return measured
+    points, errors = _errors_on_planes(readings, planes, measured, settings)
+    errors = errors / measured.deviation(np.linalg.norm(points, axis=1))
+    return measured.with_spacing(spacing).with_correlation_on_surfaces(points, errors, spacing)
+
+
+def _errors_on_planes(
+    points: NDArray[np.float64],
+    planes: Sequence[DetectedPlane],
+    noise: RangeNoise,
+    settings: PerceptionSettings,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Those of some points (n, 3) that are on a plane, and their errors along their rays, m."""
+    ranges = np.linalg.norm(points, axis=1)
+    normals = np.stack([plane.normal for plane in planes])
+    along = points @ normals.T
+    errors = along - np.array([plane.offset for plane in planes])
+    nearest = np.abs(errors).argmin(axis=1)
+    rows = np.arange(len(points))
+    error, cosine = errors[rows, nearest], along[rows, nearest] / ranges
+    # Grazing rays measure the plane's unevenness, not the noise along the ray.
+    frontal = np.abs(cosine) > 0.25
+    near = np.abs(error) < settings.plane_tolerance + settings.plane_sigmas * np.abs(
+        cosine
+    ) * noise.deviation(ranges)
+    use = frontal & near
+    return points[use], error[use] / cosine[use]
 
 
 def _gravity_aligned(

@@ -12,6 +12,7 @@ from intuitive_physics_perception.detection.foreground import (
     ForegroundFinder,
     free_ranges,
 )
+from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SETTINGS = PerceptionSettings()
@@ -36,6 +37,27 @@ def test_what_lies_before_planes_is_what_no_pixel_has_behind_its_free_range(
     unsure = np.abs(ranges - free) < 1e-4
     expected = int((in_range & (ranges < free)).sum())
     assert abs(found.foreground - expected) <= int(unsure.sum()) + 1
+
+
+@pytest.mark.parametrize(("window", "expected"), [(1, 1.0), (2, 4.0), (3, 9.0)])
+def test_the_correlation_of_errors_is_measured_on_planes(window, expected, rng) -> None:
+    """Means over windows of w × w have the variance 1 / w², their mean in a cell that of all: a
+    factor of w², less what a cell's border cuts off.
+
+    3600 / 64 cells, medians of squares: one standard deviation is a fifth.
+    """
+    side, spacing = 120, 1.0 / 525.0
+    v, u = np.mgrid[:side, :side] * spacing
+    points = 2.0 * np.dstack([u - u.mean(), v - v.mean(), np.ones_like(u)]).reshape(-1, 3)
+    white = rng.normal(size=(side + window, side + window))
+    views = np.lib.stride_tricks.sliding_window_view(white, (window, window))
+    errors = views.mean(axis=(2, 3))[:side, :side].ravel() * window
+    order = rng.permutation(side * side)
+    noise = RangeNoise(0.002, 0.0015, 0.05, 0.0008, 2.0)
+    found = noise.with_correlation_on_surfaces(points[order], errors[order], spacing)
+    assert 0.5 * expected < found.correlated < 1.5 * expected
+    few = noise.with_correlation_on_surfaces(points[:40], errors[:40], spacing)
+    assert few.correlated == 2.0
 
 
 @given(st.integers(0, 10_000), st.floats(0.01, 1.5))

@@ -19,6 +19,10 @@ from intuitive_physics_perception.settings import PerceptionSettings
 ITERATIONS = 8
 """Of the contraction in `free_ranges`: numerical, the rest is far below a millimetre."""
 
+FINEST_CELLS = 1e4
+"""Cells along a radian of direction, or a unit of the logarithm of range, at most: numerical, the
+number of all cells has to fit into 64 bits, and no sensor is that fine."""
+
 KNOWN, NEW = 1, 2
 """Marks of the foreground: what was there when the environment was modelled, and what came."""
 
@@ -325,8 +329,11 @@ def neighbour_labels(
     ranges = np.linalg.norm(points, axis=1)
     mapped = np.column_stack([points / ranges[:, None], np.log(ranges)])
     # Where readings are denser than needed one of them stands for its cell.
-    cells = np.floor(mapped * (cells_per_gap / gap)).astype(np.int64)
-    _, first, cell_of = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    cells = np.floor(mapped * min(cells_per_gap / gap, FINEST_CELLS)).astype(np.int64)
+    cells -= cells.min(axis=0)
+    # One number for each cell, which sorts far faster than four.
+    keys = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
+    _, first, cell_of = np.unique(keys, return_index=True, return_inverse=True)
     pairs = cKDTree(mapped[first]).query_pairs(gap, output_type="ndarray")
     graph = coo_array(
         (np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])),

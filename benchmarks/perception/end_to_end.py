@@ -39,6 +39,9 @@ RATE = 30.0
 FIRST_THROWS = 1
 """Throws of which nothing counts: the learner's and the predictor's first work is done in them."""
 
+MICROSECOND = 1000
+"""ns, to which stamps are rounded: as numbers of seconds they are true to 0.2 µs."""
+
 TIMEOUT = 60.0
 """s to wait for the nodes."""
 
@@ -138,7 +141,7 @@ class _Player:
             begun = time.monotonic()
             for since, pair in _images(reader):
                 time.sleep(max(0.0, begun + since - time.monotonic()))
-                now = time.time_ns()
+                now = time.time_ns() // MICROSECOND * MICROSECOND
                 for message in pair:
                     # CDR: four bytes that give the byte order, then header.stamp.
                     data = bytearray(message.data)
@@ -180,7 +183,8 @@ def _leave(_: bytes) -> None:
 
 def _stamp(data: bytes, at: int) -> int:
     seconds, nanoseconds = struct.unpack_from("<iI", data, at)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+    stamp = int(seconds) * 1_000_000_000 + int(nanoseconds)
+    return round(stamp / MICROSECOND) * MICROSECOND
 
 
 def _images(reader: BagReader) -> Iterator[tuple[float, list[BagMessage]]]:

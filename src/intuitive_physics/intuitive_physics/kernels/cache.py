@@ -44,9 +44,10 @@ MOST_VERSIONS = 4
 _FROM = re.compile(
     rf"^[ \t]*from[ \t]+({SUITE}[\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)", re.MULTILINE
 )
+"""`from … import …` of this suite's modules, with what is imported, on one line or in brackets."""
+
 _IMPORT = re.compile(rf"^[ \t]*import[ \t]+({SUITE}[\w.]*)", re.MULTILINE)
-_NAME = re.compile(r"\w+")
-_DIGEST_BYTES = hashlib.sha256().digest_size
+"""`import …` of this suite's modules."""
 
 
 class KernelCache(_Cache):
@@ -112,8 +113,8 @@ class KernelCache(_Cache):
 
     def _file_name(self, sig: Any, codegen: Any) -> str:
         """Name of the file of a version: of types of arguments on a kind of processor."""
-        options = (config.OPT, config.BOUNDSCHECK, config.DEBUGINFO_DEFAULT)
-        version = repr((str(sig), codegen.magic_tuple(), [str(option) for option in options]))
+        options = [str(_option(name)) for name in ("OPT", "BOUNDSCHECK", "DEBUGINFO_DEFAULT")]
+        version = repr((str(sig), codegen.magic_tuple(), options))
         return f"{self._name}.{hashlib.sha256(version.encode()).hexdigest()[:20]}.nbc"
 
     def _read(self, path: Path) -> bytes | None:
@@ -123,7 +124,7 @@ class KernelCache(_Cache):
                 trusted = {0, os.getuid(), self._source.stat().st_uid}
                 if state.st_uid not in trusted or state.st_mode & 0o002:
                     return None
-                digest, content = file.read(_DIGEST_BYTES), file.read()
+                digest, content = file.read(hashlib.sha256().digest_size), file.read()
         except OSError:
             return None
         return content if hashlib.sha256(content).digest() == digest else None
@@ -152,7 +153,7 @@ def imported_modules(source: str) -> frozenset[str]:
     names = set(_IMPORT.findall(source))
     for module, what in _FROM.findall(source):
         names.add(module)
-        names.update(f"{module}.{name}" for name in _NAME.findall(what))
+        names.update(f"{module}.{name}" for name in re.findall(r"\w+", what))
     return frozenset(names)
 
 
@@ -221,12 +222,17 @@ def _read_source(path: Path, time: int, size: int) -> tuple[str, frozenset[str]]
 
 def _places(source: Path) -> Iterator[Path]:
     """Folders that hold kernels, the first that can be read and written first."""
-    if config.CACHE_DIR:
-        yield Path(config.CACHE_DIR) / f"{SUITE}_kernels"
+    if _option("CACHE_DIR"):
+        yield Path(_option("CACHE_DIR")) / f"{SUITE}_kernels"
         return
     yield source.parent / "__pycache__" / "kernels"
     user = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     yield Path(user) / SUITE / "kernels"
+
+
+def _option(name: str) -> Any:
+    """Return what Numba was given by the variable NUMBA_`name` of the environment."""
+    return getattr(config, name)
 
 
 def _write(path: Path, content: bytes) -> None:

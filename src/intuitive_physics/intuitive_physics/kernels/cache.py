@@ -23,11 +23,11 @@ import sys
 import uuid
 from collections.abc import Callable, Iterator
 from functools import cache, lru_cache
+from importlib.metadata import version
 from pathlib import Path
 from pickle import loads
 from typing import Any
 
-import llvmlite
 import numba
 import numpy as np
 from numba.core import config
@@ -114,8 +114,8 @@ class KernelCache(_Cache):
     def _file_name(self, sig: Any, codegen: Any) -> str:
         """Name of the file of a version: of types of arguments on a kind of processor."""
         options = [str(_option(name)) for name in ("OPT", "BOUNDSCHECK", "DEBUGINFO_DEFAULT")]
-        version = repr((str(sig), codegen.magic_tuple(), options))
-        return f"{self._name}.{hashlib.sha256(version.encode()).hexdigest()[:20]}.nbc"
+        kind = repr((str(sig), codegen.magic_tuple(), options))
+        return f"{self._name}.{hashlib.sha256(kind.encode()).hexdigest()[:20]}.nbc"
 
     def _read(self, path: Path) -> bytes | None:
         try:
@@ -171,7 +171,7 @@ def _versions() -> tuple[str, ...]:
         sys.version,
         np.__version__,
         numba.__version__,
-        llvmlite.__version__,
+        version("llvmlite"),
     )
 
 

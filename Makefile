@@ -91,7 +91,7 @@ bench-prediction: setup ## Race the predictor node against its clock; options="-
 
 bench-perception: setup ## Hold perception against the truth and against others; options="--quick"
 	@.venv/bin/python -m pip --disable-pip-version-check install -qq -r requirements/bench.txt
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 \
+	@$(run_environment) OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 \
 		.venv/bin/python -m benchmarks.perception $(options)
 
 clean: ## Remove the environment and everything built

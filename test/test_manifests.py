@@ -19,6 +19,7 @@ ROSDEP_KEYS = {
     "python3-numba",
     "python3-numpy",
     "python3-open3d-pip",
+    "python3-pil",
     "python3-pybullet-pip",
     "python3-pytest",
     "python3-rosbags-pip",
@@ -55,6 +56,7 @@ ROS_PACKAGES = {
 """Packages that jazzy/distribution.yaml of the same commit releases."""
 
 KEY_OF_IMPORT = {
+    "PIL": "python3-pil",
     "hypothesis": "python3-hypothesis",
     "matplotlib": "python3-matplotlib",
     "mpl_toolkits": "python3-matplotlib",
@@ -74,6 +76,7 @@ KEY_OF_IMPORT = {
 FROM_PIP = {
     "cma": "cma",
     "distributed": "distributed",
+    "lz4": "lz4",
     "plotly": "plotly",
     "rerun": "rerun-sdk",
     "scoringrules": "scoringrules",

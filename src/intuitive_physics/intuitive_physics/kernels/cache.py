@@ -231,8 +231,12 @@ def _places(source: Path) -> Iterator[Path]:
         yield Path(_option("CACHE_DIR")) / f"{SUITE}_kernels"
         return
     yield source.parent / "__pycache__" / "kernels"
-    user = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    yield Path(user) / SUITE / "kernels"
+    # The XDG specification says to ignore a path that is not absolute.
+    user = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if not user.is_absolute():
+        user = Path(os.path.expanduser("~")) / ".cache"
+    if user.is_absolute():
+        yield user / SUITE / "kernels"
 
 
 def _option(name: str) -> Any:

@@ -119,6 +119,9 @@ class _Reader:
                 None if is_service or not quality else quality[0],
                 values,
             )
+        elif isinstance(function, ast.Attribute) and function.attr == "create_guard_condition":
+            # What it triggers is called back once, as a part of the start.
+            self._call(ast.Call(call.args[0], [], []), values, owner)
         elif isinstance(function, ast.Attribute) and _is_self(function.value):
             if (owner, function.attr) not in self._visited and hasattr(owner, function.attr):
                 self._visited.add((owner, function.attr))

@@ -33,6 +33,7 @@ from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_ros.parameters import unknown_overrides
 from intuitive_physics_ros.rclpy_internals import RCLError, release
 from intuitive_physics_ros.start_node import STOP_SIGNALS
+from intuitive_physics_ros.topics import with_earlier_remappings
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 START_ERRORS = (IntuitivePhysicsError, NameValidationException, ParameterException, RCLError)
@@ -74,7 +75,7 @@ def run_node(factory: Callable[[], Node], args: Sequence[str] | None = None) -> 
     _ensure_log_folder()
     try:
         rclpy.init(
-            args=None if args is None else list(args),
+            args=with_earlier_remappings(sys.argv if args is None else args),
             signal_handler_options=SignalHandlerOptions.NO,
         )
         node = factory()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Hashable
+from copy import copy
 
 from intuitive_physics_msgs.msg import TrajectoryDistribution as DistributionMessage
 from rclpy.node import Node
@@ -23,7 +24,8 @@ from intuitive_physics_predictor.nodes.messages import distribution_message
 from intuitive_physics_ros.background import Background
 from intuitive_physics_ros.conversions import DistributionWriter
 from intuitive_physics_ros.monitors import RateMonitor
-from intuitive_physics_ros.qos import SENSOR_DATA
+from intuitive_physics_ros.qos import QOS_OVERRIDES, STREAM
+from intuitive_physics_ros.topics import PREDICTIONS
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 FAILURES_LOGGED_EVERY = 10.0
@@ -61,7 +63,7 @@ class PredictionTicks:
         self._writer = DistributionWriter()
         self._paused_for = ""
         self._publisher = node.create_publisher(
-            DistributionMessage, "~/trajectory_distribution", SENSOR_DATA
+            DistributionMessage, PREDICTIONS, copy(STREAM), qos_overriding_options=QOS_OVERRIDES
         )
         self._background = Background(node, "prepare")
         self._prepared = threading.Event()

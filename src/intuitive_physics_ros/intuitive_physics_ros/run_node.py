@@ -82,6 +82,12 @@ def run_node(factory: Callable[[], Node], args: Sequence[str] | None = None) -> 
     except START_ERRORS as error:
         rclpy.try_shutdown()
         return _explain(error)
+    except RuntimeError as error:
+        # rclpy has no class of its own for a quality of service that a parameter gives wrongly.
+        rclpy.try_shutdown()
+        if "QoS override" not in str(error):
+            raise
+        return _explain(error)
     try:
         _warn_of_unknown_overrides(node)
         _spin(node, stop)

@@ -25,14 +25,13 @@ from visualization_msgs.msg import MarkerArray
 
 from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.depth import points_from_depth
-from intuitive_physics_perception.nodes.perception_node import OBSERVATIONS
 from intuitive_physics_ros.conversions import (
     environment_from_message,
     object_states_from_messages,
     observation_from_message,
     stamp_from_seconds,
 )
-from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
+from intuitive_physics_ros.qos import LATCHED, OBSERVATIONS, SENSOR_DATA
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 
 MODULE = "intuitive_physics_perception.nodes.perception_node"

@@ -16,6 +16,7 @@ from intuitive_physics_predictor.live.live_prediction import (
     LivePrediction,
     NoObjectsError,
     NothingToPredictError,
+    OtherClockError,
 )
 from intuitive_physics_predictor.live.pacer import Pacer
 from intuitive_physics_predictor.live.predictor import Predictor, Snapshot
@@ -171,10 +172,12 @@ class PredictionTicks:
             str(error) if known else unexpected_errors(self._node).report(error, "a prediction")
         )
         self.monitor.idle(reason)
-        # The age of the states in the reason grows: it is one reason. No states yet is no news.
+        # The age of the states in the reason grows: it is one reason. No states yet is no news,
+        # but a wrong clock would let the user wait for ever.
         waits = isinstance(error, NothingToPredictError)
         news = type(error).__name__ if waits else reason
-        quiet = isinstance(error, NoObjectsError) or (waits and not had_prediction)
-        if not quiet and news != self._paused_for:
-            self._node.get_logger().warning(f"predicts no more: {reason}")
+        is_start = waits and not had_prediction and not isinstance(error, OtherClockError)
+        if not is_start and not isinstance(error, NoObjectsError) and news != self._paused_for:
+            sentence = "predicts no more" if had_prediction else "does not predict"
+            self._node.get_logger().warning(f"{sentence}: {reason}")
             self._paused_for = news

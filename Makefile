@@ -1,7 +1,7 @@
 # Intuitive Physics. `make` alone lists what there is.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build lint types docs test library-tests system-tests house demo bench-simulation \
+.PHONY: help setup build lint types docs test library-tests system-tests test-oldest house demo bench-simulation \
 	bench-prediction bench-perception bench-learning clean
 
 # A ROS, or a Python, that the caller's shell has sourced must not mix with ours.
@@ -21,12 +21,14 @@ run_environment = \
 pytest = .venv/bin/pytest -p no:dash
 
 # Tests of libraries share nothing but the machine: files of them run side by side.
-side_by_side = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
-	$(pytest) --numprocesses=auto --maxprocesses=4 --dist=loadfile
+one_thread = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+side_by_side = --numprocesses=auto --maxprocesses=4 --dist=loadfile
 
 python_packages = $(dir $(wildcard src/*/setup.py))
 node_tests = $(wildcard src/*/test/nodes)
 ros_packages = src/intuitive_physics_ros src/intuitive_physics_bringup
+library_tests = $(addsuffix test,$(filter-out $(addsuffix /,$(ros_packages)),$(python_packages))) \
+	$(addprefix --ignore=,$(node_tests))
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -60,12 +62,15 @@ test: setup ## Lint, test the libraries, test the nodes and the whole system
 
 library-tests: setup ## Only test what knows nothing of ROS
 	@echo "── library tests"
-	@$(side_by_side) $(addsuffix test,$(filter-out $(addsuffix /,$(ros_packages)),$(python_packages))) \
-		$(addprefix --ignore=,$(node_tests))
+	@$(one_thread) $(pytest) $(side_by_side) $(library_tests)
 
 system-tests: setup ## Only test nodes, as processes that talk over DDS
 	@echo "── system tests"
 	@$(run_environment) $(pytest) $(wildcard $(addsuffix /test,$(ros_packages)) test) $(node_tests)
+
+test-oldest: ## Test the libraries with the versions of Ubuntu 24.04, in build/oldest
+	@tools/oldest.sh
+	@$(one_thread) build/oldest/venv/bin/pytest -p no:dash $(side_by_side) $(library_tests)
 
 house: ## Measure the source tree; options="--details KEY" lists what is behind a number
 	@python3 -m tools.house $(options)
@@ -86,7 +91,7 @@ bench-prediction: setup ## Race the predictor node against its clock; options="-
 
 bench-perception: setup ## Hold perception against the truth and against others; options="--quick"
 	@.venv/bin/python -m pip --disable-pip-version-check install -qq -r requirements/bench.txt
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 \
+	@$(run_environment) OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 \
 		.venv/bin/python -m benchmarks.perception $(options)
 
 clean: ## Remove the environment and everything built

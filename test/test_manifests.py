@@ -19,6 +19,7 @@ ROSDEP_KEYS = {
     "python3-numba",
     "python3-numpy",
     "python3-open3d-pip",
+    "python3-pil",
     "python3-pybullet-pip",
     "python3-pytest",
     "python3-rosbags-pip",
@@ -39,11 +40,13 @@ ROS_PACKAGES = {
     "launch_ros",
     "rcl_interfaces",
     "rclpy",
+    "ros2cli",
     "rosgraph_msgs",
     "rosidl_default_generators",
     "rosidl_default_runtime",
     "rviz2",
     "sensor_msgs",
+    "sros2",
     "std_msgs",
     "std_srvs",
     "tf2_msgs",
@@ -53,6 +56,7 @@ ROS_PACKAGES = {
 """Packages that jazzy/distribution.yaml of the same commit releases."""
 
 KEY_OF_IMPORT = {
+    "PIL": "python3-pil",
     "hypothesis": "python3-hypothesis",
     "matplotlib": "python3-matplotlib",
     "mpl_toolkits": "python3-matplotlib",
@@ -72,6 +76,7 @@ KEY_OF_IMPORT = {
 FROM_PIP = {
     "cma": "cma",
     "distributed": "distributed",
+    "lz4": "lz4",
     "plotly": "plotly",
     "rerun": "rerun-sdk",
     "scoringrules": "scoringrules",

@@ -2,8 +2,5 @@
 # Compiles the kernels into Numba's cache, so that no callback ever waits for a compiler.
 set -euo pipefail
 
-# Numba does not notice that what a cached kernel calls has changed.
-find .venv/lib/python*/site-packages/intuitive_physics* -name '*.nb[ic]' -delete
-
 .venv/bin/python -m intuitive_physics.kernels.warm_up intuitive_physics.simulation.compile \
     intuitive_physics_perception.compile intuitive_physics_predictor.compile

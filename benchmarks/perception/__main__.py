@@ -9,7 +9,7 @@ import argparse
 import sys
 import tempfile
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import Outcome, report_progress, run_benchmark
+from benchmarks.perception.end_to_end import measure_end_to_end
 from benchmarks.perception.peers import FrameByFrame, Open3dAndPyransac, Peer
 from benchmarks.perception.real import measure_clouds, measure_real_scenes
 from benchmarks.perception.release import measure_release
@@ -37,6 +38,7 @@ from benchmarks.perception.run import (
 from benchmarks.perception.scenes import PAUSE, SceneKind, random_truth
 from benchmarks.perception.score import Ball, Score
 from benchmarks.perception.truth import TrueRecording
+from benchmarks.perception.unorganised import measure_unorganised
 from benchmarks.results.result import Table
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_truth
@@ -46,7 +48,13 @@ from intuitive_physics_perception.settings import PerceptionSettings
 SEED = 5
 """Of the scenes, each of which has a generator of its own."""
 
-RENDERED, REAL, RELEASE = PARTS = ("rendered", "real", "release")
+RENDERED, REAL, RELEASE, UNORGANISED, END_TO_END = PARTS = (
+    "rendered",
+    "real",
+    "release",
+    "unorganised",
+    "end_to_end",
+)
 """Parts that `--only` may name."""
 
 REAL_DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "real"
@@ -132,17 +140,18 @@ def run(options: argparse.Namespace) -> Outcome:
         outcome = measure_rendered(QUICK if options.quick else FULL)
     tables: list[Table] = list(outcome.tables)
     figures: dict[str, Any] = dict(outcome.key_figures)
-    if REAL in wanted:
-        for found, shown in (
-            measure_real_scenes(options.scenes, options.quick),
-            measure_clouds(options.clouds),
-        ):
+    others: list[tuple[str, Callable[[], tuple[dict[str, Any], list[Table]]]]] = [
+        (UNORGANISED, lambda: measure_unorganised(options.quick)),
+        (END_TO_END, lambda: measure_end_to_end(options.quick)),
+        (REAL, lambda: measure_real_scenes(options.scenes, options.quick)),
+        (REAL, lambda: measure_clouds(options.clouds)),
+        (RELEASE, lambda: measure_release(options.quick)),
+    ]
+    for name, measure in others:
+        if name in wanted:
+            found, shown = measure()
             figures.update(found)
             tables += shown
-    if RELEASE in wanted:
-        found, shown = measure_release(options.quick)
-        figures.update(found)
-        tables += shown
     return replace(outcome, tables=tables, key_figures=figures)
 
 

@@ -144,15 +144,17 @@ def perceive_bag(
     return PerceivedBag(model, detections, seconds)
 
 
-def some_frames(path: Path, recording: TrueRecording, stamps: Sequence[float]) -> Iterator[Frame]:
-    """Yield the frames of a bag with some stamps, s, in order of time."""
-    wanted = set(stamps)
+def some_frames(
+    path: Path, recording: TrueRecording, stamps: Sequence[float] | None = None
+) -> Iterator[Frame]:
+    """Yield the frames of a bag with some stamps, s, in order of time; all where none are given."""
+    wanted = None if stamps is None else set(stamps)
     with BagReader(path) as bag:
         decoder = _decoder(bag)
         for message in bag.messages([DEPTH_TOPIC]):
             image = bag.decode(message)
             stamp = _stamp(image)
-            if stamp in wanted:
+            if wanted is None or stamp in wanted:
                 balls = recording.balls_at(_since(stamp, recording))
                 yield Frame(stamp, decoder.image_points(image), balls)
 

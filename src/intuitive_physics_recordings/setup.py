@@ -18,7 +18,7 @@ setup(
             "replay_node = intuitive_physics_recordings.nodes.replay_node:main"
         ],
     },
-    install_requires=["setuptools", "intuitive_physics", "numpy>=1.26", "pyyaml", "rosbags"],
+    install_requires=["setuptools", "intuitive_physics", "lz4", "numpy>=1.26", "pyyaml", "rosbags"],
     extras_require={"test": ["pytest", "hypothesis"]},
     python_requires=">=3.10",
     zip_safe=False,

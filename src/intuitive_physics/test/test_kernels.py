@@ -6,6 +6,7 @@ import numba
 import numpy as np
 import pytest
 from numba import njit
+from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 
@@ -70,6 +71,12 @@ def test_numbers_written_out_do_not_compile_once_more(decorate):
         f"{CHANGED} {len(inner.signatures)} versions of one function were compiled for the numbers "
         "1, 2 and 3 written out in calls"
     )
+
+
+def test_what_the_cache_needs_is_there():
+    assert hasattr(njit(first), "_cache"), f"{CHANGED} a dispatcher has no _cache"
+    for name in ("_reduce", "_rebuild"):
+        assert hasattr(CompileResult, name), f"{CHANGED} a compiled function has no {name}"
 
 
 def test_kernels_that_allocate_do():

@@ -69,7 +69,7 @@ def test_the_nodes_find_one_another_under_any_namespace(tmp_path):
                         and peer.node.get_subscriptions_info_by_topic(name)
                     ),
                     f"both ends of {name}",
-                    60.0,
+                    180.0,
                 )
                 ends = peer.node.get_publishers_info_by_topic(name)
                 ends += peer.node.get_subscriptions_info_by_topic(name)
@@ -80,7 +80,7 @@ def test_the_nodes_find_one_another_under_any_namespace(tmp_path):
                 peer.spin_until(
                     lambda name=name: peer.node.get_subscriptions_info_by_topic(name),
                     f"perception to hear {name}",
-                    60.0,
+                    180.0,
                 )
     finally:
         for process in processes:

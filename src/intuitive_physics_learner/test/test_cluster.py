@@ -1,9 +1,13 @@
 """J evaluated by other processes: the same to the bit, and clear errors when they fail."""
 
+import os
+import shutil
+import subprocess
 import sys
 import time
 
 import numpy as np
+import psutil
 import pytest
 
 from intuitive_physics.errors import InvalidInputError
@@ -68,6 +72,79 @@ def test_learning_is_the_same_with_and_without(two_processes, throws):
     there = learn(observed, simulator, options, make_cost=two_processes)
     assert there.learned.to_dict() == here.learned.to_dict()
     assert (there.search.history == here.search.history).all()
+
+
+def listening_addresses():
+    """Where this process and those that it started listen for TCP."""
+    own = psutil.Process()
+    return {
+        connection.laddr.ip
+        for process in [own, *own.children(recursive=True)]
+        for connection in process.net_connections("tcp")
+        if connection.status == psutil.CONN_LISTEN
+    }
+
+
+def test_processes_of_this_machine_listen_on_the_loopback_only(two_processes, throws):
+    two_processes(throws(1, 0), make_simulator("event_driven"))
+    assert two_processes._client.cluster.dashboard_link.startswith("http://127.0.0.1:")
+    assert listening_addresses() == {"127.0.0.1"}
+
+
+@pytest.fixture(scope="module")
+def certificates(tmp_path_factory):
+    """A folder of certificates as the documentation makes them."""
+    openssl = shutil.which("openssl") or pytest.skip("needs openssl")
+    folder = tmp_path_factory.mktemp("certificates")
+    new = [openssl, "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-sha256"]
+    files = ["-subj", "/CN=robot", "-keyout", "key.pem", "-out", "certificate.pem"]
+    subprocess.run([*new, *files], cwd=folder, check=True, capture_output=True)
+    shutil.copy(folder / "certificate.pem", folder / "ca.pem")
+    os.chmod(folder / "key.pem", 0o600)
+    return folder
+
+
+def test_a_cluster_can_speak_tls_and_nothing_else(certificates, throws, monkeypatch):
+    observed, simulator = throws(3, 0), make_simulator("event_driven")
+    with CostMaker("local:1", str(certificates)) as encrypted:
+        cost = encrypted(observed, simulator)
+        some = candidates(cost.materials, 5)
+        assert (cost.costs(some) == TrajectoryCost(observed, simulator).costs(some)).all()
+        address = encrypted._client.cluster.scheduler_address
+        assert address.startswith("tls://")
+        with CostMaker(address, str(certificates)) as other:
+            assert (other(observed, simulator).costs(some) == cost.costs(some)).all()
+            assert other.warning == ""
+        monkeypatch.setattr("intuitive_physics_learner.cost.cluster.CONNECT_TIMEOUT", 2.0)
+        with (
+            CostMaker(address.replace("tls", "tcp")) as plain,
+            pytest.raises(ClusterError, match="does not answer"),
+        ):
+            plain(observed, simulator)
+
+
+def test_certificates_that_are_missing_or_would_not_be_used(certificates, tmp_path):
+    with pytest.raises(InvalidInputError, match=r"no .*ca\.pem; expected a folder with ca\.pem"):
+        CostMaker("local:1", str(tmp_path))
+    for address in ("tcp://host:8786", "host:8786"):
+        with pytest.raises(InvalidInputError, match="expected an address that begins with tls://"):
+            CostMaker(address, str(certificates))
+
+
+@pytest.mark.parametrize(
+    ("where", "warned"),
+    [
+        ("", False),
+        ("local:2", False),
+        ("127.0.0.1:8786", False),
+        ("tcp://localhost:8786", False),
+        ("tls://192.168.1.2:8786", False),
+        ("192.168.1.2:8786", True),
+        ("tcp://robot.example:8786", True),
+    ],
+)
+def test_plain_tcp_beyond_this_machine_is_warned_of(where, warned):
+    assert ("without encryption" in CostMaker(where).warning) == warned
 
 
 def last_holders(client, future):

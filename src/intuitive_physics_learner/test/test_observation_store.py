@@ -219,13 +219,33 @@ def test_database_of_another_program(path):
         ObservationStore(path)
 
 
-def test_newer_schema(path):
-    ObservationStore(path).close()
+@pytest.mark.parametrize("journal_mode", ["wal", "delete"])
+def test_a_file_of_a_newer_version_is_refused_and_left_as_it_is(path, observation, journal_mode):
+    with ObservationStore(path) as store:
+        store.add(observation("old"))
     with sqlite3.connect(path) as newer:
+        newer.execute("ALTER TABLE observations ADD COLUMN note TEXT NOT NULL DEFAULT 'none'")
         newer.execute(f"PRAGMA user_version = {latest_version() + 1}")
+    newer.execute(f"PRAGMA journal_mode = {journal_mode}")
     newer.close()
-    with pytest.raises(StorageError, match=f"schema version {latest_version() + 1}"):
-        ObservationStore(path)
+    before = path.read_bytes()
+    for _ in range(2):
+        with pytest.raises(StorageError, match=f"schema version {latest_version() + 1}.*newer one"):
+            ObservationStore(path)
+    assert path.read_bytes() == before
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+
+
+def test_nothing_is_written_to_a_file_that_a_newer_version_migrates_meanwhile(path, observation):
+    with ObservationStore(path) as store:
+        store.add(observation("old"))
+        with sqlite3.connect(path) as newer:
+            newer.execute("CREATE TABLE notes (text TEXT)")
+            newer.execute(f"PRAGMA user_version = {latest_version() + 1}")
+        newer.close()
+        with pytest.raises(StorageError, match=f"schema version {latest_version() + 1}"):
+            store.add(observation("new"))
+        assert store.ids() == ["old"]
 
 
 @pytest.mark.parametrize("version", [1, 2])

@@ -9,6 +9,7 @@ from intuitive_physics.kernels.warm_up import WarmUp
 from intuitive_physics_perception.detection.box_fit import find_faces
 from intuitive_physics_perception.detection.settings import SolidDetectionSettings
 from intuitive_physics_perception.input.camera import Intrinsics
+from intuitive_physics_perception.input.compressed import unpack_rvl
 from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.input.point_cloud import Field, points_from_cloud_data
 from intuitive_physics_perception.pipeline import PerceptionPipeline
@@ -40,6 +41,7 @@ def warm_up() -> None:
     clouds = [_as_cloud(frames[1], "<f4"), _as_cloud(frames[1], "<f8")]
     for k, points in enumerate([*frames[:2], *frames[1:], *clouds]):
         pipeline.process(points, 0.1 * k)
+    unpack_rvl(np.zeros(1, dtype="<u4"), 1)
     find_faces(_corner(), np.full(300, 1e-3), SolidDetectionSettings(), np.random.default_rng(0))
 
 

@@ -66,8 +66,8 @@ class FrameResult:
     is_new_model : whether this frame completed it, or revised it
     revised : one sentence when parts of the environment have come or gone; else empty
     restarted : whether time went back, so that tracking has started again
-    moved : one sentence when the sensor was moved, so that the environment is modelled again from
-        the frames that follow; else empty
+    moved : one sentence when the environment is modelled again from the frames that follow, as the
+        sensor was moved, the support has gone or gravity points elsewhere; else empty
     detections : what was found in this frame alone, in the environment's frame
     objects : what is tracked, in the environment's frame
     episodes : those that ended with this frame

@@ -16,6 +16,7 @@ from intuitive_physics.validation import unit_vector
 from intuitive_physics_perception.detection.detections import DetectedSolid, DetectedSphere
 from intuitive_physics_perception.detection.solids import all_objects
 from intuitive_physics_perception.environment.environment_model import (
+    EnvironmentModel,
     NoEnvironmentError,
     model_environment,
 )
@@ -54,6 +55,11 @@ class PerceptionPipeline:
         self._first_frames: list[NDArray[np.float32]] = []
         self._scene: ModelledScene | None = None
         self._up: NDArray[np.float64] | None = None
+
+    @property
+    def model(self) -> EnvironmentModel | None:
+        """The environment as it is known now; None while it is not."""
+        return self._scene.model if self._scene else None
 
     def take_up(self, up: ArrayLike) -> None:
         """Take the measured direction against gravity.
@@ -128,7 +134,13 @@ class PerceptionPipeline:
         if self.settings.static_boxes:
             model = with_static_boxes(model, frames, self.settings, self._rng)
         self._scene = ModelledScene(
-            model, frames, self.settings, self._rng, self._next_track, self._background
+            model,
+            frames,
+            self.settings,
+            self._rng,
+            self._next_track,
+            measured=self._up is not None,
+            background=self._background,
         )
         seconds = {"environment": self._clock() - started}
         return FrameResult(
@@ -171,6 +183,9 @@ class PerceptionPipeline:
         )
         instants.append(self._clock())
         episodes = scene.episodes.update(time, alive, ended)
+        up = scene.up_of_flights(episodes)
+        if up is not None:
+            return self._gravity_turned(scene, up, time)
         instants.append(self._clock())
         revised = scene.watch(points, time, pixels)
         instants.append(self._clock())
@@ -198,6 +213,22 @@ class PerceptionPipeline:
             diagnostics=diagnostics,
         )
 
+    def _gravity_turned(
+        self, scene: ModelledScene, up: NDArray[np.float64], time: float
+    ) -> FrameResult:
+        """Model the environment again with gravity as flights tell it.
+
+        What was observed under another gravity tells nothing.
+        """
+        angle = np.degrees(np.arccos(np.clip(scene.model.rotation[2] @ up, -1.0, 1.0)))
+        self._up = up
+        self._forget_environment()
+        moved = (
+            f"flights show that gravity points {angle:.0f}° beside what the support told: the "
+            "environment is modelled again"
+        )
+        return replace(self._unused(time, moved), moved=moved)
+
     def _forget_environment(self) -> tuple[Episode, ...]:
         """Let the next frames model the environment; return what was under way."""
         episodes = self._restarted()
@@ -214,8 +245,7 @@ class PerceptionPipeline:
         return episodes
 
     def _unused(self, time: float, problem: str) -> FrameResult:
-        model = self._scene.model if self._scene else None
-        return FrameResult(time, model, diagnostics=FrameDiagnostics(problem=problem))
+        return FrameResult(time, self.model, diagnostics=FrameDiagnostics(problem=problem))
 
 
 def _has_readings(points: NDArray[np.float32]) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor, Future
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,16 +19,19 @@ from intuitive_physics_perception.environment.environment_model import (
     MIN_POINTS,
     EnvironmentModel,
     PlaneAgreement,
+    is_organised,
     model_environment,
     plane_agreement,
     revised_environment,
 )
 from intuitive_physics_perception.environment.fusion import fused_frame
+from intuitive_physics_perception.environment.gravity import FlightGravity
 from intuitive_physics_perception.environment.range_cloud import RangeCloud
 from intuitive_physics_perception.environment.settled_view import SettledView
 from intuitive_physics_perception.environment.static_boxes import StaticBoxFilter, with_static_boxes
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracking.episodes import EpisodeRecorder
+from intuitive_physics_perception.tracking.episodes import Episode, EpisodeRecorder, record_of
+from intuitive_physics_perception.tracking.motion_fits import noise_factor
 from intuitive_physics_perception.tracking.tracker import Tracker
 
 CHECKED_POINTS = 1200
@@ -68,6 +72,8 @@ class EnvironmentCheck:
         points : (height, width, 3) m in the sensor's frame, NaN where nothing was read
         time : s
         """
+        if not self._model.detected:
+            return ""
         now, was = self._agreement(points), self._model.agreement
         least = self._settings.moved_fraction
         covered = now.visible < self._settings.revision.least_visible * was.visible
@@ -171,6 +177,7 @@ class ModelledScene:
     settings : of all stages
     rng : source of all random choices
     first_track : number of the first track
+    measured : whether gravity was, so that flights need not tell
     background : in which the environment is revised while frames go on; None revises it at once
     """
 
@@ -181,12 +188,17 @@ class ModelledScene:
         settings: PerceptionSettings,
         rng: np.random.Generator,
         first_track: int,
+        *,
+        measured: bool = False,
         background: Executor | None = None,
     ) -> None:
         self._settings = settings
         self._rng = rng
         self._background = background
         self._view = _settled_view(model, frames, settings)
+        self._flights: FlightGravity | None = None
+        if settings.gravity_from_flights and settings.gravity_source == "plane" and not measured:
+            self._flights = FlightGravity(settings.gravity, settings.support)
         self._pending: Future[Stages | None] | None = None
         self._changed_since: float | None = None
         self.stages = Stages(model, settings, rng, _nearest_ranges(frames))
@@ -225,6 +237,33 @@ class ModelledScene:
         self._next_look, self._changed_since = -np.inf, None
         if self._view is not None:
             self._view.restart()
+
+    def up_of_flights(self, episodes: Sequence[Episode]) -> NDArray[np.float64] | None:
+        """Return the unit vector (3,) against gravity, in the sensor's frame, where flights tell
+        that it is elsewhere than was modelled; else None.
+
+        Parameters
+        ----------
+        episodes : that are over
+        """
+        if self._flights is None:
+            return None
+        for track in (track for episode in episodes for track in episode.tracks):
+            seen = record_of(track, self._settings)
+            window = self._settings.initial_state.noise_window
+            factor = noise_factor(seen.times, seen.positions, seen.covariances, window)
+            self._flights.take(seen.times, seen.positions, factor * seen.covariances)
+        found, turned = self._flights.up(), self._settings.support.turned
+        if found is None:
+            return None
+        up, deviation = found
+        if up[2] >= np.cos(np.radians(max(turned, 3.0 * deviation))):
+            self.stages.model = replace(self.model, gravity_doubt="")
+            if 3.0 * deviation < turned:
+                # Once confirmed it need not be looked at again.
+                self._flights = None
+            return None
+        return np.asarray(up @ self.model.rotation)
 
     def watch(
         self, points: NDArray[np.float32], time: float, objects: Sequence[NDArray[np.int64]]
@@ -299,17 +338,12 @@ def _ids(environment: Environment) -> set[str]:
     return {*(plane.id for plane in planes), *(box.id for box in boxes)}
 
 
-def _is_organised(frames: Sequence[NDArray[np.float32]]) -> bool:
-    """Whether frames (height, width, 3) have the same pixels, whose rays stay."""
-    return frames[0].shape[0] > 1 and all(frame.shape == frames[0].shape for frame in frames)
-
-
 def _settled_view(
     model: EnvironmentModel, frames: Sequence[NDArray[np.float32]], settings: PerceptionSettings
 ) -> SettledView | None:
     """What watches the environment that frames (height, width, 3) m show, where that is possible
     and asked for."""
-    if not (settings.revise_environment and _is_organised(frames)):
+    if not (settings.revise_environment and is_organised(frames)):
         return None
     known = fused_frame(frames, frames[0].size).astype(np.float32)
     return SettledView(known, model.noise, settings.revision)
@@ -317,7 +351,7 @@ def _settled_view(
 
 def _nearest_ranges(frames: Sequence[NDArray[np.float32]]) -> NDArray[np.float32] | None:
     """Nearest range (height, width) m that each pixel read in organised frames, NaN for none."""
-    if not _is_organised(frames):
+    if not is_organised(frames):
         return None
     ranges = np.fmin.reduce([np.linalg.norm(frame, axis=2) for frame in frames])
     return np.asarray(ranges, dtype=np.float32)

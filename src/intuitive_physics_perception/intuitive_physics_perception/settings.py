@@ -20,6 +20,7 @@ from intuitive_physics_perception.environment.settings import (
     RestSettings,
     RevisionSettings,
     StaticBoxSettings,
+    SupportSettings,
 )
 from intuitive_physics_perception.tracking.settings import (
     InitialStateSettings,
@@ -113,6 +114,16 @@ class PerceptionSettings:
         None,
         "roughly upward direction in the sensor's frame; none: the plane with most points is the "
         "support",
+    )
+    camera_upright: bool = other(
+        True,
+        "the camera is held about upright, so that a wall is no support even where it has most "
+        "points; of depth images and organised clouds, without up_hint",
+    )
+    gravity_from_flights: bool = other(
+        True,
+        "what falls freely tells the direction of gravity: where it differs from that of the "
+        "support the environment is modelled again",
     )
     up_hint_tolerance: float = number(
         20.0, 0.1, 90.0, "largest angle between up and the normal of the support, degrees"
@@ -242,6 +253,9 @@ class PerceptionSettings:
         PlaneEdgeSettings(), "when the end of a plane counts as seen"
     )
     static_box_fit: StaticBoxSettings = other(StaticBoxSettings(), "what becomes a static box")
+    support: SupportSettings = other(
+        SupportSettings(), "which plane can be the support, and what flights tell of gravity"
+    )
     revision: RevisionSettings = other(
         RevisionSettings(), "when the environment is revised, and when the sensor was moved"
     )

@@ -93,6 +93,8 @@ class Room:
         """A frame in millimetres: noise that grows with range squared, missing readings at edges
         and grazing angles, whole millimetres."""
         depth, cosine = self.true_depth(balls, extra)
+        nothing = np.isinf(depth)
+        depth[nothing] = 0.0
         if self.faults:
             lengths = np.linalg.norm(self.rays, axis=-1)
             deviation = np.hypot(self.noise_constant, self.noise_quadratic * (depth * lengths) ** 2)
@@ -109,7 +111,7 @@ class Room:
             missing = np.maximum(0.7 * grazing**2, np.where(step > 0.05 * depth, 0.4, 0.002))
             noisy[self.rng.random(depth.shape) < missing] = 0.0
             depth = noisy
-        millimetres = np.round(np.where(np.isfinite(depth), depth, 0.0) * 1000.0)
+        millimetres = np.round(np.where(nothing, 0.0, depth) * 1000.0)
         return np.clip(millimetres, 0, 65535).astype(np.uint16)
 
 
@@ -230,7 +232,13 @@ def make_room() -> type[Room]:
 
 @pytest.fixture
 def shapes() -> dict[str, type]:
-    return {"bowl": BowlShape, "cylinder": CylinderShape, "box": BoxShape, "capsule": CapsuleShape}
+    return {
+        "ball": BallShape,
+        "bowl": BowlShape,
+        "cylinder": CylinderShape,
+        "box": BoxShape,
+        "capsule": CapsuleShape,
+    }
 
 
 def bouncing_ball(

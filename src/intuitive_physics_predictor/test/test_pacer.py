@@ -220,3 +220,36 @@ def test_many_threads_lose_no_newest_work(paced):
     for numbers in done.values():
         assert numbers[-1] == 199
         assert numbers == sorted(numbers)
+
+
+def test_a_tick_follows_urgent_work_at_once_and_the_next_ones_are_due_when_they_were(paced):
+    # Ten ticks a second, and work posted 20 ms after one of them was due.
+    ticks = Ticks(5)
+    pacer = paced(ticks, 10.0)
+    while len(ticks.due) < 2:
+        time.sleep(0.001)
+    first = ticks.due[1]
+    time.sleep(max(0.0, first + 0.02 - time.monotonic()))
+    done = []
+    pacer.post(lambda: done.append(time.monotonic()), urgent=True)
+    ticks.wait()
+    since = np.array(ticks.due) - first
+    # It takes the place of the tick at 0.1 s; a busy machine may begin it late.
+    assert 0.0 < since[2] - (done[0] - first) < 0.03
+    assert since[2] < 0.09
+    np.testing.assert_allclose(since[3:5], [0.2, 0.3], atol=0.02)
+    assert ticks.left_out[:5] == [0] * 5
+
+
+def test_urgent_work_makes_no_more_ticks(paced):
+    # Posted ten times a period, it brings ticks forward by one period at most, not one for each.
+    ticks = Ticks(1000)
+    pacer = paced(ticks, 50.0)
+    begun = time.monotonic()
+    while time.monotonic() < begun + 1.0:
+        pacer.post(lambda: None, urgent=True)
+        time.sleep(0.002)
+    pacer.stop()
+    passed = time.monotonic() - begun
+    assert len(ticks.due) + sum(ticks.left_out) <= 50.0 * passed + 2.0
+    assert len(ticks.due) > 25

@@ -1,4 +1,4 @@
-"""Reading rosbag2 recordings (MCAP and SQLite) with no ROS on the machine."""
+"""Reading recordings of ROS 2 (MCAP and SQLite) and of ROS 1, with no ROS on the machine."""
 
 from __future__ import annotations
 
@@ -22,12 +22,17 @@ from rosbags.typesys.store import Typestore
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.limits import check_limit
+from intuitive_physics_recordings.ros1_bag import SUFFIX as ROS1_SUFFIX
+from intuitive_physics_recordings.ros1_bag import Ros1Reader
 
 METADATA_FILE = "metadata.yaml"
 """File that makes a folder a rosbag2 recording."""
 
-STORAGE_SUFFIXES = (".mcap", ".db3")
+STORAGE_SUFFIXES = (".mcap", ".db3", ROS1_SUFFIX)
 """Of single files that are bags."""
+
+EXPECTED = f"a bag's folder or a file that ends in {', '.join(STORAGE_SUFFIXES)}"
+"""What a bag is, for messages."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,8 @@ class BagReader:
 
     Parameters
     ----------
-    path : a bag's folder, or one .mcap or .db3 file
+    path : a bag's folder, or one .mcap or .db3 file, or a .bag of ROS 1, whose messages come as
+        those of ROS 2
     typestore : message types that can be decoded; None: ROS 2 Jazzy's own. Of a type that is not
         one of those, the definition in the bag goes before the one here: the messages were written
         by it
@@ -87,7 +93,8 @@ class BagReader:
         self.path = Path(path)
         _check_is_bag(self.path)
         with self._readable():
-            self._reader = Reader(str(self.path))
+            is_ros1 = self.path.suffix == ROS1_SUFFIX and self.path.is_file()
+            self._reader: Any = Ros1Reader(self.path) if is_ros1 else Reader(str(self.path))
             self._reader.open()
         try:
             self._check_chunks()
@@ -191,7 +198,7 @@ class BagReader:
     def _check_chunks(self) -> None:
         """Check what the chunks of an MCAP file say they unpack to; SQLite has none."""
         # A folder's storage has one for each file; a file is its own.
-        whole = self._reader.storage
+        whole = getattr(self._reader, "storage", None)
         for storage in getattr(whole, "storages", [whole]):
             for chunk in getattr(storage, "chunks", ()):
                 size = chunk.uncompressed_size
@@ -220,15 +227,14 @@ class BagReader:
             detail = str(error).strip() or type(error).__name__
             raise InvalidInputError(
                 f"cannot read the bag {self.path}: {detail} It was cut short or damaged; "
-                "expected a whole MCAP or SQLite recording (`ros2 bag reindex` may repair it)"
+                "expected a whole recording (`ros2 bag reindex`, of ROS 1 `rosbag reindex`, may "
+                "repair it)"
             ) from None
 
 
 def _check_is_bag(path: Path) -> None:
     if not path.exists():
-        raise InvalidInputError(
-            f"there is no bag {path}; expected a bag's folder or a .mcap or .db3 file"
-        )
+        raise InvalidInputError(f"there is no bag {path}; expected {EXPECTED}")
     if path.is_dir():
         if not (path / METADATA_FILE).exists():
             raise InvalidInputError(
@@ -236,10 +242,7 @@ def _check_is_bag(path: Path) -> None:
                 "recording (`ros2 bag reindex` writes the file again)"
             )
     elif path.suffix not in STORAGE_SUFFIXES:
-        raise InvalidInputError(
-            f"{path} ends in {path.suffix or 'nothing'}; "
-            "expected a bag's folder or a .mcap or .db3 file"
-        )
+        raise InvalidInputError(f"{path} ends in {path.suffix or 'nothing'}; expected {EXPECTED}")
 
 
 def _is_text(definition: MessageDefinition) -> bool:

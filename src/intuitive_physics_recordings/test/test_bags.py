@@ -114,7 +114,7 @@ def test_missing_things_are_named(tmp_path: Path) -> None:
     with pytest.raises(InvalidInputError, match=r"metadata\.yaml"):
         BagReader(tmp_path)
     (tmp_path / "notes.txt").write_text("")
-    with pytest.raises(InvalidInputError, match=r"\.mcap or \.db3"):
+    with pytest.raises(InvalidInputError, match=r"ends in \.mcap, \.db3, \.bag"):
         BagReader(tmp_path / "notes.txt")
     write_small(tmp_path / "bag")
     (tmp_path / "bag" / "bag.mcap").unlink()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pwd
 import re
 import signal
 import socket
@@ -140,8 +141,19 @@ def farewell(publishers: Iterable[Publisher], limit: float = FAREWELL_LIMIT) -> 
 def _ensure_log_folder() -> None:
     # rclpy.init fails when none of these names a folder for logs, as under some service managers.
     if not any(os.environ.get(name) for name in ("ROS_LOG_DIR", "ROS_HOME", "HOME")):
-        folder = Path(tempfile.gettempdir()) / f"ros_log_{os.getuid()}"
-        os.environ["ROS_LOG_DIR"] = str(folder)
+        os.environ["ROS_LOG_DIR"] = str(_log_folder())
+
+
+def _log_folder() -> Path:
+    """Return the folder systemd made for logs, else the user's own, else a new one."""
+    given = os.environ.get("LOGS_DIRECTORY", "").partition(":")[0]
+    folder = Path(given) if given else Path(pwd.getpwuid(os.getuid()).pw_dir) / ".ros" / "log"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        # Nobody else can have made it, or a link in its place, beforehand.
+        return Path(tempfile.mkdtemp(prefix="ros_log_"))
+    return folder
 
 
 def _warn_of_unknown_overrides(node: Node) -> None:

@@ -87,6 +87,15 @@ class Peer:
 
         return self.spin_until(answer, f"an answer of {name}", timeout).result()
 
+    def send(self, kind: type, name: str, request: Any) -> Any:
+        """Send a request to a service once, and return the future of its response.
+
+        The response can be lost unless the service has answered a `call` of this peer before.
+        """
+        client = self._client(kind, name)
+        self.spin_until(client.service_is_ready, f"the service {name}")
+        return client.call_async(request)
+
     def _client(self, kind: type, name: str) -> Any:
         """Keep one client for each service: once an answer came, the server knows it."""
         if name not in self._clients:

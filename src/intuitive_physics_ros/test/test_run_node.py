@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -17,6 +18,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from std_msgs.msg import Float64
+
+from intuitive_physics_ros import run_node as run_node_module
 
 SMALL_NODE = Path(__file__).parent / "small_node.py"
 PATIENCE = 15.0
@@ -257,10 +260,26 @@ def test_parameter_it_does_not_have_is_told(start):
 
 def test_runs_without_home(start, tmp_path):
     environment = {k: v for k, v in os.environ.items() if k not in ("HOME", "ROS_LOG_DIR")}
-    node = start(environment={**environment, "TMPDIR": str(tmp_path)})
+    node = start(environment={**environment, "LOGS_DIRECTORY": str(tmp_path / "logs")})
     node.wait_for("ready")
     assert node.stop(signal.SIGINT) == 0, node.text
-    assert list(tmp_path.glob("ros_log_*/*.log"))
+    assert list(tmp_path.glob("logs/*.log"))
+
+
+@pytest.mark.parametrize("home", ["home", "file"])
+def test_logs_are_the_users_own(monkeypatch, tmp_path, home):
+    (tmp_path / "file").write_text("no folder")
+    entry = SimpleNamespace(pw_dir=str(tmp_path / home))
+    monkeypatch.delenv("LOGS_DIRECTORY", raising=False)
+    monkeypatch.setattr("pwd.getpwuid", lambda user: entry)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    folders = {run_node_module._log_folder() for _ in range(2)}
+    if home == "home":
+        assert folders == {tmp_path / "home" / ".ros" / "log"}
+    else:
+        # Nobody can know the name beforehand, and nobody else can look in.
+        assert len(folders) == 2
+        assert all(folder.stat().st_mode & 0o777 == 0o700 for folder in folders)
 
 
 def test_bad_input_leaves_it_alive(start, caller):

@@ -11,6 +11,7 @@ word when a version of Numba no longer has one of them.
 - `no_cpython_wrapper`, `no_cfunc_wrapper` (undocumented): the wrappers that only calls from outside
   need take a quarter of the time of compiling.
 - `forceinline` (documented): the compiler writes the function into its callers.
+- `_cache` (private): what loads and saves the versions of an entry, for which Numba has its own.
 - `error_model="numpy"` (documented): a division by zero gives infinity, without a branch.
 """
 
@@ -20,6 +21,8 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import njit, types
+
+from intuitive_physics.kernels.cache import KernelCache, keeps
 
 COMMON_OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 """Of every kernel."""
@@ -36,7 +39,7 @@ REORDERING = frozenset({"contract", "reassoc", "nsz"})
 
 def entry(function: Callable) -> Any:
     """Decorate a kernel that Python calls; its code is kept in the cache."""
-    return _compiled(function, cache=True, **WITHOUT_RUNTIME)
+    return _kept(_compiled(function, **WITHOUT_RUNTIME))
 
 
 def kernel(function: Callable) -> Any:
@@ -66,12 +69,19 @@ def fast_inlined(function: Callable) -> Any:
 
 def allocating_entry(function: Callable) -> Any:
     """Decorate a kernel that Python calls and that makes new arrays; kept in the cache."""
-    return _compiled(function, cache=True)
+    return _kept(_compiled(function))
 
 
 def allocating_kernel(function: Callable) -> Any:
     """Decorate a function that only other kernels call and that makes new arrays."""
     return _compiled(function, **WITHOUT_WRAPPERS)
+
+
+def _kept(dispatcher: Any) -> Any:
+    """Give a kernel its cache, where its sources can be followed."""
+    if keeps(dispatcher.py_func):
+        dispatcher._cache = KernelCache(dispatcher.py_func)
+    return dispatcher
 
 
 def _compiled(function: Callable, **options: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -48,7 +49,14 @@ def add_to(commands: Any) -> None:
         default="",
         metavar="WHERE",
         help="what evaluates J: local:N, N processes of this machine, or ADDRESS:PORT, the workers "
-        "of that Dask scheduler (default: this process)",
+        "of that Dask scheduler, such as tls://192.168.1.2:8786 (default: this process)",
+    )
+    parser.add_argument(
+        "--cluster-certificates",
+        default="",
+        metavar="FOLDER",
+        help="folder with ca.pem, certificate.pem and key.pem for TLS with the cluster (default: "
+        "what Dask's own configuration says)",
     )
     parser.set_defaults(run=run)
 
@@ -65,7 +73,12 @@ def run(options: argparse.Namespace) -> None:
     how = learning_options(options)
     criteria = replace(how.criteria, time_limit=options.time_limit)
     how = replace(how, criteria=criteria, distance=options.distance)
-    with CostMaker(options.cluster) as make_cost, ProgressBar("learning") as bar:
+    with (
+        CostMaker(options.cluster, options.cluster_certificates) as make_cost,
+        ProgressBar("learning") as bar,
+    ):
+        if make_cost.warning:
+            print(f"warning: {make_cost.warning}", file=sys.stderr)
         learned = _learn(
             options.path,
             make_simulator(ENGINE),

@@ -20,11 +20,17 @@ def add_to(commands: Any) -> None:
     parser: argparse.ArgumentParser = commands.add_parser(
         "perceive",
         help="show what is perceived in a bag or in a point cloud",
-        description="Find planes, gravity and balls in a rosbag2 recording (depth images or point "
-        "clouds; the topic is guessed) or in an .npz file with a cloud `xyz`.",
+        description="Find planes, gravity and balls in a bag of ROS 2 or ROS 1 (depth images, raw "
+        "or compressed, or clouds; the topic is guessed) or in an .npz file with a cloud `xyz`.",
     )
     parser.add_argument("path", type=Path, help="a bag, or an .npz file with the array xyz")
     parser.add_argument("--topic", help="of depth images or clouds, where the guess is wrong")
+    parser.add_argument(
+        "--rectified",
+        action="store_true",
+        help="depth images are without distortion already, as those on image_rect topics: the "
+        "camera matrix is that of P in the camera info",
+    )
     parser.add_argument(
         "--ball",
         action="append",
@@ -140,6 +146,7 @@ def _perceive_bag(options: argparse.Namespace) -> None:
             _settings(options, options.up),
             np.random.default_rng(options.seed),
             topic=options.topic,
+            rectified=options.rectified,
             on_progress=bar.update,
             **_rerun_hook(options.rerun, stack),
         )

@@ -21,10 +21,13 @@ from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_recordings.bag_reader import BagReader
 
-IMAGE, CAMERA_INFO, CLOUD = (
-    f"sensor_msgs/msg/{name}" for name in ("Image", "CameraInfo", "PointCloud2")
+IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, CLOUD = (
+    f"sensor_msgs/msg/{name}" for name in ("Image", "CompressedImage", "CameraInfo", "PointCloud2")
 )
 """Types of the messages that frames are read from."""
+
+TRANSPORT = "/compressedDepth"
+"""What image_transport puts after the name of a topic of depth images."""
 
 
 @dataclass(frozen=True)
@@ -34,17 +37,19 @@ class FrameSource:
     Parameters
     ----------
     topic : of depth images or clouds
+    type : of its messages
     camera_info_topic : of the images' camera; "" for clouds
     frames : messages on the topic
     """
 
     topic: str
+    type: str
     camera_info_topic: str
     frames: int
 
 
 def find_frame_source(bag: BagReader, topic: str | None = None) -> FrameSource:
-    """Guess which topic shows the scene: depth images first, else a point cloud.
+    """Guess which topic shows the scene: depth images first, then compressed ones, then a cloud.
 
     Parameters
     ----------
@@ -57,56 +62,71 @@ def find_frame_source(bag: BagReader, topic: str | None = None) -> FrameSource:
     """
     wanted = [known for known in bag.topics if topic is None or known.name == topic]
     infos = [known.name for known in bag.topics if known.type == CAMERA_INFO]
-    for known in wanted:
-        if known.type == IMAGE and _is_depth(bag, known.name):
-            info = _camera_info_beside(known.name, infos)
-            if info is not None:
-                return FrameSource(known.name, info, known.message_count)
-            if topic is not None:
-                raise InvalidInputError(
-                    f"depth images {topic} have no camera info beside them; expected "
-                    f"{_namespace(topic)}/camera_info in the bag"
-                )
+    images = [
+        known
+        for kind in (IMAGE, COMPRESSED_IMAGE)
+        for known in wanted
+        if known.type == kind and _is_depth(bag, known.name)
+    ]
+    for known in images:
+        info = _camera_info_beside(known.name, infos)
+        if info is not None:
+            return FrameSource(known.name, known.type, info, known.message_count)
+        if topic is not None:
+            raise InvalidInputError(
+                f"depth images {topic} have no camera info beside them; expected "
+                f"{_namespace(topic)}/camera_info in the bag"
+            )
     for known in wanted:
         if known.type == CLOUD:
-            return FrameSource(known.name, "", known.message_count)
+            return FrameSource(known.name, known.type, "", known.message_count)
     listed = ", ".join(f"{known.name} ({known.type})" for known in bag.topics)
     raise InvalidInputError(
         f"bag {bag.path} has {listed or 'no topics'}; expected depth images "
-        f"({', '.join(IMAGE_TYPES)}) with camera info, or PointCloud2"
+        f"({', '.join(IMAGE_TYPES)}, or {TRANSPORT}) with camera info, or PointCloud2"
         + (f", on {topic}" if topic else "")
     )
 
 
-def read_frames(bag: BagReader, source: FrameSource) -> Iterator[tuple[float, NDArray[np.float32]]]:
+def read_frames(
+    bag: BagReader, source: FrameSource, *, rectified: bool = False
+) -> Iterator[tuple[float, NDArray[np.float32]]]:
     """Yield time in s of each frame's stamp, and its points (height, width, 3) m, NaN: no reading.
+
+    Parameters
+    ----------
+    rectified : whether images are without distortion already, so that the camera matrix is that
+        of P instead of K
 
     Raises
     ------
     InvalidInputError
         When a message is not what its type says, or an image comes before its camera info.
     """
-    decoder = FrameDecoder()
-    if not source.camera_info_topic:
-        for message in bag.messages([source.topic]):
-            cloud = bag.decode(message)
-            yield _stamp(cloud), decoder.cloud_points(cloud)
-        return
-    infos = bag.messages([source.camera_info_topic])
-    first = next(infos, None)
-    if first is None:
-        raise InvalidInputError(
-            f"{source.camera_info_topic} has no message; expected the camera of {source.topic}"
-        )
-    decoder.take_camera(bag.decode(first))
+    decoder = FrameDecoder(rectified=rectified)
+    points_of = {
+        IMAGE: decoder.image_points,
+        COMPRESSED_IMAGE: decoder.compressed_image_points,
+        CLOUD: decoder.cloud_points,
+    }[source.type]
+    if source.camera_info_topic:
+        first = next(bag.messages([source.camera_info_topic]), None)
+        if first is None:
+            raise InvalidInputError(
+                f"{source.camera_info_topic} has no message; expected the camera of {source.topic}"
+            )
+        decoder.take_camera(bag.decode(first))
     for message in bag.messages([source.topic]):
-        image = bag.decode(message)
-        yield _stamp(image), decoder.image_points(image)
+        frame = bag.decode(message)
+        yield _stamp(frame), points_of(frame)
 
 
 def _is_depth(bag: BagReader, topic: str) -> bool:
     for message in bag.messages([topic]):
-        return bag.decode(message).encoding in IMAGE_TYPES
+        image = bag.decode(message)
+        if message.type == COMPRESSED_IMAGE:
+            return "compressedDepth" in image.format
+        return image.encoding in IMAGE_TYPES
     return False
 
 
@@ -116,7 +136,7 @@ def _camera_info_beside(topic: str, infos: list[str]) -> str | None:
 
 
 def _namespace(topic: str) -> str:
-    return topic.rpartition("/")[0]
+    return topic.removesuffix(TRANSPORT).rpartition("/")[0]
 
 
 def _stamp(message: Any) -> float:
@@ -151,6 +171,7 @@ def perceive_recording(
     rng: np.random.Generator,
     *,
     topic: str | None = None,
+    rectified: bool = False,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
     on_frame: Callable[[NDArray[np.float32], FrameResult], None] = lambda points, perceived: None,
 ) -> PerceivedRecording:
@@ -159,6 +180,7 @@ def perceive_recording(
     Parameters
     ----------
     topic : of depth images or clouds; None guesses
+    rectified : as of `read_frames`
     on_progress : called with the frames done and the frames in all
     on_frame : called with each frame's points (..., 3) m and what was perceived
 
@@ -174,7 +196,8 @@ def perceive_recording(
     with_spheres = 0
     with BagReader(path) as bag:
         source, duration = find_frame_source(bag, topic), bag.duration
-        for done, (time, points) in enumerate(read_frames(bag, source), start=1):
+        frames = read_frames(bag, source, rectified=rectified)
+        for done, (time, points) in enumerate(frames, start=1):
             perceived = pipeline.process(points, time)
             on_frame(points, perceived)
             model = perceived.model or model

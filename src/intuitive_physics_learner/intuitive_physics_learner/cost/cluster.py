@@ -7,6 +7,10 @@ and the workers of a scheduler elsewhere.
 
 A trial's outcome depends on the trial only, so any worker can simulate it: the
 result is the same to the bit as without a cluster, as long as the machines are alike.
+
+Whoever can reach a Dask scheduler or a worker can run code there, and what they send back is run
+here: across a network they should speak TLS, with certificates of one's own. What is started here
+listens on the loopback interface only.
 """
 
 from __future__ import annotations
@@ -15,6 +19,7 @@ import re
 import signal
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,9 +41,21 @@ CONNECT_TIMEOUT = 10.0
 
 WHERE_GUIDE = (
     "empty: in this process; local:N: in N processes of this machine; ADDRESS:PORT: by the "
-    "workers of that Dask scheduler"
+    "workers of that Dask scheduler, such as tls://192.168.1.2:8786"
 )
 """What a user can give as the place where J is evaluated."""
+
+CERTIFICATE_FILES = ("ca.pem", "certificate.pem", "key.pem")
+"""In a folder of certificates: of the authority that all trust, of this process, and its key."""
+
+CERTIFICATES_GUIDE = (
+    f"folder with {', '.join(CERTIFICATE_FILES)} for TLS with a cluster; empty: what Dask's own "
+    "configuration says"
+)
+"""What a user can give as certificates."""
+
+LOOPBACK = "127.0.0.1"
+"""Where processes of this machine listen."""
 
 
 class CostMaker:
@@ -47,26 +64,48 @@ class CostMaker:
     Parameters
     ----------
     where : empty for this process, `local:N` for N processes of this machine, or the address of a
-        Dask scheduler, such as `tcp://192.168.1.2:8786`
+        Dask scheduler, such as `tls://192.168.1.2:8786`
+    certificates : folder with `CERTIFICATE_FILES`, with which processes of this machine, too,
+        speak TLS; empty for what Dask's own configuration says
 
     Raises
     ------
     InvalidInputError
-        When `where` is none of those.
+        When `where` is none of those, or a certificate is missing or would not be used.
     MissingDependencyError
         When it needs the package distributed, which is not installed.
     """
 
-    def __init__(self, where: str = "") -> None:
+    def __init__(self, where: str = "", certificates: str = "") -> None:
         local = re.fullmatch(r"local:([1-9]\d{0,3})", where)
         elsewhere = re.fullmatch(r"([a-z]+://)?(?!local:)[^\s:]+:\d+", where)
         if where and not local and not elsewhere:
             raise InvalidInputError(f"cluster is {where!r}; expected one of: {WHERE_GUIDE}")
         if where:
             _distributed()
+        if certificates and elsewhere and not where.startswith("tls://"):
+            raise InvalidInputError(
+                f"cluster is {where!r} and certificates are given; expected an address that begins "
+                "with tls://, else they are not used"
+            )
         self._where = where
+        self._tls_files = _certificate_files(certificates) if certificates else {}
         self._processes = int(local[1]) if local else 0
         self._client: Any = None
+
+    @property
+    def warning(self) -> str:
+        """What a user should know of the way to the cluster; empty: nothing."""
+        if not self._where or self._processes or self._where.startswith("tls://"):
+            return ""
+        host = self._where.rpartition("://")[2].rpartition(":")[0].strip("[]")
+        if host == "localhost" or host.startswith("127.") or host == "::1":
+            return ""
+        return (
+            f"the cluster at {self._where} is reached without encryption: whoever can reach it or "
+            "listens on the way can read observations and run programs on all its machines; use "
+            "tls://… and certificates outside a network of your own"
+        )
 
     def __enter__(self) -> CostMaker:
         return self
@@ -106,18 +145,25 @@ class CostMaker:
 
     def _connect(self) -> Any:
         distributed = _distributed()
+        security = None
+        if self._tls_files:
+            security = distributed.Security(require_encryption=True, **self._tls_files)
         try:
             if self._processes:
                 cluster = distributed.LocalCluster(
                     n_workers=self._processes,
                     threads_per_worker=1,
-                    dashboard_address=":0",
+                    host=LOOPBACK,
+                    dashboard_address=f"{LOOPBACK}:0",
+                    worker_dashboard_address=f"{LOOPBACK}:0",
+                    protocol="tls://" if security else "tcp://",
+                    security=security,
                     silence_logs="ERROR",
                 )
                 client = distributed.Client(cluster, timeout=CONNECT_TIMEOUT)
                 client.run(_leave_interrupts_to_parent)
                 return client
-            client = distributed.Client(self._where, timeout=CONNECT_TIMEOUT)
+            client = distributed.Client(self._where, timeout=CONNECT_TIMEOUT, security=security)
             client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
         except (OSError, TimeoutError, ValueError) as error:
             raise ClusterError(
@@ -211,6 +257,21 @@ class ClusterCost(Cost):
                 f"the cluster failed ({type(error).__name__}: {error}); start its scheduler and "
                 "workers again and learn again: the search continues from its last checkpoint"
             ) from None
+
+
+def _certificate_files(folder: str) -> dict[str, str]:
+    """Return the files of a folder of certificates by the names of Dask's options."""
+    authority, certificate, key = (Path(folder).expanduser() / name for name in CERTIFICATE_FILES)
+    for file in (authority, certificate, key):
+        if not file.is_file():
+            raise InvalidInputError(
+                f"there is no {file}; expected a folder with {', '.join(CERTIFICATE_FILES)}"
+            )
+    return {
+        "tls_ca_file": str(authority),
+        **{f"tls_{role}_cert": str(certificate) for role in ("client", "scheduler", "worker")},
+        **{f"tls_{role}_key": str(key) for role in ("client", "scheduler", "worker")},
+    }
 
 
 def _leave_interrupts_to_parent() -> None:

@@ -74,7 +74,9 @@ class LearnerNode(Node):
         # A cluster shares the work itself.
         cores = 1 if values["cluster"] else values["cores"] or len(os.sched_getaffinity(0))
         self._simulator = make_simulator(values["simulator"], threads=cores)
-        self._make_cost = CostMaker(values["cluster"])
+        self._make_cost = CostMaker(values["cluster"], values["cluster_certificates"])
+        if self._make_cost.warning:
+            self.get_logger().warning(self._make_cost.warning)
         self._store = ObservationStore(database_path(values["database"], self.get_namespace()))
         self._publisher = self.create_publisher(
             StaticParametersMessage,

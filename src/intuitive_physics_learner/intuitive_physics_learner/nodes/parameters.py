@@ -18,7 +18,7 @@ from intuitive_physics.parameter_space import Bounds, ParameterSpace
 from intuitive_physics.settings import check_settings, choice, list_settings, number
 from intuitive_physics.simulation import ENGINE_GUIDE, SIMULATORS
 from intuitive_physics.trajectory import DISTANCE_GUIDE, DISTANCES, MEAN_DISTANCE
-from intuitive_physics_learner.cost.cluster import WHERE_GUIDE
+from intuitive_physics_learner.cost.cluster import CERTIFICATES_GUIDE, WHERE_GUIDE
 from intuitive_physics_learner.given_parameters import FIXED, PRIOR, START
 from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.methods import DEFAULT_METHOD, JOINT_METHOD, METHODS
@@ -101,6 +101,7 @@ def node_parameters() -> tuple[Parameter, ...]:
             "",
             f"where a requested search evaluates J. {WHERE_GUIDE}",
         ),
+        Parameter("cluster_certificates", "", CERTIFICATES_GUIDE),
         Parameter(
             "suggestion_time_limit",
             60.0,

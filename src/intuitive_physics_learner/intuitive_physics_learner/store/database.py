@@ -260,10 +260,17 @@ class Database:
         Other processes wait meanwhile: prepare what is to be written before. A thread of idle
         priority has normal priority within, as far as the system allows it, because on a busy
         machine it could stand still for seconds while it keeps others from writing.
+
+        Raises
+        ------
+        StorageError
+            When nothing can be written, or a newer version of the suite has migrated the file.
         """
         with self._lock, self._explained("write"), _out_of_idle_priority():
             self._connection.execute("BEGIN IMMEDIATE")
             try:
+                # A newer program may have migrated the file since it was opened.
+                schema_version(self._connection, self.path)
                 yield self._connection
                 self._connection.execute("COMMIT")
             except BaseException:

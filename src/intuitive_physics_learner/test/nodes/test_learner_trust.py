@@ -274,16 +274,16 @@ def test_values_that_are_given_end_the_search_that_knows_nothing_of_them(start, 
 def test_a_busy_database_holds_nothing_but_what_needs_it(start, peer, database):
     start()
     add(peer, stage())
+    given = SetStaticParameters.Request(
+        static_parameters=static_parameters_to_message(LearnedParameters.defaults(["box"]))
+    )
+    name = "/learner_node/set_static_parameters"
+    assert peer.call(SetStaticParameters, name, given).result.value == ResultCode.OK
     diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
     other = sqlite3.connect(database, isolation_level=None, check_same_thread=False)
     other.execute("BEGIN IMMEDIATE")
     threading.Timer(3.0, lambda: other.execute("ROLLBACK")).start()
-    given = LearnedParameters.defaults(["box"])
-    client = peer.node.create_client(SetStaticParameters, "/learner_node/set_static_parameters")
-    peer.spin_until(client.service_is_ready, "the service")
-    waiting = client.call_async(
-        SetStaticParameters.Request(static_parameters=static_parameters_to_message(given))
-    )
+    waiting = peer.send(SetStaticParameters, name, given)
     peer.spin_for(0.2)
     heard = len(diagnostics)
     peer.call(
@@ -334,11 +334,11 @@ def test_requests_that_wait_have_an_end(start, peer, database):
     add(peer, stage())
     other = sqlite3.connect(database, isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
-    client = peer.node.create_client(AddObservation, "/learner_node/add_observation")
-    peer.spin_until(client.service_is_ready, "the service")
     sent = [
-        client.call_async(
-            AddObservation.Request(observation=observation_to_message(stage(name=f"{i}")))
+        peer.send(
+            AddObservation,
+            "/learner_node/add_observation",
+            AddObservation.Request(observation=observation_to_message(stage(name=f"{i}"))),
         )
         for i in range(4)
     ]

@@ -1,20 +1,22 @@
 """The learner node's suggestions as others see them: a process of its own, spoken to over DDS."""
 
-import signal
-import subprocess
-import sys
 import time
 
 import pytest
-import rclpy
 from intuitive_physics_msgs.msg import ResultCode
 from intuitive_physics_msgs.srv import GetStaticParameters, Suggest
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 
 from intuitive_physics.scene import Scene
 from intuitive_physics_learner import ObservationStore
 from intuitive_physics_ros.conversions import environment_to_message, object_state_to_message
+from intuitive_physics_ros.scripting import NodeProcess, Peer
+
+MODULE = "intuitive_physics_learner.nodes.learner_node"
+
+SERVICES = {
+    Suggest: "/learner_node/suggest",
+    GetStaticParameters: "/learner_node/get_static_parameters",
+}
 
 PATIENCE = 60.0
 """Seconds to wait for what takes a few, on a machine that is busy with other things."""
@@ -28,47 +30,29 @@ E = "restitution[ball, floor]"
 
 
 class Asking:
-    """A learner node on a database, and a client of it."""
+    """A learner node on a database, and a peer that asks it."""
 
     def __init__(self, database, *parameters):
         values = [f"database:={database}", "online:=false", "simulator:=event_driven", *parameters]
-        words = [word for one in values for word in ("-p", one)]
-        main = "from intuitive_physics_learner.nodes.learner_node import main; exit(main())"
-        self.process = subprocess.Popen([sys.executable, "-c", main, "--ros-args", *words])
-        self.context = Context()
-        rclpy.init(context=self.context)
-        self.node = rclpy.create_node("asking", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.clients = {
-            kind: self.node.create_client(kind, f"/learner_node/{name}")
-            for kind, name in ((Suggest, "suggest"), (GetStaticParameters, "get_static_parameters"))
-        }
-        self.call(GetStaticParameters)
-        self.call(Suggest, about=["none"])
+        self.process = NodeProcess(MODULE, [word for one in values for word in ("-p", one)])
+        self.peer = Peer("asking", timeout=PATIENCE)
 
-    def send(self, kind, **fields):
-        self.spin_until(self.clients[kind].service_is_ready)
-        return self.clients[kind].call_async(kind.Request(**fields))
+    def greet(self):
+        """Have each service answer once: no answer is lost after that, and none is asked twice."""
+        for kind, fields in ((GetStaticParameters, {}), (Suggest, {"about": ["none"]})):
+            self.peer.call(kind, SERVICES[kind], kind.Request(**fields))
 
     def call(self, kind, **fields):
-        future = self.send(kind, **fields)
-        self.spin_until(future.done)
-        return future.result()
+        answer = self.send(kind, **fields)
+        self.peer.spin_until(answer.done, f"an answer of {SERVICES[kind]}")
+        return answer.result()
 
-    def spin_until(self, holds):
-        deadline = time.monotonic() + PATIENCE
-        while not holds():
-            assert time.monotonic() < deadline, "waited in vain"
-            self.executor.spin_once(timeout_sec=0.05)
+    def send(self, kind, **fields):
+        return self.peer.send(kind, SERVICES[kind], kind.Request(**fields))
 
     def close(self):
-        self.executor.shutdown()
-        self.node.destroy_node()
-        self.context.try_shutdown()
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGINT)
-        return self.process.wait(PATIENCE)
+        self.peer.close()
+        return self.process.stop()
 
 
 @pytest.fixture
@@ -81,6 +65,7 @@ def asking(tmp_path, throws):
         with ObservationStore(database) as store:
             store.add_all(throws(count, 0, 0.002, 0.002))
         opened.append(Asking(database, *parameters))
+        opened[-1].greet()
         return opened[-1]
 
     yield start
@@ -144,7 +129,7 @@ def test_one_at_a_time_within_the_time_limit_and_responsive(asking):
     began = time.monotonic()
     assert node.call(GetStaticParameters).result.value == ResultCode.OK
     assert time.monotonic() - began < PATIENCE / 2
-    node.spin_until(lambda: first.done() and second.done())
+    node.peer.spin_until(lambda: first.done() and second.done(), "both answers")
     codes = {first.result().result.value, second.result().result.value}
     assert codes == {ResultCode.BUSY, ResultCode.CANCELLED}
     (late,) = (

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.kernels import allocating_entry
 from intuitive_physics_perception.detection.settings import SphereDetectionSettings
+
+CONE_WIDENING = 1.25
+"""Angle of the cone in which readings are gathered, in that which a sphere needs: fits that follow
+move and grow by less. It takes time alone."""
 
 
 class ClusterView:
@@ -30,6 +36,7 @@ class ClusterView:
     ) -> None:
         self._before = before
         self._settings = settings
+        self._known_cone: tuple[NDArray[np.float64], float, NDArray[np.int64]] | None = None
         self.points = points
         self.cluster = cluster
 
@@ -49,10 +56,11 @@ class ClusterView:
         """Return readings (n, 3) about a sphere (4,) that the cluster is part of, and how many
         each stands for.
 
-        All of an unorganised cloud; of an organised one a window that holds the sphere's outline.
+        Those in a cone round the sphere of an unorganised cloud, those in a window that holds the
+        sphere's outline of an organised one.
         """
         if not self.is_organised:
-            return self.points[0], 1
+            return self.points[0, self._cone(sphere)], 1
         window = self.points[self._window(sphere)]
         every = int(
             np.ceil(np.sqrt(window.shape[0] * window.shape[1] / self._settings.window_readings))
@@ -67,6 +75,10 @@ class ClusterView:
         the range (n,) m read there when the environment was modelled, NaN where it is unknown."""
         own = np.zeros(self.points.shape[:2], dtype=bool)
         own.ravel()[self.cluster] = True
+        if not self.is_organised:
+            near = self._cone(sphere)
+            nothing = np.full(len(near), np.nan, dtype=np.float32)
+            return self.points[0, near], own[0, near], nothing
         window = self._window(sphere)
         points = np.ascontiguousarray(self.points[window]).reshape(-1, 3)
         before = np.full(len(points), np.nan, dtype=np.float32)
@@ -75,11 +87,9 @@ class ClusterView:
         return points, own[window].ravel(), before
 
     def _window(self, sphere: NDArray[np.float64]) -> tuple[slice, slice]:
-        """Rows and columns of an organised cloud that hold a sphere's outline and what is round it;
-        all of an unorganised one."""
+        """Rows and columns of an organised cloud that hold a sphere's outline and what is round
+        it."""
         height, width = self.points.shape[:2]
-        if height == 1:
-            return slice(None), slice(None)
         distance = float(np.linalg.norm(sphere[:3]))
         away = np.linalg.norm(self._directions - sphere[:3] / distance, axis=1)
         nearest = int(away.argmin())
@@ -89,6 +99,26 @@ class ClusterView:
         rows = slice(max(row - half, 0), row + half + 1)
         columns = slice(max(column - half, 0), column + half + 1)
         return rows, columns
+
+    def _cone(self, sphere: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Indices (n,) of the readings of an unorganised cloud whose rays pass near a sphere.
+
+        One wider cone serves all spheres that are fitted in turn to one thing.
+        """
+        distance = float(np.linalg.norm(sphere[:3]))
+        axis = sphere[:3] / distance
+        angle = float(
+            np.arcsin(min(self._settings.window_radii * float(sphere[3]) / distance, 1.0))
+        )
+        if self._known_cone is not None:
+            known_axis, known_angle, indices = self._known_cone
+            if float(np.arccos(np.clip(axis @ known_axis, -1.0, 1.0))) + angle <= known_angle:
+                return indices
+        angle = min(CONE_WIDENING * angle, 0.5 * np.pi)
+        cosine2 = np.float32(np.cos(angle) ** 2)
+        indices = readings_in_cone(self.points[0], axis.astype(np.float32), cosine2)
+        self._known_cone = axis, angle, indices
+        return np.asarray(indices)
 
     @cached_property
     def _directions(self) -> NDArray[np.float32]:
@@ -108,3 +138,29 @@ def passing(points: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[
     """Return how far from a place (3,) m the rays to points (n, 3) m pass, (n,) m."""
     along = points @ place / np.linalg.norm(points, axis=1)
     return np.asarray(np.sqrt(np.maximum(place @ place - along**2, 0.0)))
+
+
+@allocating_entry
+def readings_in_cone(points: Any, axis: Any, cosine2: float) -> Any:
+    """Return the indices (m,) of readings whose rays are near a direction.
+
+    Parameters
+    ----------
+    points : (n, 3) float32 m, may hold NaN
+    axis : (3,) float32, unit vector
+    cosine2 : squared cosine of the cone's half angle, below 90°
+    """
+    inside = np.empty(points.shape[0], dtype=np.bool_)
+    count = 0
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        along = x * axis[0] + y * axis[1] + z * axis[2]
+        inside[i] = (along > 0.0) & (along * along >= cosine2 * (x * x + y * y + z * z))
+        count += inside[i]
+    indices = np.empty(count, dtype=np.int64)
+    found = 0
+    for i in range(points.shape[0]):
+        if inside[i]:
+            indices[found] = i
+            found += 1
+    return indices

@@ -19,6 +19,10 @@ from intuitive_physics_perception.settings import PerceptionSettings
 ITERATIONS = 8
 """Of the contraction in `free_ranges`: numerical, the rest is far below a millimetre."""
 
+FINEST_CELLS = 1e4
+"""Cells along a radian of direction, or a unit of the logarithm of range, at most: numerical, the
+number of all cells has to fit into 64 bits, and no sensor is that fine."""
+
 KNOWN, NEW = 1, 2
 """Marks of the foreground: what was there when the environment was modelled, and what came."""
 
@@ -77,6 +81,7 @@ class ForegroundFinder:
             ],
             dtype=np.float32,
         )
+        self._bounds = _bounds_of(model.detected, settings)
         self._free = np.zeros((0, 0), dtype=np.float32)
         self._known = np.zeros((0, 0), dtype=bool)
         self._changes = None if before is None else changed_ranges(before, model.noise)
@@ -89,6 +94,13 @@ class ForegroundFinder:
 
     def find(self, points: NDArray[np.float32]) -> Clusters:
         """Cluster the foreground of a frame of points (height, width, 3)."""
+        if points.shape[0] > 1:
+            return self._find_in_image(points)
+        before, readings = readings_before(points[0], *self._bounds, self._limits)
+        indices = self._unorganised_clusters(points[0], before)
+        return Clusters(indices, [False] * len(indices), len(before), readings)
+
+    def _find_in_image(self, points: NDArray[np.float32]) -> Clusters:
         free = self._free_of(points)
         changes = self._changes
         if changes is None or changes.shape != free.shape:
@@ -98,10 +110,7 @@ class ForegroundFinder:
         if changes is self._changes:
             shown = self._objects[marks[self._objects] > 0]
             marks[shown] = NEW
-        if points.shape[0] > 1:
-            indices = self._organised_clusters(points, mask)
-        else:
-            indices = self._unorganised_clusters(points[0], mask[0])
+        indices = self._organised_clusters(points, mask)
         new = [bool(marks[cluster[0]] == NEW) for cluster in indices]
         return Clusters(indices, new, int(np.count_nonzero(mask)), readings)
 
@@ -110,8 +119,7 @@ class ForegroundFinder:
 
         A pixel of an organised cloud always has the same ray, so it is computed only once.
         """
-        organised = points.shape[0] > 1
-        if not organised or self._free.shape != points.shape[:2]:
+        if self._free.shape != points.shape[:2]:
             self._free = np.zeros(points.shape[:2], dtype=np.float32)
             self._known = np.zeros(points.shape[:2], dtype=bool)
         new = np.isfinite(points[:, :, 2]) & ~self._known
@@ -136,9 +144,8 @@ class ForegroundFinder:
         return sorted(parts, key=len, reverse=True)
 
     def _unorganised_clusters(
-        self, points: NDArray[np.float32], mask: NDArray[np.uint8]
+        self, points: NDArray[np.float32], indices: NDArray[np.int64]
     ) -> list[NDArray[np.int64]]:
-        indices = np.flatnonzero(mask)
         labels = neighbour_labels(
             points[indices].astype(np.float64),
             self._settings.cluster_angle,
@@ -149,6 +156,85 @@ class ForegroundFinder:
         return [
             indices[labels == k] for k in largest_first if sizes[k] >= self._settings.min_points
         ]
+
+
+def _bounds_of(
+    planes: Sequence[DetectedPlane], settings: PerceptionSettings
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
+    """What `readings_before` needs of planes: normals, offsets and margins (n, 6), the half-planes
+    of their outlines (m, 4) as `DetectedPlane.outline_cones` has them, and where those of each
+    plane begin (n + 1,)."""
+    cones = [np.zeros((0, 4)), *(plane.outline_cones for plane in planes)]
+    starts = np.cumsum([0, *(len(cone) for cone in cones[1:])])
+    numbers = [
+        [*plane.numbers, settings.plane_sigmas**2, settings.plane_tolerance**2] for plane in planes
+    ]
+    return (
+        np.array(numbers, dtype=np.float32).reshape(-1, 6),
+        np.concatenate(cones).astype(np.float32),
+        starts.astype(np.int64),
+    )
+
+
+@allocating_entry
+def readings_before(
+    points: Any, planes: Any, cones: Any, starts: Any, limits: Any
+) -> tuple[Any, int]:
+    """Return the indices of readings in range that lie before all planes, as `free_ranges` has it,
+    and the number of readings in range.
+
+    A reading lies before a plane where its distance exceeds the margin at its own range: the margin
+    grows with range, and the distance falls. A ray is in a plane's outline where it is in the
+    half-space of each of its sides.
+
+    Parameters
+    ----------
+    points : (n, 3) float32 m, may hold NaN
+    planes : (m, 6) float32, normal, offset in m, squared `plane_sigmas`, squared tolerance in m²
+    cones : (k, 4) float32, normals and bounds of half-spaces of unit directions
+    starts : (m + 1,) where each plane's cones begin
+    limits : (5,) float32, as in `ForegroundFinder`
+    """
+    size = 256
+    kept = np.empty(points.shape[0], dtype=np.int64)
+    count = readings = 0
+    x, y, z, ranges, variances = np.empty((5, size), dtype=np.float32)
+    before, inside = np.empty((2, size), dtype=np.bool_)
+    for first in range(0, points.shape[0], size):
+        n = min(size, points.shape[0] - first)
+        for i in range(n):
+            px, py, pz = points[first + i, 0], points[first + i, 1], points[first + i, 2]
+            range2 = px * px + py * py + pz * pz
+            length = np.sqrt(range2)
+            x[i], y[i], z[i], ranges[i] = px / length, py / length, pz / length, length
+            variances[i] = min(limits[2] + limits[3] * range2 * range2, limits[4])
+            # NaN compares false with everything.
+            before[i] = (range2 >= limits[0]) & (range2 <= limits[1])
+            readings += before[i]
+        for k in range(planes.shape[0]):
+            a, b, c, offset = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
+            sigmas2, tolerance2 = planes[k, 4], planes[k, 5]
+            reached = 0
+            for i in range(n):
+                cosine = -(x[i] * a + y[i] * b + z[i] * c)
+                distance = -offset - ranges[i] * cosine
+                margin2 = sigmas2 * variances[i] * cosine * cosine + tolerance2
+                ahead = (distance > 0.0) & (distance * distance > margin2)
+                inside[i] = before[i] & (cosine > 1e-6) & ~ahead
+                reached += inside[i]
+            if reached == 0:
+                continue
+            for j in range(starts[k], starts[k + 1]):
+                a, b, c, bound = cones[j, 0], cones[j, 1], cones[j, 2], cones[j, 3]
+                for i in range(n):
+                    inside[i] &= x[i] * a + y[i] * b + z[i] * c <= bound
+            for i in range(n):
+                before[i] &= ~inside[i]
+        for i in range(n):
+            if before[i]:
+                kept[count] = first + i
+                count += 1
+    return kept[:count].copy(), readings
 
 
 def free_ranges(
@@ -243,8 +329,11 @@ def neighbour_labels(
     ranges = np.linalg.norm(points, axis=1)
     mapped = np.column_stack([points / ranges[:, None], np.log(ranges)])
     # Where readings are denser than needed one of them stands for its cell.
-    cells = np.floor(mapped * (cells_per_gap / gap)).astype(np.int64)
-    _, first, cell_of = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    cells = np.floor(mapped * min(cells_per_gap / gap, FINEST_CELLS)).astype(np.int64)
+    cells -= cells.min(axis=0)
+    # One number for each cell, which sorts far faster than four.
+    keys = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
+    _, first, cell_of = np.unique(keys, return_index=True, return_inverse=True)
     pairs = cKDTree(mapped[first]).query_pairs(gap, output_type="ndarray")
     graph = coo_array(
         (np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])),

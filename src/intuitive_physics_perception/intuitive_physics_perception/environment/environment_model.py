@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_perception.environment.fusion import MAX_EDGE_POINTS, fuse
+from intuitive_physics_perception.environment.gravity import Upward, facing, upright
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.plane_edges import with_edges
 from intuitive_physics_perception.environment.planes import DetectedPlane, detect_planes
@@ -55,17 +56,20 @@ class EnvironmentModel:
 
     The environment's frame has z against gravity, which is along the normal of the supporting
     plane unless it was measured, its origin where a plumb line from the sensor meets that plane,
-    and x along the horizontal part of the sensor's optical axis (z), or of the sensor's x axis
-    where the optical axis is vertical within 10°.
+    or the sensor where there is none, and x along the horizontal part of the sensor's optical axis
+    (z), or of the sensor's x axis where the optical axis is vertical within 10°.
 
     Parameters
     ----------
-    environment : Ω_e; its first plane is the support, planes end where edges were seen
+    environment : Ω_e; its first plane is the support where there is one; planes end where edges
+        were seen
     detected : the same planes in the sensor's frame, with their outlines
     rotation : (3, 3) and
     translation : (3,) m: p_environment = rotation p_sensor + translation
     noise : of the range readings, measured on the planes
     agreement : of the readings with the planes when they were modelled
+    has_support : whether the first plane supports objects; without one the origin is the sensor
+    gravity_doubt : one sentence on why gravity may be elsewhere; empty where nothing speaks for it
     """
 
     environment: Environment
@@ -74,6 +78,8 @@ class EnvironmentModel:
     translation: NDArray[np.float64]
     noise: RangeNoise
     agreement: PlaneAgreement
+    has_support: bool = True
+    gravity_doubt: str = ""
 
     def to_environment(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return points (..., 3) of the sensor's frame in the environment's frame, m."""
@@ -120,8 +126,10 @@ def model_environment(
     Raises
     ------
     NoEnvironmentError
-        When there are too few points, no plane, or none of the planes faces up where that is known.
+        When there are too few points; when no plane faces up and up_hint says where that is; when
+        an unorganised cloud has no plane.
     """
+    measured = up is not None
     if up is None and settings.gravity_source == "up_hint":
         up = settings.up_hint
     points = fuse(frames, settings, rng)
@@ -132,22 +140,13 @@ def model_environment(
         )
     assumed = RangeNoise.from_settings(settings)
     planes = detect_planes(points, assumed, settings, rng)
-    if not planes:
-        raise NoEnvironmentError(
-            f"no plane holds {settings.plane_min_fraction:.0%} of the {len(points)} points; "
-            "expected a floor or table: turn the sensor to it or lower plane_min_fraction"
-        )
-    planes = _support_first(planes, settings, settings.up_hint if up is None else up)
-    noise = _measured_noise(frames, planes, assumed, settings, rng)
-    planes = with_edges(
-        planes,
-        RangeCloud(fuse(frames, settings, rng, MAX_EDGE_POINTS), noise, settings),
-        settings,
-        rng,
+    found = _upward(
+        planes, settings, up, len(points), measured=measured, organised=is_organised(frames)
     )
-    rotation, translation = _gravity_aligned(
-        planes[0], planes[0].normal if up is None else np.asarray(up, dtype=np.float64)
-    )
+    noise = _measured_noise(frames, found.planes, assumed, settings, rng)
+    cloud = RangeCloud(fuse(frames, settings, rng, MAX_EDGE_POINTS), noise, settings)
+    planes = with_edges(found.planes, cloud, settings, rng)
+    rotation, translation = _gravity_aligned(planes[0] if found.has_support else None, found.up)
     names = [f"plane_{k}" for k in range(len(planes))]
     environment = Environment(
         _as_environment(planes, names, rotation, translation, settings),
@@ -155,7 +154,21 @@ def model_environment(
         frame_id=settings.environment_frame_id,
     )
     agreement = plane_agreement(RangeCloud(points, noise, settings), planes, settings)
-    return EnvironmentModel(environment, tuple(planes), rotation, translation, noise, agreement)
+    return EnvironmentModel(
+        environment,
+        tuple(planes),
+        rotation,
+        translation,
+        noise,
+        agreement,
+        found.has_support,
+        found.doubt,
+    )
+
+
+def is_organised(frames: Sequence[NDArray[np.float32]]) -> bool:
+    """Whether frames (height, width, 3) m have the same pixels, whose rays stay."""
+    return frames[0].shape[0] > 1 and all(frame.shape == frames[0].shape for frame in frames)
 
 
 def revised_environment(
@@ -177,13 +190,13 @@ def revised_environment(
     Returns
     -------
     EnvironmentModel
-        Without static boxes; None where the support has gone, and with it the frame.
+        Without static boxes; None where the support has gone or come, and with it the frame.
     """
     points = fuse([frame], settings, rng)
     known = {plane.numbers.tobytes(): plane.numbers for plane in model.detected}
     planes = detect_planes(points, model.noise, settings, rng, list(known.values()))
     planes, names = _named(planes, model)
-    if "plane_0" not in names:
+    if model.has_support != _supports(planes, names, model, settings):
         return None
     cloud = RangeCloud(fuse([frame], settings, rng, MAX_EDGE_POINTS), model.noise, settings)
     planes = with_edges(planes, cloud, settings, rng)
@@ -197,6 +210,18 @@ def revised_environment(
     )
     agreement = plane_agreement(RangeCloud(points, model.noise, settings), planes, settings)
     return replace(model, environment=environment, detected=tuple(planes), agreement=agreement)
+
+
+def _supports(
+    planes: Sequence[DetectedPlane],
+    names: Sequence[str],
+    model: EnvironmentModel,
+    settings: PerceptionSettings,
+) -> bool:
+    """Whether the support is there; or, where there was none, whether a plane could be one."""
+    if model.has_support:
+        return "plane_0" in names
+    return facing(planes, model.rotation[2], settings.up_hint_tolerance) is not None
 
 
 def _named(
@@ -216,7 +241,8 @@ def _named(
         ]
         if same:
             names[min(same)[1]] = was.id
-    number = 1 + max(int(plane.id.rsplit("_", 1)[1]) for plane in model.environment.planes)
+    numbers = [int(plane.id.rsplit("_", 1)[1]) for plane in model.environment.planes]
+    number = 1 + max(numbers, default=0)
     for k, name in enumerate(names):
         if not name:
             names[k], number = f"plane_{number}", number + 1
@@ -272,19 +298,38 @@ def plane_agreement(
     return PlaneAgreement(float(on.sum() / max(visible.sum(), 1)), float(visible.mean()), support)
 
 
-def _support_first(
-    planes: list[DetectedPlane], settings: PerceptionSettings, up: ArrayLike | None
-) -> list[DetectedPlane]:
-    """Put the supporting plane first: the largest, or the largest that faces up."""
-    if up is None:
-        return planes
-    cosine = np.cos(np.radians(settings.up_hint_tolerance))
-    for k, plane in enumerate(planes):
-        if plane.normal @ np.asarray(up) >= cosine:
-            return [plane, *planes[:k], *planes[k + 1 :]]
-    direction = ", ".join(f"{x:.2f}" for x in np.asarray(up))
+def _upward(
+    planes: Sequence[DetectedPlane],
+    settings: PerceptionSettings,
+    up: ArrayLike | None,
+    points: int,
+    *,
+    measured: bool,
+    organised: bool,
+) -> Upward:
+    """Where up is, and the supporting plane first: the largest that faces up, where that is known.
+
+    A hint may be wrong, so a plane must agree with it; what was measured holds without one.
+    """
+    known = settings.up_hint if up is None else up
+    if known is None and organised and settings.camera_upright:
+        return upright(planes, settings.support)
+    if not planes and not (measured and organised):
+        raise NoEnvironmentError(
+            f"no plane holds {settings.plane_min_fraction:.0%} of the {points} points; "
+            "expected a floor or table: turn the sensor to it or lower plane_min_fraction"
+        )
+    if known is None:
+        return Upward(planes[0].normal, tuple(planes), True)
+    direction = np.asarray(known, dtype=np.float64)
+    sorted_planes = facing(planes, direction, settings.up_hint_tolerance)
+    if sorted_planes is not None:
+        return Upward(sorted_planes[0].normal if up is None else direction, sorted_planes, True)
+    if measured and organised:
+        return Upward(direction, tuple(planes), False)
+    named = ", ".join(f"{x:.2f}" for x in direction)
     raise NoEnvironmentError(
-        f"none of {len(planes)} planes faces up, ({direction}) in the sensor's frame, within "
+        f"none of {len(planes)} planes faces up, ({named}) in the sensor's frame, within "
         f"{settings.up_hint_tolerance:g}°; expected a floor or table: correct up_hint, or the "
         "orientation of the IMU"
     )
@@ -292,43 +337,67 @@ def _support_first(
 
 def _measured_noise(
     frames: Sequence[NDArray[np.float32]],
-    planes: list[DetectedPlane],
+    planes: Sequence[DetectedPlane],
     assumed: RangeNoise,
     settings: PerceptionSettings,
     rng: np.random.Generator,
 ) -> RangeNoise:
     """Measure the range noise of the last frame on the points nearest to each plane, and how errors
     of neighbours go together in the last two."""
-    if not settings.estimate_noise:
+    if not settings.estimate_noise or not planes:
         return assumed
-    points = fuse([frames[-1].reshape(1, -1, 3)], settings, rng)
-    ranges = np.linalg.norm(points, axis=1)
-    normals = np.stack([plane.normal for plane in planes])
-    offsets = np.array([plane.offset for plane in planes])
-    along = points @ normals.T
-    errors = along - offsets
-    nearest = np.abs(errors).argmin(axis=1)
-    rows = np.arange(len(points))
-    error, cosine = errors[rows, nearest], along[rows, nearest] / ranges
-    # Grazing rays measure the plane's unevenness, not of the noise along the ray.
-    frontal = np.abs(cosine) > 0.25
-    near = np.abs(error) < settings.plane_tolerance + settings.plane_sigmas * np.abs(
-        cosine
-    ) * assumed.deviation(ranges)
-    use = frontal & near
-    measured = assumed.measured(ranges[use], error[use] / cosine[use])
+    points, errors = _errors_on_planes(fuse(frames[-1:], settings, rng), planes, assumed, settings)
+    measured = assumed.measured(np.linalg.norm(points, axis=1), errors)
     if frames[-1].shape[0] == 1:
-        readings = fuse([frames[-1]], settings, rng, frames[-1].shape[1])
-        cloud = RangeCloud(readings, assumed, settings)
-        return measured.with_spacing(angle_between_readings(cloud, rng))
+        return _scan_noise(measured, frames[-1], planes, settings, rng)
     if len(frames) < 2:
         return measured
     before, after = (np.linalg.norm(frame.astype(np.float64), axis=2) for frame in frames[-2:])
     return measured.with_correlation(before, after)
 
 
+def _scan_noise(
+    measured: RangeNoise,
+    frame: NDArray[np.float32],
+    planes: Sequence[DetectedPlane],
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+) -> RangeNoise:
+    """Noise of a cloud without pixels (1, n, 3), whose noise along the rays is known."""
+    readings = fuse([frame], settings, rng, frame.shape[1])
+    spacing = angle_between_readings(RangeCloud(readings, measured, settings), rng)
+    if spacing <= 0.0:
+        return measured
+    points, errors = _errors_on_planes(readings, planes, measured, settings)
+    errors = errors / measured.deviation(np.linalg.norm(points, axis=1))
+    return measured.with_spacing(spacing).with_correlation_on_surfaces(points, errors, spacing)
+
+
+def _errors_on_planes(
+    points: NDArray[np.float64],
+    planes: Sequence[DetectedPlane],
+    noise: RangeNoise,
+    settings: PerceptionSettings,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Those of some points (n, 3) that are on a plane, and their errors along their rays, m."""
+    ranges = np.linalg.norm(points, axis=1)
+    normals = np.stack([plane.normal for plane in planes])
+    along = points @ normals.T
+    errors = along - np.array([plane.offset for plane in planes])
+    nearest = np.abs(errors).argmin(axis=1)
+    rows = np.arange(len(points))
+    error, cosine = errors[rows, nearest], along[rows, nearest] / ranges
+    # Grazing rays measure the plane's unevenness, not the noise along the ray.
+    frontal = np.abs(cosine) > 0.25
+    near = np.abs(error) < settings.plane_tolerance + settings.plane_sigmas * np.abs(
+        cosine
+    ) * noise.deviation(ranges)
+    use = frontal & near
+    return points[use], error[use] / cosine[use]
+
+
 def _gravity_aligned(
-    support: DetectedPlane, up: NDArray[np.float64]
+    support: DetectedPlane | None, up: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Rotation and translation from the sensor's frame to the environment's."""
     optical, sideways = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
@@ -336,5 +405,7 @@ def _gravity_aligned(
     x = ahead - (ahead @ up) * up
     x /= np.linalg.norm(x)
     rotation = np.stack([x, np.cross(up, x), up])
+    if support is None:
+        return rotation, np.zeros(3)
     # Straight down from the sensor the support is offset / (normal · up) along up.
     return rotation, np.array([0.0, 0.0, -support.offset / float(support.normal @ up)])

@@ -1,6 +1,9 @@
-"""Where up is, from an accelerometer that rests."""
+"""Where up is: from the support, from an accelerometer that rests, from what falls freely."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,7 +11,196 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.scene import STANDARD_GRAVITY
 from intuitive_physics.validation import finite_array, finite_float
-from intuitive_physics_perception.environment.settings import RestSettings
+from intuitive_physics_perception.environment.planes import DetectedPlane
+from intuitive_physics_perception.environment.settings import RestSettings, SupportSettings
+
+IMAGE_UP = (0.0, -1.0, 0.0)
+"""The image's upward direction in a camera's optical frame (REP 103)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Upward:
+    """Where up is in the sensor's frame, and what supports objects.
+
+    Parameters
+    ----------
+    up : (3,) unit vector against gravity
+    planes : the support first, where there is one
+    has_support : whether the first plane supports objects
+    doubt : one sentence on why gravity may be elsewhere; empty where nothing speaks for that
+    """
+
+    up: NDArray[np.float64]
+    planes: tuple[DetectedPlane, ...]
+    has_support: bool
+    doubt: str = ""
+
+
+def facing(
+    planes: Sequence[DetectedPlane], up: NDArray[np.float64], tolerance: float
+) -> tuple[DetectedPlane, ...] | None:
+    """Return planes, first the largest that faces up; None where none does.
+
+    Parameters
+    ----------
+    planes : largest first
+    up : (3,) unit vector in the sensor's frame
+    tolerance : degrees between up and its normal
+    """
+    for plane in planes:
+        if plane.normal @ up >= np.cos(np.radians(tolerance)):
+            return _with_first(planes, plane)
+    return None
+
+
+def upright(planes: Sequence[DetectedPlane], settings: SupportSettings) -> Upward:
+    """Return what supports objects before a camera that is held about upright.
+
+    The largest plane, unless it faces sideways in the image, as a wall does, and another one faces
+    up that stands square on it and is as wide as a floor or table: then the largest of these.
+
+    Parameters
+    ----------
+    planes : largest first, in the camera's optical frame
+    settings : what counts as upright
+    """
+    if not planes:
+        return Upward(
+            np.array(IMAGE_UP),
+            (),
+            False,
+            "no plane was found: gravity is taken to point down in the image; turn the sensor to a "
+            "floor or table, give up_hint, use an IMU, or throw something",
+        )
+    largest = planes[0]
+    if _is_upright(largest, settings):
+        return Upward(largest.normal, tuple(planes), True)
+    for plane in planes:
+        level = abs(plane.normal @ largest.normal) <= np.sin(np.radians(settings.from_level))
+        if level and _is_upright(plane, settings) and plane.width >= settings.least_width:
+            return Upward(plane.normal, _with_first(planes, plane), True)
+    angle = np.degrees(np.arccos(np.clip(largest.normal @ np.array(IMAGE_UP), -1.0, 1.0)))
+    return Upward(
+        largest.normal,
+        tuple(planes),
+        True,
+        f"the largest plane is taken for the support and faces {angle:.0f}° away from the image's "
+        "upward direction: if it is a wall, give up_hint, use an IMU, or throw something",
+    )
+
+
+def _is_upright(plane: DetectedPlane, settings: SupportSettings) -> bool:
+    x, y, z = plane.normal
+    roll = np.degrees(np.arctan2(abs(x), -y))
+    tilt = np.degrees(np.arctan2(abs(z), np.hypot(x, y)))
+    return bool(roll <= settings.most_roll and tilt <= settings.steepest)
+
+
+def _with_first(planes: Sequence[DetectedPlane], first: DetectedPlane) -> tuple[DetectedPlane, ...]:
+    return (first, *(plane for plane in planes if plane is not first))
+
+
+class FlightGravity:
+    """Takes the direction of gravity from what falls freely, whatever was assumed of it.
+
+    In flight the acceleration is constant and as strong as gravity. No other motion is, for as
+    long as a part of a flight lasts, but by chance: what rolls or is held does not fall, and a hand
+    does not accelerate that evenly. Parts must agree on the direction before it counts.
+
+    Parameters
+    ----------
+    strength : m/s², of gravity
+    settings : when a motion counts as a flight
+    """
+
+    def __init__(self, strength: float, settings: SupportSettings) -> None:
+        self._strength = strength
+        self._settings = settings
+        self._found: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+
+    def up(self) -> tuple[NDArray[np.float64], float] | None:
+        """Return the unit vector (3,) against gravity in the flights' frame, and its standard
+        deviation in degrees; None while too few agree."""
+        best: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        for mean, spread in self._found:
+            agreeing = [
+                (other, own)
+                for other, own in self._found
+                if _angle(mean, other) < self._settings.turned + 3.0 * self._degrees(spread + own)
+            ]
+            best = max(best, agreeing, key=len)
+        # Most of what seemed to fly must agree, too.
+        if len(best) < max(self._settings.flights, 0.5 * len(self._found) + 0.5):
+            return None
+        weights = [np.linalg.inv(spread) for _, spread in best]
+        covariance = np.linalg.inv(np.sum(weights, axis=0))
+        total = np.sum([w @ mean for w, (mean, _) in zip(weights, best, strict=True)], axis=0)
+        gravity = covariance @ total
+        return -gravity / np.linalg.norm(gravity), self._degrees(covariance)
+
+    def _degrees(self, covariance: NDArray[np.float64]) -> float:
+        """Standard deviation of the direction of an acceleration with a covariance (3, 3)."""
+        return float(np.degrees(_deviation(covariance) / self._strength))
+
+    def take(
+        self,
+        times: NDArray[np.float64],
+        places: NDArray[np.float64],
+        covariances: NDArray[np.float64],
+    ) -> None:
+        """Look for parts of a motion that are flights.
+
+        Parameters
+        ----------
+        times : (n,) s
+        places : (n, 3) m
+        covariances : (n, 3, 3) m², of the error that each place has of its own
+        """
+        first = 0
+        while first < len(times):
+            last = int(np.searchsorted(times, times[first] + self._settings.flight_time))
+            part = slice(first, last + 1)
+            if last >= len(times):
+                return
+            found = self._acceleration(times[part], places[part], covariances[part])
+            if found is not None:
+                self._found.append(found)
+            first = last if found is not None else first + 1
+
+    def _acceleration(
+        self,
+        times: NDArray[np.float64],
+        places: NDArray[np.float64],
+        covariances: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Acceleration (3,), with covariance, of a part that is a flight; else None."""
+        n = len(times)
+        if n < 5:
+            return None
+        since = times - times.mean()
+        design = np.kron(np.stack([np.ones(n), since, 0.5 * since**2], axis=1), np.eye(3))
+        weights = np.linalg.inv(covariances)
+        weighted = np.einsum("nij,njk->nik", weights, design.reshape(n, 3, 9)).reshape(-1, 9)
+        spread = np.linalg.inv(design.T @ weighted)
+        solution = spread @ (weighted.T @ places.ravel())
+        left = (places.ravel() - design @ solution).reshape(n, 3)
+        misfit = float(np.einsum("ni,nij,nj->", left, weights, left)) / (3 * n - 9)
+        mean, covariance = solution[6:], spread[6:, 6:] * max(misfit, 1.0)
+        error = self._settings.gravity_error * self._strength + 3.0 * _deviation(covariance)
+        off = abs(float(np.linalg.norm(mean)) - self._strength)
+        falls = off < error < 0.5 * self._strength and misfit < self._settings.flight_misfit
+        return (mean, covariance) if falls else None
+
+
+def _angle(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
+    """Degrees between two vectors (3,)."""
+    cosine = first @ second / (np.linalg.norm(first) * np.linalg.norm(second))
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def _deviation(covariance: NDArray[np.float64]) -> float:
+    """Largest standard deviation in any direction."""
+    return float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
 
 
 class RestingAccelerometer:

@@ -31,6 +31,16 @@ MIN_COMPARED_READINGS = 10000
 """Readings in which the correlation of errors is measured at least: their sum over the
 (2 · 8 + 1)² neighbours is then known to about √(289 / 10000), 0.2 readings."""
 
+CELL_SPACINGS = 8.0
+"""Edge of a cell of directions in which errors are averaged, in angles between neighbours: wider
+than the matching windows of most cameras."""
+
+MIN_READINGS_IN_CELL = 16
+"""Readings of a cell whose mean tells how their errors go together."""
+
+MIN_CELLS = 30
+"""Such cells at least: their median square is then known to a fifth."""
+
 CHANGE_SIGMAS = 4.0
 """Standard deviations by which a reading differs from the one before when something else is seen.
 Six in 100,000 do so by chance."""
@@ -124,6 +134,34 @@ class RangeNoise:
         spacing : rad, angle between neighbouring readings
         """
         return replace(self, lateral=max(self.lateral, 0.5 * spacing))
+
+    def with_correlation_on_surfaces(
+        self, points: NDArray[np.float64], errors: NDArray[np.float64], spacing: float
+    ) -> RangeNoise:
+        """Return the noise with the correlation that readings of one frame on known planes show.
+
+        For clouds without pixels. In cells of directions the mean of n errors has the variance
+        c / n of one, where c is the correlation, and the unevenness of the planes adds to it. The
+        median over the cells leaves out what is no plane. Too few readings leave it as it was.
+
+        Parameters
+        ----------
+        points : (n, 3) m, of the readings
+        errors : (n,) of them, along their rays, in standard deviations
+        spacing : rad, angle between neighbouring readings
+        """
+        still = np.abs(errors) < STILL_SIGMAS
+        directions = points[still] / np.linalg.norm(points[still], axis=1, keepdims=True)
+        cells = np.floor(directions / (CELL_SPACINGS * spacing)).astype(np.int64)
+        _, cell_of = np.unique(cells, axis=0, return_inverse=True)
+        counts = np.bincount(cell_of.ravel())
+        sums = np.bincount(cell_of.ravel(), weights=errors[still])
+        full = counts >= MIN_READINGS_IN_CELL
+        if full.sum() < MIN_CELLS:
+            return self
+        means2 = float(np.median(np.square(sums[full]) / counts[full])) * GAUSSIAN_MAD**2
+        one2 = float(np.median(np.square(errors[still]))) * GAUSSIAN_MAD**2
+        return replace(self, correlated=max(means2 / max(one2, 1e-12), 1.0))
 
     def with_correlation(
         self, before: NDArray[np.float64], after: NDArray[np.float64]

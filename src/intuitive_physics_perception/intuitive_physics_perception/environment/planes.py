@@ -49,6 +49,27 @@ class DetectedPlane:
         """Normal and offset in one array (4,)."""
         return np.append(self.normal, self.offset)
 
+    @property
+    def width(self) -> float:
+        """Largest distance between two of its corners, m."""
+        return float(np.linalg.norm(self.corners[:, None] - self.corners, axis=2).max())
+
+    @property
+    def outline_cones(self) -> NDArray[np.float64]:
+        """Half-spaces (n, 4) of unit directions u, normal · u ≤ bound, that rays from the sensor
+        through the outline lie in, or hardly out of.
+
+        A ray meets the plane at u o / c, with its offset o and c = n · u. There it lies inside a
+        side, outward · p ≤ b + m |p|, where u · (|o| outward + b n) ≤ m |o|.
+        """
+        along = np.roll(self.corners, -1, axis=0) - self.corners
+        outward = np.cross(along, self.normal)
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+        bounds = (outward * self.corners).sum(axis=1)
+        away = abs(self.offset)
+        normals = away * outward + bounds[:, None] * self.normal
+        return np.column_stack([normals, np.full(len(normals), OUTLINE_MARGIN * away)])
+
     def outlines(self, places: NDArray[Any]) -> NDArray[np.bool_]:
         """Which places (n, 3) on the plane lie in its outline, or hardly out of it."""
         along = np.roll(self.corners, -1, axis=0) - self.corners

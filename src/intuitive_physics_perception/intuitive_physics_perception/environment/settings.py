@@ -126,6 +126,17 @@ class StaticBoxSettings:
         "longest edge of a box at least: what is smaller is what noise left of an edge",
         unit="m",
     )
+    min_thickness: float = number(
+        0.02,
+        0.0,
+        10.0,
+        "thickness of a box at least: what is seen of a thinner one is its face. Two edges below "
+        "that are an edge of something or noise, and no box",
+        unit="m",
+    )
+    rays_through: int = number(
+        30, 1, 1000000, "rays under something by which one sees that it does not stand there"
+    )
     outside_fraction: float = number(
         0.01, 0.0, 0.5, "part of the points that may lie outside at each face, as flying pixels do"
     )
@@ -155,6 +166,74 @@ class StaticBoxSettings:
         0.0,
         1.0,
         "part of its diagonal by which a box that is seen again may differ in place and edges",
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class SupportSettings:
+    """Which plane can be the support of a camera that is held about upright, and what flights tell
+    of gravity."""
+
+    most_roll: float = number(
+        30.0,
+        0.0,
+        180.0,
+        "turn about the optical axis between the image's upward direction and the normal of a "
+        "support at most: people and robots hold cameras with the horizon about level",
+        unit="degrees",
+    )
+    steepest: float = number(
+        65.0,
+        0.0,
+        90.0,
+        "tilt of the camera at most: one that looks down more steeply sees a floor as one that "
+        "looks ahead sees a wall",
+        unit="degrees",
+    )
+    least_width: float = number(
+        1.2,
+        0.0,
+        100.0,
+        "width at least of a support that is not the largest plane: the side of a box is narrower",
+        unit="m",
+    )
+    from_level: float = number(
+        10.0,
+        0.0,
+        90.0,
+        "angle by which it may be off a right angle to the largest plane, which is a wall then",
+        unit="degrees",
+    )
+    flight_time: float = number(
+        0.25,
+        0.05,
+        10.0,
+        "duration of a part of a flight that tells gravity: with 2 mm of noise at 30 Hz the "
+        "acceleration is then known to 0.5 m/s², 3 degrees",
+        unit="s",
+    )
+    flight_misfit: float = number(
+        2.0,
+        1.0,
+        100.0,
+        "mean square of what a constant acceleration leaves of it, in variances, at most: 18 "
+        "coordinates less 9 unknowns exceed it once in 30 times",
+    )
+    gravity_error: float = number(
+        0.03, 0.0, 1.0, "part by which drag and spin may change the acceleration of a flight"
+    )
+    flights: int = number(2, 1, 100, "parts of flights that must agree before they count")
+    turned: float = number(
+        3.0,
+        0.1,
+        90.0,
+        "angle between gravity as flights tell it and as it was taken from which on the "
+        "environment is modelled again, where it is known to a third of that: drag of 3 % turns an "
+        "acceleration by up to 1.7 degrees",
+        unit="degrees",
     )
 
     def __post_init__(self) -> None:

@@ -47,7 +47,7 @@ def with_static_boxes(
             continue
         box = _box_around(f"box_{len(boxes)}", model, points[indices], settings)
         if box is not None:
-            boxes.append(box)
+            boxes.append(_down_to_floor(box, model, points, settings.static_box_fit))
     if settings.solids_are_objects:
         boxes = _without_objects(boxes, model, frames, settings, rng)
     boxes = _as_known(boxes, known, settings.static_box_fit.same_part)
@@ -127,12 +127,80 @@ def _box_around(
     low, high = np.quantile(places[:, 2], [outside, 1.0 - outside])
     low = _floor_below(model, np.append(middle, low), limits)
     edges = np.append(size, high - low)
-    if not limits.min_size <= edges.max() <= settings.static_box_max_size or edges.min() <= 0.0:
+    thinnest, second, longest = np.sort(edges)
+    if not limits.min_size <= longest <= settings.static_box_max_size or thinnest <= 0.0:
         return None
-    center = np.append(middle, 0.5 * (low + high))
+    if second < limits.min_thickness:
+        return None
+    center, edges = _thickened(np.append(middle, 0.5 * (low + high)), edges, turn, model, limits)
     # A turn about z.
     orientation = (0.0, 0.0, np.sin(0.5 * turn), np.cos(0.5 * turn))
     return StaticBox(name, settings.plane_material, center, orientation, edges)
+
+
+def _thickened(
+    center: NDArray[np.float64],
+    edges: NDArray[np.float64],
+    turn: float,
+    model: EnvironmentModel,
+    limits: StaticBoxSettings,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Centre and edges (3,) of a box that is at least `min_thickness` thick: what is seen of a
+    thinner one is a face, and it goes on behind that."""
+    c, s = np.cos(turn), np.sin(turn)
+    axes = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    center, edges = center.copy(), edges.copy()
+    for axis, k in zip(axes, range(3), strict=True):
+        missing = limits.min_thickness - edges[k]
+        if missing > 0.0:
+            away = np.sign(axis @ (center - model.translation)) or 1.0
+            center += 0.5 * missing * away * axis
+            edges[k] = limits.min_thickness
+    return center, edges
+
+
+def _down_to_floor(
+    box: StaticBox, model: EnvironmentModel, points: NDArray[np.float32], limits: StaticBoxSettings
+) -> StaticBox:
+    """The box on the level plane below it, where one cannot see that nothing is between: what
+    stands still in the air is the top of something.
+
+    Parameters
+    ----------
+    points : (n, 3) m, all that was read, NaN where nothing was
+    """
+    top = float(box.center[2] + 0.5 * box.edge_lengths[2])
+    bottom = float(box.center[2] - 0.5 * box.edge_lengths[2])
+    floors = [height for height in _floors_at(model, box.center, limits) if height < bottom]
+    if not floors or bottom - max(floors) <= limits.min_thickness:
+        return box
+    edges = np.append(box.edge_lengths[:2], top - max(floors))
+    center = np.append(box.center[:2], 0.5 * (top + max(floors)))
+    gap = replace(
+        box,
+        center=np.append(center[:2], 0.5 * (bottom + max(floors))),
+        edge_lengths=np.append(0.8 * edges[:2], 0.8 * (bottom - max(floors))),
+    )
+    # What is known again by how far it extends must not be mostly unseen.
+    seen = float(np.linalg.norm(box.edge_lengths) / np.linalg.norm(edges))
+    if seen < 1.5 * limits.filled_diagonal or (
+        _rays_through(gap, model, points) >= limits.rays_through
+    ):
+        return box
+    return replace(box, center=center, edge_lengths=edges)
+
+
+def _rays_through(box: StaticBox, model: EnvironmentModel, points: NDArray[np.float32]) -> int:
+    """How many rays of readings (n, 3), in m, pass through a box."""
+    axes = rotation_matrix(box.orientation)
+    ends = (model.to_environment(points[np.isfinite(points[:, 2])]) - box.center) @ axes
+    start = (model.translation - box.center) @ axes
+    half = 0.5 * np.asarray(box.edge_lengths)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first, second = ((side * half - start) / (ends - start) for side in (-1.0, 1.0))
+    enter = np.fmin(first, second).max(axis=1)
+    leave = np.fmax(first, second).min(axis=1)
+    return int(np.count_nonzero((enter < leave) & (enter > 0.0) & (leave < 1.0)))
 
 
 def _smallest_rectangle(
@@ -160,14 +228,24 @@ def _floor_below(
     model: EnvironmentModel, lowest: NDArray[np.float64], limits: StaticBoxSettings
 ) -> float:
     """Height of the level plane little below a place (3,), or of the place itself."""
-    smallest_cosine = float(np.cos(np.radians(limits.level_angle)))
-    heights = [
-        float(lowest[2] - plane.signed_distances(lowest) / plane.normal[2])
-        for plane in model.environment.planes
-        if plane.normal[2] > smallest_cosine and plane.covers(lowest)
+    below = [
+        height
+        for height in _floors_at(model, lowest, limits)
+        if abs(lowest[2] - height) < limits.standing_gap
     ]
-    below = [height for height in heights if abs(lowest[2] - height) < limits.standing_gap]
     return max(below, default=float(lowest[2]))
+
+
+def _floors_at(
+    model: EnvironmentModel, place: NDArray[np.float64], limits: StaticBoxSettings
+) -> list[float]:
+    """Heights of the level planes above and below a place (3,), m."""
+    smallest_cosine = float(np.cos(np.radians(limits.level_angle)))
+    return [
+        float(place[2] - plane.signed_distances(place) / plane.normal[2])
+        for plane in model.environment.planes
+        if plane.normal[2] > smallest_cosine and plane.covers(place)
+    ]
 
 
 class StaticBoxFilter:

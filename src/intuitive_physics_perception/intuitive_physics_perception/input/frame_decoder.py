@@ -14,6 +14,10 @@ from numpy.typing import NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.colors import colors_from_cloud_data, colors_from_image_data
+from intuitive_physics_perception.input.compressed import (
+    colors_from_compressed_data,
+    depth_from_compressed_data,
+)
 from intuitive_physics_perception.input.depth import (
     check_size,
     depth_from_image_data,
@@ -34,7 +38,7 @@ class _Camera:
 
 
 class FrameDecoder:
-    """Decodes sensor_msgs/PointCloud2, and Image with the newest CameraInfo.
+    """Decodes sensor_msgs/PointCloud2, and Image or CompressedImage with the newest CameraInfo.
 
     Parameters
     ----------
@@ -85,6 +89,20 @@ class FrameDecoder:
             step=image.step,
             is_bigendian=bool(image.is_bigendian),
         )
+        return self._points(depth)
+
+    def compressed_image_points(self, image: Any) -> NDArray[np.float32]:
+        """Return the frame of points (height, width, 3) of a CompressedImage of the transport
+        compressedDepth.
+
+        Raises
+        ------
+        InvalidInputError
+            As `image_points`.
+        """
+        return self._points(depth_from_compressed_data(image.data, image.format))
+
+    def _points(self, depth: NDArray[Any]) -> NDArray[np.float32]:
         camera = self._camera
         if camera is None:
             raise InvalidInputError(
@@ -93,7 +111,7 @@ class FrameDecoder:
             )
         # Asked first, so that a wrong CameraInfo alone costs neither time nor memory.
         intrinsics = camera.intrinsics
-        check_size(image.width, image.height, intrinsics.width, intrinsics.height)
+        check_size(depth.shape[1], depth.shape[0], intrinsics.width, intrinsics.height)
         return points_from_depth(depth, camera.rays)
 
     @staticmethod
@@ -131,6 +149,17 @@ class FrameDecoder:
             encoding=image.encoding,
             step=image.step,
         )
+
+    @staticmethod
+    def compressed_image_colors(image: Any) -> NDArray[np.uint8]:
+        """Return the colours (height, width, 3) of a CompressedImage.
+
+        Raises
+        ------
+        InvalidInputError
+            When it is neither a JPEG nor a PNG.
+        """
+        return colors_from_compressed_data(image.data)
 
 
 def _layout(cloud: Any) -> dict[str, Any]:

@@ -266,10 +266,12 @@ class PerceptionNode(Node):
             "planes": len(model.detected),
             "planes with edges": sum(plane.boundary is not None for plane in model.detected),
             "boxes": len(model.environment.boxes),
-            "points of the support": model.detected[0].support,
+            "points of the support": model.detected[0].support if model.has_support else 0,
             "sensor above it (m)": f"{model.translation[2]:.3f}",
             "range noise at 2 m (mm)": f"{1e3 * model.noise.deviation(2.0):.1f}",
         }
+        if model.gravity_doubt:
+            return Status(Level.WARN, model.gravity_doubt, values)
         return Status(Level.OK, f"{len(model.detected)} planes", values)
 
     def _check_frames(self) -> Status:

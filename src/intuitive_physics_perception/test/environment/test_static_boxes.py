@@ -54,6 +54,26 @@ def test_a_crate_is_a_box_that_stands_on_the_floor(room, shapes, turn) -> None:
     assert abs((quarter + np.pi / 4) % (np.pi / 2) - np.pi / 4) < np.radians(4.0)
 
 
+def test_a_board_that_one_sees_under_hangs_in_the_air(room, shapes) -> None:
+    (box,) = boxes_in(
+        frames_of(room, extra=[shapes["box"]((1.5, 0.2, 0.4), (0.25, 0.3, 0.01), 0.0)])
+    )
+    assert box.center[2] == pytest.approx(0.4, abs=0.02)
+    assert SETTINGS.static_box_fit.min_thickness <= box.edge_lengths.min() < 0.04
+
+
+def test_a_top_whose_sides_give_no_reading_stands_on_the_floor(room, shapes) -> None:
+    """As of something black: rays that would pass below the top give no reading either."""
+    frames = frames_of(room, extra=[shapes["box"](CRATE, CRATE_EDGES, 0.0)])
+    for frame in frames:
+        places = frame @ room.rotation.T + room.origin
+        away = np.abs(places[..., :2] - CRATE[:2]) < 0.5 * np.array(CRATE_EDGES[:2]) + 0.02
+        frame[away.all(axis=-1) & (places[..., 2] > 0.01) & (places[..., 2] < 0.185)] = np.nan
+    (box,) = boxes_in(frames)
+    assert box.center[2] - 0.5 * box.edge_lengths[2] == pytest.approx(0.0, abs=0.003)
+    assert box.center[2] + 0.5 * box.edge_lengths[2] == pytest.approx(0.2, abs=0.02)
+
+
 def test_a_ball_at_rest_is_an_object_and_no_box(room) -> None:
     ball = ((1.5, 0.0, 0.07), 0.07)
     assert boxes_in(frames_of(room, balls=[[ball]] * FRAMES)) == ()

@@ -21,8 +21,11 @@ class Pacer:
 
     After each tick the work posted until then is done, then `rest` is called. Work posted later is
     done at once where the next tick is at least `WORK_TIME` away, else after that tick; `rest`
-    follows. So whatever ticks, work and `rest` share needs no lock. An executor's timer costs
-    several times as much, and waits for every other callback.
+    follows. Urgent work is done at once and the next tick follows it without `rest`, at most a
+    period before it is due; the ones after it are due when they were.
+
+    So whatever ticks, work and `rest` share needs no lock. An executor's timer costs several times
+    as much, and waits for every other callback.
 
     Parameters
     ----------
@@ -43,6 +46,7 @@ class Pacer:
         self._rest = rest
         self._rate = rate
         self._posted: dict[Hashable, Callable[[], None]] = {}
+        self._urgent = False
         self._stopping = False
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="pacer", daemon=True)
@@ -51,7 +55,7 @@ class Pacer:
         """Begin, with the first tick at once."""
         self._thread.start()
 
-    def post(self, work: Callable[[], None], key: Hashable = None) -> None:
+    def post(self, work: Callable[[], None], key: Hashable = None, *, urgent: bool = False) -> None:
         """Have work done in the next gap, in the order of the posts; any thread may call this.
 
         Parameters
@@ -59,9 +63,11 @@ class Pacer:
         work : must not raise
         key : work of the same key that was not begun yet is dropped, so that what comes faster
             than it can be done does not pile up; None: nothing is dropped
+        urgent : whether the next tick is to follow at once
         """
         key = object() if key is None else key
         with self._changed:
+            self._urgent |= urgent
             self._posted.pop(key, None)
             self._posted[key] = work
             self._changed.notify()
@@ -94,13 +100,16 @@ class Pacer:
         """Tick and work until the rate is changed or the thread stops."""
         start = time.monotonic()
         number = left_out = 0
+        early = False
         while not self._is_over(period):
-            if self._wait_until(start + number * period, period):
-                self._tick(time.monotonic() - start - number * period, left_out)
-                behind = time.monotonic() - start - (number + 1) * period
+            due = start + number * period
+            if self._wait_until(due - period if early else due, period):
+                self._tick(max(0.0, time.monotonic() - due), left_out)
+                behind = time.monotonic() - due - period
                 left_out = max(0, math.floor(behind / period - LATEST) + 1)
                 number += 1 + left_out
-            self._work()
+                early = False
+            early |= self._work()
 
     def _wait_until(self, due: float, period: float) -> bool:
         """Wait for the tick; False where something else is to be done before it."""
@@ -114,13 +123,18 @@ class Pacer:
         return self._stopping or period != 1.0 / self._rate
 
     def _may_work(self, due: float) -> bool:
-        return bool(self._posted) and due - time.monotonic() >= WORK_TIME
+        in_time = self._urgent or due - time.monotonic() >= WORK_TIME
+        return bool(self._posted) and in_time
 
-    def _work(self) -> None:
+    def _work(self) -> bool:
+        """Do what is posted; return whether any of it is urgent."""
         with self._changed:
             posted, self._posted = self._posted, {}
+            urgent, self._urgent = self._urgent, False
         for work in posted.values():
             if self._stopping:
-                return
+                return urgent
             work()
-        self._rest()
+        if not urgent:
+            self._rest()
+        return urgent

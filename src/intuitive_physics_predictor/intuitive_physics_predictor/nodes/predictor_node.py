@@ -144,8 +144,9 @@ class PredictorNode(Node):
                 predictor.take(**read(deserialize_message(message, kind), arrival))
                 monitor.accepted()
 
-        # Of messages that come faster than they can be decoded the newest counts.
-        self._ticks.post(take, key=monitor)
+        # Of messages that come faster than they can be decoded the newest counts; new states are
+        # predicted from at once.
+        self._ticks.post(take, key=monitor, urgent=kind is ObjectStates)
 
     def _on_parameters(self, monitor: InputMonitor, message: bytes) -> None:
         """Draw from newer θ_s beside the ticks, then have it taken over between two of them."""

@@ -76,9 +76,15 @@ class PredictionTicks:
         """Newest inputs, settings and prediction."""
         return self._predictor.snapshot
 
-    def post(self, work: Callable[[Predictor], None], key: Hashable = None) -> None:
+    def post(
+        self,
+        work: Callable[[Predictor], None],
+        key: Hashable = None,
+        *,
+        urgent: bool = False,
+    ) -> None:
         """Have work done with the predictor between two ticks, as `Pacer.post`."""
-        self._pacer.post(lambda: work(self._predictor), key)
+        self._pacer.post(lambda: work(self._predictor), key, urgent=urgent)
 
     def prepare(self, work: Callable[[Snapshot], None]) -> None:
         """Have work done that takes longer than a tick, in another thread; it may post.

@@ -90,10 +90,9 @@ def ask(peer, **changes):
 
 
 def test_a_prediction_has_a_deadline_and_the_next_one_is_answered(node, peer):
-    client = peer.node.create_client(Predict, PREDICT)
-    peer.spin_until(client.service_is_ready, "the service")
+    assert ask(peer, sample_count=20).result.value == ResultCode.OK
     diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
-    sent = [client.call_async(endless()) for _ in range(4)]
+    sent = [peer.send(Predict, PREDICT, endless()) for _ in range(4)]
     peer.spin_until(lambda: all(one.done() for one in sent), "answers")
     codes = sorted(one.result().result.value for one in sent)
     assert codes == [ResultCode.BUSY, ResultCode.BUSY, ResultCode.CANCELLED, ResultCode.CANCELLED]
@@ -134,9 +133,7 @@ def test_what_is_too_large_is_refused_at_once(node, peer, changes, words):
 def test_it_ends_in_the_midst_of_a_prediction():
     with NodeProcess(MODULE) as node, Peer("tester", timeout=60.0) as peer:
         assert ask(peer, sample_count=20).result.value == ResultCode.OK
-        client = peer.node.create_client(Predict, PREDICT)
-        peer.spin_until(client.service_is_ready, "the service")
-        client.call_async(endless())
+        peer.send(Predict, PREDICT, endless())
         peer.spin_for(0.5)
         assert node.stop(signal.SIGTERM) == 0
         assert "still under way" not in node.output

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import re
 import sys
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -266,8 +268,8 @@ class ReplayNode(Node):
 def _message_class(type_name: str) -> Any | None:
     """Return the class of a type such as "sensor_msgs/msg/Image", None where it is unknown."""
     package, _, name = type_name.partition("/msg/")
-    # A name of a bag is imported: only what can be the name of a package of messages is.
-    if not TYPE_NAME.fullmatch(type_name):
+    # A name of a bag is imported: only what is known to be a package of messages is.
+    if not TYPE_NAME.fullmatch(type_name) or not _has_messages(package):
         return None
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name)
@@ -281,6 +283,19 @@ def _today(topic: str) -> str:
         if topic.endswith(earlier):
             return f"{topic.removesuffix(earlier)}/{name}"
     return topic
+
+
+def _has_messages(package: str) -> bool:
+    """Whether the ROS generators made a Python package, without importing it."""
+    try:
+        spec = importlib.util.find_spec(package)
+    except ValueError:  # A module that was made by a program and not found.
+        return False
+    folders = [] if spec is None else spec.submodule_search_locations or []
+    return any(
+        next(Path(folder).glob(f"{package}_s__rosidl_typesupport_*"), None) is not None
+        for folder in folders
+    )
 
 
 def _qos(topic: BagTopic) -> QoSProfile:

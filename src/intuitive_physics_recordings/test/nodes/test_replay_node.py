@@ -28,6 +28,7 @@ from intuitive_physics_recordings.depth_bag_writer import (  # noqa: E402
     DEPTH_TOPIC,
     DepthBagWriter,
 )
+from intuitive_physics_recordings.nodes import replay_node  # noqa: E402
 
 from ..small_camera import SMALL  # noqa: E402
 
@@ -170,6 +171,29 @@ def test_latched_topics_reach_late_subscribers_and_unknown_types_are_skipped(
     assert heard[0].data == 7
     assert process.returncode == 0, output
     assert "/strange is skipped: its type strange_msgs/msg/Strange is not installed" in output
+
+
+@pytest.mark.parametrize(
+    "type_name",
+    ["imported_by_a_bag/msg/Image", "os/msg/Path", "__main__/msg/X", "numpy.msg/msg/X", "x/srv/X"],
+)
+def test_only_packages_of_messages_are_imported(
+    type_name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "imported_by_a_bag"
+    (package / "msg").mkdir(parents=True)
+    (package / "__init__.py").write_text("raise SystemExit('the code of a package ran')")
+    (package / "msg" / "__init__.py").write_text("class Image: pass")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert replay_node._message_class(type_name) is None
+    assert "imported_by_a_bag" not in sys.modules
+
+
+@pytest.mark.parametrize("message", [Image, Int32, Clock])
+def test_packages_of_messages_are_known(message: type) -> None:
+    package = message.__module__.split(".")[0]
+    assert replay_node._message_class(f"{package}/msg/{message.__name__}") is message
+    assert replay_node._message_class(f"{package}/msg/Missing") is None
 
 
 def test_bad_bags_and_parameters_are_one_clear_error(

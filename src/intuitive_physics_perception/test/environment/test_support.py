@@ -1,0 +1,147 @@
+"""What supports objects where a wall is larger, and what flights tell where nothing does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from intuitive_physics_perception.environment.environment_model import model_environment
+from intuitive_physics_perception.environment.gravity import FlightGravity
+from intuitive_physics_perception.environment.settings import SupportSettings
+from intuitive_physics_perception.input.camera import Intrinsics
+from intuitive_physics_perception.input.depth import points_from_depth
+from intuitive_physics_perception.pipeline import PerceptionPipeline
+from intuitive_physics_perception.settings import PerceptionSettings
+
+SETTINGS = PerceptionSettings(environment_frames=4)
+GRAVITY = np.array([0.0, 0.0, -9.81])
+STEP = 1.0 / 30.0
+
+
+def angle(first, second) -> float:
+    cosine = np.dot(first, second) / (np.linalg.norm(first) * np.linalg.norm(second))
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def frames_of(room, count, balls=(), extra=()):
+    rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
+    return [points_from_depth(room.depth(balls, extra), rays) for _ in range(count)]
+
+
+@pytest.fixture
+def view(make_room):
+    def of(**kw):
+        return make_room(width=320, height_pixels=240, focal=262.0, **kw)
+
+    return of
+
+
+@pytest.mark.parametrize("height", [0.7, 0.9])
+def test_a_wall_is_no_support_where_a_floor_is_seen(view, height) -> None:
+    """A level camera 2 m before a wall: the wall fills most of the image."""
+    room = view(tilt=0.0, height=height, walls=[((-1.0, 0.0, 0.0), -2.5)])
+    frames = frames_of(room, 4)
+    model = model_environment(frames, SETTINGS, np.random.default_rng(0))
+    assert len(model.detected) == 2
+    assert model.detected[0].support < model.detected[1].support
+    assert angle(model.rotation @ room.rotation.T @ [0, 0, 1], [0, 0, 1]) < 1.0
+    assert model.translation[2] == pytest.approx(height, abs=0.01)
+    assert not model.gravity_doubt
+    largest = replace(SETTINGS, camera_upright=False)
+    wall_first = model_environment(frames, largest, np.random.default_rng(0))
+    assert angle(wall_first.detected[0].normal, [0, 0, -1]) < 1.0
+
+
+def test_a_camera_that_looks_down_has_its_floor_and_says_that_it_may_be_a_wall(view) -> None:
+    room = view(tilt=85.0, height=1.2, walls=[])
+    model = model_environment(frames_of(room, 4), SETTINGS, np.random.default_rng(0))
+    assert angle(model.rotation @ room.rotation.T @ [0, 0, 1], [0, 0, 1]) < 1.0
+    assert "if it is a wall" in model.gravity_doubt
+
+
+def play(pipeline, room, seconds, start, ball=None, extra=()):
+    found = []
+    for k in range(round(seconds / STEP)):
+        balls = [] if ball is None else [ball(k * STEP)]
+        (points,) = frames_of(room, 1, balls, extra)
+        found.append(pipeline.process(points, start + k * STEP))
+    return found
+
+
+def throw(start, velocity):
+    def at(time):
+        return np.array(start) + time * np.array(velocity) + 0.5 * time**2 * GRAVITY, 0.06
+
+    return at
+
+
+@pytest.mark.parametrize("tilt", [-20.0, -30.0], ids=["before a wall", "before a globe"])
+def test_flights_tell_gravity_where_no_floor_is_seen(view, shapes, tilt) -> None:
+    """A camera that looks up sees no floor. After two throws states are those of flight."""
+    walls = [((-1.0, 0.0, 0.0), -3.2)] if tilt == -20.0 else []
+    globe = [] if walls else [shapes["ball"]((3.0, 1.2, 2.3), 0.6)]
+    room = view(tilt=tilt, height=0.8, walls=walls)
+    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
+    watch = partial(play, pipeline, room, extra=globe)
+    first = watch(0.4, 0.0)[-1].model
+    assert first is not None
+    assert len(first.detected) == len(walls)
+    assert first.gravity_doubt
+    up = room.rotation.T @ [0.0, 0.0, 1.0]
+    thrown = throw((1.8, -0.6, 1.1), (0.3, 1.4, 2.5))
+    said = []
+    for n in range(3):
+        said += [one.moved for one in watch(0.7, 1.0 + 2 * n, thrown) if one.moved]
+        said += [one.moved for one in watch(0.9, 1.7 + 2 * n) if one.moved]
+    assert len(said) == 1
+    assert "gravity" in said[0]
+    assert pipeline.model is not None
+    assert angle(pipeline.model.rotation[2], up) < 2.0
+    assert not pipeline.model.gravity_doubt
+    seen = watch(0.5, 8.0, thrown)[-1]
+    (one,) = seen.objects
+    velocity = np.array([0.3, 1.4, 2.5]) + (0.5 - STEP) * GRAVITY
+    expected = pipeline.model.rotation @ room.rotation.T @ velocity
+    deviation = np.sqrt(np.diag(one.state.covariance)[6:9])
+    assert np.abs(one.state.linear_velocity - expected).max() < max(4.0 * deviation.max(), 0.1)
+
+
+directions = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)
+
+
+@given(directions, st.integers(0, 1000), st.sampled_from([15.0, 30.0, 90.0]))
+def test_flights_in_any_direction_tell_it_within_their_deviation(direction, seed, rate) -> None:
+    """p = p₀ + v t + ½ g t² with 2 mm of noise; five flights."""
+    rng = np.random.default_rng(seed)
+    up = np.array(direction) / np.linalg.norm(direction)
+    flights = FlightGravity(9.81, SupportSettings())
+    times = np.arange(0.0, 0.5, 1.0 / rate)
+    for _ in range(5):
+        velocity = rng.normal(size=3)
+        places = times[:, None] * velocity - 0.5 * 9.81 * times[:, None] ** 2 * up
+        places += 0.002 * rng.normal(size=places.shape)
+        flights.take(times, places, np.tile(4e-6 * np.eye(3), (len(times), 1, 1)))
+    found = flights.up()
+    assert found is not None
+    # Five deviations: one in a million examples is beyond.
+    assert angle(found[0], up) < 5.0 * found[1] * np.sqrt(2.0)
+
+
+@given(st.integers(0, 1000), st.floats(0.0, 6.0))
+def test_what_does_not_fall_tells_nothing(seed, acceleration) -> None:
+    """Rolling, sliding and being carried: constant accelerations below gravity's."""
+    rng = np.random.default_rng(seed)
+    flights = FlightGravity(9.81, SupportSettings())
+    times = np.arange(0.0, 1.0, 1.0 / 30.0)
+    for _ in range(5):
+        direction = rng.normal(size=3)
+        direction *= acceleration / np.linalg.norm(direction)
+        places = times[:, None] * rng.normal(size=3) + 0.5 * times[:, None] ** 2 * direction
+        places += 0.001 * rng.normal(size=places.shape)
+        flights.take(times, places, np.tile(1e-6 * np.eye(3), (len(times), 1, 1)))
+    assert flights.up() is None

@@ -173,7 +173,7 @@ def test_topics_named_in_the_pages_exist():
         name = node_pages.node_name(node_class)
         for one in ros_endpoints.endpoints(node_class, plays_a_bag=module == node_pages.BAG_TOPICS):
             known |= {one.name, one.name.replace("~", f"/{name}")}
-    assert {"~/environment", "/predictor_node/query", "/tf_static", "/clock"} <= known
+    assert {"environment", "/predictor_node/query", "/tf_static", "/clock"} <= known
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
         for name in re.findall(r"(?:~|/\w+_node)/[a-z_/]+[a-z]", text):

@@ -40,6 +40,7 @@ ROS_PACKAGES = {
     "launch_ros",
     "rcl_interfaces",
     "rclpy",
+    "ros2cli",
     "ros2pkg",
     "rosgraph_msgs",
     "rosidl_default_generators",

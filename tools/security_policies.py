@@ -168,11 +168,13 @@ def _allow(own: Rules, endpoint: Any, module: str) -> None:
 
 
 def _connected(name: str, module: str) -> Iterator[str]:
-    """Yield the topics that the launch file connects a subscription to."""
-    if module in connections.NODES:
-        yield from (topic for heard, topic in connections.remappings(module) if heard == name)
-    if module == "perception_node" and name in connections.CAMERA_TOPICS:
-        yield connections.CAMERA_TOPICS[name]
+    """Yield the topics of cameras that the launch file connects a subscription to."""
+    if module == "perception_node":
+        for camera in connections.CAMERAS.values():
+            for color in (False, True):
+                topics = camera.topics(color=color)
+                if name in topics:
+                    yield topics[name]
 
 
 def _add(enclaves: ElementTree.Element, enclave: str, own: Rules) -> None:

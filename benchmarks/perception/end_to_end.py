@@ -20,12 +20,13 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from benchmarks.command import report_progress
 from benchmarks.results.result import Cell, Column, Table
-from intuitive_physics_bringup.connections import NODES, module, remappings
+from intuitive_physics_bringup.connections import NODES, module
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_bag
 from intuitive_physics_recordings.bag_reader import BagMessage, BagReader
 from intuitive_physics_recordings.depth_bag_writer import CAMERA_INFO_TOPIC, DEPTH_TOPIC
 from intuitive_physics_ros.qos import SENSOR_DATA
 from intuitive_physics_ros.scripting import NodeProcess, Peer
+from intuitive_physics_ros.topics import OBJECT_STATES, PREDICTIONS
 
 SEED = 23
 """Of the throws and of the camera's noise."""
@@ -48,11 +49,11 @@ TIMEOUT = 60.0
 LAST = 0.5
 """s after the last image in which what it leads to arrives."""
 
-STATES, DISTRIBUTION = "/perception_node/object_states", "/predictor_node/trajectory_distribution"
+STATES, DISTRIBUTION = f"/{OBJECT_STATES}", f"/{PREDICTIONS}"
 """Topics that are watched."""
 
 QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Best effort as the publisher; deep, so that nothing is lost between two images."""
+"""Best effort, so that nothing is sent again; deep, so that nothing is lost between two images."""
 
 
 @dataclass
@@ -100,11 +101,11 @@ def _watch(bag: Path, folder: Path, counted: float) -> Arrivals:
     """Play a bag to the three nodes; note what comes of images later than `counted` s in it."""
     with ExitStack() as started:
         for name in NODES:
-            renamed = remappings(name)
+            renamed: list[tuple[str, str]] = []
             parameters = [f"database:={folder / 'learner.sqlite3'}"] * (name == "learner_node")
             if name == "perception_node":
                 parameters = ["input:=depth"]
-                renamed += [("~/depth/image", DEPTH_TOPIC)]
+                renamed = [("~/depth/image", DEPTH_TOPIC)]
                 renamed += [("~/depth/camera_info", CAMERA_INFO_TOPIC)]
             arguments = [part for value in parameters for part in ("-p", value)]
             arguments += [part for a, b in renamed for part in ("-r", f"{a}:={b}")]

@@ -57,14 +57,14 @@ class Feed:
         self._messages = [_states_message(throw.scene) for throw in self._throws]
         self._begun = time.monotonic()
 
-    def start(self, peer: Peer, node: str) -> None:
+    def start(self, peer: Peer) -> None:
         """Publish environment and static parameters, which the node keeps."""
         first = self._throws[0]
-        environment = peer.publisher(EnvironmentMessage, f"{node}/environment", LATCHED)
+        environment = peer.publisher(EnvironmentMessage, "environment", LATCHED)
         environment.publish(environment_to_message(first.scene.environment, version=1))
-        parameters = peer.publisher(StaticParametersMessage, f"{node}/static_parameters", LATCHED)
+        parameters = peer.publisher(StaticParametersMessage, "static_parameters", LATCHED)
         parameters.publish(static_parameters_to_message(self.learned()))
-        self._states = peer.publisher(ObjectStates, f"{node}/object_states", SENSOR_DATA)
+        self._states = peer.publisher(ObjectStates, "object_states", SENSOR_DATA)
 
     def learned(self) -> LearnedParameters:
         """Return θ_s of the first throw, as if it had been learned."""

@@ -102,9 +102,9 @@ class NodeUnderTest:
             self._predictor = started.enter_context(NodeProcess(PREDICTOR, arguments))
             self.peer = started.enter_context(Peer("bench", timeout=FIRST))
             self._subscription = self.peer.node.create_subscription(
-                TrajectoryDistribution, f"{NODE}/trajectory_distribution", hear, QUEUE, raw=True
+                TrajectoryDistribution, "predictions", hear, QUEUE, raw=True
             )
-            feed.start(self.peer, NODE)
+            feed.start(self.peer)
             self._started = started.pop_all()
 
     def _watch(self, seconds: float) -> None:

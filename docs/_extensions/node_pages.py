@@ -25,8 +25,9 @@ def pages(repository: Path) -> dict[str, str]:
     """Return the page by its name."""
     parts = [
         "# Nodes\n",
-        "Generated from the code of the nodes. `~` stands for the node's name; the launch file\n"
-        "connects topics as said. `ros2 param describe /NODE NAME` shows a parameter on a running\n"
+        "Generated from the code of the nodes. `~` stands for the node's name; names without it\n"
+        "are relative to the namespace, in which nodes meet by them. The launch file connects a\n"
+        "camera as said. `ros2 param describe /NODE NAME` shows a parameter on a running\n"
         "system. QoS *sensor data* is best effort, volatile, depth 5; *latched* is reliable,\n"
         "transient local, depth 1.\n",
     ]
@@ -78,9 +79,8 @@ def _node(repository: Path, path: Path) -> str:
     node_class = node_classes(repository)[path.stem]
     name, package = node_name(node_class), path.parts[-3]
     found = endpoints(node_class, plays_a_bag=path.stem == BAG_TOPICS)
-    heard = dict(connections.remappings(path.stem)) if path.stem in connections.NODES else {}
-    if path.stem == "perception_node":
-        heard = {**connections.CAMERA_TOPICS, **heard}
+    camera = connections.CAMERAS["realsense"].topics()
+    heard = camera if path.stem == "perception_node" else {}
     doc = " ".join((inspect.getdoc(node_class) or "").split()).replace("`", "")
     parts = [
         f"## {name}\n\n{doc}\n\n`ros2 run {package} {path.stem}`\n",

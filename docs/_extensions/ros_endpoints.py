@@ -119,6 +119,9 @@ class _Reader:
                 None if is_service or not quality else quality[0],
                 values,
             )
+        elif isinstance(function, ast.Attribute) and function.attr == "create_guard_condition":
+            # What it triggers is called back once, as a part of the start.
+            self._call(ast.Call(call.args[0], [], []), values, owner)
         elif isinstance(function, ast.Attribute) and _is_self(function.value):
             if (owner, function.attr) not in self._visited and hasattr(owner, function.attr):
                 self._visited.add((owner, function.attr))
@@ -148,6 +151,8 @@ class _Reader:
         values: dict[str, Any],
     ) -> None:
         found_quality = None if quality is None else _value(quality, values)
+        if isinstance(name, ast.JoinedStr):
+            name = _without_prefix(name, values)
         if self._plays_a_bag and role == "publishes" and _value(name, values) is UNKNOWN:
             return
         for message, topic in _pairs(kind, name, values):
@@ -173,6 +178,13 @@ def _value(expression: ast.expr, values: dict[str, Any]) -> Any:
     except Exception:
         return UNKNOWN
     return UNKNOWN if isinstance(result, _Unknown) else result
+
+
+def _without_prefix(name: ast.JoinedStr, values: dict[str, Any]) -> ast.expr:
+    """Return a name without the parts of it that only a running node knows, such as a prefix."""
+    parts = [part.value if isinstance(part, ast.FormattedValue) else part for part in name.values]
+    known = [value for part in parts if isinstance(value := _value(part, values), str)]
+    return ast.copy_location(ast.Constant("".join(known)), name) if known else name
 
 
 def _loop_values(loop: ast.For, values: dict[str, Any]) -> Iterator[dict[str, Any]]:

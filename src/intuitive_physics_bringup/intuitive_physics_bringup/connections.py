@@ -1,6 +1,6 @@
-"""Which topic of which node is heard by which: said once, for all that start them.
+"""The nodes, the topics of the cameras that they are connected to, and where they look for others.
 
-And where nodes look for others: on this machine, unless something else is said.
+The nodes meet by the relative names of `intuitive_physics_ros.topics`; nothing connects them.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from intuitive_physics.errors import InvalidInputError
 
@@ -18,29 +19,84 @@ NODES: dict[str, str] = {
 }
 """Package of each node; node, executable and module (in `nodes/`) have the same name."""
 
-_HEARD: dict[str, dict[str, str]] = {
-    "perception_node": {},
-    "learner_node": {"~/observation": "perception_node/observation"},
-    "predictor_node": {
-        "~/environment": "perception_node/environment",
-        "~/object_states": "perception_node/object_states",
-        "~/static_parameters": "learner_node/static_parameters",
-    },
+
+@dataclass(frozen=True)
+class Camera:
+    """Topics of a camera's driver; relative ones, so that a namespace holds its own camera.
+
+    Parameters
+    ----------
+    depth_image, camera_info : depth images and their intrinsics
+    points : clouds
+    imu : samples of its IMU
+    color : colour images that are registered to the depth images
+    registered_depth_image, registered_camera_info : depth images to which `color` is registered,
+        where these are others; empty: the same
+    """
+
+    depth_image: str
+    camera_info: str
+    points: str
+    imu: str
+    color: str
+    registered_depth_image: str = ""
+    registered_camera_info: str = ""
+
+    def topics(self, *, color: bool = False) -> dict[str, str]:
+        """Return the topic for each input of the perception node, by the input's name.
+
+        Parameters
+        ----------
+        color : whether depth and colour must be registered to each other
+        """
+        depth, info = self.depth_image, self.camera_info
+        if color:
+            depth = self.registered_depth_image or depth
+            info = self.registered_camera_info or info
+        return {
+            "~/depth/image": depth,
+            "~/depth/camera_info": info,
+            "~/points": self.points,
+            "~/imu": self.imu,
+            "~/color/image": self.color,
+        }
+
+
+CAMERAS: dict[str, Camera] = {
+    "realsense": Camera(
+        depth_image="camera/camera/depth/image_rect_raw",
+        camera_info="camera/camera/depth/camera_info",
+        points="camera/camera/depth/color/points",
+        imu="camera/camera/imu",
+        color="camera/camera/color/image_raw",
+        registered_depth_image="camera/camera/aligned_depth_to_color/image_raw",
+        registered_camera_info="camera/camera/aligned_depth_to_color/camera_info",
+    ),
+    "zed": Camera(
+        depth_image="zed/zed_node/depth/depth_registered",
+        camera_info="zed/zed_node/depth/camera_info",
+        points="zed/zed_node/point_cloud/cloud_registered",
+        imu="zed/zed_node/imu/data",
+        color="zed/zed_node/rgb/color/rect/image",
+    ),
+    "azure_kinect": Camera(
+        depth_image="depth/image_raw",
+        camera_info="depth/camera_info",
+        points="points2",
+        imu="imu",
+        color="rgb_to_depth/image_raw",
+    ),
+    "generic": Camera(
+        depth_image="camera/depth/image_rect_raw",
+        camera_info="camera/depth/camera_info",
+        points="camera/depth/color/points",
+        imu="camera/imu",
+        color="camera/color/image_raw",
+    ),
 }
-"""Topics that a node subscribes to, by the names of their publishers."""
-
-CAMERA_TOPICS: dict[str, str] = {
-    "~/depth/image": "/camera/depth/image_rect_raw",
-    "~/depth/camera_info": "/camera/depth/camera_info",
-    "~/points": "/camera/depth/color/points",
-    "~/imu": "/camera/imu",
-}
-"""Topics of the perception node's inputs; these are what common depth cameras publish."""
-
-
-def remappings(node: str) -> list[tuple[str, str]]:
-    """Return (from, to) of each topic a node hears from another node of the suite."""
-    return list(_HEARD[node].items())
+"""Cameras by the value of the launch argument `camera`: realsense2_camera since 4.54,
+zed_wrapper 5, azure_kinect_ros_driver, and topics without a name of the camera, as bags of this
+suite have them."""
 
 
 def module(node: str) -> str:

@@ -1,39 +1,55 @@
-"""Perception, learner and predictor, connected; optionally a bag to replay and RViz."""
+"""Perception, learner and predictor; optionally a bag to replay and RViz.
 
+All arguments are checked before the first process is started: an error leaves nothing behind.
+"""
+
+import re
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
-from ament_index_python.packages import get_package_share_directory
+from ament_index_python.packages import (
+    PackageNotFoundError,
+    get_package_prefix,
+    get_package_share_directory,
+)
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable
-from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, PythonExpression
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_bringup.connections import (
-    CAMERA_TOPICS,
+    CAMERAS,
     NODES,
     RANGES,
     default_peers,
     default_range,
     discovery_environment,
-    remappings,
 )
+from intuitive_physics_ros.topics import OBJECT_STATES, OBSERVATIONS
 from launch import LaunchContext, LaunchDescription
 
 SHARE = Path(get_package_share_directory("intuitive_physics_bringup"))
 
 ARGUMENTS = {
+    "namespace": ("", "of all nodes and topics, one for each robot; empty: none"),
     "params_file": (str(SHARE / "config" / "nodes.yaml"), "YAML file with parameters of the nodes"),
-    "depth_image": (CAMERA_TOPICS["~/depth/image"], "topic of the depth images"),
-    "camera_info": (CAMERA_TOPICS["~/depth/camera_info"], "topic of their camera's intrinsics"),
-    "points": (CAMERA_TOPICS["~/points"], "topic of point clouds, where there are no images"),
-    "imu": (CAMERA_TOPICS["~/imu"], "topic of an IMU, heard with gravity_source: imu only"),
+    "camera": ("realsense", f"topics of which driver are heard: {', '.join(CAMERAS)}"),
+    "depth_image": ("", "topic of the depth images; empty: that of the camera"),
+    "camera_info": ("", "topic of their camera's intrinsics; empty: that of the camera"),
+    "points": ("", "topic of point clouds, where there are no images; empty: that of the camera"),
+    "imu": ("", "topic of an IMU, heard with gravity_source: imu only; empty: that of the camera"),
+    "color": (
+        "",
+        "true: depth and colour images of the camera that are registered to each other; or the "
+        "topic of colour images registered to depth_image; empty: as params_file says",
+    ),
+    "log_level": ("info", "of the nodes: debug, info, warn, error or fatal"),
+    "respawn": ("false", "start a node that ended again"),
     "bag": ("", "bag to replay; empty: none"),
     "rate": ("1.0", "bag seconds in one real second"),
     "loop": ("false", "replay the bag again and again"),
-    "use_sim_time": (
-        PythonExpression(["'true' if '", LaunchConfiguration("bag"), "' else 'false'"]),
-        "take time from /clock, as a replayed bag wants it",
-    ),
+    "use_sim_time": ("", "take time from the clock of the bag; empty: if there is a bag"),
     "rviz": ("false", "show everything in RViz"),
     "discovery": (
         default_range(),
@@ -42,59 +58,200 @@ ARGUMENTS = {
     ),
     "peers": (default_peers(), "other machines that are looked for, addresses divided by ;"),
     "enclaves": (
-        "/intuitive_physics",
-        "where the nodes' enclaves are in a keystore of SROS2, used with ROS_SECURITY_ENABLE only",
+        "",
+        "where the nodes' enclaves are in a keystore of SROS2, used with ROS_SECURITY_ENABLE only; "
+        "empty: /intuitive_physics in the namespace",
     ),
 }
+"""Default and meaning of each argument."""
+
+RESPAWN_DELAY = 1.0
+"""s between the end of a node and its next start."""
+
+REPLAY_PATIENCE = 300.0
+"""s that the bag waits for the nodes, whose first start compiles their kernels."""
+
+NAMESPACE = re.compile(r"(/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?")
+"""What a namespace may be."""
+
+LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
+"""What `log_level` may be."""
 
 
 def generate_launch_description() -> LaunchDescription:
     """Describe the suite."""
-    given = {name: LaunchConfiguration(name) for name in ARGUMENTS}
-    inputs = [
-        ("~/depth/image", given["depth_image"]),
-        ("~/depth/camera_info", given["camera_info"]),
-        ("~/points", given["points"]),
-        ("~/imu", given["imu"]),
-    ]
-    nodes = [
-        Node(
-            package=package,
-            executable=name,
-            name=name,
-            output="screen",
-            parameters=[given["params_file"], {"use_sim_time": given["use_sim_time"]}],
-            remappings=[*remappings(name), *(inputs if name == "perception_node" else [])],
-            ros_arguments=["--enclave", [given["enclaves"], f"/{name}"]],
-        )
-        for name, package in NODES.items()
-    ]
-    replay = Node(
-        package="intuitive_physics_recordings",
-        executable="replay_node",
-        output="screen",
-        parameters=[{name: given[name] for name in ("bag", "rate", "loop")}],
-        ros_arguments=["--enclave", [given["enclaves"], "/replay_node"]],
-        condition=IfCondition(PythonExpression(["'", given["bag"], "' != ''"])),
-    )
-    rviz = Node(
-        package="rviz2",
-        executable="rviz2",
-        arguments=["-d", str(SHARE / "rviz" / "intuitive_physics.rviz")],
-        ros_arguments=["--enclave", [given["enclaves"], "/operator"]],
-        condition=IfCondition(given["rviz"]),
-    )
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=text)
         for name, (default, text) in ARGUMENTS.items()
     ]
-    return LaunchDescription(
-        [*declared, OpaqueFunction(function=limit_discovery), *nodes, replay, rviz]
+    return LaunchDescription([*declared, OpaqueFunction(function=processes)])
+
+
+def processes(context: LaunchContext) -> list[SetEnvironmentVariable | Node]:
+    """Return all that is started, once every argument is known to be good."""
+    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    check(given)
+    variables = discovery_environment(given["discovery"], given["peers"])
+    started: list[SetEnvironmentVariable | Node] = [
+        SetEnvironmentVariable(name, value) for name, value in variables.items()
+    ]
+    started += [node(name, given) for name in NODES]
+    if given["bag"]:
+        started.append(replay(given))
+    if as_bool("rviz", given["rviz"]):
+        started.append(rviz(given))
+    return started
+
+
+def check(given: Mapping[str, str]) -> None:
+    """Refuse arguments that cannot be, in one line.
+
+    Raises
+    ------
+    InvalidInputError
+        When one of them is not what it must be.
+    """
+    _expect(given, "namespace", NAMESPACE.fullmatch, "letters, digits and _, parts divided by /")
+    _expect(given, "camera", CAMERAS.__contains__, f"one of {', '.join(CAMERAS)}")
+    _expect(given, "log_level", LOG_LEVELS.__contains__, f"one of {', '.join(LOG_LEVELS)}")
+    _expect(given, "params_file", lambda path: Path(path).is_file(), "the path of a YAML file")
+    _expect(given, "bag", lambda path: not path or Path(path).exists(), "the path of a bag")
+    _expect(given, "rate", _is_number, "a number")
+    for name in ("respawn", "loop", "rviz"):
+        as_bool(name, given[name])
+    if given["use_sim_time"]:
+        as_bool("use_sim_time", given["use_sim_time"])
+    if as_bool("rviz", given["rviz"]):
+        try:
+            get_package_prefix("rviz2")
+        except PackageNotFoundError:
+            raise InvalidInputError(
+                "rviz is true, but rviz2 is not installed; expected rviz:=false, or rviz2 "
+                "(sudo apt install ros-jazzy-rviz2)"
+            ) from None
+
+
+def node(name: str, given: Mapping[str, str]) -> Node:
+    """Return one of the three nodes."""
+    own: dict[str, Any] = {"use_sim_time": uses_sim_time(given)}
+    renamed = [("/clock", f"{prefix(given)}/clock")] if prefix(given) else []
+    if name == "perception_node":
+        renamed += inputs(given)
+        if given["color"]:
+            own["use_color"] = given["color"] != "false"
+    respawn = as_bool("respawn", given["respawn"])
+    return Node(
+        package=NODES[name],
+        executable=name,
+        name=name,
+        namespace=given["namespace"],
+        output="screen",
+        parameters=[given["params_file"], own],
+        remappings=renamed,
+        respawn=respawn,
+        respawn_delay=RESPAWN_DELAY,
+        ros_arguments=["--log-level", given["log_level"], "--enclave", enclave(name, given)],
     )
 
 
-def limit_discovery(context: LaunchContext) -> list[SetEnvironmentVariable]:
-    """Say to all that is started after this which other nodes it looks for."""
-    given = (LaunchConfiguration(name).perform(context) for name in ("discovery", "peers"))
-    variables = discovery_environment(*given)
-    return [SetEnvironmentVariable(name, value) for name, value in variables.items()]
+def inputs(given: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Return the topic of each of perception's inputs."""
+    topics = CAMERAS[given["camera"]].topics(color=given["color"] == "true")
+    named = {
+        "~/depth/image": given["depth_image"],
+        "~/depth/camera_info": given["camera_info"],
+        "~/points": given["points"],
+        "~/imu": given["imu"],
+        "~/color/image": "" if given["color"] in ("true", "false") else given["color"],
+    }
+    return [(name, named[name] or topic) for name, topic in topics.items()]
+
+
+def replay(given: Mapping[str, str]) -> Node:
+    """Return what plays the bag to the nodes, once they listen."""
+    return Node(
+        package="intuitive_physics_recordings",
+        executable="replay_node",
+        namespace=given["namespace"],
+        output="screen",
+        parameters=[
+            {
+                "bag": given["bag"],
+                "rate": float(given["rate"]),
+                "loop": as_bool("loop", given["loop"]),
+                "topic_prefix": prefix(given),
+                "wait_for_subscribers": [OBJECT_STATES, OBSERVATIONS],
+                "wait_timeout": REPLAY_PATIENCE,
+            }
+        ],
+        ros_arguments=[
+            "--log-level",
+            given["log_level"],
+            "--enclave",
+            enclave("replay_node", given),
+        ],
+    )
+
+
+def rviz(given: Mapping[str, str]) -> Node:
+    """Return RViz, whose topics are relative to the namespace as well."""
+    return Node(
+        package="rviz2",
+        executable="rviz2",
+        namespace=given["namespace"],
+        arguments=[
+            "-d",
+            str(SHARE / "rviz" / "intuitive_physics.rviz"),
+            "-f",
+            f"{prefix(given)}/environment".lstrip("/"),
+        ],
+        parameters=[{"use_sim_time": uses_sim_time(given)}],
+        ros_arguments=["--enclave", enclave("operator", given)],
+    )
+
+
+def enclave(name: str, given: Mapping[str, str]) -> str:
+    """Return the place of one member's keys in a keystore."""
+    return f"{given['enclaves'] or f'{prefix(given)}/intuitive_physics'}/{name}"
+
+
+def prefix(given: Mapping[str, str]) -> str:
+    """Return the namespace with a slash before it, empty for none."""
+    namespace = given["namespace"].strip("/")
+    return f"/{namespace}" if namespace else ""
+
+
+def uses_sim_time(given: Mapping[str, str]) -> bool:
+    """Whether nodes take time from a clock that is published."""
+    if given["use_sim_time"]:
+        return as_bool("use_sim_time", given["use_sim_time"])
+    return bool(given["bag"])
+
+
+def as_bool(name: str, text: str) -> bool:
+    """Return what an argument says.
+
+    Raises
+    ------
+    InvalidInputError
+        When it is neither true nor false.
+    """
+    value = {"true": True, "1": True, "false": False, "0": False}.get(text.lower())
+    if value is None:
+        raise InvalidInputError(f"{name} is {text!r}; expected true or false")
+    return value
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _expect(
+    given: Mapping[str, str], name: str, holds: Callable[[str], object], expected: str
+) -> None:
+    if not holds(given[name]):
+        raise InvalidInputError(f"{name} is {given[name]!r}; expected {expected}")

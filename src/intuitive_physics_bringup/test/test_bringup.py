@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from intuitive_physics_bringup.connections import CAMERA_TOPICS, NODES, module, remappings
+from intuitive_physics_bringup.connections import CAMERAS, NODES, module
 from intuitive_physics_learner.nodes import learner_node
 from intuitive_physics_perception.nodes import perception_node
 from intuitive_physics_predictor.nodes import predictor_node
 from intuitive_physics_ros.scripting import NodeProcess, Peer
+from intuitive_physics_ros.topics import ENVIRONMENT, OBJECT_STATES, OBSERVATIONS, STATIC_PARAMETERS
 
 PACKAGE = Path(__file__).parent.parent
 PARAMETERS = {
@@ -25,8 +26,9 @@ PARAMETERS = {
 
 def test_configuration_names_parameters_the_nodes_have():
     configured = yaml.safe_load((PACKAGE / "config" / "nodes.yaml").read_text(encoding="utf-8"))
-    assert set(configured) <= set(NODES)
-    for node, entries in configured.items():
+    assert set(configured) <= {f"/**/{node}" for node in NODES}
+    for key, entries in configured.items():
+        node = key.rpartition("/")[2]
         known = {parameter.name: parameter for parameter in PARAMETERS[node]}
         for name, value in entries["ros__parameters"].items():
             assert known[name].accepts(value), (node, name)
@@ -48,35 +50,37 @@ def test_launch_files_are_python_with_a_description(path):
     assert "generate_launch_description" in functions
 
 
-def test_every_connection_has_two_ends(tmp_path):
-    """Each topic a node is told to hear is published by another node with the same type."""
+def test_the_nodes_find_one_another_under_any_namespace(tmp_path):
+    """Started plain, each of them hears what another publishes, with the same type."""
+    namespace = "/somewhere/else"
     processes = []
     try:
         for node in NODES:
-            arguments = [part for a, b in remappings(node) for part in ("-r", f"{a}:={b}")]
+            arguments = ["-r", f"__ns:={namespace}"]
             if node == "learner_node":
                 arguments += ["-p", f"database:={tmp_path / 'learner.sqlite3'}"]
             processes.append(NodeProcess(module(node), arguments))
         with Peer("inspector") as peer:
-            for node in NODES:
-                for _, topic in remappings(node):
-                    name = f"/{topic}"
-                    peer.spin_until(
-                        lambda name=name: (
-                            peer.node.get_publishers_info_by_topic(name)
-                            and peer.node.get_subscriptions_info_by_topic(name)
-                        ),
-                        f"both ends of {name}",
-                    )
-                    ends = peer.node.get_publishers_info_by_topic(name)
-                    ends += peer.node.get_subscriptions_info_by_topic(name)
-                    assert len({end.topic_type for end in ends}) == 1
-            # An IMU is heard only where it is asked for.
-            for topic in CAMERA_TOPICS.keys() - {"~/imu"}:
-                name = topic.replace("~", "/perception_node")
+            for topic in (ENVIRONMENT, OBJECT_STATES, OBSERVATIONS, STATIC_PARAMETERS):
+                name = f"{namespace}/{topic}"
+                peer.spin_until(
+                    lambda name=name: (
+                        peer.node.get_publishers_info_by_topic(name)
+                        and peer.node.get_subscriptions_info_by_topic(name)
+                    ),
+                    f"both ends of {name}",
+                    180.0,
+                )
+                ends = peer.node.get_publishers_info_by_topic(name)
+                ends += peer.node.get_subscriptions_info_by_topic(name)
+                assert len({end.topic_type for end in ends}) == 1
+            # Colour and an IMU are heard only where they are asked for.
+            for topic in CAMERAS["generic"].topics().keys() - {"~/imu", "~/color/image"}:
+                name = topic.replace("~", f"{namespace}/perception_node")
                 peer.spin_until(
                     lambda name=name: peer.node.get_subscriptions_info_by_topic(name),
                     f"perception to hear {name}",
+                    180.0,
                 )
     finally:
         for process in processes:

@@ -390,6 +390,12 @@ def test_folder_that_cannot_be_made(tmp_path):
         ObservationStore(tmp_path / "file" / "learner.sqlite3")
 
 
+def test_folders_from_the_root_on_are_a_mistake():
+    with pytest.raises(StorageError, match="there is no folder /nowhere-at-all, so none is made"):
+        ObservationStore("/nowhere-at-all/robots/learner.sqlite3")
+    assert not Path("/nowhere-at-all").exists()
+
+
 def test_path_that_is_a_folder(tmp_path):
     with pytest.raises(StorageError, match="cannot open"):
         ObservationStore(tmp_path)

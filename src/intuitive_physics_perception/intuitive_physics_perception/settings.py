@@ -152,7 +152,9 @@ class PerceptionSettings:
         2.0, 0.05, 100.0, "what is longer is not modelled as one box, m"
     )
     environment_frame_id: str = other(
-        "environment", "name of the gravity-aligned frame everything is published in"
+        "environment",
+        "name of the gravity-aligned frame everything is published in; of a node in a namespace "
+        "the default is NAMESPACE/environment",
     )
 
     min_radius: float = number(0.015, 0.001, 10.0, "smallest radius of a sphere, m")

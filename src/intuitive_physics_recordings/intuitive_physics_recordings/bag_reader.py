@@ -14,6 +14,7 @@ from rosbags.interfaces import (
     MessageDefinition,
     MessageDefinitionFormat,
     QosDurability,
+    QosHistory,
 )
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -43,12 +44,14 @@ class BagTopic:
     name, type : such as "/camera/depth/image_rect_raw", "sensor_msgs/msg/Image"
     message_count : messages in the bag
     latched : whether it was offered as transient local
+    depth : messages its publisher kept for late or slow subscribers; 0 where that is not recorded
     """
 
     name: str
     type: str
     message_count: int
     latched: bool
+    depth: int = 0
 
 
 @dataclass(frozen=True)
@@ -123,10 +126,12 @@ class BagReader:
         for connection in self._reader.connections:
             key = (connection.topic, connection.msgtype)
             before = counts.get(key, BagTopic(*key, 0, False))
+            latched, depth = _offered(connection.ext)
             counts[key] = BagTopic(
                 *key,
                 before.message_count + connection.msgcount,
-                before.latched or _is_latched(connection.ext),
+                before.latched or latched,
+                max(before.depth, depth),
             )
         return sorted(counts.values(), key=lambda topic: topic.name)
 
@@ -244,7 +249,9 @@ def _is_text(definition: MessageDefinition) -> bool:
     return definition.format == MessageDefinitionFormat.MSG
 
 
-def _is_latched(extension: object) -> bool:
-    return isinstance(extension, ConnectionExtRosbag2) and any(
-        qos.durability == QosDurability.TRANSIENT_LOCAL for qos in extension.offered_qos_profiles
-    )
+def _offered(extension: object) -> tuple[bool, int]:
+    """Return whether any of a topic's publishers latched, and the largest depth of one."""
+    profiles = extension.offered_qos_profiles if isinstance(extension, ConnectionExtRosbag2) else ()
+    latched = any(qos.durability == QosDurability.TRANSIENT_LOCAL for qos in profiles)
+    kept = [qos.depth for qos in profiles if qos.history == QosHistory.KEEP_LAST]
+    return latched, max(kept, default=0)

@@ -30,7 +30,7 @@ OBSERVATION_TYPE = f"{PACKAGE}/Observation"
 SUFFIX = ".mcap"
 """Of a file of observations."""
 
-TOPIC = "/perception_node/observation"
+TOPIC = "/observations"
 """Where perception publishes observations, and the learner hears them."""
 
 QUEUE = 100

@@ -67,7 +67,7 @@ class Diagnostics:
         node.create_timer(PERIOD, self._publish, clock=self._steady_clock)
 
     def add(self, name: str, check: Check) -> None:
-        """Ask `check` once a second from now on and publish its answer as `node: name`."""
+        """Ask `check` once a second from now on, published as `namespace/node: name`."""
         self._checks[name] = check
 
     def _publish(self) -> None:
@@ -88,7 +88,7 @@ class Diagnostics:
     def _status_message(self, name: str, status: Status) -> DiagnosticStatus:
         return DiagnosticStatus(
             level=status.level.value,
-            name=f"{self._node.get_name()}: {name}",
+            name=f"{self._node.get_fully_qualified_name().lstrip('/')}: {name}",
             message=status.message,
             hardware_id=self._node.get_fully_qualified_name(),
             values=[KeyValue(key=key, value=str(value)) for key, value in status.values.items()],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from geometry_msgs.msg import TransformStamped
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
@@ -18,21 +20,23 @@ from intuitive_physics_ros.conversions.primitives import (
     quaternion_to_message,
     vector_to_message,
 )
-from intuitive_physics_ros.qos import LATCHED
+from intuitive_physics_ros.qos import LATCHED, QOS_OVERRIDES
+from intuitive_physics_ros.topics import ENVIRONMENT
 
 
 class EnvironmentPublisher:
-    """Publishes environments on one topic and, where tf2_msgs is installed, on /tf_static.
+    """Publishes environments and, where tf2_msgs is installed, their frames on /tf_static.
 
     Parameters
     ----------
     node : that publishes
-    topic : of the environments
     """
 
-    def __init__(self, node: Node, topic: str) -> None:
+    def __init__(self, node: Node) -> None:
         self.version = 0
-        self._environments = node.create_publisher(EnvironmentMessage, topic, LATCHED)
+        self._environments = node.create_publisher(
+            EnvironmentMessage, ENVIRONMENT, copy(LATCHED), qos_overriding_options=QOS_OVERRIDES
+        )
         try:
             from tf2_msgs.msg import TFMessage
         except ImportError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from intuitive_physics.validation import unit_quaternion
 from intuitive_physics_ros.conversions import seconds_from_stamp
 from intuitive_physics_ros.conversions.primitives import xyz, xyzw
 from intuitive_physics_ros.monitors import InputMonitor
-from intuitive_physics_ros.qos import SENSOR_DATA
+from intuitive_physics_ros.qos import QOS_OVERRIDES, SENSOR_DATA
 
 Sample = Callable[[float, NDArray[np.float64], NDArray[np.float64] | None], None]
 
@@ -55,7 +56,13 @@ class ImuInput:
         self._on_sample = on_sample
         self._orientation = orientation
         self._buffer = None if orientation is not None else _transform_buffer(node)
-        node.create_subscription(Imu, topic, self._on_message, SENSOR_DATA)
+        node.create_subscription(
+            Imu,
+            topic,
+            self._on_message,
+            copy(SENSOR_DATA),
+            qos_overriding_options=QOS_OVERRIDES,
+        )
 
     def _on_message(self, message: Imu) -> None:
         target = self._target_frame()

@@ -80,6 +80,15 @@ class Parameter:
                 ]
         return descriptor
 
+    def converted(self, value: Any) -> Any:
+        """Return a value with whole numbers as doubles where doubles are expected: 2 is 2.0."""
+        if self.type == RosParameter.Type.DOUBLE and type(value) is int:
+            return float(value)
+        is_list = isinstance(value, Sequence) and not isinstance(value, str | bytes)
+        if self.type == RosParameter.Type.DOUBLE_ARRAY and is_list:
+            return [float(one) if type(one) is int else one for one in value]
+        return value
+
     def accepts(self, value: Any) -> bool:
         """Whether a value of the right type is finite and one of the choices."""
         if isinstance(value, float) and not math.isfinite(value):
@@ -90,11 +99,11 @@ class Parameter:
 TYPE_WORDS = {
     RosParameter.Type.BOOL: "true or false",
     RosParameter.Type.INTEGER: "a whole number",
-    RosParameter.Type.DOUBLE: "a number with a decimal point",
+    RosParameter.Type.DOUBLE: "a number",
     RosParameter.Type.STRING: "a string",
     RosParameter.Type.BOOL_ARRAY: "a list of true and false",
     RosParameter.Type.INTEGER_ARRAY: "a list of whole numbers",
-    RosParameter.Type.DOUBLE_ARRAY: "a list of numbers with a decimal point",
+    RosParameter.Type.DOUBLE_ARRAY: "a list of numbers",
     RosParameter.Type.STRING_ARRAY: "a list of strings",
 }
 """How each type of parameter is called in messages to users."""
@@ -125,7 +134,8 @@ def setting_parameters(settings: type[Any], *, read_only: bool = True) -> list[P
 def declare_parameters(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
     """Declare parameters on a node and return their values by name.
 
-    What is set later is checked in the same way and refused with a reason.
+    What is set later is checked in the same way and refused with a reason. Whole numbers are taken
+    where doubles are expected, as users write them.
 
     Raises
     ------
@@ -133,6 +143,7 @@ def declare_parameters(node: Node, parameters: Iterable[Parameter]) -> dict[str,
         When the command line or a parameter file gives one of them a value it cannot have.
     """
     declared = {parameter.name: parameter for parameter in parameters}
+    node.add_pre_set_parameters_callback(lambda new: [_converted(declared, one) for one in new])
     node.add_on_set_parameters_callback(lambda new: _check(declared, new))
     return {name: _declare(node, parameter) for name, parameter in declared.items()}
 
@@ -153,16 +164,25 @@ def unknown_overrides(node: Node) -> list[str]:
 
 
 def _declare(node: Node, parameter: Parameter) -> Any:
+    overrides = parameter_overrides(node)
+    override = overrides.get(parameter.name)
+    if override is not None:
+        overrides[parameter.name] = _converted({parameter.name: parameter}, override)
     try:
         declared = node.declare_parameter(parameter.name, parameter.default, parameter.descriptor())
     except ParameterException:
-        override = parameter_overrides(node).get(parameter.name)
         got = override.value if override is not None else parameter.default
         raise InvalidInputError(
             f"parameter {parameter.name} is {got!r}; expected {parameter.constraint} "
             f"({parameter.description})"
         ) from None
     return declared.value
+
+
+def _converted(declared: Mapping[str, Parameter], new: RosParameter) -> RosParameter:
+    known = declared.get(new.name)
+    value = new.value if known is None else known.converted(new.value)
+    return new if value is new.value else RosParameter(new.name, value=value)
 
 
 def _check(declared: Mapping[str, Parameter], new: Iterable[RosParameter]) -> SetParametersResult:

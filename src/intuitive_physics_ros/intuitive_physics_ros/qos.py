@@ -1,9 +1,19 @@
 """Quality of service of the suite's topics."""
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+QOS_OVERRIDES = QoSOverridingOptions.with_default_policies()
+"""Of each topic of a node, so that parameters `qos_overrides.TOPIC.publisher.depth` and the like
+change history, depth and reliability. rclpy writes them into the profile, so pass it a copy."""
 
 SENSOR_DATA = qos_profile_sensor_data
-"""Sensors and what is derived from each of their frames: best effort, the newest few."""
+"""Subscriptions to sensors and to what is derived from each of their frames: best effort, the
+newest few."""
+
+STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+"""What is published for each frame or tick: reliable, so that subscribers with the default quality
+of service receive it as well as those of best effort."""
 
 LATCHED = QoSProfile(
     depth=1,

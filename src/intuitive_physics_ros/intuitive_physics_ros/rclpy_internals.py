@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import MutableMapping
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -17,12 +17,13 @@ RCLError: type[Exception] = rclpy_implementation.RCLError
 """What rcl raises, for instance when its arguments cannot be parsed."""
 
 
-def parameter_overrides(node: Node) -> Mapping[str, Parameter]:
+def parameter_overrides(node: Node) -> MutableMapping[str, Parameter]:
     """Return the parameters that the command line or a file gave, declared or not, by name.
 
-    Without them a message could not say what the user wrote, nor that a name is unknown.
+    Without them a message could not say what the user wrote, nor that a name is unknown, and a
+    whole number could not be taken for a double: what is put here is what is declared.
     """
-    overrides: Mapping[str, Parameter] = getattr(node, "_parameter_overrides", {})
+    overrides: MutableMapping[str, Parameter] = getattr(node, "_parameter_overrides", {})
     return overrides
 
 

@@ -34,6 +34,7 @@ from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_ros.parameters import unknown_overrides
 from intuitive_physics_ros.rclpy_internals import RCLError, release
 from intuitive_physics_ros.start_node import STOP_SIGNALS
+from intuitive_physics_ros.topics import with_earlier_remappings
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 START_ERRORS = (IntuitivePhysicsError, NameValidationException, ParameterException, RCLError)
@@ -75,12 +76,18 @@ def run_node(factory: Callable[[], Node], args: Sequence[str] | None = None) -> 
     _ensure_log_folder()
     try:
         rclpy.init(
-            args=None if args is None else list(args),
+            args=with_earlier_remappings(sys.argv if args is None else args),
             signal_handler_options=SignalHandlerOptions.NO,
         )
         node = factory()
     except START_ERRORS as error:
         rclpy.try_shutdown()
+        return _explain(error)
+    except RuntimeError as error:
+        # rclpy has no class of its own for a quality of service that a parameter gives wrongly.
+        rclpy.try_shutdown()
+        if "QoS override" not in str(error):
+            raise
         return _explain(error)
     try:
         _warn_of_unknown_overrides(node)

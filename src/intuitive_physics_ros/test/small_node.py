@@ -19,6 +19,7 @@ PARAMETERS = (
     Parameter("mode", "fast", "how", choices=("fast", "exact"), read_only=False),
     Parameter("limit", 1.0, "m", read_only=False),
     Parameter("names", ["a", "b"], "of things"),
+    Parameter("lengths", [0.5], "m", read_only=False),
 )
 
 

@@ -53,8 +53,8 @@ class PublishingNode:
     def __init__(self) -> None:
         self.published: dict[tuple, list] = {}
 
-    def create_publisher(self, kind, topic, qos):
-        sent = self.published.setdefault((kind.__name__, topic, qos is LATCHED), [])
+    def create_publisher(self, kind, topic, qos, **options):
+        sent = self.published.setdefault((kind.__name__, topic, qos == LATCHED), [])
         return SimpleNamespace(publish=sent.append)
 
 
@@ -66,7 +66,7 @@ def test_the_transform_is_published_where_tf2_msgs_is_installed(monkeypatch, ins
     monkeypatch.setitem(sys.modules, "tf2_msgs", ModuleType("tf2_msgs") if installed else None)
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", stand_in if installed else None)
     node = PublishingNode()
-    publisher = EnvironmentPublisher(node, "~/environment")
+    publisher = EnvironmentPublisher(node)
     position, orientation = np.array([0.1, -0.2, 0.8]), np.array([0.5, 0.5, -0.5, 0.5])
     for _ in range(2):
         publisher.publish(
@@ -75,7 +75,7 @@ def test_the_transform_is_published_where_tf2_msgs_is_installed(monkeypatch, ins
             position=position,
             orientation=orientation,
         )
-    environments = node.published.pop(("Environment", "~/environment", True))
+    environments = node.published.pop(("Environment", "environment", True))
     assert [message.version for message in environments] == [1, 2]
     if not installed:
         assert node.published == {}

@@ -46,7 +46,7 @@ def test_capsule_is_a_cylinder_with_two_caps(radius, length):
     np.testing.assert_allclose(xyz(cylinder.scale), [2 * radius, 2 * radius, length])
     # A quarter turn about x takes z onto -y.
     ends = sorted(cap.pose.position.y for cap in caps)
-    np.testing.assert_allclose(ends, [2.0 - length / 2, 2.0 + length / 2])
+    np.testing.assert_allclose(ends, [2.0 - length / 2, 2.0 + length / 2], atol=1e-12)
     for cap in caps:
         assert cap.type == Marker.SPHERE
         np.testing.assert_allclose(xyz(cap.scale), 2 * radius)

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import ParameterType
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
@@ -216,9 +217,11 @@ def test_worker_it_forked_can_be_ended_and_leaves_it_alive(start):
     [
         (
             "rate:=0.5",
-            "parameter rate is 0.5; expected a number with a decimal point, 1.0 to",
+            "parameter rate is 0.5; expected a number, 1.0 to",
         ),
-        ("rate:=100", "parameter rate is 100; expected a number with a decimal point"),
+        ("rate:=2000", "parameter rate is 2000; expected a number, 1.0 to"),
+        ("rate:=true", "parameter rate is True; expected a number, 1.0 to"),
+        ("lengths:=[a]", "parameter lengths is ['a']; expected a list of numbers"),
         ("rate:=.nan", "parameter rate is nan"),
         ("rate:=fast", "parameter rate is 'fast'"),
         ("count:=11", "parameter count is 11; expected a whole number, 1 to 10"),
@@ -236,6 +239,17 @@ def test_bad_parameter_is_one_clear_line(start, argument, complaint):
     assert errors[0].startswith("small_node.py: error: ")
     assert complaint in errors[0]
     assert "Traceback" not in node.text
+
+
+def test_whole_numbers_are_taken_for_doubles(start, caller):
+    start("--ros-args", "-p", "rate:=50", "-p", "lengths:=[1, 2]").wait_for("ready")
+    client = AsyncParameterClient(caller, "/small")
+    caller.spin_until(client.services_are_ready)
+    future = client.get_parameters(["rate", "lengths"])
+    caller.spin_until(future.done)
+    rate, lengths = future.result().values
+    assert (rate.type, rate.double_value) == (ParameterType.PARAMETER_DOUBLE, 50.0)
+    assert list(lengths.double_array_value) == [1.0, 2.0]
 
 
 def test_parameter_it_does_not_have_is_told(start):
@@ -345,6 +359,13 @@ def test_parameters_are_checked_while_it_runs(start, caller):
         return future.result().results[0]
 
     assert set_to("count", 5).successful
+    assert set_to("limit", 2).successful
+    assert set_to("lengths", [1, 2]).successful
+    future = client.get_parameters(["limit", "lengths"])
+    caller.spin_until(future.done)
+    limit, lengths = future.result().values
+    assert (limit.type, limit.double_value) == (ParameterType.PARAMETER_DOUBLE, 2.0)
+    assert list(lengths.double_array_value) == [1.0, 2.0]
     assert set_to("mode", "exact").successful
     for name, value, reason in [
         ("rate", 50.0, "read-only"),

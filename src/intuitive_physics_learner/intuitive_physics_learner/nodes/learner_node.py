@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
+from copy import copy
 
 from intuitive_physics_msgs.msg import ResultCode
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
@@ -50,9 +51,10 @@ from intuitive_physics_ros.conversions import (
 )
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
 from intuitive_physics_ros.parameters import declare_parameters, use_limits_of
-from intuitive_physics_ros.qos import LATCHED
+from intuitive_physics_ros.qos import LATCHED, QOS_OVERRIDES
 from intuitive_physics_ros.result_codes import error_result, ok_result
 from intuitive_physics_ros.run_node import farewell, run_node
+from intuitive_physics_ros.topics import STATIC_PARAMETERS
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 LIMITS = frozenset(one.name for one in list_settings(InputLimits))
@@ -77,7 +79,10 @@ class LearnerNode(Node):
             self.get_logger().warning(self._make_cost.warning)
         self._store = ObservationStore(database_path(values["database"], self.get_namespace()))
         self._publisher = self.create_publisher(
-            StaticParametersMessage, "~/static_parameters", LATCHED
+            StaticParametersMessage,
+            STATIC_PARAMETERS,
+            copy(LATCHED),
+            qos_overriding_options=QOS_OVERRIDES,
         )
         # Triggered in the thread that watches the background, called back in this node's executor.
         improved = self.create_guard_condition(self._read_newest)

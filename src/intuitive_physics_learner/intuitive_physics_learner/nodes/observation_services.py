@@ -7,6 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from copy import copy
 from typing import Any
 
 from intuitive_physics_msgs.msg import Observation as ObservationMessage
@@ -32,8 +33,10 @@ from intuitive_physics_ros.background import Background
 from intuitive_physics_ros.conversions import observation_from_message, stamp_from_seconds
 from intuitive_physics_ros.diagnostics import Level, Status
 from intuitive_physics_ros.monitors import InputMonitor
-from intuitive_physics_ros.qos import OBSERVATIONS
+from intuitive_physics_ros.qos import OBSERVATIONS as OBSERVATIONS_QOS
+from intuitive_physics_ros.qos import QOS_OVERRIDES
 from intuitive_physics_ros.result_codes import error_result, ok_result
+from intuitive_physics_ros.topics import OBSERVATIONS
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 BUSY_TIMEOUT = 0.5
@@ -181,7 +184,7 @@ class ObservationServices:
         self._on_changed = on_changed
         self._store = store
         self._background = background
-        self._input = InputMonitor(node, "~/observation", timeout=None)
+        self._input = InputMonitor(node, OBSERVATIONS, timeout=None)
         # Triggered in the queue's thread, called back in the node's executor.
         self._queue = ObservationQueue(
             self._store, node.create_guard_condition(on_changed).trigger, self._on_refused
@@ -191,7 +194,11 @@ class ObservationServices:
         self._counts_error = ""
         self._counted_at = time.monotonic()
         node.create_subscription(
-            ObservationMessage, "~/observation", self._on_observation, OBSERVATIONS
+            ObservationMessage,
+            OBSERVATIONS,
+            self._on_observation,
+            copy(OBSERVATIONS_QOS),
+            qos_overriding_options=QOS_OVERRIDES,
         )
         # While an answer waits for the database, others must go on.
         together = ReentrantCallbackGroup()

@@ -190,6 +190,17 @@ def database_path(template: str, namespace: str) -> Path:
     return Path(path if template.startswith("/") else path.lstrip("/"))
 
 
+def _check_place(folder: Path) -> None:
+    """Refuse a folder of which nothing exists but the root: its path is a mistake."""
+    if folder.is_absolute() and folder != Path(folder.anchor):
+        top = Path(*folder.parts[:2])
+        if not top.exists():
+            raise StorageError(
+                f"there is no folder {top}, so none is made for the database in {folder}; "
+                "expected a folder, or one that can be made below another that exists"
+            )
+
+
 class Database:
     """An open file; may be used from several threads, and the file by several processes.
 
@@ -210,6 +221,7 @@ class Database:
         self._lock = threading.RLock()
         self._damage: str | None = None
         timeout = BUSY_TIMEOUT if busy_timeout is None else busy_timeout
+        _check_place(self.path.parent)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:

@@ -138,12 +138,10 @@ class Caller:
         self.published = []
         self.diagnostics = []
         self.node.create_subscription(
-            StaticParameters, "/learner_node/static_parameters", self.published.append, LATCHED
+            StaticParameters, "static_parameters", self.published.append, LATCHED
         )
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnostics.append, 10)
-        self.observations = self.node.create_publisher(
-            Observation, "/learner_node/observation", LATCHED
-        )
+        self.observations = self.node.create_publisher(Observation, "observations", LATCHED)
         self.services = {
             kind: self.node.create_client(kind, f"/learner_node/{name}")
             for kind, name in (

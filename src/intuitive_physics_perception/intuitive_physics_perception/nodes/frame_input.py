@@ -5,11 +5,14 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
+from copy import copy
 from functools import partial
 from typing import Generic, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Header
@@ -20,7 +23,7 @@ from intuitive_physics_perception.input.frame_decoder import FrameDecoder
 from intuitive_physics_ros.conversions import seconds_from_stamp
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
 from intuitive_physics_ros.monitors import InputMonitor
-from intuitive_physics_ros.qos import SENSOR_DATA
+from intuitive_physics_ros.qos import QOS_OVERRIDES, SENSOR_DATA
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 Frame: TypeAlias = Image | PointCloud2
@@ -55,6 +58,9 @@ KEPT = 4
 class FrameInput:
     """Subscribes to frames, decodes them in a thread of its own and reports their health.
 
+    It subscribes once its kernels are loaded: who waits for subscribers before playing a recording
+    may count on the first frame. `node` must spin for that.
+
     A frame that cannot be used is named in the log, not more than every 10 s for one reason, and
     on /diagnostics; the next one is tried again.
 
@@ -86,15 +92,14 @@ class FrameInput:
         self._decoder = FrameDecoder(rectified=rectified)
         self._kind: type[Frame] | None = None
         self._monitors = {kind: InputMonitor(node, TOPICS[kind], TIMEOUT) for kind in kinds}
-        self._worker: FrameWorker[Frame] = FrameWorker(warm_up, self._handle)
         for kind in kinds:
             diagnostics.add(TOPICS[kind].removeprefix("~/"), partial(self._check, kind))
-            node.create_subscription(kind, TOPICS[kind], self._worker.put, SENSOR_DATA)
+        self._camera_monitor = InputMonitor(node, CAMERA_INFO, None)
         if Image in kinds:
-            self._camera_monitor = InputMonitor(node, CAMERA_INFO, None)
             diagnostics.add(CAMERA_INFO.removeprefix("~/"), self._camera_monitor.check)
-            node.create_subscription(CameraInfo, CAMERA_INFO, self._on_camera, SENSOR_DATA)
         self._color = ColorInput(node, diagnostics) if color and Image in kinds else None
+        self._ready = node.create_guard_condition(self._subscribe)
+        self._worker: FrameWorker[Frame] = FrameWorker(self._prepare, self._handle)
 
     @property
     def dropped(self) -> int:
@@ -109,6 +114,31 @@ class FrameInput:
         patience : s to wait for it at most
         """
         return self._worker.stop(patience)
+
+    def _prepare(self) -> None:
+        """Load the kernels; runs in the worker's thread."""
+        warm_up()
+        # A node that was stopped meanwhile has nothing to subscribe with.
+        with suppress(InvalidHandle):
+            self._ready.trigger()
+
+    def _subscribe(self) -> None:
+        for kind in self._monitors:
+            self._node.create_subscription(
+                kind,
+                TOPICS[kind],
+                self._worker.put,
+                copy(SENSOR_DATA),
+                qos_overriding_options=QOS_OVERRIDES,
+            )
+        if Image in self._monitors:
+            self._node.create_subscription(
+                CameraInfo,
+                CAMERA_INFO,
+                self._on_camera,
+                copy(SENSOR_DATA),
+                qos_overriding_options=QOS_OVERRIDES,
+            )
 
     def _on_camera(self, message: CameraInfo) -> None:
         try:
@@ -228,7 +258,13 @@ class ColorInput:
         self._monitor = InputMonitor(node, COLOR_TOPIC, TIMEOUT)
         self._newest: deque[tuple[float, NDArray[np.uint8]]] = deque(maxlen=KEPT)
         diagnostics.add(COLOR_TOPIC.removeprefix("~/"), self._monitor.check)
-        node.create_subscription(Image, COLOR_TOPIC, self._on_image, SENSOR_DATA)
+        node.create_subscription(
+            Image,
+            COLOR_TOPIC,
+            self._on_image,
+            copy(SENSOR_DATA),
+            qos_overriding_options=QOS_OVERRIDES,
+        )
 
     def of_frame(self, header: Header, points: NDArray[np.float32]) -> NDArray[np.uint8] | None:
         """Return the colours (height, width, 3) of a frame, None where there are none.

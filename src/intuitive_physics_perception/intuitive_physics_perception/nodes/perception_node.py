@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 
 import numpy as np
 from intuitive_physics_msgs.msg import ObjectStates
@@ -42,11 +43,19 @@ from intuitive_physics_ros.markers import (
     object_markers,
 )
 from intuitive_physics_ros.parameters import Parameter, declare_parameters, setting_parameters
-from intuitive_physics_ros.qos import OBSERVATIONS, SENSOR_DATA
+from intuitive_physics_ros.qos import OBSERVATIONS as OBSERVATIONS_QOS
+from intuitive_physics_ros.qos import QOS_OVERRIDES, STREAM
 from intuitive_physics_ros.run_node import farewell, run_node
+from intuitive_physics_ros.topics import OBJECT_STATES, OBSERVATIONS
 
 NO_ORIENTATION = [0.0, 0.0, 0.0, 0.0]
 """Value of the parameter `imu_orientation` that stands for none: ROS parameters have a value."""
+
+FRAME = "environment_frame_id"
+"""Parameter that names the frame of everything that is published."""
+
+DEFAULT_FRAME = PerceptionSettings().environment_frame_id
+"""Its default, which stands below the node's namespace."""
 
 STOP_PATIENCE = 0.8
 """s to wait at the end for the frame under way."""
@@ -85,7 +94,7 @@ class PerceptionNode(Node):
     def __init__(self) -> None:
         super().__init__("perception_node")
         values = declare_parameters(self, PARAMETERS)
-        settings = settings_from_values(values)
+        settings = settings_from_values(values | {FRAME: self._frame_id(values[FRAME])})
         self._revision = ThreadPoolExecutor(1, "revision of the environment")
         self._pipeline = PerceptionPipeline(
             settings, np.random.default_rng(values["seed"]), background=self._revision
@@ -95,10 +104,15 @@ class PerceptionNode(Node):
         self._newest: tuple[Header, FrameResult] | None = None
         self._frames = self._restarts = self._moves = 0
 
-        self._environment = EnvironmentPublisher(self, "~/environment")
-        self._states = self.create_publisher(ObjectStates, "~/object_states", SENSOR_DATA)
+        self._environment = EnvironmentPublisher(self)
+        self._states = self.create_publisher(
+            ObjectStates, OBJECT_STATES, copy(STREAM), qos_overriding_options=QOS_OVERRIDES
+        )
         self._observations = self.create_publisher(
-            ObservationMessage, "~/observation", OBSERVATIONS
+            ObservationMessage,
+            OBSERVATIONS,
+            copy(OBSERVATIONS_QOS),
+            qos_overriding_options=QOS_OVERRIDES,
         )
         self._markers = self.create_publisher(MarkerArray, "~/markers", 1)
         diagnostics = Diagnostics(self)
@@ -126,6 +140,11 @@ class PerceptionNode(Node):
         self._revision.shutdown(wait=False, cancel_futures=True)
         farewell([self._observations, *self._environment.publishers])
         super().destroy_node()
+
+    def _frame_id(self, given: str) -> str:
+        """Put the frame's default name below the namespace: each robot has its own."""
+        namespace = self.get_namespace().strip("/")
+        return f"{namespace}/{given}" if namespace and given == DEFAULT_FRAME else given
 
     def _make_imu(self, diagnostics: Diagnostics, orientation: list[float]) -> None:
         self._accelerometer = RestingAccelerometer(self._pipeline.settings.rest)

@@ -25,14 +25,13 @@ from visualization_msgs.msg import MarkerArray
 
 from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.depth import points_from_depth
-from intuitive_physics_perception.nodes.perception_node import OBSERVATIONS
 from intuitive_physics_ros.conversions import (
     environment_from_message,
     object_states_from_messages,
     observation_from_message,
     stamp_from_seconds,
 )
-from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
+from intuitive_physics_ros.qos import LATCHED, OBSERVATIONS, SENSOR_DATA
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 
 MODULE = "intuitive_physics_perception.nodes.perception_node"
@@ -170,9 +169,9 @@ def test_images_without_camera_info_are_named_and_then_used(peer, node, room) ->
 
 
 def test_a_throw_gives_environment_states_and_one_observation(peer, node, room) -> None:
-    environments = peer.listen(EnvironmentMessage, f"{NODE}/environment", LATCHED)
-    states = peer.listen(ObjectStates, f"{NODE}/object_states", SENSOR_DATA)
-    observations = peer.listen(Observation, f"{NODE}/observation", OBSERVATIONS)
+    environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
+    states = peer.listen(ObjectStates, "object_states", SENSOR_DATA)
+    observations = peer.listen(Observation, "observations", OBSERVATIONS)
     markers = peer.listen(MarkerArray, f"{NODE}/markers")
     images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     empty = room.depth()
@@ -212,13 +211,13 @@ def test_a_throw_gives_environment_states_and_one_observation(peer, node, room) 
 
 
 def test_a_late_learner_still_gets_environment_and_observations(peer) -> None:
-    environments = peer.listen(EnvironmentMessage, f"{NODE}/environment", LATCHED)
-    observations = peer.listen(Observation, f"{NODE}/observation", OBSERVATIONS)
+    environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
+    observations = peer.listen(Observation, "observations", OBSERVATIONS)
     peer.spin_until(lambda: environments and observations, "what was published before")
 
 
 def test_time_that_jumps_back_restarts_the_tracker(peer, node, room) -> None:
-    observations = peer.listen(Observation, f"{NODE}/observation", OBSERVATIONS)
+    observations = peer.listen(Observation, "observations", OBSERVATIONS)
     images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     peer.spin_until(lambda: observations, "the first observation")
     before = len(observations)
@@ -252,7 +251,7 @@ def test_images_that_cannot_be_used_are_named(peer, node, room, changes, text) -
 
 def test_an_image_without_readings_is_named_and_the_next_good_one_used(peer, room) -> None:
     heard = peer.listen(DiagnosticArray, "/diagnostics")
-    states = peer.listen(ObjectStates, f"{NODE}/object_states", SENSOR_DATA)
+    states = peer.listen(ObjectStates, "object_states", SENSOR_DATA)
     images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     blind, empty = np.zeros((240, 320)), room.depth()
     play_until(
@@ -325,7 +324,7 @@ def corrupted(rng, message) -> Image:
 def test_no_image_makes_the_node_fall_or_hang(peer, node, room) -> None:
     """Corrupted ones, named once each, and then a good one is perceived."""
     rng = np.random.default_rng(0)
-    states = peer.listen(ObjectStates, f"{NODE}/object_states", SENSOR_DATA)
+    states = peer.listen(ObjectStates, "object_states", SENSOR_DATA)
     infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
     images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     empty = room.depth()
@@ -348,7 +347,7 @@ def test_no_image_makes_the_node_fall_or_hang(peer, node, room) -> None:
 
 
 def test_a_moved_camera_is_named_and_modelled_anew(peer, node, room) -> None:
-    environments = peer.listen(EnvironmentMessage, f"{NODE}/environment", LATCHED)
+    environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
     images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     peer.spin_until(lambda: environments, "the environment")
     moved = room.__class__(tilt=33.0, height=0.9, seed=6, **SMALL).depth()
@@ -364,7 +363,7 @@ def test_a_moved_camera_is_named_and_modelled_anew(peer, node, room) -> None:
 
 
 def test_the_environment_can_be_rebuilt(peer, room) -> None:
-    environments = peer.listen(EnvironmentMessage, f"{NODE}/environment", LATCHED)
+    environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
     peer.spin_until(lambda: environments, "the environment")
     version = environments[-1].version
     answer = peer.call(Trigger, f"{NODE}/rebuild_environment", Trigger.Request())
@@ -408,7 +407,7 @@ def test_clouds_bad_and_good(node, cloud_node, room) -> None:
     clock = iter(np.arange(1.0, 1000.0, STEP))
     with Peer("tester") as peer:
         heard = peer.listen(DiagnosticArray, "/diagnostics")
-        states = peer.listen(ObjectStates, f"{NODE}/object_states", SENSOR_DATA)
+        states = peer.listen(ObjectStates, "object_states", SENSOR_DATA)
         clouds = peer.publisher(PointCloud2, f"{NODE}/points", SENSOR_DATA)
 
         def send(points, **changes) -> None:
@@ -456,7 +455,7 @@ def test_gravity_is_that_of_the_imu(room) -> None:
     empty = room.depth()
     with NodeProcess(MODULE, arguments) as process, Peer("tester") as peer:
         heard = peer.listen(DiagnosticArray, "/diagnostics")
-        environments = peer.listen(EnvironmentMessage, f"{NODE}/environment", LATCHED)
+        environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
         infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
         images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
         imus = peer.publisher(Imu, f"{NODE}/imu", SENSOR_DATA)

@@ -30,6 +30,10 @@ class NothingToPredictError(IntuitivePhysicsError):
     """Inputs of a prediction are missing or too old."""
 
 
+class OtherClockError(NothingToPredictError):
+    """States are stamped by a clock other than the one they are predicted on."""
+
+
 class NoObjectsError(NothingToPredictError):
     """No objects tracked; not an error."""
 
@@ -215,15 +219,17 @@ def check_fresh(seen: SeenStates, options: PredictionOptions, now: float, monoto
 
     Raises
     ------
+    OtherClockError
+        When they arrive too old by their stamp, or stamped ahead of the clock.
     NothingToPredictError
-        When they are too old, or stamped ahead of the clock.
+        When they are too old meanwhile.
     """
     limit = options.stale_after
     age = monotonic - seen.arrived
     if options.carry_forward:
         if not -CLOCK_TOLERANCE <= seen.delay <= limit:
             when = "old" if seen.delay > 0.0 else "in the future"
-            raise NothingToPredictError(
+            raise OtherClockError(
                 f"object states arrive {abs(seen.delay):.1f} s {when}; expected at most "
                 f"{limit:g} s old: set use_sim_time where they are of a replayed bag, or "
                 "carry_forward to false where they are stamped by another clock"

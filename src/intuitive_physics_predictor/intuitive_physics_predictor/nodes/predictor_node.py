@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import fields
 from functools import partial
 from typing import Any
@@ -44,8 +45,9 @@ from intuitive_physics_ros.parameters import (
     setting_parameters,
     use_limits_of,
 )
-from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
+from intuitive_physics_ros.qos import LATCHED, QOS_OVERRIDES, SENSOR_DATA
 from intuitive_physics_ros.run_node import run_node
+from intuitive_physics_ros.topics import ENVIRONMENT, OBJECT_STATES, STATIC_PARAMETERS
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 SWITCH_INTERVAL = 5e-4
@@ -100,10 +102,11 @@ class PredictorNode(Node):
         self._answers = PredictionServices(self, self._ticks)
         self._marker_publisher = self.create_publisher(MarkerArray, "~/markers", 1)
         self._marker_timer = self.create_timer(1.0 / values["marker_rate"], self._on_marker_tick)
+        # Who waits for subscribers to this node may count on its first prediction.
+        warm_up()
         self._subscribe()
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
-        warm_up()
         self._ticks.start()
 
     def destroy_node(self) -> None:
@@ -116,17 +119,19 @@ class PredictorNode(Node):
     def _subscribe(self) -> None:
         diagnostics = Diagnostics(self)
         for name, kind, read, qos, expected in (
-            ("environment", EnvironmentMessage, environment_inputs, LATCHED, None),
-            ("object_states", ObjectStates, states_inputs, SENSOR_DATA, 2.0),
-            ("static_parameters", StaticParametersMessage, None, LATCHED, None),
+            (ENVIRONMENT, EnvironmentMessage, environment_inputs, LATCHED, None),
+            (OBJECT_STATES, ObjectStates, states_inputs, SENSOR_DATA, 2.0),
+            (STATIC_PARAMETERS, StaticParametersMessage, None, LATCHED, None),
         ):
-            monitor = InputMonitor(self, f"~/{name}", expected)
+            monitor = InputMonitor(self, name, expected)
             heard = (
                 partial(self._on_parameters, monitor)
                 if read is None
                 else partial(self._on_input, monitor, kind, read)
             )
-            self.create_subscription(kind, f"~/{name}", heard, qos, raw=True)
+            self.create_subscription(
+                kind, name, heard, copy(qos), qos_overriding_options=QOS_OVERRIDES, raw=True
+            )
             diagnostics.add(name, monitor.check)
         diagnostics.add("prediction", self._ticks.monitor.check)
 

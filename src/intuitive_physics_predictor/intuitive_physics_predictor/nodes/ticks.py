@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Hashable
+from copy import copy
 
 from intuitive_physics_msgs.msg import TrajectoryDistribution as DistributionMessage
 from rclpy.node import Node
@@ -15,6 +16,7 @@ from intuitive_physics_predictor.live.live_prediction import (
     LivePrediction,
     NoObjectsError,
     NothingToPredictError,
+    OtherClockError,
 )
 from intuitive_physics_predictor.live.pacer import Pacer
 from intuitive_physics_predictor.live.predictor import Predictor, Snapshot
@@ -23,7 +25,8 @@ from intuitive_physics_predictor.nodes.messages import distribution_message
 from intuitive_physics_ros.background import Background
 from intuitive_physics_ros.conversions import DistributionWriter
 from intuitive_physics_ros.monitors import RateMonitor
-from intuitive_physics_ros.qos import SENSOR_DATA
+from intuitive_physics_ros.qos import QOS_OVERRIDES, STREAM
+from intuitive_physics_ros.topics import PREDICTIONS
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 FAILURES_LOGGED_EVERY = 10.0
@@ -61,7 +64,7 @@ class PredictionTicks:
         self._writer = DistributionWriter()
         self._paused_for = ""
         self._publisher = node.create_publisher(
-            DistributionMessage, "~/trajectory_distribution", SENSOR_DATA
+            DistributionMessage, PREDICTIONS, copy(STREAM), qos_overriding_options=QOS_OVERRIDES
         )
         self._background = Background(node, "prepare")
         self._prepared = threading.Event()
@@ -175,10 +178,12 @@ class PredictionTicks:
             str(error) if known else unexpected_errors(self._node).report(error, "a prediction")
         )
         self.monitor.idle(reason)
-        # The age of the states in the reason grows: it is one reason. No states yet is no news.
+        # The age of the states in the reason grows: it is one reason. No states yet is no news,
+        # but a wrong clock would let the user wait for ever.
         waits = isinstance(error, NothingToPredictError)
         news = type(error).__name__ if waits else reason
-        quiet = isinstance(error, NoObjectsError) or (waits and not had_prediction)
-        if not quiet and news != self._paused_for:
-            self._node.get_logger().warning(f"predicts no more: {reason}")
+        is_start = waits and not had_prediction and not isinstance(error, OtherClockError)
+        if not is_start and not isinstance(error, NoObjectsError) and news != self._paused_for:
+            sentence = "predicts no more" if had_prediction else "does not predict"
+            self._node.get_logger().warning(f"{sentence}: {reason}")
             self._paused_for = news

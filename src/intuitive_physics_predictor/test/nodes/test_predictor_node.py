@@ -102,7 +102,7 @@ def predict_request(**changes):
 
 def feed_until(peer, holds, what, make=states_message):
     """Publish states about 30 times a second until something holds, and return what."""
-    publisher = peer.publisher(ObjectStates, f"{NODE}/object_states", SENSOR_DATA)
+    publisher = peer.publisher(ObjectStates, "object_states", SENSOR_DATA)
 
     def feed():
         publisher.publish(make())
@@ -125,9 +125,9 @@ def told(diagnostics, name, text):
 @pytest.fixture
 def inputs(peer):
     """Publish environment and parameters, latched: the node gets them whenever it connects."""
-    environment = peer.publisher(EnvironmentMessage, f"{NODE}/environment", LATCHED)
+    environment = peer.publisher(EnvironmentMessage, "environment", LATCHED)
     environment.publish(environment_to_message(ENVIRONMENT, version=3))
-    parameters = peer.publisher(StaticParametersMessage, f"{NODE}/static_parameters", LATCHED)
+    parameters = peer.publisher(StaticParametersMessage, "static_parameters", LATCHED)
     parameters.publish(static_parameters_to_message(LearnedParameters.defaults(["rubber", "room"])))
 
 
@@ -142,7 +142,7 @@ def age_of(message):
 def test_it_carries_what_it_is_fed_forward_to_now(peer, inputs):
     # States seen 0.2 s ago and more. Free flight of the mean from them: x = v t, z = z0 - g t²/2,
     # until the ball lands at 0.44 s; the times published count from the tick.
-    heard = peer.listen(TrajectoryDistribution, f"{NODE}/trajectory_distribution", SENSOR_DATA)
+    heard = peer.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
     markers = peer.listen(MarkerArray, f"{NODE}/markers")
     make = partial(states_message, age=AGE)
     feed_until(peer, lambda: len(heard) > 50 and markers, "50 predictions and markers", make)
@@ -166,7 +166,7 @@ def test_it_carries_what_it_is_fed_forward_to_now(peer, inputs):
 
 
 def test_it_stops_when_its_input_stops_and_goes_on_with_it(peer, inputs, node):
-    heard = peer.listen(TrajectoryDistribution, f"{NODE}/trajectory_distribution", SENSOR_DATA)
+    heard = peer.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
     diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
     feed_until(peer, lambda: heard, "a prediction")
     diagnostics.clear()
@@ -191,7 +191,7 @@ def test_it_stops_when_its_input_stops_and_goes_on_with_it(peer, inputs, node):
     ],
 )
 def test_what_cannot_be_predicted_from_is_told_and_nothing_published(peer, inputs, changes, reason):
-    heard = peer.listen(TrajectoryDistribution, f"{NODE}/trajectory_distribution", SENSOR_DATA)
+    heard = peer.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
     feed_until(peer, lambda: heard, "a prediction")
     diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
     make = partial(states_message, **changes)
@@ -214,7 +214,11 @@ def set_parameters(peer, **values):
 def test_everything_may_be_set_while_it_runs(peer, inputs):
     names = peer.call(ListParameters, f"{NODE}/list_parameters", ListParameters.Request())
     of_ros = {"use_sim_time", "start_type_description_service"}
-    own = [name for name in names.result.names if name not in of_ros]
+    own = [
+        name
+        for name in names.result.names
+        if name not in of_ros and not name.startswith("qos_overrides.")
+    ]
     request = DescribeParameters.Request(names=own)
     described = peer.call(DescribeParameters, f"{NODE}/describe_parameters", request).descriptors
     assert {"rate", "horizon", "sample_count", "stale_after", "marker_rate"} <= set(own)
@@ -226,7 +230,7 @@ def test_everything_may_be_set_while_it_runs(peer, inputs):
 
 
 def test_what_is_set_counts_from_the_next_prediction(peer, inputs):
-    heard = peer.listen(TrajectoryDistribution, f"{NODE}/trajectory_distribution", SENSOR_DATA)
+    heard = peer.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
     feed_until(peer, lambda: heard, "a prediction")
     try:
         changes = {"horizon": 0.5, "sample_count": 30, "published_samples": 10, "seed": 1_000_000}
@@ -269,11 +273,10 @@ def test_parameters_that_cannot_be_are_refused_and_change_nothing(peer, values, 
 def test_a_tick_that_comes_too_late_is_left_out_and_told():
     # A prediction of 400 boxes 5 s ahead takes far longer than 10 ms.
     arguments = ["-p", "sample_count:=400", "-p", "simulator:=stepped", "-r", "__node:=slow"]
-    name = "/slow"
     with NodeProcess(MODULE, arguments) as node, Peer("tester") as peer:
-        environment = peer.publisher(EnvironmentMessage, f"{name}/environment", LATCHED)
+        environment = peer.publisher(EnvironmentMessage, "environment", LATCHED)
         environment.publish(environment_to_message(ENVIRONMENT))
-        states = peer.publisher(ObjectStates, f"{name}/object_states", SENSOR_DATA)
+        states = peer.publisher(ObjectStates, "object_states", SENSOR_DATA)
         peer.node.create_timer(1 / 30, lambda: states.publish(states_message((BOX,))))
         heard = peer.listen(DiagnosticArray, "/diagnostics")
 
@@ -390,7 +393,7 @@ def test_bad_states_are_one_diagnostic_and_the_node_goes_on(peer, inputs):
         return message
 
     feed_until(peer, lambda: told(diagnostics, "object_states", "position"), "a diagnostic", spoilt)
-    heard = peer.listen(TrajectoryDistribution, f"{NODE}/trajectory_distribution", SENSOR_DATA)
+    heard = peer.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
     feed_until(peer, lambda: heard, "a prediction")
 
 
@@ -401,9 +404,9 @@ def query(peer, **fields):
 @pytest.fixture
 def fed(peer, inputs):
     """States 30 times a second, always those of the same throw, and a prediction of them."""
-    publisher = peer.publisher(ObjectStates, f"{NODE}/object_states", SENSOR_DATA)
+    publisher = peer.publisher(ObjectStates, "object_states", SENSOR_DATA)
     timer = peer.node.create_timer(1 / 30, lambda: publisher.publish(states_message()))
-    heard = peer.listen(TrajectoryDistribution, f"{NODE}/trajectory_distribution", SENSOR_DATA)
+    heard = peer.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
     peer.spin_until(lambda: heard, "a prediction")
     yield heard
     peer.node.destroy_timer(timer)
@@ -553,7 +556,7 @@ FAST = ObjectState((0, 0, 100.0), (0, 0, 0, 1), (1e307, 0, 0), (0, 0, 0), COVARI
 
 
 def test_a_question_beyond_what_can_be_simulated_is_told(peer, inputs):
-    heard = peer.listen(TrajectoryDistribution, f"{NODE}/trajectory_distribution", SENSOR_DATA)
+    heard = peer.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
     make = partial(states_message, states=(FAST,))
 
     def high():

@@ -24,7 +24,15 @@ from intuitive_physics_recordings.bag_reader import BagMessage, BagReader, BagTo
 from intuitive_physics_recordings.replay import Replay, ReplaySettings
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
 from intuitive_physics_ros.parameters import Parameter, declare_parameters
+from intuitive_physics_ros.qos import QOS_OVERRIDES
 from intuitive_physics_ros.run_node import farewell, run_node
+from intuitive_physics_ros.topics import (
+    ENVIRONMENT,
+    OBJECT_STATES,
+    OBSERVATIONS,
+    PREDICTIONS,
+    STATIC_PARAMETERS,
+)
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 TYPE_NAME = re.compile(r"[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*")
@@ -33,8 +41,25 @@ TYPE_NAME = re.compile(r"[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*")
 CLOCK_TOPIC = "/clock"
 """Where ROS nodes that use simulated time look for it."""
 
+TRANSFORM_TOPICS = ("/tf", "/tf_static")
+"""Topics that all robots of a graph share."""
+
 QUEUE_DEPTH = 10
-"""Messages kept for a slow subscriber of a replayed topic."""
+"""Messages kept for a slow subscriber of a replayed topic, unless its publisher kept more, and of a
+latched topic unless the bag says how many."""
+
+LARGEST_DEPTH = 1000
+"""Messages kept at most, whatever a bag says: rosbag2 records a publisher that keeps all as one
+with an enormous depth. Our choice."""
+
+EARLIER_TOPICS = {
+    "/perception_node/observation": OBSERVATIONS,
+    "/perception_node/environment": ENVIRONMENT,
+    "/perception_node/object_states": OBJECT_STATES,
+    "/learner_node/static_parameters": STATIC_PARAMETERS,
+    "/predictor_node/trajectory_distribution": PREDICTIONS,
+}
+"""Topics of version 0.1.0 in a bag, which are played where today's nodes listen."""
 
 STOP_PATIENCE = 0.5
 """s to wait at the end for the message under way."""
@@ -56,11 +81,24 @@ PARAMETERS = (
     Parameter("start_offset", 0.0, "s of the bag left out at its start", range=(0.0, 1e9)),
     Parameter("clock", True, "publish bag time on /clock, 100 times a second at most"),
     Parameter(
+        "topic_prefix",
+        "",
+        "put before the names of the bag's topics and of /clock, such as /robot1, so that two bags "
+        "do not mix; /tf and /tf_static stay, and so does what begins with it already",
+    ),
+    Parameter(
         "wait_for_subscribers",
         [""],
-        "topics that must have a subscriber before the bag starts; empty names count for nothing",
+        "topics, of the bag or of other nodes, that must have a subscriber before the bag starts; "
+        "if none of them is the bag's, it waits for a subscriber of any of its topics as well; "
+        "empty names count for nothing",
     ),
-    Parameter("wait_timeout", 30.0, "s to wait for those subscribers at most", range=(0.0, 3600.0)),
+    Parameter(
+        "wait_timeout",
+        30.0,
+        "s to wait for those subscribers at most: then it ends, or, where none was named, plays",
+        range=(0.0, 3600.0),
+    ),
 )
 """Of the node."""
 
@@ -76,14 +114,16 @@ class ReplayNode(Node):
                 "parameter bag is empty; expected the path of a bag (-p bag:=PATH)"
             )
         self.exit_code = 0
+        self._prefix = values["topic_prefix"].rstrip("/")
         self._clock_publisher = (
-            self.create_publisher(Clock, CLOCK_TOPIC, 1) if values["clock"] else None
+            self.create_publisher(Clock, f"{self._prefix}{CLOCK_TOPIC}", 1)
+            if values["clock"]
+            else None
         )
         self._bag = BagReader(values["bag"])
         self._publishers_by_topic = self._make_publishers()
         self._awaited = [name for name in values["wait_for_subscribers"] if name]
         self._wait_timeout = values["wait_timeout"]
-        self._check_awaited()
         self._replay = Replay(
             self._bag,
             list(self._publishers_by_topic),
@@ -122,7 +162,12 @@ class ReplayNode(Node):
                     f"{topic.name} is skipped: its type {topic.type} is not installed"
                 )
                 continue
-            publishers[topic.name] = self.create_publisher(message_class, topic.name, _qos(topic))
+            publishers[topic.name] = self.create_publisher(
+                message_class,
+                self._played_name(topic.name),
+                _qos(topic),
+                qos_overriding_options=QOS_OVERRIDES,
+            )
         if not publishers:
             raise InvalidInputError(
                 f"bag {self._bag.path} has no topic that can be played; "
@@ -130,13 +175,11 @@ class ReplayNode(Node):
             )
         return publishers
 
-    def _check_awaited(self) -> None:
-        for name in self._awaited:
-            if name not in self._publishers_by_topic:
-                raise InvalidInputError(
-                    f"wait_for_subscribers names {name!r}; the bag plays "
-                    f"{', '.join(self._publishers_by_topic)}"
-                )
+    def _played_name(self, topic: str) -> str:
+        name = _today(topic)
+        if name in TRANSFORM_TOPICS or name.startswith(f"{self._prefix}/"):
+            return name
+        return f"{self._prefix}{name}"
 
     def _run(self) -> None:
         try:
@@ -160,26 +203,40 @@ class ReplayNode(Node):
 
     def _wait_for_subscribers(self) -> None:
         deadline = time.monotonic() + self._wait_timeout
-        missing = self._awaited
-        while True:
-            missing = [
-                name
-                for name in missing
-                if self._publishers_by_topic[name].get_subscription_count() == 0
-            ]
+        while missing := self._without_subscriber():
             if self._stopping.is_set():
                 return
-            if not missing:
-                break
             if time.monotonic() > deadline:
-                raise InvalidInputError(
-                    f"nobody subscribed to {', '.join(missing)} within {self._wait_timeout:g} s; "
-                    "expected a subscriber: start it, or leave the topic out of "
-                    "wait_for_subscribers"
-                )
+                self._complain(missing)
+                return
             self._stopping.wait(POLL_PERIOD)
+        self._stopping.wait(SETTLING_TIME)
+
+    def _without_subscriber(self) -> list[str]:
+        """Return the topics that are waited for, all of the bag where any of them would do."""
+        missing = [name for name in self._awaited if not self._subscriber_count(name)]
+        played = list(self._publishers_by_topic)
+        if not set(self._awaited) & set(played) and not any(map(self._subscriber_count, played)):
+            missing += played
+        return missing
+
+    def _subscriber_count(self, name: str) -> int:
+        publisher = self._publishers_by_topic.get(name)
+        if publisher is not None:
+            return publisher.get_subscription_count()
+        return self.count_subscribers(name)
+
+    def _complain(self, missing: list[str]) -> None:
+        problem = f"nobody subscribed to {', '.join(missing)} within {self._wait_timeout:g} s"
         if self._awaited:
-            self._stopping.wait(SETTLING_TIME)
+            raise InvalidInputError(
+                f"{problem}; expected a subscriber: start it, or leave the topic out of "
+                "wait_for_subscribers"
+            )
+        self.get_logger().warning(
+            f"{problem}: plays all the same; to be heard, start a subscriber of one of them or "
+            "rename the topic with -r TOPIC:=OTHER"
+        )
 
     def _wait_until_acknowledged(self) -> None:
         farewell(self._publishers_by_topic.values(), ACKNOWLEDGE_TIMEOUT)
@@ -220,6 +277,14 @@ def _message_class(type_name: str) -> Any | None:
         return None
 
 
+def _today(topic: str) -> str:
+    """Return where a recorded topic is played."""
+    for earlier, name in EARLIER_TOPICS.items():
+        if topic.endswith(earlier):
+            return f"{topic.removesuffix(earlier)}/{name}"
+    return topic
+
+
 def _has_messages(package: str) -> bool:
     """Whether the ROS generators made a Python package, without importing it."""
     try:
@@ -236,8 +301,12 @@ def _has_messages(package: str) -> bool:
 def _qos(topic: BagTopic) -> QoSProfile:
     # Reliable matches best-effort (sensor data) subscribers as well as reliable ones.
     durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
+    # Who subscribes late to a latched topic receives as many messages as from the robot.
+    depth = topic.depth if topic.latched else max(QUEUE_DEPTH, topic.depth)
     return QoSProfile(
-        depth=QUEUE_DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=durability
+        depth=min(depth or QUEUE_DEPTH, LARGEST_DEPTH),
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=durability,
     )
 
 

@@ -205,7 +205,10 @@ def test_bad_bags_and_parameters_are_one_clear_error(
         ({"bag": depth_bag / "nowhere"}, "there is no bag"),
         ({}, "parameter bag is empty"),
         ({"bag": depth_bag, "start_offset": 99.0}, "expected an offset within the bag"),
-        ({"bag": depth_bag, "wait_for_subscribers": "[/other]"}, "wait_for_subscribers names"),
+        (
+            {"bag": depth_bag, "wait_for_subscribers": "[/other]", "wait_timeout": 0.5},
+            "nobody subscribed to /other, ",
+        ),
         ({"bag": depth_bag, "rate": -1.0}, "parameter rate is -1.0"),
     ]
     running = [(start(environment, **parameters), text) for parameters, text in cases[:3]]

@@ -16,7 +16,7 @@ from rclpy.action import ActionClient
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics_bringup.connections import NODES, module, remappings
+from intuitive_physics_bringup.connections import NODES, module
 from intuitive_physics_experiments.demo.progress import Progress
 from intuitive_physics_experiments.rendering.corner_room import BALL_RADII, ROOM_MATERIAL
 from intuitive_physics_recordings.bag_reader import BagReader
@@ -65,7 +65,7 @@ class Suite:
         self.nodes: dict[str, NodeProcess] = {}
         try:
             for name in NODES:
-                renamed = remappings(name) + (inputs if name == "perception_node" else [])
+                renamed = inputs if name == "perception_node" else []
                 arguments = [part for value in parameters[name] for part in ("-p", value)]
                 arguments += [part for a, b in renamed for part in ("-r", f"{a}:={b}")]
                 self.nodes[name] = NodeProcess(module(name), arguments)
@@ -123,11 +123,11 @@ def listen(peer: Peer) -> Heard:
     """Begin to hear the nodes."""
     heard = Heard()
     subscribe = peer.node.create_subscription
-    subscribe(Environment, "/perception_node/environment", heard.environments.append, LATCHED)
-    subscribe(Observation, "/perception_node/observation", heard.observations.append, RELIABLE)
+    subscribe(Environment, "environment", heard.environments.append, LATCHED)
+    subscribe(Observation, "observations", heard.observations.append, RELIABLE)
     subscribe(
         TrajectoryDistribution,
-        "/predictor_node/trajectory_distribution",
+        "predictions",
         lambda message: heard.distributions.append((time.monotonic(), message)),
         SENSOR_DATA,
     )

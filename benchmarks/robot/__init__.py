@@ -1,0 +1,1 @@
+"""The suite started and killed as a robot does it, by real `ros2 launch`."""

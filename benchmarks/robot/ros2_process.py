@@ -1,0 +1,116 @@
+"""The real `ros2` and `ros2 launch` as processes, for the tests that use them."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+COMMAND = [sys.executable, "-u", "-c", "import sys; from ros2cli.cli import main; sys.exit(main())"]
+"""`ros2` of the environment that the tests run in."""
+
+LAUNCH = ["launch", "intuitive_physics_bringup", "intuitive_physics.launch.py"]
+"""Arguments of `ros2` that start the suite."""
+
+STARTED = re.compile(r"process started with pid \[(\d+)\]")
+"""What launch says of each process."""
+
+
+def environment(home: Path) -> dict[str, str]:
+    """Return the environment of the tools, with a home folder of their own."""
+    return {
+        "AMENT_PREFIX_PATH": sys.prefix,
+        **os.environ,
+        "HOME": str(home),
+        "XDG_DATA_HOME": str(home / "data"),
+        "ROS_LOG_DIR": str(home / "log"),
+        "NO_COLOR": "1",
+    }
+
+
+def ros2(home: Path, *arguments: str, timeout: float = 60.0) -> str:
+    """Run one command of `ros2` to its end and return what it wrote; it must succeed."""
+    ended = subprocess.run(
+        [*COMMAND, *arguments],
+        env=environment(home),
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        check=False,
+    )
+    assert ended.returncode == 0, f"ros2 {' '.join(arguments)}:\n{ended.stdout}{ended.stderr}"
+    return ended.stdout
+
+
+class Ros2Process:
+    """A command of `ros2` that runs on, in a process group of its own; ends with the block."""
+
+    def __init__(self, home: Path, *arguments: str) -> None:
+        self.output = ""
+        self.process = subprocess.Popen(
+            [*COMMAND, *arguments],
+            env=environment(home),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def wait_for(self, text: str, timeout: float = 120.0, count: int = 1) -> None:
+        """Wait until `text` was written `count` times."""
+        end = time.monotonic() + timeout
+        while self.output.count(text) < count:
+            assert self.process.poll() is None, f"ended without {text!r}:\n{self.output}"
+            assert time.monotonic() < end, f"not {text!r} within {timeout:g} s:\n{self.output}"
+            time.sleep(0.02)
+
+    @property
+    def children(self) -> list[int]:
+        """Ids of the processes that launch started."""
+        return [int(found) for found in STARTED.findall(self.output)]
+
+    def pid_of(self, node: str) -> int:
+        """Return the id of a node's newest process."""
+        found = re.findall(rf"\[{node}-\d+\]: process started with pid \[(\d+)\]", self.output)
+        return int(found[-1])
+
+    def wait(self, timeout: float = 60.0) -> int:
+        """Wait for its end and return its exit code."""
+        code = self.process.wait(timeout)
+        self._reader.join(5.0)
+        return code
+
+    def interrupt(self) -> float:
+        """Press Ctrl-C; return how long it took, in s, until all had ended."""
+        begun = time.monotonic()
+        os.killpg(self.process.pid, signal.SIGINT)
+        self.wait()
+        return time.monotonic() - begun
+
+    def left_behind(self) -> list[int]:
+        """Ids of processes launch started that are still there."""
+        return [pid for pid in self.children if Path(f"/proc/{pid}").exists()]
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.output += line
+
+    def __enter__(self) -> Ros2Process:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.process.poll() is None:
+            os.killpg(self.process.pid, signal.SIGINT)
+            try:
+                self.process.wait(10.0)
+            except subprocess.TimeoutExpired:
+                os.killpg(self.process.pid, signal.SIGKILL)
+                self.process.wait()

@@ -1,0 +1,255 @@
+"""The suite as a roboticist runs it: real `ros2 run`, `ros2 launch`, `ros2 param` and the like."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import sqlite3
+import time
+from pathlib import Path
+
+import pytest
+from benchmarks.robot.ros2_process import LAUNCH, Ros2Process, ros2
+
+os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
+os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+pytest.importorskip("ros2launch", reason="the command line of ROS 2 is not installed")
+
+from diagnostic_msgs.msg import DiagnosticArray
+from intuitive_physics_msgs.msg import Environment, ObjectStates, TrajectoryDistribution
+
+from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_bag
+from intuitive_physics_ros.qos import LATCHED
+from intuitive_physics_ros.scripting import Peer
+
+NODES = ("perception_node", "learner_node", "predictor_node")
+
+EVERY_NODE = """\
+/**:
+  ros__parameters:
+    use_sim_time: true
+    horizon: 1
+/**/predictor_node:
+  ros__parameters:
+    rate: 20
+    carry_forward: false
+/**/learner_node:
+  ros__parameters:
+    online: false
+"""
+"""Parameters for nodes of any namespace, whole numbers among them; a machine of two cores can keep
+two robots up with it."""
+
+
+GIVEN_PARAMETERS = """\
+{static_parameters: {
+  materials: [wood], densities: [777.0], density_standard_deviations: [.nan],
+  density_identified: [false], cost: .nan,
+  pairs: [{material_a: wood, material_b: wood, static_friction: 0.5, dynamic_friction: 0.4,
+           rolling_friction: 0.01, restitution: 0.6,
+           standard_deviations: [.nan, .nan, .nan, .nan]}]}}"""
+"""Static parameters of one material, measured elsewhere."""
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two throws, in a folder whose name no shell and no parser of expressions likes."""
+    folder = tmp_path_factory.mktemp("bags") / "it's 1"
+    render_bag(folder, RenderSettings(throws=2, seed=3, lead_in=0.7, pause=0.6))
+    return folder
+
+
+@pytest.fixture
+def home(tmp_path: Path):
+    """A home of the tools; the daemon that they start ends with it."""
+    yield tmp_path
+    ros2(tmp_path, "daemon", "stop")
+
+
+def observations(database: Path) -> int:
+    with sqlite3.connect(database) as connection:
+        return connection.execute("SELECT count(*) FROM observations").fetchone()[0]
+
+
+BAD_ARGUMENTS = {
+    "rviz:=maybe": "rviz is 'maybe'; expected true or false",
+    "params_file:=nowhere.yaml": "params_file is 'nowhere.yaml'; expected the path of a YAML file",
+    "camera:=pinhole": "camera is 'pinhole'; expected one of realsense, zed, azure_kinect, generic",
+    "namespace:=a b": "namespace is 'a b'; expected letters, digits and _",
+    "log_level:=loud": "log_level is 'loud'; expected one of debug, info",
+    "rate:=fast": "rate is 'fast'; expected a number",
+    "bag:=nowhere": "bag is 'nowhere'; expected the path of a bag",
+    "respawn:=often": "respawn is 'often'; expected true or false",
+    "use_sim_time:=perhaps": "use_sim_time is 'perhaps'; expected true or false",
+}
+
+
+@pytest.mark.parametrize("argument", BAD_ARGUMENTS)
+def test_a_bad_argument_is_one_clear_line_and_starts_nothing(tmp_path, argument) -> None:
+    with Ros2Process(tmp_path, *LAUNCH, argument) as launch:
+        assert launch.wait() == 1
+    errors = [line for line in launch.output.splitlines() if "ERROR" in line]
+    assert len(errors) == 1, launch.output
+    assert BAD_ARGUMENTS[argument] in errors[0]
+    assert launch.children == []
+
+
+def test_rviz_that_is_not_installed_is_one_clear_line_and_starts_nothing(tmp_path) -> None:
+    from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+
+    try:
+        get_package_prefix("rviz2")
+    except PackageNotFoundError:
+        pass
+    else:
+        pytest.skip("rviz2 is installed")
+    with Ros2Process(tmp_path, *LAUNCH, "rviz:=true") as launch:
+        assert launch.wait() == 1
+    assert "rviz2 is not installed; expected rviz:=false" in launch.output
+    assert launch.children == []
+
+
+def test_every_argument_is_listed(tmp_path) -> None:
+    listed = ros2(tmp_path, *LAUNCH, "--show-args")
+    for name in ("namespace", "camera", "color", "points", "log_level", "respawn", "bag"):
+        assert f"'{name}'" in listed
+
+
+def test_plain_nodes_meet_and_take_whole_numbers(home) -> None:
+    """`ros2 run` three times under one namespace: all inputs have a publisher."""
+    parameters = home / "everything.yaml"
+    parameters.write_text(EVERY_NODE.replace("use_sim_time: true", "use_sim_time: false"))
+    arguments = ["--ros-args", "-r", "__ns:=/one", "--params-file", str(parameters)]
+    runs = [
+        Ros2Process(
+            home, "run", f"intuitive_physics_{node.removesuffix('_node')}", node, *arguments
+        )
+        for node in NODES
+    ]
+    try:
+        with Peer("inspector", 60.0) as peer:
+            for topic in ("environment", "object_states", "observations", "static_parameters"):
+                peer.spin_until(
+                    lambda topic=topic: (
+                        peer.node.count_publishers(f"/one/{topic}")
+                        and peer.node.count_subscribers(f"/one/{topic}")
+                    ),
+                    f"both ends of {topic}",
+                )
+        predictor = "/one/predictor_node"
+        assert "20.0" in ros2(home, "param", "get", predictor, "rate")
+        said = ros2(home, "param", "set", predictor, "rate", "50")
+        assert "Set parameter successful" in said
+        assert "50.0" in ros2(home, "param", "get", predictor, "rate")
+        dumped = ros2(home, "param", "dump", predictor)
+        (home / "dumped.yaml").write_text(dumped)
+        assert "rate: 50.0" in dumped
+        ros2(home, "param", "set", predictor, "rate", "30")
+        ros2(home, "param", "load", predictor, str(home / "dumped.yaml"))
+        assert "50.0" in ros2(home, "param", "get", predictor, "rate")
+        assert "Read only: true" in ros2(home, "param", "describe", "/one/learner_node", "database")
+    finally:
+        for run in runs:
+            run.interrupt()
+    assert [run.wait() for run in runs] == [0, 0, 0]
+    for run in runs:
+        assert "Traceback" not in run.output
+
+
+def robot(home: Path, name: str, bag: Path, *arguments: str) -> Ros2Process:
+    return Ros2Process(
+        home,
+        *LAUNCH,
+        f"namespace:={name}",
+        f"bag:={bag}",
+        "camera:=generic",
+        f"params_file:={home / 'everything.yaml'}",
+        *arguments,
+    )
+
+
+def test_two_robots_replay_side_by_side(home, bag) -> None:
+    """Each has its own topics, clock, frame, database and diagnostics; default subscribers hear."""
+    (home / "everything.yaml").write_text(EVERY_NODE)
+    heard = {}
+    with (
+        Peer("inspector", 120.0) as peer,
+        robot(home, "left", bag, "rate:=1") as left,
+        robot(home, "right", bag, "rate:=1") as right,
+    ):
+        diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
+        for name in ("left", "right"):
+            heard[name] = [
+                peer.listen(ObjectStates, f"/{name}/object_states"),
+                peer.listen(TrajectoryDistribution, f"/{name}/predictions"),
+                peer.listen(Environment, f"/{name}/environment", LATCHED),
+            ]
+        for name, launch in (("left", left), ("right", right)):
+            peer.spin_until(
+                lambda launch=launch: "the bag is at its end" in launch.output, f"the end of {name}"
+            )
+        peer.spin_until(
+            lambda: all(launch.output.count("observed sphere") >= 2 for launch in (left, right)),
+            "both throws of both robots",
+        )
+        for name, launch in (("left", left), ("right", right)):
+            states, predictions, environments = heard[name]
+            assert {message.header.frame_id for message in environments} == {f"{name}/environment"}
+            assert len(states) > 100
+            assert len(predictions) > 10
+            # A second clock or camera would make time go back again and again.
+            assert "time went back" not in launch.output
+            assert launch.interrupt() < 5.0
+            assert launch.wait() == 0
+            assert launch.left_behind() == []
+            assert launch.output.count("process has finished cleanly") == 4, launch.output
+            database = home / "data" / "intuitive_physics" / name / "learner.sqlite3"
+            assert observations(database) == 2
+        names = {status.name.partition(":")[0] for one in diagnostics for status in one.status}
+        assert {f"{name}/{node}" for name in ("left", "right") for node in NODES} <= names
+
+
+def test_a_bag_played_again_adds_nothing(home, bag) -> None:
+    (home / "everything.yaml").write_text(EVERY_NODE)
+    for _ in range(2):
+        with robot(home, "again", bag, "rate:=1.0") as launch:
+            launch.wait_for("observed sphere", count=2)
+            launch.wait_for("the bag is at its end")
+            time.sleep(0.5)
+            launch.interrupt()
+    assert observations(home / "data" / "intuitive_physics" / "again" / "learner.sqlite3") == 2
+
+
+def test_a_wrong_clock_is_said(home, bag) -> None:
+    """The stamps of a bag are old: without its clock nothing can be predicted."""
+    arguments = [f"bag:={bag}", "camera:=generic", "use_sim_time:=false", "rate:=2"]
+    with Ros2Process(home, *LAUNCH, *arguments) as launch:
+        launch.wait_for("does not predict: object states arrive")
+        assert "set use_sim_time" in launch.output
+
+
+def test_a_node_that_was_killed_comes_back_with_what_it_knew(home) -> None:
+    with Ros2Process(home, *LAUNCH, "respawn:=true", "namespace:=lasting") as launch:
+        launch.wait_for("version 0 of the static parameters")
+        ros2(
+            home,
+            "service",
+            "call",
+            "/lasting/learner_node/set_static_parameters",
+            "intuitive_physics_msgs/srv/SetStaticParameters",
+            GIVEN_PARAMETERS,
+        )
+        os.kill(launch.pid_of("learner_node"), signal.SIGKILL)
+        launch.wait_for("version 1 of the static parameters")
+        answer = ros2(
+            home,
+            "service",
+            "call",
+            "/lasting/learner_node/get_static_parameters",
+            "intuitive_physics_msgs/srv/GetStaticParameters",
+        )
+        assert re.search(r"density=\[?.*777", answer), answer
+        assert launch.interrupt() < 5.0
+        assert launch.left_behind() == []

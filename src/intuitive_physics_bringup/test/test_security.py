@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from tools import security_policies
 
-from intuitive_physics_bringup.connections import NODES, module
+from intuitive_physics_bringup.connections import CAMERAS, NODES, module
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 
 PACKAGE = Path(__file__).parent.parent
@@ -23,6 +23,14 @@ ONLY_WHEN_ASKED = {
     "perception_node": {"imu", "/tf", "color/image", "/tf_static"},
 }
 """What a node uses with certain parameters or packages only, by the end of its name."""
+
+NOT_BY_DEFAULT = {"/clock"} | {
+    f"/{topic}"
+    for camera in CAMERAS.values()
+    for color in (False, True)
+    for topic in camera.topics(color=color).values()
+}
+"""What nodes hear of cameras that a launch file connects, or with simulated time."""
 
 
 def allowed(node: str, right: str) -> set[str]:
@@ -121,14 +129,12 @@ def test_a_running_node_uses_what_it_is_allowed_and_nothing_else(graph, node):
     }
     names = {right: {name for name, _ in found} for right, found in used.items()}
     assert action_servers(names["reply"]) == allowed(node, "execute")
-    # Other topics that a launch file or a clock brings are allowed as well.
-    others = set(security_policies.CLOCKS) | {"/clock"}
     optional = tuple(ONLY_WHEN_ASKED.get(node, ()))
     for right, found in names.items():
         may = allowed(node, right)
         assert outside_actions(found) <= may, f"{node} may not {right} what it does"
-        own = {name for name in may - others if name.startswith(f"/{node}/")}
-        missing = {name for name in own - found if not name.endswith(optional)}
+        missing = may - found - NOT_BY_DEFAULT
+        missing = {name for name in missing if not name.endswith(optional)}
         assert not missing, f"{node} need not {right} {missing}"
 
 

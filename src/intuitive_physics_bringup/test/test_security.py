@@ -94,7 +94,7 @@ def test_nobody_but_an_operator_asks_and_no_node_can_set_parameters_of_another()
 def used(peer: Peer, node: str) -> dict[str, set[str]]:
     """Full names that a node uses, by what it does with them, as another one sees it."""
     if node not in peer.node.get_node_names():
-        return dict.fromkeys(("publish", "subscribe", "reply", "request"), set())
+        return {right: set() for right in ("publish", "subscribe", "reply", "request")}
     see = peer.node
     found = {
         "publish": see.get_publisher_names_and_types_by_node(node, "/"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 import sqlite3
 import time
@@ -176,8 +175,8 @@ def test_two_robots_replay_side_by_side(home, bag) -> None:
     heard = {}
     with (
         Peer("inspector", 120.0) as peer,
-        robot(home, "left", bag, "rate:=1") as left,
-        robot(home, "right", bag, "rate:=1") as right,
+        robot(home, "left", bag, "rate:=0.5") as left,
+        robot(home, "right", bag, "rate:=0.5") as right,
     ):
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
         for name in ("left", "right"):
@@ -250,6 +249,6 @@ def test_a_node_that_was_killed_comes_back_with_what_it_knew(home) -> None:
             "/lasting/learner_node/get_static_parameters",
             "intuitive_physics_msgs/srv/GetStaticParameters",
         )
-        assert re.search(r"density=\[?.*777", answer), answer
+        assert "densities=[777.0]" in answer, answer
         assert launch.interrupt() < 5.0
         assert launch.left_behind() == []

@@ -252,3 +252,17 @@ def test_a_node_that_was_killed_comes_back_with_what_it_knew(home) -> None:
         assert "densities=[777.0]" in answer, answer
         assert launch.interrupt() < 5.0
         assert launch.left_behind() == []
+
+
+@pytest.mark.parametrize("delay", [0.6, 1.0, 1.6])
+def test_ctrl_c_at_the_start_is_a_clean_end(tmp_path, delay) -> None:
+    """Once Python itself has started, which no program has in its hands."""
+    with Ros2Process(tmp_path, *LAUNCH) as launch:
+        launch.wait_for("process started with pid", count=3)
+        time.sleep(delay)
+        assert launch.interrupt() < 5.0
+        assert launch.wait() == 0
+        assert launch.left_behind() == []
+    assert "Traceback" not in launch.output
+    assert "KeyboardInterrupt" not in launch.output
+    assert launch.output.count("process has finished cleanly") == 3, launch.output

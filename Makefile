@@ -69,7 +69,7 @@ system-tests: setup ## Only test nodes, as processes that talk over DDS
 	@$(run_environment) $(pytest) $(wildcard $(addsuffix /test,$(ros_packages)) test) $(node_tests)
 
 test-oldest: ## Test the libraries with the versions of Ubuntu 24.04, in build/oldest
-	@tools/oldest.sh
+	@tools/system_packages.sh && tools/oldest.sh
 	@$(one_thread) build/oldest/venv/bin/pytest -p no:dash $(side_by_side) $(library_tests)
 
 house: ## Measure the source tree; options="--details KEY" lists what is behind a number

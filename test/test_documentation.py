@@ -30,6 +30,7 @@ SITE = [
 PAGES = [
     README,
     ROOT / "CONTRIBUTING.md",
+    ROOT / "SECURITY.md",
     *SITE,
     ROOT / "benchmarks" / "README.md",
     *sorted(ROOT.glob("src/*/README.md")),

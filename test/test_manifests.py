@@ -41,6 +41,7 @@ ROS_PACKAGES = {
     "rcl_interfaces",
     "rclpy",
     "ros2cli",
+    "ros2pkg",
     "rosgraph_msgs",
     "rosidl_default_generators",
     "rosidl_default_runtime",

@@ -190,6 +190,17 @@ def test_folders_of_old_sources_are_few(tmp_path):
     assert names == {other.name} | {f"intuitive_physics.a-{number:020x}" for number in newest}
 
 
+@pytest.mark.parametrize("given", ["", "relative/cache", "/absolute/cache"])
+def test_no_place_is_relative_to_where_a_process_runs(monkeypatch, given):
+    monkeypatch.setenv("XDG_CACHE_HOME", given)
+    monkeypatch.delenv("HOME", raising=False)
+    monkeypatch.setattr(cache.config, "CACHE_DIR", "")
+    places = list(cache._places(PACKAGE / "any.py"))
+    assert places[0] == PACKAGE / "__pycache__" / "kernels"
+    assert all(place.is_absolute() for place in places)
+    assert (Path("/absolute/cache/intuitive_physics/kernels") in places) == (given[:1] == "/")
+
+
 def test_functions_whose_sources_cannot_be_followed_are_not_kept():
     def inner(number):
         return number + offset

@@ -1,11 +1,17 @@
 """The nodes, and the topics of the cameras that they are connected to.
 
-The nodes meet by the relative names of `intuitive_physics_ros.topics`; nothing connects them.
+The nodes meet by the relative names of `intuitive_physics_ros.topics`; nothing connects them. They
+look for others on this machine, unless something else is said.
 """
 
 from __future__ import annotations
 
+import os
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
+
+from intuitive_physics.errors import InvalidInputError
 
 NODES: dict[str, str] = {
     "perception_node": "intuitive_physics_perception",
@@ -97,3 +103,55 @@ suite have them."""
 def module(node: str) -> str:
     """Return the Python module whose `main` runs a node."""
     return f"{NODES[node]}.nodes.{node}"
+
+
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+"""Variable of the environment with the range in which nodes are found by themselves."""
+
+PEERS = "ROS_STATIC_PEERS"
+"""Variable of the environment with the machines that are looked for wherever they are."""
+
+RANGES = ("localhost", "subnet", "off", "system_default")
+"""What the range may be; `system_default` leaves it to the middleware's own configuration."""
+
+ADDRESS = re.compile(r"[A-Za-z0-9:]([A-Za-z0-9.:-]*[A-Za-z0-9:])?")
+"""A host name or an address of IPv4 or IPv6."""
+
+
+def default_range() -> str:
+    """Return what the environment says, else this machine."""
+    return os.environ.get(RANGE, "").lower() or RANGES[0]
+
+
+def default_peers() -> str:
+    """Return what the environment says, else none."""
+    return os.environ.get(PEERS, "")
+
+
+def discovery_environment(wanted: str, peers: str) -> Mapping[str, str]:
+    """Return the variables with which a node finds others.
+
+    Parameters
+    ----------
+    wanted : one of `RANGES`, in small or capital letters
+    peers : addresses, divided by `;`; empty for none
+
+    Raises
+    ------
+    InvalidInputError
+        When one of them is something else, or peers are named where they would not be used.
+    """
+    if wanted.lower() not in RANGES:
+        raise InvalidInputError(f"discovery is {wanted!r}; expected one of {', '.join(RANGES)}")
+    addresses = [one.strip() for one in peers.split(";") if one.strip()]
+    for address in addresses:
+        if not ADDRESS.fullmatch(address):
+            raise InvalidInputError(
+                f"peers has {address!r}; expected host names or addresses, divided by ;"
+            )
+    if addresses and wanted.lower() in ("off", "system_default"):
+        raise InvalidInputError(
+            f"peers is {peers!r} and discovery {wanted!r}, which looks for none of them; expected "
+            "discovery localhost or subnet"
+        )
+    return {RANGE: wanted.upper(), PEERS: ";".join(addresses)}

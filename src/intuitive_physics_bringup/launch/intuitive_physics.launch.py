@@ -13,12 +13,19 @@ from ament_index_python.packages import (
     get_package_prefix,
     get_package_share_directory,
 )
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_bringup.connections import CAMERAS, NODES
+from intuitive_physics_bringup.connections import (
+    CAMERAS,
+    NODES,
+    RANGES,
+    default_peers,
+    default_range,
+    discovery_environment,
+)
 from intuitive_physics_ros.topics import OBJECT_STATES, OBSERVATIONS
 from launch import LaunchContext, LaunchDescription
 
@@ -44,6 +51,16 @@ ARGUMENTS = {
     "loop": ("false", "replay the bag again and again"),
     "use_sim_time": ("", "take time from the clock of the bag; empty: if there is a bag"),
     "rviz": ("false", "show everything in RViz"),
+    "discovery": (
+        default_range(),
+        f"where other nodes are looked for: {', '.join(RANGES)}; what the environment says, else "
+        "this machine",
+    ),
+    "peers": (default_peers(), "other machines that are looked for, addresses divided by ;"),
+    "enclaves": (
+        "/intuitive_physics",
+        "where the nodes' enclaves are in a keystore of SROS2, used with ROS_SECURITY_ENABLE only",
+    ),
 }
 """Default and meaning of each argument."""
 
@@ -69,11 +86,15 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([*declared, OpaqueFunction(function=processes)])
 
 
-def processes(context: LaunchContext) -> list[Node]:
+def processes(context: LaunchContext) -> list[SetEnvironmentVariable | Node]:
     """Return all that is started, once every argument is known to be good."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     check(given)
-    started = [node(name, given) for name in NODES]
+    variables = discovery_environment(given["discovery"], given["peers"])
+    started: list[SetEnvironmentVariable | Node] = [
+        SetEnvironmentVariable(name, value) for name, value in variables.items()
+    ]
+    started += [node(name, given) for name in NODES]
     if given["bag"]:
         started.append(replay(given))
     if as_bool("rviz", given["rviz"]):
@@ -128,8 +149,13 @@ def node(name: str, given: Mapping[str, str]) -> Node:
         remappings=renamed,
         respawn=respawn,
         respawn_delay=RESPAWN_DELAY,
-        ros_arguments=["--log-level", given["log_level"]],
+        ros_arguments=["--log-level", given["log_level"], *enclave(name, given)],
     )
+
+
+def enclave(name: str, given: Mapping[str, str]) -> list[str]:
+    """Return where the keys of a node are, as an argument of it."""
+    return ["--enclave", f"{given['enclaves']}/{name}"]
 
 
 def inputs(given: Mapping[str, str]) -> list[tuple[str, str]]:
@@ -162,7 +188,7 @@ def replay(given: Mapping[str, str]) -> Node:
                 "wait_timeout": REPLAY_PATIENCE,
             }
         ],
-        ros_arguments=["--log-level", given["log_level"]],
+        ros_arguments=["--log-level", given["log_level"], *enclave("replay_node", given)],
     )
 
 
@@ -179,6 +205,7 @@ def rviz(given: Mapping[str, str]) -> Node:
             f"{prefix(given)}/environment".lstrip("/"),
         ],
         parameters=[{"use_sim_time": uses_sim_time(given)}],
+        ros_arguments=enclave("operator", given),
     )
 
 

@@ -26,7 +26,7 @@ from functools import cache, lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from pickle import loads
-from typing import Any
+from typing import Any, ClassVar
 
 import numba
 import numpy as np
@@ -57,6 +57,9 @@ class KernelCache(_Cache):
     ----------
     function : a function of a module of this suite
     """
+
+    used: ClassVar[set[Path]] = set()
+    """Folders that kernels of this process came from or went to."""
 
     def __init__(self, function: Callable) -> None:
         self._source = Path(function.__code__.co_filename)
@@ -93,6 +96,7 @@ class KernelCache(_Cache):
         for folder in self._folders:
             content = self._read(folder / name)
             if content is not None:
+                self.used.add(folder)
                 return CompileResult._rebuild(target_context, *loads(content))
         return None
 
@@ -108,6 +112,7 @@ class KernelCache(_Cache):
             except OSError as error:
                 reason = error
             else:
+                self.used.add(folder)
                 return
         _warn_once(f"compiled kernels cannot be kept and are compiled at each start: {reason}")
 
@@ -226,8 +231,12 @@ def _places(source: Path) -> Iterator[Path]:
         yield Path(_option("CACHE_DIR")) / f"{SUITE}_kernels"
         return
     yield source.parent / "__pycache__" / "kernels"
-    user = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    yield Path(user) / SUITE / "kernels"
+    # The XDG specification says to ignore a path that is not absolute.
+    user = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if not user.is_absolute():
+        user = Path(os.path.expanduser("~")) / ".cache"
+    if user.is_absolute():
+        yield user / SUITE / "kernels"
 
 
 def _option(name: str) -> Any:

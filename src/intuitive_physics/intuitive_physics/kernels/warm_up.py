@@ -14,11 +14,13 @@ import argparse
 import gc
 import importlib
 import multiprocessing
+import os
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 
 from intuitive_physics.errors import UnknownNameError
+from intuitive_physics.kernels.cache import KernelCache
 
 WarmUp = Callable[[], None]
 """Calls some kernels, which compiles them or loads them from the cache."""
@@ -61,7 +63,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     start = time.perf_counter()
     found = [warm_up for name in names for warm_up in _warm_ups(name)]
     compile_kernels(list(dict.fromkeys(found)))
-    print(f"kernels ready after {time.perf_counter() - start:.1f} s")
+    kept = f"below {os.path.commonpath(KernelCache.used)}" if KernelCache.used else "nowhere"
+    print(f"kernels ready after {time.perf_counter() - start:.1f} s, kept {kept}")
 
 
 def _warm_ups(name: str) -> Sequence[WarmUp]:

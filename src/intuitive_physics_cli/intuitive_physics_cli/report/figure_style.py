@@ -1,7 +1,8 @@
-"""One set of colours and one style for all figures."""
+"""One set of colours, one style and one place of legends for all figures."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 OBSERVED = "#16a34a"
@@ -37,3 +38,16 @@ STYLE: dict[Any, Any] = {
     "legend.fontsize": 9.0,
 }
 """Matplotlib settings of all figures."""
+
+
+def legend_below(figure: Any, handles: Sequence[Any], columns: int) -> None:
+    """Put a legend below all axes of a figure with constrained layout.
+
+    Parameters
+    ----------
+    handles : artists with labels
+    columns : of the legend
+    """
+    legend = figure.legend(handles=handles, loc="lower center", ncols=columns)
+    height = legend.get_window_extent().y1 / figure.bbox.height
+    figure.get_layout_engine().set(rect=(0.0, height, 1.0, 1.0 - height))

@@ -13,6 +13,7 @@ import numpy as np
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import PAIR_COEFFICIENTS
 from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
+from intuitive_physics_cli.report.figure_style import legend_below
 from intuitive_physics_cli.report.learning_report import prediction_sections
 from intuitive_physics_cli.report.report_page import (
     footer,
@@ -138,7 +139,7 @@ def _parameter_figures(learning: LearningOutcome) -> list[str]:
 
     def draw(coefficient: str, figure: Any) -> None:
         draw_coefficient(figure.subplots(), learning, coefficient)
-        figure.legend(handles=parameter_legend(), loc="outside lower center", ncols=3)
+        legend_below(figure, parameter_legend(), 3)
 
     return [
         png_figure((5.6, 3.0), partial(draw, coefficient), "", coefficient.replace("_", " "))

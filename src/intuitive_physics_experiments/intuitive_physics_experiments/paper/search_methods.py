@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.simulation import Simulator, make_simulator
-from intuitive_physics_cli.report.figure_style import DEFAULT, TRUE
+from intuitive_physics_cli.report.figure_style import DEFAULT, TRUE, legend_below
 from intuitive_physics_experiments.paper.cells import Cell, CellStore
 from intuitive_physics_experiments.paper.outcome import (
     markdown_table,
@@ -83,8 +83,8 @@ def draw_search_methods(
         axes.set_xlabel("evaluations of J")
     for axes in grid[:, 0]:
         axes.set_ylabel("J (m)")
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2 * len(objects))
+    handles, _ = grid[0, 0].get_legend_handles_labels()
+    legend_below(figure, handles, 2 * len(objects))
 
 
 CURVE_POINTS = 60

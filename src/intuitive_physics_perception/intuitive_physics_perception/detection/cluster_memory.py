@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics_perception.detection.settings import ClusterSettings
+from intuitive_physics_perception.environment.noise import RangeNoise
 
 Found = TypeVar("Found")
 
@@ -25,6 +26,8 @@ class RememberedCluster(Generic[Found]):
     phase : in which frame of a period it is searched, so that not all are in the same one
     found : what the last search found
     unseen : frames since it was there
+    waited : frames in which its search had to wait, since the last one
+    searches, successes : how often it was searched, and how often something was found
     settings : tuned numbers
     """
 
@@ -35,6 +38,9 @@ class RememberedCluster(Generic[Found]):
     found: Found | None
     settings: ClusterSettings
     unseen: int = 0
+    waited: int = 0
+    searches: int = 0
+    successes: int = 0
 
     @property
     def deserves_a_search(self) -> bool:
@@ -44,18 +50,30 @@ class RememberedCluster(Generic[Found]):
             self.frames < self.settings.first_searches or (self.frames + self.phase) % period == 0
         )
 
+    def after_search(self, *, success: bool) -> RememberedCluster[Found]:
+        """Return it after a search; after a success it is searched in the next frame, too."""
+        return replace(
+            self,
+            frames=0 if success else self.frames,
+            searches=self.searches + 1,
+            successes=self.successes + success,
+        )
+
 
 class ClusterMemory(Generic[Found]):
     """Recognises the clusters of the last frames.
 
     Parameters
     ----------
-    stillness : m that the centre of a cluster moves at most while it stays as it is
+    stillness : m that the centre of a cluster moves at most while it stays as it is, beside what
+        the noise of its readings moves it
     settings : tuned numbers
+    noise : of the readings
     """
 
-    def __init__(self, stillness: float, settings: ClusterSettings) -> None:
+    def __init__(self, stillness: float, settings: ClusterSettings, noise: RangeNoise) -> None:
         self._stillness = stillness
+        self._noise = noise
         self._settings = settings
         self._turn = 0
         self._last: list[RememberedCluster[Found]] = []
@@ -69,25 +87,26 @@ class ClusterMemory(Generic[Found]):
         own : (n, 3) m, its points
         """
         centre, count = own.mean(axis=0), len(own)
+        # The difference of the means of two times n readings.
+        variance = self._noise.deviation(np.linalg.norm(centre)) ** 2 * self._noise.correlated
+        moved = self._settings.movement_sigmas * np.sqrt(2.0 * variance / count)
         for k, old in enumerate(self._last):
             if (
                 abs(count - old.count) < self._settings.count_tolerance * old.count
-                and np.linalg.norm(centre - old.centre) < self._stillness
+                and np.linalg.norm(centre - old.centre) < self._stillness + moved
             ):
                 del self._last[k]
-                return RememberedCluster(
-                    centre, count, old.frames + 1, old.phase, old.found, self._settings
-                )
+                return replace(old, centre=centre, count=count, frames=old.frames + 1, unseen=0)
         self._turn += 1
         return RememberedCluster(centre, count, 0, self._turn, None, self._settings)
 
     def keep(self, cluster: RememberedCluster[Found], found: Found | None) -> None:
         """Remember a cluster for the next frame with what was found in it."""
-        self._next.append(replace(cluster, found=found))
+        self._next.append(replace(cluster, found=found, waited=0))
 
     def postpone(self, cluster: RememberedCluster[Found]) -> None:
         """Remember a cluster of which the search has to wait for the next frame."""
-        self._next.append(replace(cluster, frames=cluster.frames - 1))
+        self._next.append(replace(cluster, frames=cluster.frames - 1, waited=cluster.waited + 1))
 
     def end_frame(self) -> None:
         """Forget clusters that were neither kept nor there for a while."""

@@ -34,6 +34,12 @@ class ClusterSettings:
     movement: float = number(
         0.2, 0.0, 10.0, "movement of its centre while it stays as it is, in smallest sphere radii"
     )
+    movement_sigmas: float = number(
+        3.0,
+        0.0,
+        100.0,
+        "standard deviations of the movement that the noise of its readings makes, added to that",
+    )
     first_searches: int = number(
         3, 1, 1000, "frames in a row in which a cluster is searched before it counts as known"
     )
@@ -191,6 +197,13 @@ class SphereDetectionSettings:
         100.0,
         "mean squared error of the patches of a sphere's surface at most, in variances: three "
         "standard deviations, 3 sqrt(2 / 44), above one for 48 patches and four fitted numbers",
+    )
+    static_successes: float = number(
+        0.8,
+        0.0,
+        1.0,
+        "part of the searches so far in which what was there when the environment was modelled "
+        "must have been found to be a sphere; a ball is one in nearly all of them",
     )
     known_radius_sigmas: float = number(
         3.0, 0.1, 100.0, "standard deviations by which a radius may differ from a known one"

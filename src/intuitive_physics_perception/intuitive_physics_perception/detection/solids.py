@@ -47,7 +47,7 @@ class SolidFinder:
         self._settings = settings
         self._rng = rng
         self._memory: ClusterMemory[DetectedSolid] = ClusterMemory(
-            settings.clusters.movement * settings.min_radius, settings.clusters
+            settings.clusters.movement * settings.min_radius, settings.clusters, model.noise
         )
 
     @property

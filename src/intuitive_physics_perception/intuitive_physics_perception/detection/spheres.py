@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_perception.detection.cluster_memory import ClusterMemory
+from intuitive_physics_perception.detection.cluster_memory import ClusterMemory, RememberedCluster
 from intuitive_physics_perception.detection.cluster_view import ClusterView, passing
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.fitted_sphere import EXPECTED_REACH, SphereFitter
@@ -70,7 +70,7 @@ class SphereFinder:
         self._settings = settings
         self._search = settings.spheres
         self._memory: ClusterMemory[None] = ClusterMemory(
-            settings.clusters.movement * settings.min_radius, settings.clusters
+            settings.clusters.movement * settings.min_radius, settings.clusters, noise
         )
         self._lateral = noise.lateral
         self._fitter = SphereFitter(noise, settings, rng, knows_before=before is not None)
@@ -88,43 +88,51 @@ class SphereFinder:
 
         Parameters
         ----------
-        searches : clusters, what is new and the smallest first, that are searched at random when
-            neither expectation nor outline suggests a sphere; the others wait for the next frame.
-            None searches all
+        searches : clusters that are searched at random when neither expectation nor outline
+            suggests a sphere: what is new first, then what has waited longest, then the smallest;
+            the others wait for the next frame. None searches all
         expected : spheres (4,) m that are followed, where they should be
         """
         found = []
         left = len(clusters.indices) if searches is None else searches
+        parts = [points.reshape(-1, 3)[one].astype(np.float64) for one in clusters.indices]
+        remembered = [self._memory.recall(own) for own in parts]
+        # What flickers is another cluster in each frame, and must not keep the others waiting.
         order = sorted(
-            range(len(clusters.indices)),
-            key=lambda k: (not clusters.new[k], len(clusters.indices[k])),
+            range(len(parts)),
+            key=lambda k: (not clusters.new[k], -remembered[k].waited, len(parts[k])),
         )
         for k in order:
-            cluster = clusters.indices[k]
-            own = points.reshape(-1, 3)[cluster].astype(np.float64)
-            known = self._memory.recall(own)
+            cluster, own, known = clusters.indices[k], parts[k], remembered[k]
             here = [sphere for sphere in expected if _reaches(sphere, own)]
-            effort = self._effort(known.deserves_a_search, clusters.new[k], left)
+            effort = self._effort(known.deserves_a_search, left)
             inside = self._spheres_in(points, cluster, own, here, effort)
-            found.append(inside)
+            if inside.spheres or effort is Effort.RANDOM:
+                known = known.after_search(success=bool(inside.spheres))
             if inside.spheres:
-                continue
-            if effort is Effort.RANDOM or not known.deserves_a_search:
+                self._memory.keep(known, None)
+                if not clusters.new[k] and not self._is_trusted(known):
+                    inside = ClusterSpheres(cluster, [], 1.0)
+            elif effort is Effort.RANDOM or not known.deserves_a_search:
                 self._memory.keep(known, None)
                 left -= effort is Effort.RANDOM
             else:
                 self._memory.postpone(known)
+            found.append(inside)
         self._memory.end_frame()
         return found
 
+    def _is_trusted(self, known: RememberedCluster[None]) -> bool:
+        """Whether what was there when the environment was modelled has been a sphere in enough
+        searches: what looks like one only as the noise has it is none."""
+        return known.successes >= self._search.static_successes * known.searches
+
     @staticmethod
-    def _effort(deserves_a_search: bool, new: bool, left: int) -> Effort:
-        """How far a search goes: what is new is looked at in every frame until it is known."""
+    def _effort(deserves_a_search: bool, left: int) -> Effort:
+        """How far a search goes: what has to wait for it is looked at by its outline."""
         if not deserves_a_search:
             return Effort.EXPECTED
-        if left > 0:
-            return Effort.RANDOM
-        return Effort.OUTLINE if new else Effort.EXPECTED
+        return Effort.RANDOM if left > 0 else Effort.OUTLINE
 
     def _spheres_in(
         self,

@@ -123,7 +123,11 @@ class Attitude:
         if isinstance(solid.shape, Capsule):
             axis, seen = self.rotation[:, 2], solid.rotation[:, 2]
             seen = seen if seen @ axis >= 0.0 else -seen
-            return Rotation.align_vectors([seen], [axis])[0].as_matrix() @ self.rotation, lengths
+            # The shortest rotation between them; their angle is below a right one.
+            sine = np.cross(axis, seen)
+            angle = np.arctan2(np.linalg.norm(sine), seen @ axis)
+            turn = Rotation.from_rotvec(sine / np.sinc(angle / np.pi))
+            return turn.as_matrix() @ self.rotation, lengths
         own = _lengths(self.shape)
         best, nearest = np.inf, (solid.rotation, lengths)
         for naming in BOX_NAMINGS:

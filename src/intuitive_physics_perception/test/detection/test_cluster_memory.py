@@ -8,9 +8,11 @@ from hypothesis import strategies as st
 
 from intuitive_physics_perception.detection.cluster_memory import ClusterMemory
 from intuitive_physics_perception.detection.settings import ClusterSettings
+from intuitive_physics_perception.environment.noise import RangeNoise
 
 SETTINGS = ClusterSettings()
 
+NOISE = RangeNoise(0.0, 0.0, 0.0, 0.0)
 STILLNESS = 0.01
 CLUSTER = np.random.default_rng(0).normal(size=(200, 3))
 
@@ -28,13 +30,13 @@ def searched_in(memory: ClusterMemory[str], frames: int) -> int:
 
 @given(periods=st.integers(1, 5))
 def test_what_stays_is_searched_at_first_and_once_in_a_period(periods: int) -> None:
-    count = searched_in(ClusterMemory(STILLNESS, SETTINGS), periods * SETTINGS.search_period)
+    count = searched_in(ClusterMemory(STILLNESS, SETTINGS, NOISE), periods * SETTINGS.search_period)
     assert SETTINGS.first_searches <= count <= SETTINGS.first_searches + periods
 
 
 @given(gap=st.integers(0, 2 * SETTINGS.frames_remembered))
 def test_what_was_away_for_a_short_time_is_known_again(gap: int) -> None:
-    memory: ClusterMemory[str] = ClusterMemory(STILLNESS, SETTINGS)
+    memory: ClusterMemory[str] = ClusterMemory(STILLNESS, SETTINGS, NOISE)
     searched_in(memory, SETTINGS.first_searches)
     for _ in range(gap):
         memory.end_frame()
@@ -45,7 +47,7 @@ def test_what_was_away_for_a_short_time_is_known_again(gap: int) -> None:
 
 @given(waits=st.integers(0, 40))
 def test_waiting_takes_no_search_away(waits: int) -> None:
-    memory: ClusterMemory[str] = ClusterMemory(STILLNESS, SETTINGS)
+    memory: ClusterMemory[str] = ClusterMemory(STILLNESS, SETTINGS, NOISE)
     for _ in range(waits):
         known = memory.recall(CLUSTER)
         assert known.deserves_a_search
@@ -56,6 +58,47 @@ def test_waiting_takes_no_search_away(waits: int) -> None:
 
 def test_what_moved_or_grew_is_new() -> None:
     for other in (CLUSTER + 2.0 * STILLNESS, np.concatenate([CLUSTER, CLUSTER])):
-        memory: ClusterMemory[str] = ClusterMemory(STILLNESS, SETTINGS)
+        memory: ClusterMemory[str] = ClusterMemory(STILLNESS, SETTINGS, NOISE)
         searched_in(memory, 2 * SETTINGS.first_searches)
         assert memory.recall(other).found is None
+
+
+def test_noise_makes_no_new_cluster_of_what_is_far() -> None:
+    # 200 readings that share errors of 0.03 m in groups of 8: their mean is sure to 6 mm.
+    rng = np.random.default_rng(1)
+    noise = RangeNoise(0.03, 0.0, 1.0, 0.0, correlated=8.0)
+    memory: ClusterMemory[str] = ClusterMemory(0.001, SETTINGS, noise)
+    fresh = 0
+    for _ in range(200):
+        errors = np.repeat(rng.normal(0.0, 0.03, size=25), 8)
+        known = memory.recall(CLUSTER + [0.0, 0.0, 3.0] + errors[:, None] * [0.0, 0.0, 1.0])
+        fresh += known.frames == 0
+        memory.keep(known, "box")
+        memory.end_frame()
+    # The first, and 0.3 % of the others by a normal distribution.
+    assert fresh <= 4
+
+
+@given(results=st.lists(st.booleans(), min_size=1, max_size=30))
+def test_successes_are_counted_as_long_as_a_cluster_stays(results: list[bool]) -> None:
+    memory: ClusterMemory[None] = ClusterMemory(STILLNESS, SETTINGS, NOISE)
+    for result in results:
+        known = memory.recall(CLUSTER).after_search(success=result)
+        assert not result or known.deserves_a_search
+        memory.keep(known, None)
+        memory.end_frame()
+    known = memory.recall(CLUSTER)
+    assert (known.searches, known.successes) == (len(results), sum(results))
+
+
+@given(order=st.permutations([0, 1, 2, 3]))
+def test_what_waits_is_counted_until_it_is_searched(order: list[int]) -> None:
+    memory: ClusterMemory[None] = ClusterMemory(STILLNESS, SETTINGS, NOISE)
+    for waits in order:
+        for k in range(waits):
+            known = memory.recall(CLUSTER)
+            assert known.waited == k
+            memory.postpone(known)
+            memory.end_frame()
+        memory.keep(memory.recall(CLUSTER), None)
+        memory.end_frame()

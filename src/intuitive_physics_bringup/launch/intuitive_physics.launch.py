@@ -59,8 +59,9 @@ ARGUMENTS = {
     ),
     "peers": (default_peers(), "other machines that are looked for, addresses divided by ;"),
     "enclaves": (
-        "/intuitive_physics",
-        "where the nodes' enclaves are in a keystore of SROS2, used with ROS_SECURITY_ENABLE only",
+        "",
+        "where the nodes' enclaves are in a keystore of SROS2, used with ROS_SECURITY_ENABLE only; "
+        "empty: /intuitive_physics below the namespace",
     ),
 }
 """Default and meaning of each argument."""
@@ -156,7 +157,8 @@ def node(name: str, given: Mapping[str, str]) -> Node:
 
 def enclave(name: str, given: Mapping[str, str]) -> list[str]:
     """Return where the keys of a node are, as an argument of it."""
-    return ["--enclave", f"{given['enclaves']}/{name}"]
+    folder = given["enclaves"] or f"{prefix(given)}/intuitive_physics"
+    return ["--enclave", f"{folder}/{name}"]
 
 
 def inputs(given: Mapping[str, str]) -> list[tuple[str, str]]:

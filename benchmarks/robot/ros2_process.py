@@ -98,6 +98,13 @@ class Ros2Process:
         """Ids of processes launch started that are still there."""
         return [pid for pid in self.children if Path(f"/proc/{pid}").exists()]
 
+    def failed(self) -> list[int]:
+        """Ids of processes that ended with another code than 0; not those whose code asyncio lost,
+        which it reports as 255."""
+        died = re.findall(r"process has died \[pid (\d+), exit code", self.output)
+        lost = re.findall(r"Unknown child process pid (\d+)", self.output)
+        return [int(pid) for pid in died if pid not in lost]
+
     def _read(self) -> None:
         assert self.process.stdout is not None
         for line in self.process.stdout:

@@ -25,6 +25,7 @@ from intuitive_physics_bringup.connections import (
     default_peers,
     default_range,
     discovery_environment,
+    with_compressed,
 )
 from intuitive_physics_ros.topics import OBJECT_STATES, OBSERVATIONS
 from launch import LaunchContext, LaunchDescription
@@ -170,7 +171,8 @@ def inputs(given: Mapping[str, str]) -> list[tuple[str, str]]:
         "~/imu": given["imu"],
         "~/color/image": "" if given["color"] in ("true", "false") else given["color"],
     }
-    return [(name, named[name] or topic) for name, topic in topics.items()]
+    chosen = {name: named[name] or topic for name, topic in topics.items()}
+    return list(with_compressed(chosen).items())
 
 
 def replay(given: Mapping[str, str]) -> Node:

@@ -172,7 +172,7 @@ def _connected(name: str, module: str) -> Iterator[str]:
     if module == "perception_node":
         for camera in connections.CAMERAS.values():
             for registered in (False, True):
-                topics = camera.topics(color=registered)
+                topics = connections.with_compressed(camera.topics(color=registered))
                 if name in topics:
                     yield topics[name]
 

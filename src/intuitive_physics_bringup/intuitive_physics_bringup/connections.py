@@ -63,6 +63,21 @@ class Camera:
         }
 
 
+TRANSPORTS = {"~/depth/image": "/compressedDepth", "~/color/image": "/compressed"}
+"""Where image_transport has compressed images, below the topic of the others."""
+
+
+def with_compressed(topics: Mapping[str, str]) -> dict[str, str]:
+    """Return the topic for each input, and those of the same images compressed.
+
+    Parameters
+    ----------
+    topics : of `Camera.topics`, or others by the same names
+    """
+    compressed = {one + below: topics[one] + below for one, below in TRANSPORTS.items()}
+    return {**topics, **compressed}
+
+
 CAMERAS: dict[str, Camera] = {
     "realsense": Camera(
         depth_image="camera/camera/depth/image_rect_raw",

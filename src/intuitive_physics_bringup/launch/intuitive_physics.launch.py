@@ -25,6 +25,7 @@ from intuitive_physics_bringup.connections import (
     default_peers,
     default_range,
     discovery_environment,
+    with_compressed,
 )
 from intuitive_physics_ros.topics import OBJECT_STATES, OBSERVATIONS
 from launch import LaunchContext, LaunchDescription
@@ -58,8 +59,9 @@ ARGUMENTS = {
     ),
     "peers": (default_peers(), "other machines that are looked for, addresses divided by ;"),
     "enclaves": (
-        "/intuitive_physics",
-        "where the nodes' enclaves are in a keystore of SROS2, used with ROS_SECURITY_ENABLE only",
+        "",
+        "where the nodes' enclaves are in a keystore of SROS2, used with ROS_SECURITY_ENABLE only; "
+        "empty: /intuitive_physics below the namespace",
     ),
 }
 """Default and meaning of each argument."""
@@ -155,7 +157,8 @@ def node(name: str, given: Mapping[str, str]) -> Node:
 
 def enclave(name: str, given: Mapping[str, str]) -> list[str]:
     """Return where the keys of a node are, as an argument of it."""
-    return ["--enclave", f"{given['enclaves']}/{name}"]
+    folder = given["enclaves"] or f"{prefix(given)}/intuitive_physics"
+    return ["--enclave", f"{folder}/{name}"]
 
 
 def inputs(given: Mapping[str, str]) -> list[tuple[str, str]]:
@@ -168,7 +171,8 @@ def inputs(given: Mapping[str, str]) -> list[tuple[str, str]]:
         "~/imu": given["imu"],
         "~/color/image": "" if given["color"] in ("true", "false") else given["color"],
     }
-    return [(name, named[name] or topic) for name, topic in topics.items()]
+    chosen = {name: named[name] or topic for name, topic in topics.items()}
+    return list(with_compressed(chosen).items())
 
 
 def replay(given: Mapping[str, str]) -> Node:

@@ -7,13 +7,14 @@ import stat
 import subprocess
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from tools import security_policies
 
-from intuitive_physics_bringup.connections import NODES, module
-from intuitive_physics_ros.scripting import NodeProcess, Peer
+from intuitive_physics_bringup.connections import CAMERAS, NODES, module
+from intuitive_physics_ros.scripting import NodeProcess, Peer, PeerTimeoutError
 
 PACKAGE = Path(__file__).parent.parent
 POLICY = PACKAGE / "security" / "policy.xml"
@@ -23,6 +24,14 @@ ONLY_WHEN_ASKED = {
     "perception_node": {"imu", "/tf", "color/image", "/tf_static"},
 }
 """What a node uses with certain parameters or packages only, by the end of its name."""
+
+NOT_BY_DEFAULT = {"/clock"} | {
+    f"/{topic}"
+    for camera in CAMERAS.values()
+    for color in (False, True)
+    for topic in camera.topics(color=color).values()
+}
+"""What nodes hear of cameras that a launch file connects, or with simulated time."""
 
 
 def allowed(node: str, right: str) -> set[str]:
@@ -82,12 +91,29 @@ def test_nobody_but_an_operator_asks_and_no_node_can_set_parameters_of_another()
     assert {enclave.get("path") for enclave in asking} == {"/intuitive_physics/operator"}
 
 
-def is_ready(peer: Peer, node: str) -> bool:
+def used(peer: Peer, node: str) -> dict[str, set[str]]:
+    """Full names that a node uses, by what it does with them, as another one sees it."""
     if node not in peer.node.get_node_names():
-        return False
-    topics = dict(peer.node.get_publisher_names_and_types_by_node(node, "/"))
-    # Made last of all.
-    return "/diagnostics" in topics
+        return {right: set() for right in ("publish", "subscribe", "reply", "request")}
+    see = peer.node
+    found = {
+        "publish": see.get_publisher_names_and_types_by_node(node, "/"),
+        "subscribe": see.get_subscriber_names_and_types_by_node(node, "/"),
+        "reply": see.get_service_names_and_types_by_node(node, "/"),
+        "request": see.get_client_names_and_types_by_node(node, "/"),
+    }
+    return {right: {name for name, _ in names} for right, names in found.items()}
+
+
+def unused(peer: Peer, node: str) -> set[str]:
+    """Names that a node may use and does not."""
+    optional = tuple(ONLY_WHEN_ASKED.get(node, ()))
+    return {
+        f"{right} {name}"
+        for right, names in used(peer, node).items()
+        for name in allowed(node, right) - names - NOT_BY_DEFAULT
+        if not name.endswith(optional)
+    }
 
 
 @pytest.fixture(scope="module")
@@ -100,11 +126,6 @@ def graph(tmp_path_factory) -> Iterator[Peer]:
         for node in NODES:
             processes.append(NodeProcess(module(node), arguments.get(node, [])))
         with Peer("inspector") as peer:
-            for node in NODES:
-                peer.spin_until(
-                    lambda node=node: is_ready(peer, node), f"{node} to publish diagnostics", 90.0
-                )
-            peer.spin_for(1.0)
             yield peer
     finally:
         for process in processes:
@@ -113,23 +134,14 @@ def graph(tmp_path_factory) -> Iterator[Peer]:
 
 @pytest.mark.parametrize("node", NODES)
 def test_a_running_node_uses_what_it_is_allowed_and_nothing_else(graph, node):
-    used = {
-        "publish": graph.node.get_publisher_names_and_types_by_node(node, "/"),
-        "subscribe": graph.node.get_subscriber_names_and_types_by_node(node, "/"),
-        "reply": graph.node.get_service_names_and_types_by_node(node, "/"),
-        "request": graph.node.get_client_names_and_types_by_node(node, "/"),
-    }
-    names = {right: {name for name, _ in found} for right, found in used.items()}
+    # A node begins to hear cameras when its kernels are loaded.
+    with suppress(PeerTimeoutError):
+        graph.spin_until(lambda: not unused(graph, node), "the whole node", 90.0)
+    assert not unused(graph, node)
+    names = used(graph, node)
     assert action_servers(names["reply"]) == allowed(node, "execute")
-    # Other topics that a launch file or a clock brings are allowed as well.
-    others = set(security_policies.CLOCKS) | {"/clock"}
-    optional = tuple(ONLY_WHEN_ASKED.get(node, ()))
     for right, found in names.items():
-        may = allowed(node, right)
-        assert outside_actions(found) <= may, f"{node} may not {right} what it does"
-        own = {name for name in may - others if name.startswith(f"/{node}/")}
-        missing = {name for name in own - found if not name.endswith(optional)}
-        assert not missing, f"{node} need not {right} {missing}"
+        assert outside_actions(found) <= allowed(node, right), f"{node} may not {right} these"
 
 
 def test_a_node_never_runs_without_the_security_that_is_asked_for(tmp_path):

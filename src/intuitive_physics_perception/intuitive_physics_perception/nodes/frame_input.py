@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import Header
 
 from intuitive_physics.errors import IntuitivePhysicsError
@@ -26,11 +26,15 @@ from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.qos import QOS_OVERRIDES, SENSOR_DATA
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
-Frame: TypeAlias = Image | PointCloud2
+Frame: TypeAlias = Image | CompressedImage | PointCloud2
 UseFrame: TypeAlias = Callable[[Header, NDArray[np.float32], NDArray[np.uint8] | None], str]
 
-TOPICS: dict[type[Frame], str] = {Image: "~/depth/image", PointCloud2: "~/points"}
-"""Topic of each kind of frame."""
+TOPICS: dict[type[Frame], str] = {
+    Image: "~/depth/image",
+    CompressedImage: "~/depth/image/compressedDepth",
+    PointCloud2: "~/points",
+}
+"""Topic of each kind of frame; compressed images are where image_transport has them."""
 
 CAMERA_INFO = "~/depth/camera_info"
 """Topic of the depth camera's calibration."""
@@ -38,6 +42,7 @@ CAMERA_INFO = "~/depth/camera_info"
 INPUTS: dict[str, tuple[type[Frame], ...]] = {
     "auto": (Image, PointCloud2),
     "depth": (Image,),
+    "compressed": (CompressedImage,),
     "points": (PointCloud2,),
 }
 """Messages that each value of the parameter `input` subscribes to."""
@@ -45,8 +50,11 @@ INPUTS: dict[str, tuple[type[Frame], ...]] = {
 TIMEOUT = 2.0
 """Time in s without a message after which an input counts as lost. Set by hand."""
 
-COLOR_TOPIC = "~/color/image"
-"""Topic of colour images registered to the depth images."""
+COLOR_TOPICS: dict[type[Frame], str] = {
+    Image: "~/color/image",
+    CompressedImage: "~/color/image/compressed",
+}
+"""Topic of colour images registered to the depth images, which are compressed if those are."""
 
 SAME_TIME = 0.01
 """Maximum difference in s between the stamps of a depth and a colour image of one frame."""
@@ -91,13 +99,18 @@ class FrameInput:
         self._use = use
         self._decoder = FrameDecoder(rectified=rectified)
         self._kind: type[Frame] | None = None
-        self._monitors = {kind: InputMonitor(node, TOPICS[kind], TIMEOUT) for kind in kinds}
+        self._monitors: dict[type[Frame], InputMonitor] = {}
         for kind in kinds:
+            self._monitors[kind] = InputMonitor(node, TOPICS[kind], TIMEOUT)
             diagnostics.add(TOPICS[kind].removeprefix("~/"), partial(self._check, kind))
         self._camera_monitor = InputMonitor(node, CAMERA_INFO, None)
-        if Image in kinds:
+        self._has_images = Image in kinds or CompressedImage in kinds
+        if self._has_images:
             diagnostics.add(CAMERA_INFO.removeprefix("~/"), self._camera_monitor.check)
-        self._color = ColorInput(node, diagnostics) if color and Image in kinds else None
+        self._color: ColorInput | None = None
+        if color and self._has_images:
+            color_kind = CompressedImage if CompressedImage in kinds else Image
+            self._color = ColorInput(node, diagnostics, color_kind)
         self._ready = node.create_guard_condition(self._subscribe)
         self._worker: FrameWorker[Frame] = FrameWorker(self._prepare, self._handle)
 
@@ -131,7 +144,7 @@ class FrameInput:
                 copy(SENSOR_DATA),
                 qos_overriding_options=QOS_OVERRIDES,
             )
-        if Image in self._monitors:
+        if self._has_images:
             self._node.create_subscription(
                 CameraInfo,
                 CAMERA_INFO,
@@ -171,9 +184,12 @@ class FrameInput:
 
     def _decoded(self, message: Frame) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
         """Points of a frame, and their colours where they are known."""
-        if not isinstance(message, Image):
+        if isinstance(message, PointCloud2):
             return self._decoder.cloud_points(message), self._decoder.cloud_colors(message)
-        points = self._decoder.image_points(message)
+        if isinstance(message, CompressedImage):
+            points = self._decoder.compressed_image_points(message)
+        else:
+            points = self._decoder.image_points(message)
         if self._color is None:
             return points, None
         return points, self._color.of_frame(message.header, points)
@@ -252,15 +268,23 @@ class ColorInput:
     """Subscribes to colour images that are registered to the depth images pixel by pixel.
 
     A frame whose colour image comes later than itself, or never, is processed without colour.
+
+    Parameters
+    ----------
+    node : that subscribes
+    diagnostics : of the node
+    kind : Image or CompressedImage
     """
 
-    def __init__(self, node: Node, diagnostics: Diagnostics) -> None:
-        self._monitor = InputMonitor(node, COLOR_TOPIC, TIMEOUT)
+    def __init__(
+        self, node: Node, diagnostics: Diagnostics, kind: type[Image | CompressedImage]
+    ) -> None:
+        self._monitor = InputMonitor(node, COLOR_TOPICS[kind], TIMEOUT)
         self._newest: deque[tuple[float, NDArray[np.uint8]]] = deque(maxlen=KEPT)
-        diagnostics.add(COLOR_TOPIC.removeprefix("~/"), self._monitor.check)
+        diagnostics.add(COLOR_TOPICS[kind].removeprefix("~/"), self._monitor.check)
         node.create_subscription(
-            Image,
-            COLOR_TOPIC,
+            kind,
+            COLOR_TOPICS[kind],
             self._on_image,
             copy(SENSOR_DATA),
             qos_overriding_options=QOS_OVERRIDES,
@@ -287,9 +311,13 @@ class ColorInput:
             return colors
         return None
 
-    def _on_image(self, message: Image) -> None:
+    def _on_image(self, message: Image | CompressedImage) -> None:
+        is_compressed = isinstance(message, CompressedImage)
+        decode = (
+            FrameDecoder.compressed_image_colors if is_compressed else FrameDecoder.image_colors
+        )
         try:
-            colors = FrameDecoder.image_colors(message)
+            colors = decode(message)
         except IntuitivePhysicsError as error:
             self._monitor.rejected(error)
             return

@@ -67,7 +67,14 @@ STOP_PATIENCE = 0.8
 """s to wait at the end for the frame under way."""
 
 PARAMETERS = [
-    Parameter("input", "auto", "what is subscribed to", choices=tuple(INPUTS)),
+    Parameter(
+        "input",
+        "auto",
+        "what is subscribed to; auto: depth images and clouds; compressed: depth images on "
+        "compressedDepth and colour ones on compressed below their topics, as image_transport has "
+        "them",
+        choices=tuple(INPUTS),
+    ),
     Parameter("seed", 0, "seed of the random choices of RANSAC", (0, 2**31 - 1)),
     Parameter(
         "image_is_rectified",

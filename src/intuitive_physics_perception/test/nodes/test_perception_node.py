@@ -5,10 +5,12 @@ from __future__ import annotations
 import array
 import os
 import signal
+from io import BytesIO
 from itertools import count
 
 import numpy as np
 import pytest
+from PIL import Image as PngImage
 
 os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -19,7 +21,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates, Observation
-from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2, PointField
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu, PointCloud2, PointField
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -138,10 +140,10 @@ def exact(stamp: Time) -> tuple[int, int]:
     return stamp.sec, stamp.nanosec
 
 
-def says(heard, name: str, text: str) -> bool:
-    """Whether a diagnostic of the node says something."""
+def says(heard, name: str, text: str, node: str = "perception_node") -> bool:
+    """Whether a diagnostic of a node says something."""
     return any(
-        status.name == f"perception_node: {name}" and text in status.message
+        status.name == f"{node}: {name}" and text in status.message
         for message in heard
         for status in message.status
     )
@@ -334,6 +336,49 @@ def corrupted(rng, message) -> Image:
     return message
 
 
+def compressed_message(depth: np.ndarray, time: float) -> CompressedImage:
+    file = BytesIO()
+    PngImage.fromarray(depth).save(file, "PNG")
+    return CompressedImage(
+        header=Header(stamp=stamp_from_seconds(time), frame_id="camera"),
+        format="16UC1; compressedDepth png",
+        data=array.array("B", bytes(12) + file.getvalue()),
+    )
+
+
+def test_compressed_images_are_as_good(peer, room) -> None:
+    arguments = [*PARAMETERS, "-p", "input:=compressed", "-r", "__ns:=/packed"]
+    with NodeProcess(MODULE, arguments):
+        heard = peer.listen(DiagnosticArray, "/diagnostics")
+        environments = peer.listen(EnvironmentMessage, "/packed/environment", LATCHED)
+        infos = peer.publisher(CameraInfo, f"/packed{NODE}/depth/camera_info", SENSOR_DATA)
+        name = "depth/image/compressedDepth"
+        images = peer.publisher(CompressedImage, f"/packed{NODE}/{name}", SENSOR_DATA)
+        play_until(
+            peer,
+            infos,
+            lambda _: info_message(room),
+            lambda: says(heard, "depth/camera_info", "arrives", "packed/perception_node"),
+            "a camera",
+        )
+        play_until(
+            peer,
+            images,
+            lambda time: CompressedImage(format="jpeg"),
+            lambda: says(heard, name, "expected 16UC1 or 32FC1", "packed/perception_node"),
+            "a diagnostic of images",
+        )
+        empty = room.depth().astype(np.uint16)
+        play_until(
+            peer,
+            images,
+            lambda time: compressed_message(empty, 50.0 + time),
+            lambda: environments,
+            "an environment",
+        )
+    assert len(environment_from_message(environments[-1]).planes) == 3
+
+
 def test_no_image_makes_the_node_fall_or_hang(peer, node, room) -> None:
     """Corrupted ones, named once each, and then a good one is perceived."""
     rng = np.random.default_rng(0)
@@ -507,7 +552,7 @@ def test_gravity_is_that_of_the_imu(room) -> None:
         (["-p", "gravity_source:=imu", "-p", "imu_orientation:=[1.0]"], "1 numbers"),
         (["-p", "min_radius:=0.9"], "min_radius below max_radius"),
         (["-p", "known_object_names:=[a, b]"], "[2, 1, 1] entries"),
-        (["-p", "input:=radar"], "auto, depth, points"),
+        (["-p", "input:=radar"], "auto, depth, compressed, points"),
         (["-p", "min_points:=3"], "8"),
     ],
 )

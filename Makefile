@@ -2,7 +2,7 @@
 
 .DEFAULT_GOAL := help
 .PHONY: help setup build lint types docs test library-tests system-tests test-oldest house demo bench-simulation \
-	bench-prediction bench-perception bench-learning clean
+	bench-prediction bench-perception bench-learning bench-robot clean
 
 # A ROS, or a Python, that the caller's shell has sourced must not mix with ours.
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH
@@ -93,6 +93,9 @@ bench-perception: setup ## Hold perception against the truth and against others;
 	@.venv/bin/python -m pip --disable-pip-version-check install -qq -r requirements/bench.txt
 	@$(run_environment) OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 \
 		.venv/bin/python -m benchmarks.perception $(options)
+
+bench-robot: setup ## Start, kill and stop the suite by the real ros2; options="--quick"
+	@$(run_environment) .venv/bin/python -m benchmarks.robot $(options)
 
 clean: ## Remove the environment and everything built
 	rm -rf .venv build log install demo_output docs/_build docs/reference .pytest_cache .mypy_cache .ruff_cache .hypothesis

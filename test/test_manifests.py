@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -125,3 +127,31 @@ def test_what_comes_from_pip_is_named_in_the_manifest(package):
                     f"{module.path} imports {name}, which has no rosdep key; "
                     f"expected a comment with “pip install {name}” in {package}/package.xml"
                 )
+
+
+@pytest.mark.parametrize("package", TREE.packages)
+def test_no_link_leaves_a_package(package):
+    folder = manifest(package).parent
+    for path in folder.rglob("*"):
+        if path.is_symlink():
+            assert path.resolve().is_relative_to(folder.resolve()), f"{path} is a link out of it"
+
+
+def test_definitions_of_messages_are_those_of_the_message_package():
+    source = manifest("intuitive_physics_msgs").parent / "msg"
+    package = "intuitive_physics_recordings"
+    copies = manifest(package).parent / package / "message_definitions"
+    texts = [{path.name: path.read_bytes() for path in at.iterdir()} for at in (source, copies)]
+    assert texts[0] == texts[1], f"run: rm {copies}/* && cp {source}/*.msg {copies}/"
+
+
+def test_the_container_installs_what_rosdep_has_no_key_for():
+    dockerfile = (TREE.root / "Dockerfile").read_text(encoding="utf-8")
+    installed = set(re.findall(r"pip install (.*)", dockerfile)[0].split())
+    # Only a command that shows recordings in its own program needs that program.
+    assert installed == set(FROM_PIP.values()) - {"rerun-sdk"}
+    container = TREE.root / ".devcontainer" / "devcontainer.json"
+    described = json.loads(container.read_text(encoding="utf-8"))
+    assert (
+        container.parent / described["build"]["dockerfile"]
+    ).resolve() == TREE.root / "Dockerfile"

@@ -16,7 +16,7 @@ PACKAGE = "intuitive_physics_msgs/msg"
 """Where the names of this suite's message types begin."""
 
 DEFINITIONS = Path(__file__).parent / "message_definitions"
-"""The `.msg` files of the message package: a link in the sources, copies where installed."""
+"""Copies of the `.msg` files of the message package, which is not there without ROS."""
 
 
 @lru_cache(maxsize=1)

@@ -1,7 +1,10 @@
 """What goes into a message and comes out again is the same; what is wrong is named."""
 
 import math
+import pickle
+from copy import deepcopy
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -290,6 +293,17 @@ def test_a_writer_uses_its_memory_again_and_leaves_nothing_of_before():
 def test_seconds_come_back(seconds):
     stamp = over_the_wire(to.stamp_from_seconds(seconds))
     assert to.seconds_from_stamp(stamp) == pytest.approx(seconds, abs=5e-7, rel=0)
+
+
+@given(st.integers(0, 2**31 - 2), st.integers(0, 999_999_999))
+def test_a_stamp_comes_back_to_the_nanosecond(sec, nanosec):
+    stamp = Time(sec=sec, nanosec=nanosec)
+    seconds = to.seconds_from_stamp(stamp)
+    assert abs(seconds - Fraction(10**9 * sec + nanosec, 10**9)) < 2.5e-7
+    for same in (seconds, pickle.loads(pickle.dumps(seconds)), deepcopy(seconds)):
+        assert to.stamp_from_seconds(same) == stamp
+    # A moment that was calculated from it is the nearest to what it is.
+    assert to.stamp_from_seconds(seconds + 0.0) == to.stamp_from_seconds(float(seconds))
 
 
 @pytest.mark.parametrize("seconds", [-1.0, 2.0**31, math.nan, math.inf])

@@ -21,6 +21,27 @@ LAST_SECOND = 2**31 - 1
 """s; `builtin_interfaces/Time` counts seconds as a signed 32-bit number."""
 
 
+class StampSeconds(float):
+    """The time of a stamp in s that keeps the stamp's nanoseconds; sums of it are plain floats.
+
+    Parameters
+    ----------
+    seconds : s, to a quarter of a microsecond today, as a double holds it
+    nanoseconds : exactly
+    """
+
+    __slots__ = ("nanoseconds",)
+    nanoseconds: int
+
+    def __new__(cls, seconds: float, nanoseconds: int) -> StampSeconds:
+        made = super().__new__(cls, seconds)
+        made.nanoseconds = nanoseconds
+        return made
+
+    def __getnewargs__(self) -> tuple[float, int]:  # type: ignore[override]
+        return float(self), self.nanoseconds
+
+
 def vector_to_message(vector: ArrayLike, make: MakeMessage) -> Any:
     """Return a vector of shape (3,) as a message."""
     x, y, z = np.asarray(vector, dtype=np.float64).tolist()
@@ -75,7 +96,8 @@ def stamp_nanoseconds(seconds: float, name: str = "time is") -> int:
 
     Parameters
     ----------
-    seconds : s, from 0 to 2038-01-19 as a stamp allows
+    seconds : s, from 0 to 2038-01-19 as a stamp allows; one of `seconds_from_stamp` gives the ns
+        of that stamp
     name : what the time is of, as an error begins
 
     Raises
@@ -83,8 +105,11 @@ def stamp_nanoseconds(seconds: float, name: str = "time is") -> int:
     InvalidInputError
         When no stamp reaches that far.
     """
-    nanoseconds = round(finite_float(seconds, "time") * NANOSECONDS)
-    if not 0 <= nanoseconds <= LAST_SECOND * NANOSECONDS:
+    if isinstance(seconds, StampSeconds):
+        nanoseconds = seconds.nanoseconds
+    else:
+        nanoseconds = round(finite_float(seconds, "time") * NANOSECONDS)
+    if not 0 <= nanoseconds < (LAST_SECOND + 1) * NANOSECONDS:
         raise InvalidInputError(f"{name} {seconds:g} s; expected 0 to {LAST_SECOND} s")
     return nanoseconds
 
@@ -95,10 +120,11 @@ def stamp_from_seconds(seconds: float, make: MakeMessage) -> Any:
     return make("builtin_interfaces/msg/Time")(sec=sec, nanosec=nanosec)
 
 
-def seconds_from_stamp(stamp: Any) -> float:
-    """Return a stamp in s: to a quarter of a microsecond today, as a double holds it."""
-    seconds: float = stamp.sec + stamp.nanosec / NANOSECONDS
-    return seconds
+def seconds_from_stamp(stamp: Any) -> StampSeconds:
+    """Return a stamp in s, from which `stamp_from_seconds` makes the same stamp."""
+    return StampSeconds(
+        stamp.sec + stamp.nanosec / NANOSECONDS, stamp.sec * NANOSECONDS + stamp.nanosec
+    )
 
 
 def header_to_message(stamp: Any, frame_id: str, make: MakeMessage) -> Any:

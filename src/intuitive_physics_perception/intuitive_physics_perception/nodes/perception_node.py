@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 from intuitive_physics_msgs.msg import ObjectStates
@@ -15,6 +16,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.messages.geometry import StampSeconds
 from intuitive_physics.observation import Observation
 from intuitive_physics.validation import unit_quaternion
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
@@ -56,6 +58,10 @@ FRAME = "environment_frame_id"
 
 DEFAULT_FRAME = PerceptionSettings().environment_frame_id
 """Its default, which stands below the node's namespace."""
+
+KEPT_STAMPS = 20_000
+"""Frames whose exact stamps are kept, ten minutes at 30 a second: observations begin at one of them
+and come out when their motion is over."""
 
 STOP_PATIENCE = 0.8
 """s to wait at the end for the frame under way."""
@@ -109,6 +115,7 @@ class PerceptionNode(Node):
         self._rebuild = False
         self._sensor_frame = ""
         self._newest: tuple[Header, FrameResult] | None = None
+        self._stamps: dict[float, StampSeconds] = {}
         self._frames = self._restarts = self._moves = 0
 
         self._environment = EnvironmentPublisher(self)
@@ -190,7 +197,11 @@ class PerceptionNode(Node):
         if self._rebuild:
             self._rebuild = False
             self._publish_observations(self._pipeline.rebuild_environment())
-        result = self._pipeline.process(points, seconds_from_stamp(header.stamp), colors)
+        time = seconds_from_stamp(header.stamp)
+        self._stamps[time] = time
+        if len(self._stamps) > KEPT_STAMPS:
+            del self._stamps[next(iter(self._stamps))]
+        result = self._pipeline.process(points, time, colors)
         self._frames += 1
         if result.restarted:
             self._restarts += 1
@@ -233,7 +244,10 @@ class PerceptionNode(Node):
 
     def _publish_observations(self, observations: tuple[Observation, ...]) -> None:
         for observation in observations:
-            self._observations.publish(observation_to_message(observation))
+            start = self._stamps.get(observation.start_time, observation.start_time)
+            self._observations.publish(
+                observation_to_message(replace(observation, start_time=start))
+            )
             names = ", ".join(seen.object.id for seen in observation.objects)
             self.get_logger().info(f"observed {names}")
 

@@ -16,6 +16,7 @@ os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
@@ -31,6 +32,7 @@ from intuitive_physics_ros.conversions import (
     environment_from_message,
     object_states_from_messages,
     observation_from_message,
+    seconds_from_stamp,
     stamp_from_seconds,
 )
 from intuitive_physics_ros.qos import LATCHED, OBSERVATIONS, SENSOR_DATA
@@ -134,6 +136,10 @@ def play_until(peer, publisher, make, holds, what: str) -> None:
     peer.spin_until(lambda: holds() or play(peer, publisher, [make(next(times))]), what)
 
 
+def exact(stamp: Time) -> tuple[int, int]:
+    return stamp.sec, stamp.nanosec
+
+
 def says(heard, name: str, text: str, node: str = "perception_node") -> bool:
     """Whether a diagnostic of a node says something."""
     return any(
@@ -184,7 +190,12 @@ def test_a_throw_gives_environment_states_and_one_observation(peer, node, room) 
         lambda: environments,
         "an environment",
     )
-    play(peer, images, [image_message(d, 100.0 + STEP * k) for k, d in enumerate(throw(room))])
+    # Stamps that no double of seconds holds.
+    start, step = 1_795_000_000_000_000_007, round(1e9 * STEP) + 1
+    stamps = [divmod(start + step * k, 1_000_000_000) for k in range(len(throw(room)))]
+    times = [seconds_from_stamp(Time(sec=sec, nanosec=nanosec)) for sec, nanosec in stamps]
+    assert any(stamp_from_seconds(float(time)) != stamp_from_seconds(time) for time in times)
+    play(peer, images, [image_message(d, t) for d, t in zip(throw(room), times, strict=True)])
     peer.spin_until(lambda: observations, "an observation")
 
     message = environments[-1]
@@ -206,7 +217,9 @@ def test_a_throw_gives_environment_states_and_one_observation(peer, node, room) 
     assert ball.object.material == "rubber"
     assert ball.object.id.startswith("rubber_")
     assert ball.object.shape.bounding_radius == pytest.approx(0.07, abs=0.001)
-    assert 100.0 < observation.start_time < 101.0
+    assert times[0] < observation.start_time < times[-1]
+    made_of_images = [*states[-5:], *observations, observations[-1].environment]
+    assert {exact(message.header.stamp) for message in made_of_images} <= set(stamps)
     peer.spin_until(lambda: markers, "markers")
     kinds = {marker.ns for marker in markers[-1].markers}
     assert {"environment", "gravity"} <= kinds

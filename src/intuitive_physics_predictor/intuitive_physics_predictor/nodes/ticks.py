@@ -32,6 +32,10 @@ from intuitive_physics_ros.unexpected_errors import unexpected_errors
 FAILURES_LOGGED_EVERY = 10.0
 """s between two log lines about samples that failed. Our choice."""
 
+CLOCK_PATIENCE = 1.0
+"""s for which states must be of another clock before the log says so: a node that starts, and a bag
+that begins again, bring some that are late. Our choice."""
+
 
 class PredictionTicks:
     """Publishes predictions at a steady rate, from a thread of its own.
@@ -63,6 +67,7 @@ class PredictionTicks:
         self._published_samples = published_samples
         self._writer = DistributionWriter()
         self._paused_for = ""
+        self._clock_was_right = time.monotonic()
         self._publisher = node.create_publisher(
             DistributionMessage, PREDICTIONS, copy(STREAM), qos_overriding_options=QOS_OVERRIDES
         )
@@ -155,6 +160,7 @@ class PredictionTicks:
             if not self._stop.is_set():
                 self._pause(error, had_prediction)
             return
+        self._clock_was_right = time.monotonic()
         self.monitor.left_out(left_out)
         self.monitor.done(time.perf_counter() - due)
         if self._paused_for:
@@ -182,7 +188,10 @@ class PredictionTicks:
         # but a wrong clock would let the user wait for ever.
         waits = isinstance(error, NothingToPredictError)
         news = type(error).__name__ if waits else reason
-        is_start = waits and not had_prediction and not isinstance(error, OtherClockError)
+        if not isinstance(error, OtherClockError):
+            self._clock_was_right = time.monotonic()
+        has_clock = time.monotonic() - self._clock_was_right < CLOCK_PATIENCE
+        is_start = waits and not had_prediction and has_clock
         if not is_start and not isinstance(error, NoObjectsError) and news != self._paused_for:
             sentence = "predicts no more" if had_prediction else "does not predict"
             self._node.get_logger().warning(f"{sentence}: {reason}")

@@ -16,6 +16,7 @@ os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
@@ -49,7 +50,6 @@ from intuitive_physics_ros.conversions import (
     environment_to_message,
     object_states_to_message,
     seconds_from_stamp,
-    stamp_from_seconds,
     static_parameters_to_message,
     trajectory_distribution_from_message,
 )
@@ -82,7 +82,8 @@ def peer(node):
 
 def states_message(objects=(BALL,), states=(FLYING,), age=0.0, frame_id="lab"):
     """States that were seen `age` s ago."""
-    stamp = stamp_from_seconds(time.time() - age)
+    sec, nanosec = divmod(time.time_ns() - round(1e9 * age), 1_000_000_000)
+    stamp = Time(sec=sec, nanosec=nanosec)
     return object_states_to_message(objects, states, frame_id=frame_id, stamp=stamp)
 
 
@@ -144,8 +145,16 @@ def test_it_carries_what_it_is_fed_forward_to_now(peer, inputs):
     # until the ball lands at 0.44 s; the times published count from the tick.
     heard = peer.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
     markers = peer.listen(MarkerArray, f"{NODE}/markers")
-    make = partial(states_message, age=AGE)
+    sent = []
+
+    def make():
+        sent.append(states_message(age=AGE))
+        return sent[-1]
+
     feed_until(peer, lambda: len(heard) > 50 and markers, "50 predictions and markers", make)
+    # To the nanosecond, which no double of seconds holds.
+    stamps = [message.header.stamp for message in sent]
+    assert all(message.states_stamp in stamps for message in heard)
     # The one of the newest states: a busy machine may bring some late.
     got = trajectory_distribution_from_message(min(heard, key=age_of))
     assert got.frame_id == "lab"

@@ -1,0 +1,248 @@
+"""`make bench-robot`: the suite started, killed and stopped as on a robot, by the real `ros2`.
+
+README.md in the folder above says what is measured and how.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from intuitive_physics_msgs.msg import TrajectoryDistribution
+
+from benchmarks.command import Outcome, report_progress, run_benchmark
+from benchmarks.perception.end_to_end import measure_end_to_end
+from benchmarks.results.result import Cell, Column, Table
+from benchmarks.robot.ros2_process import LAUNCH, Ros2Process
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_bringup.connections import NODES
+from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_bag
+from intuitive_physics_ros.scripting import Peer, PeerTimeoutError
+from intuitive_physics_ros.topics import (
+    ENVIRONMENT,
+    OBJECT_STATES,
+    OBSERVATIONS,
+    PREDICTIONS,
+    STATIC_PARAMETERS,
+)
+
+BARS = {"bringup_s": 8.0, "respawn_to_predicting_s": 5.0, "ctrl_c_s": 3.0}
+"""s that must not be exceeded."""
+
+SEED = 20
+"""Of the throws and of the camera's noise."""
+
+THROWS, QUICK_THROWS = 24, 12
+"""In the bag, one soon after another: something is there to predict nearly always."""
+
+STARTS, QUICK_STARTS = 3, 1
+"""How often the suite is started and stopped; the slowest counts."""
+
+TIMEOUT = 120.0
+"""s to wait for anything."""
+
+CONNECT_TIMEOUT = 30.0
+"""s that plain nodes have to find one another."""
+
+WATCHED = 10.0
+"""s for which the predictions of two robots are counted."""
+
+LONGEST_PERIOD = 0.25
+"""s; a longer time without a prediction is one in which nothing was followed."""
+
+IN_FLIGHT = 0.3
+"""s after a kill in which messages of the killed node still arrive."""
+
+
+@dataclass
+class Heard:
+    """Predictions of one robot.
+
+    Parameters
+    ----------
+    arrivals : s, on the monotonic clock
+    states_stamps : ns, of the states that they were made from
+    """
+
+    arrivals: list[float] = field(default_factory=list)
+    states_stamps: list[int] = field(default_factory=list)
+
+    def take(self, message: TrajectoryDistribution) -> None:
+        """Note a prediction."""
+        self.arrivals.append(time.monotonic())
+        stamp = message.states_stamp
+        self.states_stamps.append(1_000_000_000 * stamp.sec + stamp.nanosec)
+
+    def rate(self, since: float) -> float:
+        """Return predictions a second while something was followed, from a moment on."""
+        periods = np.diff([moment for moment in self.arrivals if moment >= since])
+        followed = periods[periods < LONGEST_PERIOD]
+        return float(followed.size / followed.sum()) if followed.size else 0.0
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the tools are at home, and what the robot sees.
+
+    Parameters
+    ----------
+    home : folder for logs and databases
+    bag : of throws
+    """
+
+    home: Path
+    bag: Path
+
+    def launch(self, *arguments: str) -> Ros2Process:
+        """Launch the suite, which sees the bag again and again."""
+        seen = [f"bag:={self.bag}", "loop:=true", "camera:=generic"]
+        return Ros2Process(self.home, *LAUNCH, *seen, *arguments)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, print the tables, and print the line of JSON last."""
+    return run_benchmark("robot", (__doc__ or "").splitlines()[0], run, arguments)
+
+
+def run(options: argparse.Namespace) -> Outcome:
+    """Measure all, one after the other.
+
+    Raises
+    ------
+    InvalidInputError
+        Where the command line of ROS 2 is not installed.
+    """
+    if importlib.util.find_spec("ros2launch") is None:
+        raise InvalidInputError(
+            "ros2 launch is not installed in this environment; expected ROS 2's command line, "
+            "which ros-jazzy-ros2cli and ros-jazzy-ros2launch bring"
+        )
+    with tempfile.TemporaryDirectory(prefix="bench-robot-") as folder:
+        place = Place(Path(folder), Path(folder) / "throws")
+        report_progress("rendering throws")
+        throws = QUICK_THROWS if options.quick else THROWS
+        render_bag(place.bag, RenderSettings(throws=throws, seed=SEED, pause=0.1))
+        starts = [_start_and_stop(place) for _ in range(QUICK_STARTS if options.quick else STARTS)]
+        respawns = {node: _respawn(place, node) for node in ("perception_node", "predictor_node")}
+        rates = _two_robots(place)
+        connected = _connects_bare(place)
+    end_to_end, tables = measure_end_to_end(quick=True)
+    figures = {
+        "bringup_s": round(max(bringup for bringup, _ in starts), 2),
+        "respawn_to_predicting_s": round(max(respawns.values()), 2),
+        "ctrl_c_s": round(max(stop for _, stop in starts), 2),
+        "two_robots_hz": [round(rate, 1) for rate in rates],
+        "graph_connected_bare": connected,
+        **end_to_end,
+    }
+    return Outcome(
+        tables=[_table(starts, respawns), *tables],
+        key_figures=figures,
+        note="`ros2 launch` of the suite with a rendered bag that is replayed in a loop.",
+        complaints=_complaints(figures),
+    )
+
+
+def _start_and_stop(place: Place) -> tuple[float, float]:
+    """Return the s from the command to the first prediction, and from Ctrl-C to the end of all."""
+    report_progress("start and stop")
+    with Peer("bench", TIMEOUT) as peer:
+        heard = _listen(peer, "")
+        begun = time.monotonic()
+        with place.launch() as launch:
+            peer.spin_until(lambda: heard.arrivals, "the first prediction")
+            bringup = heard.arrivals[0] - begun
+            peer.spin_for(1.0)
+            stop = launch.interrupt()
+    return bringup, stop
+
+
+def _respawn(place: Place, node: str) -> float:
+    """Return the s from kill -9 of a node to the next prediction that it had its part in."""
+    report_progress(f"kill -9 of {node}")
+    with Peer("bench", TIMEOUT) as peer, place.launch("respawn:=true") as launch:
+        heard = _listen(peer, "")
+        peer.spin_until(lambda: heard.arrivals, "the first prediction")
+        peer.spin_for(2.0)
+        os.kill(launch.pid_of(node), signal.SIGKILL)
+        killed = time.monotonic()
+        peer.spin_for(IN_FLIGHT)
+        # Of states that were not seen yet: both perception and predictor made them.
+        first, newest = len(heard.arrivals), max(heard.states_stamps)
+        peer.spin_until(lambda: max(heard.states_stamps) > newest, f"{node} to work again")
+        again = next(k for k, stamp in enumerate(heard.states_stamps) if stamp > newest)
+        assert again >= first
+        return heard.arrivals[again] - killed
+
+
+def _two_robots(place: Place) -> list[float]:
+    """Return predictions a second of two robots at a time."""
+    report_progress("two robots")
+    names = ("left", "right")
+    with Peer("bench", TIMEOUT) as peer, ExitStack() as running:
+        heard = [_listen(peer, f"/{name}") for name in names]
+        for name in names:
+            running.enter_context(place.launch(f"namespace:={name}"))
+        peer.spin_until(lambda: all(one.arrivals for one in heard), "both robots to predict")
+        since = time.monotonic()
+        peer.spin_for(WATCHED)
+        return [one.rate(since) for one in heard]
+
+
+def _connects_bare(place: Place) -> bool:
+    """Whether plain `ros2 run` of the three nodes gives nodes that hear one another."""
+    report_progress("plain nodes")
+    topics = (ENVIRONMENT, OBJECT_STATES, OBSERVATIONS, STATIC_PARAMETERS)
+    with Peer("bench", CONNECT_TIMEOUT) as peer, ExitStack() as running:
+        for node, package in NODES.items():
+            running.enter_context(Ros2Process(place.home, "run", package, node))
+        try:
+            for topic in topics:
+                peer.spin_until(_both_ends(peer, topic), f"both ends of {topic}")
+        except PeerTimeoutError:
+            return False
+    return True
+
+
+def _both_ends(peer: Peer, topic: str) -> Callable[[], int]:
+    return lambda: peer.node.count_publishers(topic) and peer.node.count_subscribers(topic)
+
+
+def _listen(peer: Peer, namespace: str) -> Heard:
+    heard = Heard()
+    peer.node.create_subscription(
+        TrajectoryDistribution, f"{namespace}/{PREDICTIONS}", heard.take, 10
+    )
+    return heard
+
+
+def _table(starts: Sequence[tuple[float, float]], respawns: dict[str, float]) -> Table:
+    rows: list[list[Cell]] = [["launch to first prediction", bringup] for bringup, _ in starts]
+    rows += [["Ctrl-C to the end of all", stop] for _, stop in starts]
+    rows += [[f"kill -9 of {node} to predictions", seconds] for node, seconds in respawns.items()]
+    return Table("Start, stop, respawn", [Column("what"), Column("time", "s", ".2f")], rows)
+
+
+def _complaints(figures: dict[str, object]) -> list[str]:
+    found = [
+        f"bar missed: {name} is {figures[name]}; expected at most {bar:g}"
+        for name, bar in BARS.items()
+        if not isinstance(value := figures[name], float) or value > bar
+    ]
+    if not figures["graph_connected_bare"]:
+        found.append("bar missed: plain nodes do not find one another")
+    return found
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -2,7 +2,7 @@
 
 .DEFAULT_GOAL := help
 .PHONY: help setup build lint types docs test library-tests system-tests test-oldest house demo bench-simulation \
-	bench-prediction bench-perception bench-learning bench-robot clean
+	bench-prediction bench-perception bench-learning bench-robot torture clean
 
 # A ROS, or a Python, that the caller's shell has sourced must not mix with ours.
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH
@@ -96,6 +96,9 @@ bench-perception: setup ## Hold perception against the truth and against others;
 
 bench-robot: setup ## Start, kill and stop the suite by the real ros2; options="--quick"
 	@$(run_environment) .venv/bin/python -m benchmarks.robot $(options)
+
+torture: setup ## Kill the nodes and send them nonsense; options="--quick"
+	@$(run_environment) .venv/bin/python -m benchmarks.torture $(options)
 
 clean: ## Remove the environment and everything built
 	rm -rf .venv build log install demo_output docs/_build docs/reference .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -172,6 +172,7 @@ class PerceptionPipeline:
         detections = [detection.moved(*pose) for detection in found]
         instants.append(self._clock())
         ended = scene.tracker.update(time, detections)
+        scene.look_back()
         alive = scene.tracker.tracks
         objects = tuple(
             PerceivedObject(

@@ -14,7 +14,11 @@ from intuitive_physics.scene import Environment
 from intuitive_physics_perception.detection.detections import DetectedSphere, without_doubles
 from intuitive_physics_perception.detection.foreground import Clusters, ForegroundFinder
 from intuitive_physics_perception.detection.solids import SolidFinder, all_objects
-from intuitive_physics_perception.detection.spheres import ClusterSpheres, SphereFinder
+from intuitive_physics_perception.detection.spheres import (
+    ClusterSpheres,
+    RecentFrames,
+    SphereFinder,
+)
 from intuitive_physics_perception.environment.environment_model import (
     MIN_POINTS,
     EnvironmentModel,
@@ -31,7 +35,9 @@ from intuitive_physics_perception.environment.settled_view import SettledView
 from intuitive_physics_perception.environment.static_boxes import StaticBoxFilter, with_static_boxes
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import Episode, EpisodeRecorder, record_of
+from intuitive_physics_perception.tracking.motion import RADIUS
 from intuitive_physics_perception.tracking.motion_fits import noise_factor
+from intuitive_physics_perception.tracking.track import Track
 from intuitive_physics_perception.tracking.tracker import Tracker
 
 CHECKED_POINTS = 1200
@@ -196,6 +202,7 @@ class ModelledScene:
         self._rng = rng
         self._background = background
         self._view = _settled_view(model, frames, settings)
+        self._recent = RecentFrames(settings.tracking.hindsight)
         self._flights: FlightGravity | None = None
         if settings.gravity_from_flights and settings.gravity_source == "plane" and not measured:
             self._flights = FlightGravity(settings.gravity, settings.support)
@@ -226,9 +233,46 @@ class ModelledScene:
             np.append(self.model.to_sensor(sphere[:3]), sphere[3])
             for sphere in self.tracker.expected_spheres(time)
         ]
+        self._recent.keep(time, points, clusters)
         return self.stages.spheres.find(
             points, clusters, self._settings.clusters.searches_in_frame, expected
         )
+
+    def look_back(self) -> None:
+        """Look for each new ball in the frames before it was first seen, a few in each new frame.
+
+        Beside a hand that lets it go a ball is no object of its own yet. Where it must have been it
+        can be told all the same.
+        """
+        for track in self.tracker.tracks:
+            for _ in range(self._settings.tracking.hindsight_frames):
+                if track.earlier is not None and not self._was_seen_earlier(track):
+                    self.tracker.take_earlier(track)
+
+    def _was_seen_earlier(self, track: Track) -> bool:
+        """Take the detection of a track in one frame more before those it was seen in."""
+        seen = track.seen[:2]
+        frame = self._recent.before(seen[0][0])
+        if track.earlier is None or track.kind != "sphere" or len(seen) < 2 or frame is None:
+            return False
+        (first, at_first), (second, at_second) = seen
+        time, points, clusters = frame
+        velocity = (at_second.center - at_first.center) / (second - first)
+        place = at_first.center + (time - first) * velocity
+        radius = float(track.mean[RADIUS])
+        found = self.stages.spheres.find_expected(
+            points, clusters, np.append(self.model.to_sensor(place), radius)
+        )
+        if found is None:
+            return False
+        detection = found.moved(self.model.rotation, self.model.translation)
+        settings = self._settings.tracking
+        deviation = np.sqrt(detection.covariance[3, 3] + track.radius_variance)
+        same = np.linalg.norm(detection.center - place) < settings.hindsight_gate * radius
+        if not same or abs(detection.radius - radius) > settings.radius_gate * deviation:
+            return False
+        track.earlier.append((time, detection))
+        return True
 
     def restart_tracking(self, first_track: int) -> None:
         """Forget all tracks, and since when what is seen has been there; the environment stays."""

@@ -22,6 +22,10 @@ from intuitive_physics_perception.settings import PerceptionSettings
 EXPECTED_REACH = 1.2
 """Radii from a sphere's centre within which readings may be of it. Set by hand."""
 
+INSIDE = 0.9
+"""Radii from where a sphere is expected within which readings are of it, whatever it touches: it
+may be off by the rest. Set by hand."""
+
 RADIUS_DEVIATION = 1e-4
 """Standard deviation of a known radius in m: numerical, covariances stay far from singular."""
 
@@ -176,6 +180,16 @@ class SphereFitter:
         reach = EXPECTED_REACH * sphere[3]
         reach += self._search.stray_sigmas * np.sqrt(self.noise[3]) * np.linalg.norm(sphere[:3])
         return self.part(points[passing(points, sphere[:3]) < reach])
+
+    def part_inside(self, points: NDArray[np.float64], sphere: NDArray[np.float64]) -> Part:
+        """Return as many of those points whose rays meet a sphere well inside its outline.
+
+        Parameters
+        ----------
+        points : (n, 3) m
+        sphere : (4,) m, centre and radius
+        """
+        return self.part(points[passing(points, sphere[:3]) < INSIDE * sphere[3]])
 
     def some(self, points: NDArray[np.float64], count: int) -> NDArray[np.float64]:
         """Return at most `count` random ones, (m, 3) m, of points (n, 3) m."""

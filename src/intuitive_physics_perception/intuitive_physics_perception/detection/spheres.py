@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -45,6 +46,30 @@ class Candidate:
 
     sphere: DetectedSphere
     must_end: bool
+
+
+class RecentFrames:
+    """The newest frames and their clusters, in which what is found only later was there already.
+
+    Parameters
+    ----------
+    duration : s for which a frame is kept
+    """
+
+    def __init__(self, duration: float) -> None:
+        self._duration = duration
+        self._frames: deque[tuple[float, NDArray[np.float32], Clusters]] = deque()
+
+    def keep(self, time: float, points: NDArray[np.float32], clusters: Clusters) -> None:
+        """Keep a frame of points (height, width, 3) m with the time (s) of its stamp."""
+        self._frames.append((time, points, clusters))
+        while self._frames[0][0] < time - self._duration:
+            self._frames.popleft()
+
+    def before(self, time: float) -> tuple[float, NDArray[np.float32], Clusters] | None:
+        """Return the newest frame before a time (s), None where none is kept."""
+        earlier = (frame for frame in reversed(self._frames) if frame[0] < time)
+        return next(earlier, None)
 
 
 class SphereFinder:
@@ -121,6 +146,31 @@ class SphereFinder:
             found.append(inside)
         self._memory.end_frame()
         return found
+
+    def find_expected(
+        self, points: NDArray[np.float32], clusters: Clusters, sphere: NDArray[np.float64]
+    ) -> DetectedSphere | None:
+        """Return the sphere in what is new in a frame of points (height, width, 3) that should be
+        where one is expected, whatever it touches; None where none is.
+
+        Parameters
+        ----------
+        points : m, in the sensor's frame
+        clusters : of the frame
+        sphere : (4,) m, centre and radius
+        """
+        for cluster, new in zip(clusters.indices, clusters.new, strict=True):
+            own = points.reshape(-1, 3)[cluster].astype(np.float64)
+            if not new or not _reaches(sphere, own):
+                continue
+            part = self._fitter.part_inside(own, sphere)
+            if part.total < self._settings.min_points:
+                continue
+            view = ClusterView(points, cluster, self._search, self._before)
+            found = self._fitter.fitted(view, part, sphere)
+            if found is not None:
+                return found
+        return None
 
     def _is_trusted(self, known: RememberedCluster[None]) -> bool:
         """Whether what was there when the environment was modelled has been a sphere in enough

@@ -61,6 +61,7 @@ class EpisodeRecorder:
         self._environment = environment
         self._settings = settings
         self._start: float | None = None
+        self._last_end = -np.inf
         self._ended: list[Track] = []
 
     def take_environment(self, environment: Environment) -> None:
@@ -72,14 +73,18 @@ class EpisodeRecorder:
     ) -> tuple[Episode, ...]:
         """Take the confirmed tracks of a frame and those that ended; return what is over."""
         moving = [track for track in alive if not track.resting]
+        since = [track.moving_since for track in moving if track.moving_since > self._last_end]
         if self._start is None:
             if not moving:
                 return ()
-            self._start = min(track.moving_since for track in moving)
+            self._start = min(since, default=time)
+        # A ball may be found in earlier frames once it is followed.
+        self._start = min([self._start, *since])
         self._ended += ended
         if moving and time - self._start < self._settings.max_duration:
             return ()
         over = self.finish(alive)
+        self._last_end = time
         if moving:
             # Time is out for what still moves: a new episode begins.
             self._start = time
@@ -164,14 +169,35 @@ def _path(
 def observations_of(
     records: Sequence[Record], environment: Environment, settings: PerceptionSettings
 ) -> list[Observation]:
-    """Cut an episode where balls appear and return the pieces one can learn from."""
-    worth = [record for record in records if _is_worth(record, settings)]
-    appearances = sorted({float(record.times[0]) for record in worth})
+    """Cut an episode where the state of one more object is known and return the pieces one can
+    learn from.
+
+    What is never known to move freely, such as a hand that passes for a ball, cuts nothing.
+    """
+    known = []
+    for record in records:
+        if _is_worth(record, settings):
+            free = FreeMotion(record, environment, settings.initial_state)
+            states = (state_at(record, float(time), free, settings) for time in record.times)
+            begins = (time for time, state in zip(record.times, states, strict=True) if state)
+            begin = next(begins, None)
+            if begin is not None:
+                known.append(_KnownRecord(record, free, float(begin)))
+    starts = sorted({one.begin for one in known})
     found = [
-        _piece(worth, start, end, environment, settings)
-        for start, end in pairwise([*appearances, np.inf])
+        _piece(known, start, end, environment, settings)
+        for start, end in pairwise([*starts, np.inf])
     ]
     return [observation for observation in found if observation is not None]
+
+
+@dataclass(frozen=True, eq=False)
+class _KnownRecord:
+    """A record, its free motion, and the first time (s) at which its state is known."""
+
+    record: Record
+    free: FreeMotion
+    begin: float
 
 
 def _is_worth(record: Record, settings: PerceptionSettings) -> bool:
@@ -184,19 +210,19 @@ def _is_worth(record: Record, settings: PerceptionSettings) -> bool:
 
 
 def _piece(
-    records: Sequence[Record],
+    records: Sequence[_KnownRecord],
     start: float,
     end: float,
     environment: Environment,
     settings: PerceptionSettings,
 ) -> Observation | None:
-    """The observation of the balls that are there at `start`, None where it would be too short.
+    """The observation of the balls that are known at `start`, None where it would be too short.
 
     It begins at the first time at which the state of each is known and one of them moves: before,
     a hand may have moved them.
     """
-    there = [record for record in records if record.times[0] <= start <= record.times[-1]]
-    free = [FreeMotion(record, environment, settings.initial_state) for record in there]
+    known_then = [one for one in records if one.begin <= start <= one.record.times[-1]]
+    there, free = [one.record for one in known_then], [one.free for one in known_then]
     times = np.unique(np.concatenate([record.between(start, end).times for record in there]))
     for time in times:
         parts = [record.between(time, end) for record in there]

@@ -129,6 +129,24 @@ class TrackingSettings:
         "edges are compared",
         unit="m",
     )
+    hindsight: float = number(
+        0.2,
+        0.0,
+        10.0,
+        "time for which frames are kept, to look in them for a ball before it was first seen: a "
+        "hand that lets it go is 50 to 80 ms away before the ball ends all round its outline",
+        unit="s",
+    )
+    hindsight_frames: int = number(
+        2, 1, 100, "frames looked back into in each new one, which bounds its time"
+    )
+    hindsight_gate: float = number(
+        0.5,
+        0.0,
+        10.0,
+        "how far from a straight line through the next two a ball may have been then, in radii: a "
+        "hand that gains 30 m/s² moves it by 16 mm in 1/30 s",
+    )
     color_time: float = number(
         0.116,
         0.001,

@@ -62,6 +62,8 @@ class Track:
     moving_since : s, when it was first seen or left its rest
     seen_time : s for which it was seen, at most `FRAME_TIME` for each detection
     steps : all frames since it was first seen
+    earlier : detections before that with their times (s), newest first, as long as they are looked
+        for; None from then on
     """
 
     number: int
@@ -80,6 +82,7 @@ class Track:
     known: KnownObject | None = None
     color: NDArray[np.float64] | None = None
     steps: deque[FilterStep] = field(default_factory=lambda: deque(maxlen=MAX_STEPS))
+    earlier: list[tuple[float, Detection]] | None = field(default_factory=list)
 
     def take_color(self, color: NDArray[np.float64] | None, weight: float) -> None:
         """Average the colour of its detections; late frames count most, as light changes.
@@ -122,6 +125,12 @@ class Track:
         self.steps.append(
             FilterStep(self.time, self.prediction, self.mean, self.covariance, seen, self.attitude)
         )
+
+    @property
+    def seen(self) -> list[tuple[float, Detection]]:
+        """Detections with their times (s), oldest first, those that were found later among them."""
+        later = [(step.time, step.seen) for step in self.steps if step.seen is not None]
+        return [*(self.earlier or [])[::-1], *later]
 
     def recent(self, duration: float) -> list[FilterStep]:
         """Steps of the last `duration` s, oldest first."""

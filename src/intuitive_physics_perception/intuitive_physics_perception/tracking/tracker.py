@@ -101,6 +101,31 @@ class Tracker:
         self._tracks = [track for track in self._tracks if not self._was_no_ball(track)]
         return [track for track in ended if track.confirmed]
 
+    def take_earlier(self, track: Track) -> None:
+        """Follow a track anew from the first of its earlier detections on; no more are looked for.
+
+        Parameters
+        ----------
+        track : with at most as many steps as it keeps
+        """
+        seen, since = track.seen, track.steps[0].time
+        if track.earlier:
+            again = self._filter.begin(track.number, *seen[0])
+            again.close_step(seen[0][1])
+            by_time = dict(seen)
+            times = sorted({*by_time, *(step.time for step in track.steps)})
+            for time in times[1:]:
+                self._filter.predict(again, time)
+                if time in by_time:
+                    self._filter.correct(again, by_time[time])
+                again.close_step(by_time.get(time))
+            settle(again, self._settings)
+            track.mean, track.covariance = again.mean, again.covariance
+            track.prediction, track.steps = again.prediction, again.steps
+            if track.moving_since == since:
+                track.moving_since = again.moving_since
+        track.earlier = None
+
     def _matches(self, detections: Sequence[Detection]) -> dict[int, Detection]:
         """Pair numbers of tracks and detections: by what is likely, then by what a hit or a hand
         could explain. Colour has a say in what is likely, never in what is possible."""

@@ -45,11 +45,16 @@ def non_negative_float(value: Any, name: str) -> float:
 
 
 def name_string(value: Any, name: str) -> str:
-    """Return `value` after checking that it is a string with something in it."""
+    """Return `value` after checking that it is a string with something in it.
+
+    NUL is refused: to SQLite and to C a string ends there, and two names would be one.
+    """
     if not isinstance(value, str) or not value.strip():
         raise InvalidInputError(
             f"{name} is {value!r:.80}; expected a name with at least one character"
         )
+    if "\0" in value:
+        raise InvalidInputError(f"{name} is {value!r:.80}; expected a name without NUL characters")
     if len(value) > LONGEST_NAME:
         raise InvalidInputError(
             f"{name} is {value!r:.80}… of {len(value)} characters; expected at most {LONGEST_NAME}"

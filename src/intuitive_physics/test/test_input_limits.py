@@ -131,3 +131,11 @@ def test_environments_have_so_many_parts_at_most(own_limits):
 def test_names_are_short():
     with pytest.raises(InvalidInputError, match="of 1000000 characters; expected at most 256"):
         SceneObject("ball", "b" * 1_000_000, Sphere(0.05))
+
+
+@pytest.mark.parametrize("name", ["\0", "ball\0", "ball\0of another"])
+def test_names_have_no_nul_at_which_a_database_would_end_them(name):
+    with pytest.raises(InvalidInputError, match="expected a name without NUL"):
+        SceneObject("ball", name, Sphere(0.05))
+    with pytest.raises(InvalidInputError, match="expected a name without NUL"):
+        StaticParameters.uniform([name])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import importlib.util
 import os
 import shutil
 import subprocess
@@ -138,35 +139,64 @@ def test_imports_are_found_as_python_finds_them():
         assert ours <= cache.imported_modules(source), path
 
 
-def test_folders_that_cannot_be_written_give_way_to_the_users_own(packages, fall, tmp_path):
-    place = packages / PACKAGE.name / "__pycache__" / "kernels"
-    shutil.rmtree(place, ignore_errors=True)
-    place.parent.mkdir(exist_ok=True)
+@pytest.fixture
+def fall_here(tmp_path, monkeypatch):
+    """Return the height and the number of compilations, of the kernel imported once more here."""
+    path = tmp_path / "intuitive_physics_falling.py"
+    path.write_text(FALLING)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
+    monkeypatch.setattr(cache.config, "CACHE_DIR", "")
+
+    def run() -> tuple[float, int]:
+        spec = importlib.util.spec_from_file_location(path.stem, path)
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        height = module.height(1.0, -2.0, 3.0)
+        return height, sum(module.height._cache_misses.values())
+
+    return run
+
+
+def test_folders_that_cannot_be_written_give_way_to_the_users_own(fall_here, tmp_path):
     # Nobody, not even root, makes a folder below a file.
-    place.write_text("no folder")
-    try:
-        assert fall() == (-6.0, 1)
-        assert fall() == (-6.0, 0)
-    finally:
-        place.unlink()
+    (tmp_path / "__pycache__").write_text("no folder")
+    assert fall_here() == (-6.0, 1)
+    assert fall_here() == (-6.0, 0)
     assert list((tmp_path / "home").rglob("height.*.nbc"))
 
 
-def test_kernels_are_compiled_where_nothing_can_be_written(fall, tmp_path):
+def test_kernels_that_are_there_need_no_right_to_write(fall_here, tmp_path):
+    assert fall_here() == (-6.0, 1)
+    place = tmp_path / "__pycache__" / "kernels"
+    before = {path: path.stat().st_mtime_ns for path in [place, *place.rglob("*")]}
+    for path in before:
+        path.chmod(0o555)
+    assert fall_here() == (-6.0, 0)
+    assert {path: path.stat().st_mtime_ns for path in [place, *place.rglob("*")]} == before
+
+
+def test_kernels_are_compiled_where_nothing_can_be_written(
+    fall_here, tmp_path, monkeypatch, caplog
+):
     (tmp_path / "file").write_text("no folder")
-    assert fall(NUMBA_CACHE_DIR=str(tmp_path / "file")) == (-6.0, 1)
+    monkeypatch.setattr(cache.config, "CACHE_DIR", str(tmp_path / "file"))
+    assert fall_here() == (-6.0, 1)
+    assert "compiled kernels cannot be kept" in caplog.text
 
 
-def test_files_that_are_cut_off_or_others_could_have_written_are_compiled_again(fall, tmp_path):
-    place = str(tmp_path / "cache")
-    assert fall(NUMBA_CACHE_DIR=place) == (-6.0, 1)
-    (file,) = Path(place).rglob("height.*.nbc")
+def test_files_that_are_cut_off_or_others_could_have_written_are_compiled_again(
+    fall_here, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(cache.config, "CACHE_DIR", str(tmp_path / "cache"))
+    assert fall_here() == (-6.0, 1)
+    (file,) = (tmp_path / "cache").rglob("height.*.nbc")
     whole = file.read_bytes()
-    file.write_bytes(whole[:-100])
-    assert fall(NUMBA_CACHE_DIR=place) == (-6.0, 1)
+    for damaged in (whole[:-100], whole[:10], b"", whole[:-1] + b"x"):
+        file.write_bytes(damaged)
+        assert fall_here() == (-6.0, 1)
     file.chmod(0o666)
-    assert fall(NUMBA_CACHE_DIR=place) == (-6.0, 1)
-    assert fall(NUMBA_CACHE_DIR=place) == (-6.0, 0)
+    assert fall_here() == (-6.0, 1)
+    assert fall_here() == (-6.0, 0)
 
 
 def test_processes_that_compile_at_the_same_time_leave_one_good_file(fall, tmp_path):

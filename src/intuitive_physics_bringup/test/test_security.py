@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from tools import security_policies
 
-from intuitive_physics_bringup.connections import CAMERAS, NODES, module
+from intuitive_physics_bringup.connections import CAMERAS, NODES, TRANSPORTS, module
 from intuitive_physics_ros.scripting import NodeProcess, Peer, PeerTimeoutError
 
 PACKAGE = Path(__file__).parent.parent
@@ -21,7 +21,7 @@ POLICY = PACKAGE / "security" / "policy.xml"
 MAKE_KEYSTORE = PACKAGE / "security" / "make_keystore"
 
 ONLY_WHEN_ASKED = {
-    "perception_node": {"imu", "/tf", "color/image", "/tf_static"},
+    "perception_node": {"imu", "/tf", "color/image", "/tf_static", *TRANSPORTS.values()},
 }
 """What a node uses with certain parameters or packages only, by the end of its name."""
 

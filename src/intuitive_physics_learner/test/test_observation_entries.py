@@ -232,6 +232,17 @@ def test_exports_what_is_used_or_asked_for(store, glide_at, tmp_path):
         store.export(file)
 
 
+def test_no_id_leads_an_export_out_of_its_folder(store, glide_at, tmp_path):
+    ids = ["../up", "/root", "a/b/../../c", "line\nbreak", "käse", "x" * 200, "."]
+    store.add_all([glide_at(id) for id in ids])
+    folder = tmp_path / "out" / "exported"
+    (folder / "000001_..").mkdir(parents=True)
+    assert store.export(folder) == len(ids)
+    files = list(tmp_path.rglob("*.json"))
+    assert {path.parent for path in files} == {folder}
+    assert {load_observation(path).id for path in files} == set(ids)
+
+
 @pytest.mark.parametrize(
     ("template", "namespace", "path"),
     [

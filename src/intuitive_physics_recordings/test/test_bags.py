@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics_recordings.bag_reader import BagReader
@@ -18,6 +20,7 @@ from intuitive_physics_recordings.depth_bag_writer import (
     DEPTH_TOPIC,
     DepthBagWriter,
 )
+from intuitive_physics_recordings.ros_messages import suite_typestore
 
 from .small_camera import SMALL
 
@@ -134,3 +137,48 @@ def test_images_of_another_size_are_not_written(tmp_path: Path) -> None:
         DepthBagWriter(tmp_path / "bag", SMALL) as writer,
     ):
         writer.write(0, np.zeros((2, 2), np.uint16))
+
+
+RUN = "__import__('pathlib').Path({path!r}).touch()"
+"""What a file would like to have run."""
+
+NAMED = {1: "std_msgs/msg/Int32", 2: "intuitive_physics_msgs/msg/Shape"}
+"""Types whose definition is taken from a bag of ROS 1 or 2."""
+
+HOSTILE = {
+    "type": ("x/msg/A:\n    {run}\nclass B", "int32 value\n"),
+    "text of a type": ('x/msg/A"""\n    {run}\n    """', "int32 value\n"),
+    "known type": ("std_msgs/msg/Int32:\n    {run}\nclass B", "int32 data\n"),
+    "field": ("{named}", "int32 value = {run}\n"),
+    "name of a field": ("{named}", "int32 value: {run}\n"),
+    "constant": ("{named}", "string NAME='{run}'\nstring OTHER=\\'+{run}+\\'\nint32 value\n"),
+    "default": ("{named}", "string value '\\' + {run} + \\''\n"),
+    "part": ("{named}", "x/A:{run} value\n"),
+    "definition of a part": (
+        "{named}",
+        "x/Part value\n" + 80 * "=" + "\nMSG: x/Part:\n    {run}\nclass B\nint32 value\n",
+    ),
+}
+"""Type and definition of messages, by where these have something to run."""
+
+
+@pytest.mark.parametrize("where", HOSTILE)
+@pytest.mark.parametrize("ros", [1, 2])
+def test_nothing_in_a_bag_is_run(tmp_path: Path, where: str, ros: int) -> None:
+    run = RUN.format(path=str(tmp_path / "ran"))
+    name, definition = (
+        text.replace("{named}", NAMED[ros]).replace("{run}", run) for text in HOSTILE[where]
+    )
+    path = tmp_path / ("hostile.bag" if ros == 1 else "hostile")
+    if ros == 1:
+        with Ros1Writer(path) as writer:
+            topic = writer.add_connection("/topic", name, msgdef=definition, md5sum="0" * 32)
+            writer.write(topic, 10**18, bytes(64))
+    else:
+        with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            topic = writer.add_connection("/topic", name, msgdef=definition, rihs01="RIHS01_0")
+            writer.write(topic, 10**18, bytes(64))
+    with contextlib.suppress(InvalidInputError), BagReader(path, suite_typestore()) as reader:
+        for message in reader.messages():
+            reader.decode(message)
+    assert not (tmp_path / "ran").exists()

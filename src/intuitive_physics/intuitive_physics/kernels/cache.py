@@ -194,6 +194,7 @@ def _sources(function: Callable) -> dict[str, Path]:
     return found
 
 
+@cache
 def _file_of(module: str) -> Path | None:
     """File of one of this suite's modules; None for a name that is none."""
     package, *rest = module.split(".")

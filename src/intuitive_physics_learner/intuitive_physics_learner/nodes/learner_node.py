@@ -105,7 +105,11 @@ class LearnerNode(Node):
             ),
         )
         self._observations = ObservationServices(
-            self, self._own_store, self._database, self._on_observations_changed
+            self,
+            self._own_store,
+            self._database,
+            self._on_observations_changed,
+            values["export_folder"],
         )
         self._offer()
         self._publish()

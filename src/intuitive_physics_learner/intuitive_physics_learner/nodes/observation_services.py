@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from copy import copy
+from pathlib import Path
 from typing import Any
 
 from intuitive_physics_msgs.msg import Observation as ObservationMessage
@@ -171,6 +172,7 @@ class ObservationServices:
     store : where they are; only its threads wait for the database
     background : thread of the database
     on_changed : called in the node's executor when the set of observations has changed
+    export_folder : below which exports may be written; empty: anywhere
     """
 
     def __init__(
@@ -179,9 +181,11 @@ class ObservationServices:
         store: ObservationStore,
         background: Background,
         on_changed: Callable[[], None],
+        export_folder: str = "",
     ) -> None:
         self._node = node
         self._on_changed = on_changed
+        self._export_folder = export_folder
         self._store = store
         self._background = background
         self._input = InputMonitor(node, OBSERVATIONS, timeout=None)
@@ -324,6 +328,7 @@ class ObservationServices:
         response: ExportObservations.Response,
         stop: StopFlag,
     ) -> bool:
+        check_below(request.folder, self._export_folder)
         response.exported = self._store.export(request.folder, request.ids, stop.check)
         return False
 
@@ -374,3 +379,24 @@ def entry_to_message(entry: ObservationEntry) -> EntryMessage:
         weight=entry.weight,
         reason=entry.reason,
     )
+
+
+def check_below(folder: str, top: str) -> None:
+    """Refuse a folder that is not below another one, where symbolic links lead to as well.
+
+    Parameters
+    ----------
+    folder : that a request names
+    top : that it must be below, or the same; empty: any is good
+
+    Raises
+    ------
+    InvalidInputError
+        When it is not.
+    """
+    if top and not Path(folder).expanduser().resolve().is_relative_to(
+        Path(top).expanduser().resolve()
+    ):
+        raise InvalidInputError(
+            f"folder is {folder!r}; expected one below {top}, as the parameter export_folder says"
+        )

@@ -85,6 +85,11 @@ def node_parameters() -> tuple[Parameter, ...]:
             f"{PLACEHOLDER_GUIDE}",
         ),
         Parameter(
+            "export_folder",
+            "",
+            "folder below which ~/export_observations may write; empty: anywhere its user may",
+        ),
+        Parameter(
             "simulator",
             "auto",
             f"engine that simulates candidates. {ENGINE_GUIDE}",

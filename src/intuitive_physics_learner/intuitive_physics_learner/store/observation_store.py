@@ -8,6 +8,7 @@ from __future__ import annotations
 import heapq
 import json
 import os
+import re
 import sqlite3
 import time
 from collections import deque
@@ -62,6 +63,9 @@ LARGEST_SEARCH_COUNT = 8
 
 CHUNK = 256
 """Observations read together: some MB of text, and few enough reads."""
+
+LONGEST_FILE_NAME = 100
+"""Characters of an id in the name of an exported file; file systems have 255 bytes in all."""
 
 EXCLUDED_BY_USER = "excluded by the user"
 """Reason of an exclusion for which none is given."""
@@ -344,7 +348,9 @@ class ObservationStore:
         count = 0
         for entry, observation in self.each_observation(statuses, ids=ids):
             check()
-            save_observation(observation, target / f"{entry.number:06d}_{entry.id}.json")
+            # An id may have any characters, and others than its owner may have chosen it.
+            name = re.sub(r"[^A-Za-z0-9._-]", "_", entry.id)[:LONGEST_FILE_NAME]
+            save_observation(observation, target / f"{entry.number:06d}_{name}.json")
             count += 1
         return count
 

@@ -42,12 +42,14 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import parameter_names
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner import ConvergenceCriteria, ObservationStore, learn_from_store
 from intuitive_physics_learner import LearningOptions as SearchOptions
+from intuitive_physics_learner.nodes.observation_services import check_below
 from intuitive_physics_ros.conversions import (
     observation_to_message,
     static_parameters_from_message,
@@ -363,6 +365,18 @@ def test_wrong_requests_get_their_codes(start, caller, glides, boxed):
     _, result = caller.start_goal(LearningOptions(method="magic"))
     assert caller.result_of(result).status == GoalStatus.STATUS_ABORTED
     assert caller.result_of(result).result.result.value == ResultCode.UNKNOWN_METHOD
+
+
+def test_exports_stay_below_the_folder_that_is_given(tmp_path):
+    top = tmp_path / "top"
+    top.mkdir()
+    (top / "link").symlink_to(tmp_path)
+    for inside in (top, top / "a" / "b", top / "a" / ".." / "b"):
+        check_below(str(inside), str(top))
+    for outside in (tmp_path, top / "..", top / "link", tmp_path / "topmost", Path("/"), Path()):
+        check_below(str(outside), "")
+        with pytest.raises(InvalidInputError, match=r"expected one below .*export_folder"):
+            check_below(str(outside), str(top))
 
 
 def test_users_look_after_the_observations(start, caller, glides, tmp_path):

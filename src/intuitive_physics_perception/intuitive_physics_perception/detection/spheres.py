@@ -61,13 +61,30 @@ class RecentFrames:
         self._frames: deque[tuple[float, NDArray[np.float32], Clusters]] = deque()
 
     def keep(self, time: float, points: NDArray[np.float32], clusters: Clusters) -> None:
-        """Keep a frame of points (height, width, 3) m with the time (s) of its stamp."""
+        """Keep a frame.
+
+        Parameters
+        ----------
+        time : s, of its stamp
+        points : (height, width, 3) m
+        clusters : of the frame
+        """
         self._frames.append((time, points, clusters))
         while self._frames[0][0] < time - self._duration:
             self._frames.popleft()
 
     def before(self, time: float) -> tuple[float, NDArray[np.float32], Clusters] | None:
-        """Return the newest frame before a time (s), None where none is kept."""
+        """Return the newest frame before a time, None where none is kept.
+
+        Parameters
+        ----------
+        time : s
+
+        Returns
+        -------
+        tuple or None
+            Time (s), points (height, width, 3) m, and their clusters.
+        """
         earlier = (frame for frame in reversed(self._frames) if frame[0] < time)
         return next(earlier, None)
 

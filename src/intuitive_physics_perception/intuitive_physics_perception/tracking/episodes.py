@@ -177,7 +177,7 @@ def observations_of(
     known = []
     for record in records:
         if _is_worth(record, settings):
-            free = FreeMotion(record, environment, settings.initial_state)
+            free = FreeMotion(record, environment, settings.initial_state, settings.motion)
             states = (state_at(record, float(time), free, settings) for time in record.times)
             begins = (time for time, state in zip(record.times, states, strict=True) if state)
             begin = next(begins, None)

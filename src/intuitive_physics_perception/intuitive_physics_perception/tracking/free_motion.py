@@ -15,11 +15,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics_perception.tracking.attitude import Attitude
-from intuitive_physics_perception.tracking.motion import (
-    downward,
-    supported_acceleration,
-    supporting_planes,
-)
+from intuitive_physics_perception.tracking.motion import downward
 from intuitive_physics_perception.tracking.motion_fits import (
     fitted_motion,
     free_evidence,
@@ -27,7 +23,8 @@ from intuitive_physics_perception.tracking.motion_fits import (
     noise_factor,
     release_point,
 )
-from intuitive_physics_perception.tracking.settings import InitialStateSettings
+from intuitive_physics_perception.tracking.settings import InitialStateSettings, MotionSettings
+from intuitive_physics_perception.tracking.supports import supported_acceleration, surfaces_of
 
 SAME_TIME = 1e-9
 """s by which times of one frame may differ: numerical."""
@@ -155,12 +152,20 @@ class FreeMotion:
     record : what was seen of the object
     environment : it moved in
     fit : tuned numbers
+    motion : tuned numbers of how objects move
     """
 
-    def __init__(self, record: Record, environment: Environment, fit: InitialStateSettings) -> None:
+    def __init__(
+        self,
+        record: Record,
+        environment: Environment,
+        fit: InitialStateSettings,
+        motion: MotionSettings,
+    ) -> None:
         self._record = record
         self._environment = environment
         self._fit = fit
+        self._motion = motion
         self._noise = record.covariances * noise_factor(
             record.times, record.positions, record.covariances, fit.noise_window
         )
@@ -262,18 +267,19 @@ class FreeMotion:
         )
 
     def _accelerations(self, start: int) -> list[tuple[Plane | None, NDArray[np.float64]]]:
-        """Flight, and sliding where the ball touches planes; with the first plane that carries
-        it."""
+        """Flight; and rolling, of a solid sliding, where it touches surfaces, with the first that
+        carries it."""
         noise = float(np.sqrt(np.trace(self._record.covariance_at(start))))
-        touched = supporting_planes(
-            self._environment,
+        touched = surfaces_of(self._environment).supporting(
             self._record.positions[start],
             _height(self._record, start, self._environment),
             self._fit.touch_sigmas * noise + self._fit.touch_slack,
         )
         found: list[tuple[Plane | None, NDArray[np.float64]]] = [(None, self._environment.gravity)]
         if touched:
-            found.append((touched[0], supported_acceleration(self._environment, touched)))
+            inertia = self._motion.rolling_inertia if self._record.attitudes is None else None
+            gravity = self._environment.gravity
+            found.append((touched[0], supported_acceleration(gravity, touched, inertia)))
         return found
 
     def _grown(self, start: int, acceleration: NDArray[np.float64]) -> _Growth:
@@ -314,7 +320,7 @@ class FreeMotion:
         """Whether a ball expected at `position` at point k would have met a plane by then."""
         reach = self._record.object.shape.bounding_radius + self._fit.touch_slack
         reach += self._fit.touch_sigmas * float(np.sqrt(np.trace(self._record.covariance_at(k))))
-        return any(plane.signed_distances(position) < reach for plane in self._environment.planes)
+        return surfaces_of(self._environment).touches(position, reach)
 
 
 def _height(record: Record, k: int, environment: Environment) -> float:

@@ -1,4 +1,4 @@
-"""Motion of an object between two frames: gravity, support by planes, bounces.
+"""Motion of an object between two frames: gravity, support by planes and boxes, bounces.
 
 The vector of an object is (position, velocity, radius), shape (7,), in the environment's frame.
 """
@@ -6,16 +6,23 @@ The vector of an object is (position, velocity, radius), shape (7,), in the envi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_perception.tracking.settings import FRAME_TIME, MotionSettings
+from intuitive_physics_perception.tracking.supports import (
+    supported_acceleration,
+    surfaces_of,
+    time_on,
+)
 
 POSITION, VELOCITY, RADIUS = slice(0, 3), slice(3, 6), 6
 """Where position (m), velocity (m/s) and radius (m) stand in an object's vector."""
+
+PLACED = np.array([0, 1, 2, RADIUS])
+"""Components of an object's vector that say where its surface is: centre and radius."""
 
 SIZE = 7
 """Components of an object's vector."""
@@ -36,32 +43,10 @@ class Prediction:
     transition: NDArray[np.float64]
 
 
-def supporting_planes(
-    environment: Environment, position: NDArray[np.float64], radius: float, tolerance: float
-) -> list[Plane]:
-    """Planes a ball at `position` (3,) touches within `tolerance` m and gravity presses it on."""
-    return [
-        plane
-        for plane in environment.planes
-        if abs(plane.signed_distances(position) - radius) < tolerance
-        and plane.normal @ environment.gravity < 0.0
-        and plane.covers(position)
-    ]
-
-
 def downward(environment: Environment) -> NDArray[np.float64]:
     """Unit vector (3,) along gravity; zeros without one."""
     strength = float(np.linalg.norm(environment.gravity))
     return environment.gravity / strength if strength > 0.0 else np.zeros(3)
-
-
-def supported_acceleration(environment: Environment, planes: list[Plane]) -> NDArray[np.float64]:
-    """Acceleration (3,) in m/s² of a ball that slides freely on planes, or flies if there are
-    none."""
-    acceleration = environment.gravity.copy()
-    for plane in planes:
-        acceleration -= min(float(acceleration @ plane.normal), 0.0) * plane.normal
-    return acceleration
 
 
 def predicted(
@@ -73,6 +58,7 @@ def predicted(
     restitution: float,
     acceleration_noise: float,
     motion: MotionSettings,
+    rolls: bool = True,
 ) -> Prediction:
     """Return a ball `duration` s later.
 
@@ -88,74 +74,74 @@ def predicted(
     restitution : expected of a bounce
     acceleration_noise : m/s², standard deviation of an unmodelled acceleration over `FRAME_TIME`
     motion : tuned numbers
+    rolls : whether it rolls down a slope; else it slides
     """
     ball, left = Prediction(mean, covariance, np.eye(SIZE)), duration
+    passed: list[Plane] = []
     for _ in range(motion.max_bounces):
-        ball, support = _supported(ball, environment, motion)
-        acceleration = supported_acceleration(environment, support)
-        met, until = _next_contact(ball.mean, acceleration, left, environment, support)
+        ball, support = _supported(ball, environment, passed, motion)
+        acceleration = supported_acceleration(
+            environment.gravity, support, motion.rolling_inertia if rolls else None
+        )
+        met, until = surfaces_of(environment).next_contact(
+            ball.mean, acceleration, left, [*support, *passed]
+        )
+        ends = [time_on(plane, ball.mean, acceleration) for plane in support]
+        if min(ends, default=np.inf) < until:
+            # Free flight, or another support, begins at the edge.
+            met, until = None, min(ends)
+            passed += [plane for plane, end in zip(support, ends, strict=True) if end <= until]
         ball = _flown(ball, until, acceleration, acceleration_noise)
         left -= until
-        if met is None:
+        if left <= 0.0:
             break
-        ball = _bounced(ball, met.normal, restitution, motion)
+        if met is not None:
+            ball = _bounced(ball, met.normal, restitution, motion)
     return ball
 
 
+def carrying(
+    mean: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    environment: Environment,
+    motion: MotionSettings,
+) -> list[Plane]:
+    """Return the surfaces that carry a ball as far as its place is known.
+
+    Parameters
+    ----------
+    mean, covariance : (7,) and (7, 7) of the ball
+    environment : with the surfaces
+    motion : tuned numbers
+    """
+    radius = float(mean[RADIUS])
+    widest = motion.lift_sigmas * float(np.sqrt(np.trace(covariance[np.ix_(PLACED, PLACED)])))
+    near = surfaces_of(environment).supporting(
+        mean[POSITION], radius, motion.support_distance + min(widest, 0.5 * radius)
+    )
+    found = []
+    for plane in near:
+        gap = np.append(plane.normal, -1.0)
+        noise = np.sqrt(max(gap @ covariance[np.ix_(PLACED, PLACED)] @ gap, 0.0))
+        lift = abs(float(plane.signed_distances(mean[POSITION])) - radius)
+        if lift < motion.support_distance + motion.lift_sigmas * noise:
+            found.append(plane)
+    return found
+
+
 def _supported(
-    ball: Prediction, environment: Environment, motion: MotionSettings
+    ball: Prediction, environment: Environment, passed: list[Plane], motion: MotionSettings
 ) -> tuple[Prediction, list[Plane]]:
     """What is left of a bounce is a hop of millimetres: it stays on the plane."""
     mean = ball.mean.copy()
-    touched = supporting_planes(environment, mean[POSITION], mean[RADIUS], motion.support_distance)
     support = [
-        plane for plane in touched if abs(plane.normal @ mean[VELOCITY]) < motion.support_speed
+        plane
+        for plane in carrying(mean, ball.covariance, environment, motion)
+        if abs(plane.normal @ mean[VELOCITY]) < motion.support_speed and plane not in passed
     ]
     for plane in support:
         mean[VELOCITY] -= (plane.normal @ mean[VELOCITY]) * plane.normal
     return Prediction(mean, ball.covariance, ball.transition), support
-
-
-def _next_contact(
-    mean: NDArray[np.float64],
-    acceleration: NDArray[np.float64],
-    duration: float,
-    environment: Environment,
-    support: list[Plane],
-) -> tuple[Plane | None, float]:
-    """First plane met within `duration` s and when; (None, duration) when there is none."""
-    first, until = None, duration
-    for plane in environment.planes:
-        if plane in support:
-            continue
-        gap = float(plane.signed_distances(mean[POSITION]) - mean[RADIUS])
-        if plane.boundary is not None and gap < -2.0 * mean[RADIUS]:
-            # It is wholly behind: below a table, or beyond the front of a box.
-            continue
-        speed = float(plane.normal @ mean[VELOCITY])
-        pull = float(plane.normal @ acceleration)
-        time = _falls_to_zero(gap, speed, pull)
-        if time < until and plane.covers(_place_at(time, mean, acceleration)):
-            first, until = plane, time
-    return first, until
-
-
-def _place_at(
-    time: float, mean: NDArray[np.float64], acceleration: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    return mean[POSITION] + time * (mean[VELOCITY] + 0.5 * time * acceleration)
-
-
-def _falls_to_zero(gap: float, speed: float, pull: float) -> float:
-    """First time ≥ 0 at which gap + speed t + pull t² / 2 gets to zero from above; inf if never."""
-    if gap <= 0.0:
-        return 0.0 if speed < 0.0 else np.inf
-    if abs(pull) < 1e-9:
-        return -gap / speed if speed < 0.0 else np.inf
-    root = speed * speed - 2.0 * pull * gap
-    if root < 0.0 or (pull > 0.0 and speed >= 0.0):
-        return np.inf
-    return (-speed - sqrt(root)) / pull
 
 
 def _flown(

@@ -140,6 +140,24 @@ def _sums(
     return information, np.cumsum(right.reshape(count, size), axis=0)
 
 
+def fitted_acceleration(
+    times: NDArray[np.float64], places: NDArray[np.float64], noise: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the constant acceleration (3,) m/s² of some points, and its covariance (3, 3).
+
+    Parameters
+    ----------
+    times : (n,) s, n at least 3
+    places : (n, 3) m
+    noise : (n, 3, 3) m², covariances of the points
+    """
+    since = times - times.mean()
+    basis = np.column_stack([np.ones_like(since), since, 0.5 * since**2])
+    information, right = _sums(basis, places - places.mean(axis=0), noise)
+    covariance = np.linalg.inv(information[-1])
+    return (covariance @ right[-1])[6:], covariance[6:, 6:]
+
+
 def free_evidence(
     times: NDArray[np.float64],
     places: NDArray[np.float64],
@@ -161,11 +179,7 @@ def free_evidence(
     acceleration : (3,) m/s² of free motion
     hand_acceleration : m/s², standard deviation of what a hand gives
     """
-    since = times - times.mean()
-    basis = np.column_stack([np.ones_like(since), since, 0.5 * since**2])
-    information, right = _sums(basis, places - places.mean(axis=0), noise)
-    covariance = np.linalg.inv(information[-1])
-    found, spread = (covariance @ right[-1])[6:], covariance[6:, 6:]
+    found, spread = fitted_acceleration(times, places, noise)
     off, wide = found - acceleration, spread + hand_acceleration**2 * np.eye(3)
     free = off @ np.linalg.solve(spread, off) + np.linalg.slogdet(spread)[1]
     held = found @ np.linalg.solve(wide, found) + np.linalg.slogdet(wide)[1]

@@ -5,6 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics_perception.tracking.motion_fits import fitted_acceleration
+from intuitive_physics_perception.tracking.settings import MotionSettings
+
+ENOUGH = 0.7
+"""Part of a time that points of it must span, as frames do not begin and end with it."""
+
+
+LONGER = 1.3
+"""Factor from one time that is tried to the next longer one: noise falls by half."""
+
 
 def unknown_angular_velocity(
     deviation: float,
@@ -42,17 +52,34 @@ def rolling_angular_velocity(
     return turn @ velocity, spread
 
 
-def loses_no_speed(
-    times: NDArray[np.float64], velocities: NDArray[np.float64], deceleration: float
+def rolls(
+    times: NDArray[np.float64],
+    places: NDArray[np.float64],
+    noise: NDArray[np.float64],
+    expected: NDArray[np.float64],
+    motion: MotionSettings,
 ) -> bool:
-    """Whether an object rolls and does not slide.
+    """Return whether an object on a surface rolls and does not slide.
+
+    The shortest time up to the last point is taken in which friction would be visible.
 
     Parameters
     ----------
-    times : (n,) s
-    velocities : (n, 3) m/s
-    deceleration : m/s², less than what sliding friction takes
+    times : (n,) s, on the surface
+    places : (n, 3) m
+    noise : (n, 3, 3) m², covariances of the points
+    expected : (3,) m/s² of rolling there
+    motion : tuned numbers
     """
-    since = times - times.mean()
-    slope = since @ velocities / (since @ since)
-    return bool(np.linalg.norm(slope) < deceleration)
+    limit, duration = motion.rolling_deceleration, ENOUGH * motion.rolling_time
+    if len(times) < 3 or times[-1] - times[0] < duration:
+        return False
+    while True:
+        before = int(np.searchsorted(times, times[-1] - duration, side="right")) - 1
+        first = max(0, min(before, len(times) - 3))
+        found, spread = fitted_acceleration(times[first:], places[first:], noise[first:])
+        deviation = float(np.sqrt(np.linalg.eigvalsh(spread)[-1]))
+        if deviation < 0.5 * limit or first == 0:
+            off = float(np.linalg.norm(found - expected))
+            return off < limit + motion.rolling_sigmas * deviation
+        duration *= LONGER

@@ -57,6 +57,13 @@ class MotionSettings:
         10.0,
         "the same of the tangential velocity: what friction could make of it",
     )
+    rolling_inertia: float = number(
+        0.4,
+        0.0,
+        1.0,
+        "κ, moment of inertia over m r² of a ball that rolls, which gains g sin α / (1 + κ) on a "
+        "slope: 2/5 of a uniform one, 2/3 of a thin shell",
+    )
     angular_acceleration_noise: float = number(
         20.0,
         0.0,
@@ -69,16 +76,28 @@ class MotionSettings:
         0.2,
         0.0,
         10.0,
-        "time on a plane without losing speed to friction after which a ball rolls: one that "
+        "time on a surface without losing speed to friction after which a ball rolls: one that "
         "slides at μ = 0.1 is 5 mm behind by then, and rolls itself 2 v / 7 μ g after it began",
+        unit="s",
+    )
+    rolling_memory: float = number(
+        0.6,
+        0.0,
+        10.0,
+        "time for which that is looked back at most, where noise hides what friction takes in a "
+        "shorter one",
         unit="s",
     )
     rolling_deceleration: float = number(
         0.6,
         0.0,
         100.0,
-        "more than rolling resistance takes, less than sliding friction takes",
+        "difference from the acceleration of rolling: more than rolling resistance and another "
+        "κ make, less than sliding friction makes; half of it must be visible",
         unit="m/s²",
+    )
+    rolling_sigmas: float = number(
+        2.0, 0.0, 100.0, "standard deviations of that difference by which noise may exceed it"
     )
     rolling_slip: float = number(
         0.1, 0.0, 1.0, "standard deviation of the slip of a rolling ball, as a part of its speed"

@@ -9,7 +9,7 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.scene import Environment, SceneObject
+from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ANGULAR_VELOCITY, ERROR_SIZE, LINEAR_VELOCITY, ObjectState
 from intuitive_physics.state import POSITION as STATE_POSITION
@@ -22,17 +22,18 @@ from intuitive_physics_perception.tracking.motion import (
     SIZE,
     VELOCITY,
     Prediction,
+    carrying,
     downward,
     predicted,
-    supporting_planes,
 )
 from intuitive_physics_perception.tracking.rolling import (
-    loses_no_speed,
     rolling_angular_velocity,
+    rolls,
     unknown_angular_velocity,
 )
 from intuitive_physics_perception.tracking.settings import FRAME_TIME, MotionSettings
 from intuitive_physics_perception.tracking.smoother import FilterStep
+from intuitive_physics_perception.tracking.supports import supported_acceleration
 
 MAX_STEPS = 4000
 """Newest frames of a track that are kept: bounds its memory. At 90 Hz they last 44 s."""
@@ -178,8 +179,7 @@ class Track:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         if self.resting:
             return unknown_angular_velocity(settings.rest_speed / float(self.mean[RADIUS]))
-        steps = self.recent(settings.motion.rolling_time)
-        normal = self._rolls_on(steps, environment, settings.motion)
+        normal = self._rolls_on(environment, settings.motion)
         if normal is None:
             return unknown_angular_velocity(settings.angular_velocity_deviation)
         return rolling_angular_velocity(
@@ -192,22 +192,36 @@ class Track:
         )
 
     def _rolls_on(
-        self, steps: list[FilterStep], environment: Environment, motion: MotionSettings
+        self, environment: Environment, motion: MotionSettings
     ) -> NDArray[np.float64] | None:
-        """Normal of the plane it has rolled on during all of some steps, None for none."""
-        if len(steps) < 3 or steps[-1].time - steps[0].time < 0.7 * motion.rolling_time:
-            return None
-        for plane in supporting_planes(
-            environment, self.mean[POSITION], float(self.mean[RADIUS]), motion.support_distance
-        ):
-            lifts = [float(plane.signed_distances(s.mean[POSITION])) for s in steps]
-            noise = max(float(np.sqrt(np.trace(s.covariance[POSITION, POSITION]))) for s in steps)
-            stays = np.ptp(lifts) < motion.support_distance + motion.lift_sigmas * noise
-            times = np.array([step.time for step in steps])
-            velocities = np.stack([step.mean[VELOCITY] for step in steps])
-            if stays and loses_no_speed(times, velocities, motion.rolling_deceleration):
+        """Normal of the surface it has rolled on for a while up to the last frame, or None."""
+        for plane in carrying(self.mean, self.covariance, environment, motion):
+            steps = [
+                (step.time, step.seen)
+                for step in takewhile(
+                    lambda s, plane=plane: self._is_on(plane, s, motion),  # type: ignore[misc]
+                    reversed(self.recent(motion.rolling_memory)),
+                )
+                if step.seen is not None
+            ][::-1]
+            expected = supported_acceleration(environment.gravity, [plane], motion.rolling_inertia)
+            if len(steps) >= 3 and rolls(
+                np.array([time for time, _ in steps]),
+                np.stack([seen.center for _, seen in steps]),
+                np.stack([(seen.covariance - seen.systematic)[:3, :3] for _, seen in steps]),
+                expected,
+                motion,
+            ):
                 return plane.normal
         return None
+
+    def _is_on(self, plane: Plane, step: FilterStep, motion: MotionSettings) -> bool:
+        """Whether the ball touched a plane then, as it does at the last frame."""
+        lift = float(plane.normal @ (step.mean[POSITION] - self.mean[POSITION]))
+        noise = float(np.sqrt(plane.normal @ step.covariance[POSITION, POSITION] @ plane.normal))
+        return abs(lift) < motion.support_distance + motion.lift_sigmas * noise and bool(
+            plane.covers(step.mean[POSITION])
+        )
 
 
 class TrackFilter:
@@ -256,6 +270,7 @@ class TrackFilter:
                 restitution=self._settings.bounce_restitution,
                 acceleration_noise=self._settings.acceleration_noise,
                 motion=self._settings.motion,
+                rolls=track.attitude is None,
             )
         if track.attitude is not None:
             self._predict_attitude(track, track.attitude, duration)

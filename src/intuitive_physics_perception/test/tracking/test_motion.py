@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from intuitive_physics.scene import Environment, Plane
+from intuitive_physics.scene import Environment, Plane, StaticBox
 from intuitive_physics_perception.tracking.motion import SIZE, Prediction, predicted
 from intuitive_physics_perception.tracking.settings import MotionSettings
 
@@ -76,6 +76,47 @@ def test_a_ball_rolls_on_a_table_and_falls_beyond_its_edge() -> None:
     assert on[:3] == pytest.approx([0.6, 0, 0.7 + RADIUS])
     off = predict(ball((1.1, 0, 0.7 + RADIUS), (1, 0, 0)), 0.1, TABLE_AND_FLOOR)[0]
     assert off[2] == pytest.approx(0.7 + RADIUS - 0.5 * 9.81 * 0.01)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4])
+def test_a_ball_rolls_on_a_box_and_falls_beyond_its_edge(turn) -> None:
+    axis = np.array([np.cos(turn), np.sin(turn), 0.0])
+    turned = (0.0, 0.0, np.sin(turn / 2.0), np.cos(turn / 2.0))
+    box = StaticBox("box", "m", (0, 0, 0.2), turned, (1.0, 0.6, 0.4))
+    world = Environment(FLOOR.planes, [box])
+    on = predict(ball([*(0.1 * axis[:2]), 0.4 + RADIUS], 0.8 * axis), 0.25, world)[0]
+    assert on[:3] == pytest.approx([*(0.3 * axis[:2]), 0.4 + RADIUS])
+    assert on[3:6] == pytest.approx(0.8 * axis)
+    # The centre is beyond the edge after 0.1 s, then it falls freely for 0.1 s.
+    off = predict(ball([*(0.42 * axis[:2]), 0.4 + RADIUS], 0.8 * axis), 0.2, world)[0]
+    assert off[:3] == pytest.approx([*(0.58 * axis[:2]), 0.4 + RADIUS - 0.5 * 9.81 * 0.01])
+    assert off[5] == pytest.approx(-9.81 * 0.1)
+    # The side turns it back.
+    hit = predict(ball([*(-0.65 * axis[:2]), 0.2], 2.0 * axis), 0.1, world, restitution=0.5)[0]
+    assert hit[3:5] @ axis[:2] == pytest.approx(-1.0)
+
+
+@pytest.mark.parametrize("degrees", [2.0, 8.0, 15.0, 30.0])
+def test_down_a_ramp_a_ball_gains_what_rolling_leaves_of_gravity(degrees) -> None:
+    # a = g sin α / (1 + κ) of what rolls, g sin α of what slides.
+    angle = np.radians(degrees)
+    normal, down = [np.sin(angle), 0, np.cos(angle)], np.array([np.cos(angle), 0, -np.sin(angle)])
+    ramp = Environment([Plane("ramp", "m", normal, 0.0)])
+    start = RADIUS * np.array(normal)
+    for rolls, kappa in ((True, 0.4), (False, 0.0)):
+        found = predicted(
+            ball(start, 0.3 * down),
+            COVARIANCE,
+            0.4,
+            ramp,
+            restitution=0.6,
+            acceleration_noise=0.0,
+            motion=MotionSettings(),
+            rolls=rolls,
+        ).mean
+        gain = 9.81 * np.sin(angle) / (1.0 + kappa)
+        assert found[:3] == pytest.approx(start + (0.3 * 0.4 + 0.5 * gain * 0.16) * down)
+        assert found[3:6] == pytest.approx((0.3 + 0.4 * gain) * down)
 
 
 def test_a_ball_flies_past_a_table_and_bounces_below_it() -> None:

@@ -20,6 +20,7 @@ from intuitive_physics_perception.tracking.motion_fits import free_evidence, noi
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
 SETTINGS = PerceptionSettings()
 FIT = SETTINGS.initial_state
+MOTION = PerceptionSettings().motion
 RADIUS = 0.05
 IN_TIME = 0.034
 """s: one frame at 30 Hz."""
@@ -133,7 +134,7 @@ def test_what_a_hand_holds_all_the_time_is_never_free(seed, rate, noise) -> None
     reach = rng.uniform(0.0, 5.0, size=3) / frequency**2
     places = np.array([0, 0, 1.2]) + reach * np.sin(np.outer(times, frequency) + phase)
     seen = record(times, places, errors_of_detection(len(times), noise, rng), rng)
-    free = FreeMotion(seen, FLOOR, FIT)
+    free = FreeMotion(seen, FLOOR, FIT, MOTION)
     assert all(free.stretch_at(float(time)) is None for time in times)
 
 
@@ -152,7 +153,7 @@ def test_a_ball_that_comes_into_view_in_flight_is_free_from_its_first_frames(
     velocity = rng.uniform(-2.0, 2.0, size=3)
     places = [0, 0, 6.0] + np.outer(times, velocity) + 0.5 * np.outer(times**2, FLOOR.gravity)
     seen = record(times, places, errors_of_detection(len(times), noise, rng), rng)
-    free = FreeMotion(seen, FLOOR, FIT)
+    free = FreeMotion(seen, FLOOR, FIT, MOTION)
     assert all(
         free.stretch_at(float(time)) is not None for time in times[:-2] if time > 0.034 + 2.0 / rate
     )
@@ -165,7 +166,7 @@ def test_errors_of_position_and_velocity_are_as_large_as_the_covariance_says() -
         velocity = rng.uniform(-2.0, 2.0, size=3)
         places = [0, 0, 3.0] + np.outer(times, velocity) + 0.5 * np.outer(times**2, FLOOR.gravity)
         seen = record(times, places, errors_of_detection(len(times), 0.002, rng), rng)
-        stretch = FreeMotion(seen, FLOOR, FIT).stretch_at(0.2)
+        stretch = FreeMotion(seen, FLOOR, FIT, MOTION).stretch_at(0.2)
         mean, covariance = stretch.at(0.2)
         off = mean - [
             *([0, 0, 3.0] + 0.2 * velocity + 0.02 * FLOOR.gravity),
@@ -184,7 +185,7 @@ def test_a_bias_that_all_frames_share_is_in_the_position_and_not_in_the_velocity
     seen = record(times, places, errors_of_detection(len(times), 0.001, rng), rng)
     biased = replace(seen, bias=np.diag([1e-4, 4e-4, 9e-4]))
     without, with_it = (
-        FreeMotion(one, FLOOR, FIT).stretch_at(0.0).covariance for one in (seen, biased)
+        FreeMotion(one, FLOOR, FIT, MOTION).stretch_at(0.0).covariance for one in (seen, biased)
     )
     assert with_it[:3, :3] - without[:3, :3] == pytest.approx(biased.bias)
     assert with_it[3:, 3:] == pytest.approx(without[3:, 3:])

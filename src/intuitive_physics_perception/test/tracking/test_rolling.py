@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from intuitive_physics.scene import Environment, Plane
+from intuitive_physics.scene import Environment, Plane, StaticBox
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.rolling import rolling_angular_velocity
@@ -62,6 +62,85 @@ def test_rolling_is_seen_and_sliding_and_flight_are_not(rng) -> None:
         unknown = last_state(rng, places)
         assert unknown.angular_velocity == pytest.approx(np.zeros(3))
         assert np.diag(unknown.covariance)[9:] == pytest.approx(UNKNOWN**2)
+
+
+BOX = StaticBox("box", "m", (0.5, 0.0, 0.2), (0.0, 0.0, 0.0, 1.0), (1.4, 0.6, 0.4))
+
+
+def ramp(degrees):
+    angle = np.radians(degrees)
+    return Environment([Plane("ramp", "m", [np.sin(angle), 0, np.cos(angle)], 0.0)])
+
+
+def rolled(environment, places, rng):
+    """The tracker's state of a ball in each frame from the time on in which rolling is visible."""
+    tracker = Tracker(environment, SETTINGS)
+    states = []
+    for k, place in enumerate(places):
+        error = NOISE * rng.normal(size=4)
+        sphere = DetectedSphere(place + error[:3], RADIUS + error[3], NOISE**2 * np.eye(4), 200, 2)
+        tracker.update(k * STEP, [sphere])
+        if k * STEP > SETTINGS.motion.rolling_time + 0.1:
+            states.append((k * STEP, tracker.tracks[0].object_state(environment, SETTINGS)))
+    return states
+
+
+@pytest.mark.parametrize("case", ["box", 2.0, 8.0, 15.0, "up 8"])
+def test_the_spin_of_what_rolls_on_boxes_and_ramps_is_told(case) -> None:
+    told, squares, count = 0, 0.0, 0
+    for seed in range(12):
+        rng = np.random.default_rng([seed, 5])
+        times = np.arange(0, 0.8, STEP)
+        if case == "box":
+            environment, normal = Environment(FLOOR.planes, [BOX]), np.array([0.0, 0.0, 1.0])
+            along, speed, gain = np.array([1.0, 0.0, 0.0]), 0.9, 0.0
+            start = np.array([-0.1, 0.0, 0.4 + RADIUS])
+        else:
+            degrees = case if isinstance(case, float) else 8.0
+            environment, angle = ramp(degrees), np.radians(degrees)
+            normal = np.array([np.sin(angle), 0.0, np.cos(angle)])
+            along = np.array([np.cos(angle), 0.0, -np.sin(angle)])
+            # Rolling without slipping: a = g sin α / (1 + κ), κ = 2/5.
+            speed, gain = 0.5, 9.81 * np.sin(angle) / 1.4
+            if case == "up 8":
+                speed = -1.2
+            start = RADIUS * normal
+        gone = speed * times + 0.5 * gain * times**2
+        for time, state in rolled(environment, start + np.outer(gone, along), rng):
+            velocity = (speed + gain * time) * along
+            spin = np.cross(normal, velocity) / RADIUS
+            told += state.covariance[10, 10] < (0.5 * UNKNOWN) ** 2
+            off = np.concatenate([state.linear_velocity - velocity, state.angular_velocity - spin])
+            spread = state.covariance[6:12, 6:12]
+            # The spin about the normal is not told; that of the ball is zero.
+            squares += off @ np.linalg.solve(spread, off)
+            count += 1
+    assert told >= 0.95 * count
+    # χ² / 6 of errors as large as the covariance says is one; it may be cautious, as the slip is.
+    assert squares / (6.0 * count) < 1.5
+
+
+def test_a_ball_that_rolls_on_a_box_keeps_its_height_and_falls_at_its_edge(rng) -> None:
+    environment = Environment(FLOOR.planes, [BOX])
+    times = np.arange(0, 1.2, STEP)
+    x = 0.5 + 0.9 * times
+    fallen = np.maximum(times - 0.7 / 0.9, 0.0)
+    z = 0.4 + RADIUS - 0.5 * 9.81 * fallen**2
+    tracker = Tracker(environment, SETTINGS)
+    for k, time in enumerate(times):
+        error = NOISE * rng.normal(size=4)
+        place = np.array([x[k], 0.0, z[k]]) + error[:3]
+        if z[k] < RADIUS:
+            break
+        tracker.update(
+            float(time), [DetectedSphere(place, RADIUS + error[3], NOISE**2 * np.eye(4), 200, 2)]
+        )
+        (track,) = tracker.tracks or [None]
+        if track is not None and time > 0.2:
+            expected = -9.81 * fallen[k]
+            # Within a frame of the edge it may be on either side of it.
+            slack = 9.81 * STEP if 0.0 < fallen[k] < 2.0 * STEP else 0.0
+            assert abs(track.mean[5] - expected) < 0.08 + slack, time
 
 
 def test_what_rests_does_not_turn(rng) -> None:

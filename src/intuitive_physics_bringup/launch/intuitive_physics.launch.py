@@ -67,7 +67,7 @@ ARGUMENTS = {
 }
 """Default and meaning of each argument."""
 
-RESPAWN_DELAY = 1.0
+RESPAWN_DELAY = 0.5
 """s between the end of a node and its next start."""
 
 REPLAY_PATIENCE = 300.0

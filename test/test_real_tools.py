@@ -95,6 +95,28 @@ def test_a_bad_argument_is_one_clear_line_and_starts_nothing(tmp_path, argument)
     assert launch.children == []
 
 
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        (
+            "predictor_node:\n  ros__parameters: {rate: 20.0}\n",
+            "expected /**/predictor_node or /left",
+        ),
+        ("a: [1", "cannot be read"),
+        ("just words", "expected names of nodes"),
+    ],
+)
+def test_a_parameter_file_that_counts_for_nothing_is_one_clear_line(tmp_path, text, error) -> None:
+    (tmp_path / "mine.yaml").write_text(text)
+    arguments = ["namespace:=left", f"params_file:={tmp_path / 'mine.yaml'}"]
+    with Ros2Process(tmp_path, *LAUNCH, *arguments) as launch:
+        assert launch.wait() == 1
+    errors = [line for line in launch.output.splitlines() if "ERROR" in line]
+    assert len(errors) == 1, launch.output
+    assert error in errors[0]
+    assert launch.children == []
+
+
 def test_rviz_that_is_not_installed_is_one_clear_line_and_starts_nothing(tmp_path) -> None:
     from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import yaml
 from ament_index_python.packages import (
     PackageNotFoundError,
     get_package_prefix,
@@ -66,7 +67,7 @@ ARGUMENTS = {
 }
 """Default and meaning of each argument."""
 
-RESPAWN_DELAY = 1.0
+RESPAWN_DELAY = 0.5
 """s between the end of a node and its next start."""
 
 REPLAY_PATIENCE = 300.0
@@ -116,6 +117,7 @@ def check(given: Mapping[str, str]) -> None:
     _expect(given, "camera", CAMERAS.__contains__, f"one of {', '.join(CAMERAS)}")
     _expect(given, "log_level", LOG_LEVELS.__contains__, f"one of {', '.join(LOG_LEVELS)}")
     _expect(given, "params_file", lambda path: Path(path).is_file(), "the path of a YAML file")
+    _check_parameters(given)
     _expect(given, "bag", lambda path: not path or Path(path).exists(), "the path of a bag")
     _expect(given, "rate", _is_number, "a number")
     for name in ("respawn", "loop", "rviz"):
@@ -246,6 +248,27 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _check_parameters(given: Mapping[str, str]) -> None:
+    """Refuse a file of parameters that cannot be read, or has some that would count for nothing."""
+    path = given["params_file"]
+    try:
+        parameters = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = " ".join(str(error).split())
+        raise InvalidInputError(
+            f"params_file is {path!r}, which cannot be read: {reason}"
+        ) from None
+    if not isinstance(parameters, dict):
+        raise InvalidInputError(f"params_file is {path!r}; expected names of nodes, such as /**:")
+    for key in map(str, parameters):
+        bare = key.strip("/")
+        if prefix(given) and bare in NODES:
+            raise InvalidInputError(
+                f"params_file {path!r} has the key {key}, which does not hold in the namespace "
+                f"{prefix(given)}; expected /**/{bare} or {prefix(given)}/{bare}"
+            )
 
 
 def _expect(

@@ -203,6 +203,10 @@ class ReplayNode(Node):
 
     def _wait_for_subscribers(self) -> None:
         deadline = time.monotonic() + self._wait_timeout
+        if missing := self._without_subscriber():
+            self.get_logger().info(
+                f"waits {self._wait_timeout:g} s at most for a subscriber of {', '.join(missing)}"
+            )
         while missing := self._without_subscriber():
             if self._stopping.is_set():
                 return

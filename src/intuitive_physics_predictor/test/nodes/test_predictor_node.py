@@ -36,6 +36,7 @@ from rcl_interfaces.srv import (
     SetParametersAtomically,
 )
 from rclpy.parameter import Parameter
+from rclpy.qos import ReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
 from intuitive_physics.learned_parameters import LearnedParameters
@@ -659,4 +660,21 @@ def test_a_bad_parameter_is_one_line(tmp_path):
     process = NodeProcess(MODULE, ["-p", "rate:=-5.0"])
     assert process.wait(20.0) == 1
     assert "rate" in process.output
+    assert "Traceback" not in process.output
+
+
+def test_quality_of_service_is_a_parameter():
+    override = "qos_overrides./predictions.publisher.reliability:="
+    arguments = ["-r", "__node:=overridden", "-p", f"{override}best_effort"]
+    with NodeProcess(MODULE, arguments), Peer("watcher") as peer:
+
+        def reliability():
+            ends = peer.node.get_publishers_info_by_topic("/predictions")
+            return [end.qos_profile.reliability for end in ends if end.node_name == "overridden"]
+
+        peer.spin_until(reliability, "the node to appear", 60.0)
+        assert reliability() == [ReliabilityPolicy.BEST_EFFORT]
+    process = NodeProcess(MODULE, ["-p", f"{override}sometimes"])
+    assert process.wait(60.0) == 1
+    assert "QoS override for policy `reliability`: `sometimes`" in process.output
     assert "Traceback" not in process.output

@@ -144,9 +144,9 @@ def run(options: Options, progress: Progress) -> dict[str, float]:
         seen = _understood(heard, truth)
         progress.stage(f"learning by {options.method}")
         learned = learn(peer, learner, options.method, options.iterations, options.seed, progress)
-        # A throw that was observed in both replays is stored once.
+        # A throw that was observed more than once is stored once.
         _require(
-            count <= learned.parameters.observation_count <= published,
+            LEAST_SHARE_SEEN * options.throws <= learned.parameters.observation_count <= published,
             f"the learner learned from {learned.parameters.observation_count} observations, "
             f"{published} were published",
         )

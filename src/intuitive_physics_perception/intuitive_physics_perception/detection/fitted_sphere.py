@@ -137,6 +137,8 @@ class SphereFitter:
         part: Part,
         hypothesis: NDArray[np.float64],
         most_goes_on: float | None = None,
+        *,
+        size_is_known: bool = False,
     ) -> DetectedSphere | None:
         """Return the sphere that a hypothesis becomes on a part of a cluster; None where that is no
         object.
@@ -148,6 +150,7 @@ class SphereFitter:
         hypothesis : (4,) m, centre and radius to begin from
         most_goes_on : part of the ring round its outline in which the cluster may go on at most;
             None for what settings allow an object that came into the scene
+        size_is_known : whether other frames tell the radius, so that this one need not
         """
         fit = self._refined(view, part, hypothesis)
         if fit is None:
@@ -155,7 +158,7 @@ class SphereFitter:
         fit = fit.with_known_radius(
             self.known_radii, self._settings.known_object_tolerance, self._search
         )
-        if not self._is_plausible(fit):
+        if not self._is_plausible(fit, size_is_known=size_is_known):
             return None
         most = self._search.new_goes_on if most_goes_on is None else most_goes_on
         return self._inspected(view, fit, most)
@@ -237,13 +240,13 @@ class SphereFitter:
         known, freedom = self._search.noise_readings, max(freedom, 0.0)
         return (known + freedom * misfit) / (known + freedom)
 
-    def _is_plausible(self, fit: SphereFit) -> bool:
+    def _is_plausible(self, fit: SphereFit, *, size_is_known: bool) -> bool:
         """Size in the limits and known well, centre beyond the surface that is seen."""
         settings, radius = self._settings, fit.sphere[3]
         deviation = np.sqrt(fit.covariance[3, 3])
         return bool(
             settings.min_radius - deviation <= radius <= settings.max_radius + deviation
-            and deviation <= settings.max_radius_uncertainty * radius
+            and (size_is_known or deviation <= settings.max_radius_uncertainty * radius)
             and np.linalg.norm(fit.sphere[:3]) > radius + settings.min_range
         )
 

@@ -184,7 +184,7 @@ class SphereFinder:
             if part.total < self._settings.min_points:
                 continue
             view = ClusterView(points, cluster, self._search, self._before)
-            found = self._fitter.fitted(view, part, sphere)
+            found = self._fitter.fitted(view, part, sphere, size_is_known=True)
             if found is not None:
                 return found
         return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -271,9 +272,22 @@ def bounce() -> Callable[..., NDArray[np.float64]]:
     return bouncing_ball
 
 
+@pytest.fixture(scope="module")
+def corner_model(
+    modelled_corner,
+) -> tuple[Room, NDArray[np.float32], EnvironmentModel]:
+    """A room, the rays of its camera and the environment modelled from eight noisy frames.
+
+    Each module has noise of its own, whatever ran before it in the same process.
+    """
+    room, rays, model = modelled_corner
+    own = copy.copy(room)
+    own.rng = np.random.default_rng(8)
+    return own, rays, model
+
+
 @pytest.fixture(scope="session")
-def corner_model() -> tuple[Room, NDArray[np.float32], EnvironmentModel]:
-    """A room, the rays of its camera and the environment modelled from eight noisy frames."""
+def modelled_corner() -> tuple[Room, NDArray[np.float32], EnvironmentModel]:
     room = Room(tilt=25.0, seed=3)
     rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
     frames = [points_from_depth(room.depth(), rays) for _ in range(8)]

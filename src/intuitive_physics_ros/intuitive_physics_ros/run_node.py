@@ -182,6 +182,8 @@ class StopSignal:
     """
 
     def __init__(self) -> None:
+        # The handler interrupts itself when signals come fast, so it must take no lock.
+        self._has_come = False
         self._event = threading.Event()
         self._lock = threading.Lock()
         self._action: Callable[[], None] = lambda: None
@@ -199,7 +201,7 @@ class StopSignal:
 
     def is_set(self) -> bool:
         """Whether a signal has come."""
-        return self._event.is_set()
+        return self._has_come or self._event.is_set()
 
     def when_set(self, action: Callable[[], None]) -> None:
         """Call `action` from another thread as soon as a signal comes, at once if one has."""
@@ -229,7 +231,7 @@ class StopSignal:
         os._exit(0)
 
     def _set(self, number: int, frame: FrameType | None) -> None:
-        self._event.set()
+        self._has_come = True
 
 
 def _unfinished() -> set[str]:

@@ -97,7 +97,7 @@ bench-perception: setup ## Hold perception against the truth and against others;
 bench-robot: setup ## Start, kill and stop the suite by the real ros2; options="--quick"
 	@$(run_environment) .venv/bin/python -m benchmarks.robot $(options)
 
-torture: setup ## Kill the nodes and send them nonsense; options="--quick"
+torture: setup ## Kill, fuzz, starve and soak the nodes; options="--quick"
 	@$(run_environment) .venv/bin/python -m benchmarks.torture $(options)
 
 clean: ## Remove the environment and everything built

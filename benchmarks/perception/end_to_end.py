@@ -140,14 +140,11 @@ class _Player:
         s in the bag count."""
         with BagReader(bag) as reader:
             begun = time.monotonic()
-            for since, pair in _images(reader):
+            for since, pair in recorded_images(reader):
                 time.sleep(max(0.0, begun + since - time.monotonic()))
                 now = time.time_ns() // MICROSECOND * MICROSECOND
                 for message in pair:
-                    # CDR: four bytes that give the byte order, then header.stamp.
-                    data = bytearray(message.data)
-                    struct.pack_into("<iI", data, 4, *divmod(now, 1_000_000_000))
-                    self._publishers[message.topic].publish(bytes(data))
+                    self._publishers[message.topic].publish(with_stamp(message.data, now))
                 if since > counted:
                     self._counted.add(now)
                 self._take()
@@ -160,10 +157,7 @@ class _Player:
             if deserialize_message(data, ObjectStates).objects:
                 self._note(self.arrivals.states, _stamp(data, 4), arrival)
         for data, arrival in self._queued(TrajectoryDistribution):
-            # After header.stamp come the frame's name, its length first, and states_stamp.
-            (length,) = struct.unpack_from("<I", data, 12)
-            after = 16 + length
-            self._note(self.arrivals.distributions, _stamp(data, after + -after % 4), arrival)
+            self._note(self.arrivals.distributions, states_stamp(data), arrival)
 
     def _queued(self, kind: type) -> Iterator[tuple[bytes, float]]:
         """Yield each message in a queue, and when it arrived, s since the epoch."""
@@ -182,13 +176,34 @@ def _leave(_: bytes) -> None:
     """Take no message: all are taken from the queue."""
 
 
+def states_stamp(data: bytes) -> int:
+    """Return the stamp (ns) of the states that a serialised distribution was predicted from."""
+    # After header.stamp come the frame's name, its length first, and states_stamp.
+    (length,) = struct.unpack_from("<I", data, 12)
+    after = 16 + length
+    return _stamp(data, after + -after % 4)
+
+
 def _stamp(data: bytes, at: int) -> int:
     seconds, nanoseconds = struct.unpack_from("<iI", data, at)
     stamp = int(seconds) * 1_000_000_000 + int(nanoseconds)
     return round(stamp / MICROSECOND) * MICROSECOND
 
 
-def _images(reader: BagReader) -> Iterator[tuple[float, list[BagMessage]]]:
+def with_stamp(message: bytes, stamp: int) -> bytes:
+    """Return a serialised message that begins with a header, with another stamp.
+
+    Parameters
+    ----------
+    stamp : ns since the epoch
+    """
+    data = bytearray(message)
+    # CDR: four bytes that give the byte order, then header.stamp.
+    struct.pack_into("<iI", data, 4, *divmod(stamp, 1_000_000_000))
+    return bytes(data)
+
+
+def recorded_images(reader: BagReader) -> Iterator[tuple[float, list[BagMessage]]]:
     """Yield each image with its camera info, and the time of both since the start, s."""
     messages = reader.messages([DEPTH_TOPIC, CAMERA_INFO_TOPIC])
     for first, second in zip(messages, messages, strict=True):

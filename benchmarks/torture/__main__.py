@@ -1,4 +1,4 @@
-"""`make torture`: nodes that are killed, and that are sent what nobody would send.
+"""`make torture`: nodes that are killed, fuzzed, cancelled, starved, cut off and never let rest.
 
 README.md in the folder above says what is measured and how.
 """
@@ -8,31 +8,44 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.command import Outcome, run_benchmark
+from benchmarks.command import Outcome, report_progress, run_benchmark
 from benchmarks.results.result import Column, Table
+from benchmarks.torture.cancels import measure_cancels
+from benchmarks.torture.faults_around import measure_faults_around
+from benchmarks.torture.faults_of_learner import measure_faults_of_learner
 from benchmarks.torture.fuzz import measure_fuzz
 from benchmarks.torture.kills import measure_kills
 from benchmarks.torture.nodes import Nodes, worst
+from benchmarks.torture.soak import LOOKS, measure_soak
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_ros.scripting import Peer
 
 SEED = 19
 """Of all random choices."""
 
-KILLS, FUZZ = PARTS = ("kills", "fuzz")
+KILLS, FUZZ, CANCELS, FAULTS, SOAK = PARTS = ("kills", "fuzz", "cancels", "faults", "soak")
 """Parts that `--only` may name."""
 
-COUNTS = {KILLS: (200, 10), FUZZ: (100_000, 3_000)}
-"""Kills, and messages, of a full run and of a first look."""
+COUNTS = {KILLS: (200, 10), FUZZ: (100_000, 3_000), CANCELS: (100, 10)}
+"""Kills, messages and cancelled searches, of a full run and of a first look."""
 
-MOST_MEGABYTES, LONGEST_STOP = 1500.0, 2.0
-"""Bars of the memory of a node, and of the time (s) that it takes to stop."""
+SOAK_MINUTES = 15.0
+"""Of a full run that is not told how long; a first look has none."""
+
+MOST_MEGABYTES, LONGEST_STOP, LONGEST_CANCEL = 1500.0, 2.0, 0.5
+"""Bars of the memory of a node, and of the time (s) that it takes to stop, and to end a search."""
+
+MOST_GROWTH = 5.0
+"""MB by which a node may grow in a soak after its first minute; of the bars."""
+
+Found = tuple[dict[str, Any], Table, list[str]]
+"""Key figures of a part, its table, and what was missed."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -42,6 +55,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--only", metavar="PARTS", help=f"only some of {','.join(PARTS)}")
+    parser.add_argument(
+        "--hours",
+        type=float,
+        help=f"of the soak; {SOAK_MINUTES:g} minutes unless given, and none with --quick",
+    )
 
 
 def run(options: argparse.Namespace) -> Outcome:
@@ -50,24 +68,37 @@ def run(options: argparse.Namespace) -> Outcome:
     unknown = [name for name in wanted if name not in PARTS]
     if unknown:
         raise InvalidInputError(f"--only has {unknown[0]!r}; expected some of {','.join(PARTS)}")
+    if options.hours is not None and not 0.05 <= options.hours <= 10_000.0:
+        raise InvalidInputError(f"--hours is {options.hours:g}; expected 0.05 to 10,000")
+    minutes = SOAK_MINUTES if options.hours is None else 60.0 * options.hours
+    if options.quick and options.hours is None:
+        wanted = [name for name in wanted if name != SOAK]
+    counts = {name: both[options.quick] for name, both in COUNTS.items()}
     figures: dict[str, Any] = {}
     tables: list[Table] = []
     complaints: list[str] = []
     with tempfile.TemporaryDirectory(prefix="torture-") as folder:
-        for name, measure in ((KILLS, _kill), (FUZZ, _fuzz)):
-            if name in wanted:
-                count = COUNTS[name][options.quick]
-                rng = np.random.default_rng([SEED, PARTS.index(name)])
-                found, table, missed = measure(Path(folder), count, rng)
-                figures.update(found)
-                tables.append(table)
-                complaints += missed
+        parts: dict[str, Callable[[Path, np.random.Generator], Found]] = {
+            KILLS: lambda folder, rng: _kill(folder, counts[KILLS], rng),
+            FUZZ: lambda folder, rng: _fuzz(folder, counts[FUZZ], rng),
+            CANCELS: lambda folder, rng: _cancel(folder, counts[CANCELS], rng),
+            FAULTS: lambda folder, rng: _bear_faults(folder),
+            SOAK: lambda folder, rng: _soak(folder, minutes),
+        }
+        for name in wanted:
+            report_progress(name)
+            own = Path(folder) / name
+            own.mkdir()
+            found, table, missed = parts[name](
+                own, np.random.default_rng([SEED, PARTS.index(name)])
+            )
+            figures.update(found)
+            tables.append(table)
+            complaints += missed
     return Outcome(tables, figures, complaints=complaints)
 
 
-def _kill(
-    folder: Path, count: int, rng: np.random.Generator
-) -> tuple[dict[str, Any], Table, list[str]]:
+def _kill(folder: Path, count: int, rng: np.random.Generator) -> Found:
     found = measure_kills(folder, count, rng)
     figures = {"kills": found.kills, "lost": found.lost, "corrupted": found.corrupted}
     table = Table(
@@ -89,9 +120,7 @@ def _kill(
     return figures, table, missed
 
 
-def _fuzz(
-    folder: Path, count: int, rng: np.random.Generator
-) -> tuple[dict[str, Any], Table, list[str]]:
+def _fuzz(folder: Path, count: int, rng: np.random.Generator) -> Found:
     with Peer("torturer", timeout=60.0) as peer, Nodes(folder, peer) as nodes:
         found = measure_fuzz(nodes, peer, count, rng)
         nodes.revive()
@@ -127,6 +156,76 @@ def _fuzz(
     if stop > LONGEST_STOP:
         missed.append(f"a stop took {stop:.1f} s; expected at most {LONGEST_STOP:g}")
     return figures, table, missed
+
+
+def _cancel(folder: Path, count: int, rng: np.random.Generator) -> Found:
+    took = measure_cancels(folder, count, rng)
+    table = Table(
+        title="Searches cancelled at random instants",
+        note="All methods; every fourth learns from boxes that tumble for minutes. Counted from "
+        "the request to cancel to the result; searches that had ended before are left out.",
+        columns=[
+            Column("cancelled"),
+            Column("median", "ms", ".0f"),
+            Column("longest", "ms", ".0f"),
+        ],
+        rows=[[len(took), 1e3 * float(np.median(took)), 1e3 * worst(took)]],
+    )
+    missed = []
+    if worst(took) > LONGEST_CANCEL:
+        missed.append(f"a search ended {worst(took):.2f} s after it was cancelled")
+    return {"cancel_s_worst": round(worst(took), 2)}, table, missed
+
+
+def _bear_faults(folder: Path) -> Found:
+    faults = {**measure_faults_of_learner(folder), **measure_faults_around(folder, SEED)}
+    table = Table(
+        title="Faults of the machine and of what is around",
+        note="README.md says what has to be true for each.",
+        columns=[Column("fault"), Column("found")],
+        rows=[[name, found] for name, found in faults.items()],
+    )
+    missed = [f"{name}: {found}" for name, found in faults.items() if found != "ok"]
+    return {"faults": faults}, table, missed
+
+
+def _soak(folder: Path, minutes: float) -> Found:
+    soak = measure_soak(folder, minutes, SEED)
+    growth = soak.growth()
+    figures = {
+        "minutes": minutes,
+        "frames": soak.frames,
+        "rss_growth_mb": growth,
+        "threads": {name: values[-1] for name, values in soak.threads.items()},
+        "fds": {name: values[-1] for name, values in soak.files.items()},
+        "prediction_hz_min": round(min(soak.rates), 1),
+    }
+    table = Table(
+        title=f"{minutes:g} minutes at full rate",
+        note="Growth: the most memory of the last minute less that of the second.",
+        columns=[
+            Column("node"),
+            Column("growth", "MB", ".1f"),
+            Column("memory at the end", "MB", ".0f"),
+            Column("threads, 2nd minute and last"),
+            Column("files, 2nd minute and last"),
+        ],
+        rows=[
+            [
+                name,
+                growth[name],
+                values[-1],
+                *(f"{one[name][LOOKS]}, {one[name][-1]}" for one in (soak.threads, soak.files)),
+            ]
+            for name, values in soak.memory.items()
+        ],
+    )
+    missed = [
+        f"{name} grew by {grown:.1f} MB; expected at most {MOST_GROWTH:g}"
+        for name, grown in growth.items()
+        if grown > MOST_GROWTH
+    ]
+    return {"soak": figures}, table, missed
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ from intuitive_physics_ros.conversions import (
     observation_to_message,
     static_parameters_to_message,
 )
-from intuitive_physics_ros.qos import RELIABLE
+from intuitive_physics_ros.qos import LATCHED
 from intuitive_physics_ros.scripting import Peer
 
 TOPICS: dict[str, type] = {
@@ -123,8 +123,9 @@ def _senders(peer: Peer) -> dict[str, list[Send]]:
     """What sends, and what makes what is sent."""
     valid = _valid_messages()
     topics: list[Send] = []
+    # Subscribers that ask for less than this quality of service hear it as well.
     for name, kind in TOPICS.items():
-        publisher = peer.node.create_publisher(kind, name, RELIABLE)
+        publisher = peer.node.create_publisher(kind, name, LATCHED)
         topics.append((publisher.publish, _maker(kind, valid.get(kind))))
     calls: list[Send] = []
     for name, kind in SERVICES.items():

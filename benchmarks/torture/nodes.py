@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,9 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_bringup.connections import NODES, module
 from intuitive_physics_ros.scripting import NodeProcess, Peer
+
+PERCEPTION, LEARNER, PREDICTOR = "perception_node", "learner_node", "predictor_node"
+"""Names of the nodes."""
 
 PATIENCE = 60.0
 """s to wait for the start of a node on a busy machine."""
@@ -37,9 +41,16 @@ class Nodes:
     ----------
     folder : for the learner's database
     peer : that pings them
+    arguments : of their command lines after `--ros-args`, by their names
     """
 
-    def __init__(self, folder: Path, peer: Peer) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        peer: Peer,
+        arguments: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    ) -> None:
+        self._arguments = arguments
         self.database = folder / "learner.sqlite3"
         self.deaths: list[str] = []
         self.most_megabytes = 0.0
@@ -90,10 +101,10 @@ class Nodes:
         return found
 
     def _start(self, name: str) -> None:
-        parameters: Sequence[str] = ()
-        if name == "learner_node":
-            parameters = ("-p", f"database:={self.database}")
-        process = NodeProcess(module(name), parameters)
+        arguments = [*self._arguments.get(name, ())]
+        if name == LEARNER:
+            arguments += ["-p", f"database:={self.database}"]
+        process = NodeProcess(module(name), arguments)
         self.processes[name] = self._stack.enter_context(process)
 
     def __enter__(self) -> Nodes:
@@ -106,6 +117,28 @@ class Nodes:
         traceback: TracebackType | None,
     ) -> None:
         self._stack.close()
+
+
+def family(pid: int) -> dict[int, str]:
+    """Return a process and all that it or its children started, with their command lines."""
+    found: dict[int, str] = {}
+    waiting = [pid]
+    while waiting:
+        folder = Path(f"/proc/{(one := waiting.pop())}")
+        with suppress(FileNotFoundError, ProcessLookupError):
+            found[one] = (folder / "cmdline").read_text().replace("\0", " ")
+            for task in (folder / "task").iterdir():
+                waiting += [int(child) for child in (task / "children").read_text().split()]
+    return found
+
+
+def megabytes(pid: int) -> float:
+    """Return the resident memory of a process and of what it started, MB."""
+    pages = 0
+    for one in family(pid):
+        with suppress(FileNotFoundError):
+            pages += int(Path(f"/proc/{one}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def thrown_ball(number: int) -> Observation:

@@ -1,5 +1,6 @@
 """J evaluated by other processes: the same to the bit, and clear errors when they fail."""
 
+import logging
 import os
 import shutil
 import subprocess
@@ -192,6 +193,18 @@ def test_scheduler_that_goes_away(throws, monkeypatch):
         cluster.close()
         with pytest.raises(ClusterError, match="the cluster failed"):
             cost.costs(candidates(cost.materials, 1))
+
+
+def test_dask_does_not_tell_of_a_lost_connection_itself(throws):
+    # At the level of information it would, with a traceback.
+    log = logging.getLogger("distributed")
+    cluster = distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=False
+    )
+    with cluster, CostMaker(cluster.scheduler_address) as elsewhere:
+        log.setLevel(logging.INFO)
+        elsewhere(throws(2, 0), make_simulator("event_driven"))
+        assert not logging.getLogger("distributed.batched").isEnabledFor(logging.INFO)
 
 
 def test_scheduler_that_is_not_there(throws, monkeypatch):

@@ -15,6 +15,7 @@ listens on the loopback interface only.
 
 from __future__ import annotations
 
+import logging
 import re
 import signal
 from collections.abc import Callable, Sequence
@@ -145,6 +146,9 @@ class CostMaker:
 
     def _connect(self) -> Any:
         distributed = _distributed()
+        # It tells of a connection that ends with a traceback at the level of information; what it
+        # means for the search is said by `ClusterError`.
+        logging.getLogger("distributed").setLevel(logging.ERROR)
         security = None
         if self._tls_files:
             security = distributed.Security(require_encryption=True, **self._tls_files)

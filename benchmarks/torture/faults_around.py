@@ -1,0 +1,203 @@
+"""Faults around the nodes: clocks that jump, a camera that goes, others that take or take away."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from benchmarks.torture.nodes import LEARNER, PERCEPTION, PREDICTOR, Nodes, megabytes
+from benchmarks.torture.suite import Suite, running_suite
+from intuitive_physics_bringup.connections import module
+from intuitive_physics_ros.scripting import NodeProcess
+
+RECOVERY = 5.0
+"""s in which predictions have to come again once what was wrong is over. Our choice: a throw and a
+half; after a jump of the clock the environment is seen anew as well."""
+
+JUMP = 3600.0
+"""s by which a clock jumps: an hour, as of a wrong time zone."""
+
+ABSENCE = 6.0
+"""s without a camera."""
+
+PRESSURE = 10.0
+"""s for which a subscriber does not take, or others take the processor."""
+
+KEPT_RATE = 0.9
+"""Part of the rate of predictions that has to remain, or to be back."""
+
+SLOW_SUBSCRIBER_MEGABYTES = 60.0
+"""By which the predictor may grow for a subscriber that takes nothing: its queue of 10 messages of
+up to 6 MB."""
+
+SUBSCRIBER = """
+import sys, time
+from intuitive_physics_msgs.msg import TrajectoryDistribution
+from rclpy.qos import QoSProfile
+from intuitive_physics_ros.scripting import Peer
+with Peer("slow") as peer:
+    heard = peer.listen(TrajectoryDistribution, "/predictions", QoSProfile(depth=1000))
+    peer.spin_until(lambda: heard, "a prediction", 30.0)
+    print("hears", flush=True)
+    time.sleep(600.0)
+"""
+"""A reliable subscriber with a long queue."""
+
+HOGS_A_CORE = 4
+"""Processes that want each core, at the priority of the nodes."""
+
+
+class FaultError(Exception):
+    """The nodes did not bear a fault as they should."""
+
+
+def measure_faults_around(folder: Path, seed: int) -> dict[str, str]:
+    """Return for each fault "ok" or what was wrong.
+
+    Parameters
+    ----------
+    folder : for databases and rendered throws
+    seed : of the throws
+    """
+    found: dict[str, str] = {}
+    faults: dict[bool, dict[str, Callable[[Suite], None]]] = {
+        True: {"clock_back": _clock_back, "clock_forward": _clock_forward},
+        False: {
+            "camera_gone_and_back": _camera_gone,
+            "node_twice": _node_twice,
+            "slow_subscriber": _slow_subscriber,
+            "cpu_starved": _cpu_starved,
+        },
+    }
+    for has_clock, some in faults.items():
+        with running_suite(folder, seed, has_clock=has_clock) as suite:
+            for name, fault in some.items():
+                found[name] = result_of(partial(_bear, fault, suite))
+    return found
+
+
+def result_of(check: Callable[[], None]) -> str:
+    """Return "ok", or in one line what a check complains of."""
+    try:
+        check()
+    except FaultError as error:
+        return str(error)
+    return "ok"
+
+
+def _bear(fault: Callable[[Suite], None], suite: Suite) -> None:
+    fault(suite)
+    for name, process in suite.nodes.processes.items():
+        if process.process.poll() is not None:
+            raise FaultError(f"{name} died: {(process.output.splitlines() or ['nothing'])[-1]}")
+        if "Traceback" in process.output:
+            raise FaultError(f"{name} wrote a traceback")
+    check_pings(suite.nodes)
+
+
+def check_pings(nodes: Nodes, longest: float = 1.0) -> None:
+    """Complain of a node that takes more than `longest` s for an answer."""
+    for name in nodes.processes:
+        took = nodes.ping(name)
+        if took > longest:
+            raise FaultError(f"{name} answered a ping after {took:.1f} s")
+
+
+def _recovers(suite: Suite, after: str) -> None:
+    """Complain unless what is seen from now on is predicted from soon."""
+    if not suite.predictions.wait(suite.camera.time, RECOVERY):
+        raise FaultError(f"no prediction within {RECOVERY:g} s after {after}")
+
+
+def _clock_back(suite: Suite) -> None:
+    suite.camera.jump(-JUMP)
+    _recovers(suite, "the clock went back")
+
+
+def _clock_forward(suite: Suite) -> None:
+    suite.camera.jump(JUMP)
+    _recovers(suite, "the clock went forward")
+
+
+def _camera_gone(suite: Suite) -> None:
+    suite.camera.unplug()
+    earlier = len(suite.diagnostics)
+    suite.peer.spin_for(ABSENCE)
+    if not any(suite.said(PERCEPTION, level, earlier) for level in (_WARN, _ERROR)):
+        raise FaultError("/diagnostics did not say that no images come")
+    suite.camera.plug_in()
+    _recovers(suite, "the camera was there again")
+
+
+_WARN, _ERROR = DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+def _node_twice(suite: Suite) -> None:
+    earlier = len(suite.diagnostics)
+    twins = {LEARNER: ["-p", f"database:={suite.nodes.database}"], PREDICTOR: []}
+    for name, arguments in twins.items():
+        with NodeProcess(module(name), arguments) as twin:
+            suite.peer.spin_for(ABSENCE)
+            if twin.process.poll() is not None and "Traceback" in twin.output:
+                raise FaultError(f"a second {name} ended with a traceback")
+        told = [text for text in suite.said(name, _WARN, earlier) if "nodes have the name" in text]
+        if not told:
+            raise FaultError(f"/diagnostics did not say that there are two of {name}")
+    _recovers(suite, "the second nodes ended")
+
+
+def _slow_subscriber(suite: Suite) -> None:
+    usual = suite.predictions.rate(PRESSURE / 2)
+    pid = suite.nodes.processes[PREDICTOR].process.pid
+    memory = megabytes(pid)
+    with _subscriber():
+        rate = suite.predictions.rate(PRESSURE)
+        grown = megabytes(pid) - memory
+    if rate < KEPT_RATE * usual:
+        raise FaultError(f"{rate:.0f} predictions a second; expected {KEPT_RATE:g} of {usual:.0f}")
+    if grown > SLOW_SUBSCRIBER_MEGABYTES:
+        raise FaultError(f"the predictor grew by {grown:.0f} MB")
+
+
+@contextmanager
+def _subscriber() -> Iterator[None]:
+    """Let a process subscribe to the predictions and stand still."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", SUBSCRIBER], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        if process.stdout is None or "hears" not in process.stdout.readline():
+            raise FaultError("the slow subscriber heard no prediction")
+        process.send_signal(signal.SIGSTOP)
+        yield
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _cpu_starved(suite: Suite) -> None:
+    usual = suite.predictions.rate(PRESSURE / 2)
+    hog = [sys.executable, "-c", "while True: pass"]
+    hogs = [subprocess.Popen(hog) for _ in range(HOGS_A_CORE * len(os.sched_getaffinity(0)))]
+    try:
+        starved = suite.predictions.rate(PRESSURE)
+        check_pings(suite.nodes, longest=HOGS_A_CORE)
+    finally:
+        for one in hogs:
+            one.kill()
+            one.wait()
+    if not starved:
+        raise FaultError("no prediction while others took the processor")
+    time.sleep(RECOVERY)
+    rate = suite.predictions.rate(PRESSURE / 2)
+    if rate < KEPT_RATE * usual:
+        raise FaultError(f"{rate:.0f} predictions a second afterwards, {usual:.0f} before")

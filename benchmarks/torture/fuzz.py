@@ -21,6 +21,7 @@ from intuitive_physics_msgs.srv import (
     SetStaticParameters,
     Suggest,
 )
+from rcl_interfaces.srv import ListParameters, SetParameters
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu, PointCloud2
 
 from benchmarks.command import report_progress
@@ -70,6 +71,12 @@ CALLS = 0.25
 BENT = 0.5
 """Part that are valid messages with a few fields that are not, where there is a valid one."""
 
+OWN_NAMES = 0.9
+"""Part of the parameters to set that have the name of one."""
+
+OWN_NAMES = 0.9
+"""Part of the parameters to set that have the name of one."""
+
 PING_EVERY = 40
 """Messages between two pings of all nodes."""
 
@@ -93,6 +100,7 @@ class Fuzz:
 def measure_fuzz(nodes: Nodes, peer: Peer, count: int, rng: np.random.Generator) -> Fuzz:
     """Send `count` messages and calls to running nodes."""
     send = _senders(peer)
+    send["calls"] += [_parameter_sender(peer, name) for name in nodes.processes]
     found = Fuzz()
     while found.sent < count:
         kinds = list(send["calls"] if rng.random() < CALLS else send["topics"])
@@ -137,6 +145,23 @@ def _senders(peer: Peer) -> dict[str, list[Send]]:
 
         calls.append((call, _maker(kind.Request, valid.get(kind.Request))))
     return {"topics": topics, "calls": calls}
+
+
+def _parameter_sender(peer: Peer, node: str) -> Send:
+    """What sets parameters of a node, most of them its own, to whatever there is."""
+    listed = peer.call(ListParameters, f"/{node}/list_parameters", ListParameters.Request())
+    names = [name for name in listed.result.names if name != "use_sim_time"]
+    client = peer.node.create_client(SetParameters, f"/{node}/set_parameters")
+
+    def make(rng: np.random.Generator) -> Any:
+        request = random_message(SetParameters.Request, rng)
+        for parameter in request.parameters:
+            if rng.random() < OWN_NAMES:
+                parameter.name = str(rng.choice(names))
+            parameter.value.type = int(rng.integers(11))
+        return request
+
+    return lambda request: client.remove_pending_request(client.call_async(request)), make
 
 
 def _maker(kind: type, valid: Any) -> Callable[[np.random.Generator], Any]:

@@ -1,0 +1,56 @@
+"""The quick version of `make torture`: what it breaks in the nodes, it says."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+NEEDS_ROOT = {"disk_full"}
+"""Faults that only root can bring about."""
+
+
+@pytest.fixture(scope="module")
+def figures():
+    """What the last line says, once all is through."""
+    run = subprocess.run(
+        [sys.executable, "-m", "benchmarks.torture", "--quick"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=900.0,
+    )
+    assert run.returncode == 0, run.stderr
+    return json.loads(run.stdout.strip().splitlines()[-1])
+
+
+def test_nothing_that_was_answered_is_lost_when_a_node_is_killed(figures):
+    assert figures["kills"] >= 10
+    assert (figures["lost"], figures["corrupted"]) == (0, 0)
+
+
+def test_no_message_kills_or_holds_a_node(figures):
+    assert figures["fuzzed"] >= 3000
+    assert (figures["deaths"], figures["hangs"]) == (0, 0)
+    assert figures["memory_bound_mb"] < 1500
+
+
+def test_stops_and_cancels_are_quick(figures):
+    assert figures["stop_s_worst"] < 2.0
+    assert figures["cancel_s_worst"] < 0.5
+
+
+def test_faults_of_the_machine_are_borne(figures):
+    tried = {
+        name: found
+        for name, found in figures["faults"].items()
+        if os.getuid() == 0 or name not in NEEDS_ROOT
+    }
+    assert len(tried) >= 10
+    assert set(tried.values()) == {"ok"}, tried

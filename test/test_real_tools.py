@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sqlite3
+import sys
 import time
 from pathlib import Path
 
@@ -126,6 +127,44 @@ def test_rviz_that_is_not_installed_is_one_clear_line_and_starts_nothing(tmp_pat
         assert launch.wait() == 1
     assert "rviz2 is not installed; expected rviz:=false" in launch.output
     assert launch.children == []
+
+
+RECORD = ["launch", "intuitive_physics_bringup", "record.launch.py"]
+
+
+def test_recording_without_rosbag2_is_one_clear_line(tmp_path) -> None:
+    prefixes = environment(tmp_path)["AMENT_PREFIX_PATH"].split(os.pathsep)
+    index = Path("share/ament_index/resource_index/packages")
+    if any((Path(prefix) / index / "ros2bag").exists() for prefix in prefixes):
+        pytest.skip("rosbag2 is installed")
+    with Ros2Process(tmp_path, *RECORD, f"output:={tmp_path / 'bag'}") as launch:
+        assert launch.wait() == 1
+    errors = [line for line in launch.output.splitlines() if "ERROR" in line]
+    assert len(errors) == 1, launch.output
+    assert "is not installed; expected ros2 bag with its MCAP storage" in errors[0]
+
+
+def test_a_session_is_recorded_by_ros2_bag(tmp_path, monkeypatch) -> None:
+    """With the two packages of rosbag2, of which only the names are there, and a `ros2` that tells
+    its arguments: the wheels have no rosbag2."""
+    prefix, told = tmp_path / "rosbag2", tmp_path / "told"
+    index = prefix / "share/ament_index/resource_index/packages"
+    index.mkdir(parents=True)
+    for name in ("ros2bag", "rosbag2_storage_mcap"):
+        (index / name).touch()
+    stub = prefix / "bin" / "ros2"
+    stub.parent.mkdir()
+    stub.write_text(f'#!/bin/sh\nprintf "%s\\n" "$@" > "{told}"\n')
+    stub.chmod(0o755)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{prefix}{os.pathsep}{sys.prefix}")
+    monkeypatch.setenv("PATH", f"{stub.parent}{os.pathsep}{os.environ['PATH']}")
+    folder = tmp_path / "it's 1"
+    with Ros2Process(tmp_path, *RECORD, f"output:={folder}", "namespace:=left") as launch:
+        assert launch.wait() == 0, launch.output
+    arguments = told.read_text().splitlines()
+    assert arguments[:6] == ["bag", "record", "--storage", "mcap", "--output", str(folder)]
+    assert "/left/camera/camera/depth/image_rect_raw" in arguments
+    assert "/left/predictions" in arguments
 
 
 def test_every_argument_is_listed(tmp_path) -> None:

@@ -12,6 +12,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_ros.topics import (
+    ENVIRONMENT,
+    OBJECT_STATES,
+    OBSERVATIONS,
+    PREDICTIONS,
+    STATIC_PARAMETERS,
+)
 
 NODES: dict[str, str] = {
     "perception_node": "intuitive_physics_perception",
@@ -113,6 +120,30 @@ CAMERAS: dict[str, Camera] = {
 """Cameras by the value of the launch argument `camera`: realsense2_camera since 4.54,
 zed_wrapper 5, azure_kinect_ros_driver, and topics without a name of the camera, as bags of this
 suite have them."""
+
+
+def session_topics(
+    camera: Camera, namespace: str = "", *, color: bool = False, clouds: bool = False
+) -> list[str]:
+    """Return the topics from which a session can be reproduced and compared.
+
+    Those of the camera and of frames are all that perception needs; the others are what came out.
+
+    Parameters
+    ----------
+    camera : whose topics are recorded
+    namespace : of the robot; empty: none
+    color : whether colour images are recorded, and the depth images that are registered to them
+    clouds : whether point clouds are recorded instead of depth images
+    """
+    inputs = camera.topics(color=color)
+    unused = ["~/depth/image", "~/depth/camera_info"] if clouds else ["~/points"]
+    if not color:
+        unused.append("~/color/image")
+    seen = [topic for name, topic in inputs.items() if name not in unused]
+    made = [ENVIRONMENT, OBJECT_STATES, OBSERVATIONS, STATIC_PARAMETERS, PREDICTIONS]
+    prefix = f"/{namespace.strip('/')}" if namespace.strip("/") else ""
+    return [*(f"{prefix}/{topic}" for topic in (*seen, *made)), "/tf", "/tf_static", "/diagnostics"]
 
 
 def module(node: str) -> str:

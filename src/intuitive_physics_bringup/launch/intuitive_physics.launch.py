@@ -190,6 +190,7 @@ def replay(given: Mapping[str, str]) -> Node:
                 "rate": float(given["rate"]),
                 "loop": as_bool("loop", given["loop"]),
                 "topic_prefix": prefix(given),
+                "inputs_only": True,
                 "wait_for_subscribers": [OBJECT_STATES, OBSERVATIONS],
                 "wait_timeout": REPLAY_PATIENCE,
             }
@@ -211,6 +212,7 @@ def rviz(given: Mapping[str, str]) -> Node:
             f"{prefix(given)}/environment".lstrip("/"),
         ],
         parameters=[{"use_sim_time": uses_sim_time(given)}],
+        remappings=[("perception_node/points", dict(inputs(given))["~/points"])],
         ros_arguments=enclave("operator", given),
     )
 

@@ -47,6 +47,12 @@ SAMPLE_WIDTH = 0.002
 MEAN_WIDTH = 0.006
 """m, of the mean's line."""
 
+TEXT_HEIGHT = 0.05
+"""m, of the letters of names."""
+
+TEXT_COLOR = ColorRGBA(r=0.1, g=0.1, b=0.1, a=1.0)
+"""Of names: dark, for RViz' light ground."""
+
 ELLIPSOIDS = 8
 """Covariance ellipsoids an object, evenly over the horizon."""
 
@@ -90,6 +96,37 @@ def object_markers(
                 )
             )
     return markers
+
+
+def name_markers(
+    objects: Sequence[SceneObject],
+    states: Sequence[ObjectState],
+    header: Header,
+    up: ArrayLike,
+) -> list[Marker]:
+    """Return the ids of objects as text above them.
+
+    Parameters
+    ----------
+    up : (3,) against gravity, of any length; z where it is zero
+    """
+    length = float(np.linalg.norm(up))
+    direction = np.asarray(up) / length if length else np.array([0.0, 0.0, 1.0])
+    return [
+        Marker(
+            header=header,
+            ns="names",
+            id=i,
+            type=Marker.TEXT_VIEW_FACING,
+            text=moving.id,
+            pose=pose_to_message(
+                state.position + (moving.shape.bounding_radius + TEXT_HEIGHT) * direction
+            ),
+            scale=Vector3(z=TEXT_HEIGHT),
+            color=TEXT_COLOR,
+        )
+        for i, (moving, state) in enumerate(zip(objects, states, strict=True))
+    ]
 
 
 def environment_markers(environment: Environment, stamp: Time | None = None) -> list[Marker]:

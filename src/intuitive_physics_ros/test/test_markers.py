@@ -16,6 +16,7 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics_ros.markers import (
     environment_markers,
     material_color,
+    name_markers,
     object_markers,
     trajectory_marker,
 )
@@ -100,6 +101,20 @@ def test_bounded_plane_is_covered_by_its_triangles(corners, radius):
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
     # Regular polygon: n/2 r² sin(2π/n).
     assert area == pytest.approx(corners / 2 * radius**2 * math.sin(2 * math.pi / corners))
+
+
+@given(st.floats(0.1, 20.0))
+def test_names_stand_above_their_objects(gravity):
+    ball = SceneObject("ball", "rubber", Sphere(0.1))
+    state = ObjectState((1.0, 2.0, 3.0))
+    (marker,) = name_markers([ball], [state], Header(), up=(0.0, 0.0, gravity))
+    assert (marker.type, marker.text) == (Marker.TEXT_VIEW_FACING, "ball")
+    x, y, z = xyz(marker.pose.position)
+    assert (x, y) == (1.0, 2.0)
+    # The letters, whose middle this is, end above the ball.
+    assert z - marker.scale.z / 2 > 3.1
+    (marker,) = name_markers([ball], [state], Header(), up=np.zeros(3))
+    assert np.isfinite(xyz(marker.pose.position)).all()
 
 
 def test_environment_box_and_frame():

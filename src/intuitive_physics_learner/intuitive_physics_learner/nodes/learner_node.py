@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Sequence
 from copy import copy
+from pathlib import Path
 
 from intuitive_physics_msgs.msg import ResultCode
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
@@ -60,6 +61,9 @@ from intuitive_physics_ros.unexpected_errors import unexpected_errors
 LIMITS = frozenset(one.name for one in list_settings(InputLimits))
 """Names of the parameters that limit what is received and stored."""
 
+EXPORTS = "exports"
+"""Folder beside the database below which exports are written by default."""
+
 STOP_PATIENCE = 1.0
 """s to wait at the end, in all, for observations that wait to be stored, searches and requests."""
 
@@ -109,7 +113,7 @@ class LearnerNode(Node):
             self._own_store,
             self._database,
             self._on_observations_changed,
-            values["export_folder"],
+            Path(values["export_folder"] or self._store.path.parent / EXPORTS).expanduser(),
         )
         self._offer()
         self._publish()

@@ -172,7 +172,7 @@ class ObservationServices:
     store : where they are; only its threads wait for the database
     background : thread of the database
     on_changed : called in the node's executor when the set of observations has changed
-    export_folder : below which exports may be written; empty: anywhere
+    export_folder : below which exports may be written
     """
 
     def __init__(
@@ -181,7 +181,7 @@ class ObservationServices:
         store: ObservationStore,
         background: Background,
         on_changed: Callable[[], None],
-        export_folder: str = "",
+        export_folder: Path,
     ) -> None:
         self._node = node
         self._on_changed = on_changed
@@ -328,8 +328,8 @@ class ObservationServices:
         response: ExportObservations.Response,
         stop: StopFlag,
     ) -> bool:
-        check_below(request.folder, self._export_folder)
-        response.exported = self._store.export(request.folder, request.ids, stop.check)
+        folder = folder_below(request.folder, self._export_folder)
+        response.exported = self._store.export(folder, request.ids, stop.check)
         return False
 
     @property
@@ -381,22 +381,26 @@ def entry_to_message(entry: ObservationEntry) -> EntryMessage:
     )
 
 
-def check_below(folder: str, top: str) -> None:
-    """Refuse a folder that is not below another one, where symbolic links lead to as well.
+def folder_below(folder: str, top: Path) -> Path:
+    """Return a folder that lies below another one, where symbolic links lead to as well.
 
     Parameters
     ----------
-    folder : that a request names
-    top : that it must be below, or the same; empty: any is good
+    folder : that a request names; relative ones count from `top`
+    top : that it must be below, or the same
 
     Raises
     ------
     InvalidInputError
-        When it is not.
+        When it is not below, or names a home or a loop of links that leads nowhere.
     """
-    if top and not Path(folder).expanduser().resolve().is_relative_to(
-        Path(top).expanduser().resolve()
-    ):
+    try:
+        found = (top / Path(folder).expanduser()).resolve()
+        below = found.is_relative_to(top.resolve())
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InvalidInputError(f"folder is {folder!r}, which leads nowhere: {error}") from None
+    if not below:
         raise InvalidInputError(
             f"folder is {folder!r}; expected one below {top}, as the parameter export_folder says"
         )
+    return found

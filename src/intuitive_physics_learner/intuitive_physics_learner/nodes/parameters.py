@@ -87,7 +87,8 @@ def node_parameters() -> tuple[Parameter, ...]:
         Parameter(
             "export_folder",
             "",
-            "folder below which ~/export_observations may write; empty: anywhere its user may",
+            "folder below which ~/export_observations may write, from which relative folders "
+            "count; empty: exports/ beside the database; /: anywhere",
         ),
         Parameter(
             "simulator",

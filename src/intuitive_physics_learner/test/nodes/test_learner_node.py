@@ -49,7 +49,7 @@ from intuitive_physics.scene import Environment, Plane
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner import ConvergenceCriteria, ObservationStore, learn_from_store
 from intuitive_physics_learner import LearningOptions as SearchOptions
-from intuitive_physics_learner.nodes.observation_services import check_below
+from intuitive_physics_learner.nodes.observation_services import folder_below
 from intuitive_physics_ros.conversions import (
     observation_to_message,
     static_parameters_from_message,
@@ -371,12 +371,18 @@ def test_exports_stay_below_the_folder_that_is_given(tmp_path):
     top = tmp_path / "top"
     top.mkdir()
     (top / "link").symlink_to(tmp_path)
+    assert folder_below("", top) == top.resolve()
+    assert folder_below("a", top) == top.resolve() / "a"
     for inside in (top, top / "a" / "b", top / "a" / ".." / "b"):
-        check_below(str(inside), str(top))
-    for outside in (tmp_path, top / "..", top / "link", tmp_path / "topmost", Path("/"), Path()):
-        check_below(str(outside), "")
+        assert folder_below(str(inside), top).is_relative_to(top.resolve())
+    for outside in (tmp_path, top / "..", top / "link", tmp_path / "topmost", Path("/")):
+        assert folder_below(str(outside), Path("/")) == outside.resolve()
         with pytest.raises(InvalidInputError, match=r"expected one below .*export_folder"):
-            check_below(str(outside), str(top))
+            folder_below(str(outside), top)
+    (top / "loop").symlink_to(top / "loop")
+    for nowhere in ("~nobody_of_that_name/x", "loop", "a\0b"):
+        with pytest.raises(InvalidInputError, match="which leads nowhere"):
+            folder_below(nowhere, top)
 
 
 def test_users_look_after_the_observations(start, caller, glides, tmp_path):
@@ -404,9 +410,11 @@ def test_users_look_after_the_observations(start, caller, glides, tmp_path):
     wrong = caller.call(ListObservations, statuses=["good"])
     assert wrong.result.value == ResultCode.UNKNOWN_NAME
 
-    folder = tmp_path / "exported"
-    assert caller.call(ExportObservations, folder=str(folder)).exported == 2
-    assert len(list(folder.iterdir())) == 2
+    elsewhere = caller.call(ExportObservations, folder=str(tmp_path / "elsewhere"))
+    assert elsewhere.result.value == ResultCode.INVALID_INPUT
+    assert not (tmp_path / "elsewhere").exists()
+    assert caller.call(ExportObservations, folder="mine").exported == 2
+    assert len(list(tmp_path.rglob("exports/mine/*.json"))) == 2
     caller.spin_until(lambda: caller.published and "cork" in caller.published[-1].materials)
     assert caller.call(DeleteObservations, ids=["c"]).deleted == 1
     caller.spin_until(lambda: "cork" not in caller.published[-1].materials)

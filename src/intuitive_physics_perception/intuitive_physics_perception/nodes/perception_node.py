@@ -42,6 +42,7 @@ from intuitive_physics_ros.markers import (
     clearing_marker,
     environment_markers,
     gravity_marker,
+    name_markers,
     object_markers,
 )
 from intuitive_physics_ros.parameters import Parameter, declare_parameters, setting_parameters
@@ -268,6 +269,7 @@ class PerceptionNode(Node):
                     clearing_marker(),
                     *environment_markers(model.seen_environment(), header.stamp),
                     *object_markers(objects, states, own, colors=colors),
+                    *name_markers(objects, states, own, -model.environment.gravity),
                     gravity_marker(model.environment, header.stamp),
                 ]
             )

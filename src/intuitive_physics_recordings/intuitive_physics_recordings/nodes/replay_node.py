@@ -73,6 +73,11 @@ publisher a little later than this one of it, and drops best-effort messages unt
 
 ACKNOWLEDGE_TIMEOUT = 2.0
 """s that subscribers have at the end to acknowledge the last messages."""
+SEEN = {"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/PointCloud2"}
+"""Types of what perception sees the world in."""
+
+MADE = {ENVIRONMENT, OBJECT_STATES, OBSERVATIONS, PREDICTIONS, STATIC_PARAMETERS}
+"""Topics of what the suite makes of it."""
 
 PARAMETERS = (
     Parameter("bag", "", "folder of the bag, or one .mcap or .db3 file"),
@@ -85,6 +90,12 @@ PARAMETERS = (
         "",
         "put before the names of the bag's topics and of /clock, such as /robot1, so that two bags "
         "do not mix; /tf and /tf_static stay, and so does what begins with it already",
+    ),
+    Parameter(
+        "inputs_only",
+        False,
+        "where the bag has depth images or clouds, leave out what the suite made of them, which is "
+        f"made again: {', '.join(sorted(MADE))}",
     ),
     Parameter(
         "wait_for_subscribers",
@@ -121,7 +132,7 @@ class ReplayNode(Node):
             else None
         )
         self._bag = BagReader(values["bag"])
-        self._publishers_by_topic = self._make_publishers()
+        self._publishers_by_topic = self._make_publishers(inputs_only=values["inputs_only"])
         self._awaited = [name for name in values["wait_for_subscribers"] if name]
         self._wait_timeout = values["wait_timeout"]
         self._replay = Replay(
@@ -148,9 +159,13 @@ class ReplayNode(Node):
             self._bag.close()
         super().destroy_node()
 
-    def _make_publishers(self) -> dict[str, Publisher]:
+    def _make_publishers(self, *, inputs_only: bool) -> dict[str, Publisher]:
         publishers: dict[str, Publisher] = {}
+        again = inputs_only and any(topic.type in SEEN for topic in self._bag.topics)
         for topic in self._bag.topics:
+            if again and self._played_name(topic.name).removeprefix(f"{self._prefix}/") in MADE:
+                self.get_logger().info(f"{topic.name} is left out: it is made again")
+                continue
             if topic.name == CLOCK_TOPIC and self._clock_publisher is not None:
                 self.get_logger().warning(
                     "the bag's own /clock is skipped; set clock:=false to play it instead"

@@ -173,6 +173,44 @@ def test_latched_topics_reach_late_subscribers_and_unknown_types_are_skipped(
     assert "/strange is skipped: its type strange_msgs/msg/Strange is not installed" in output
 
 
+@pytest.mark.parametrize(("inputs", "left_out"), [("true", True), ("false", False)])
+def test_what_is_made_again_from_a_recorded_session_is_left_out(
+    environment: dict[str, str], tmp_path: Path, inputs: str, left_out: bool
+) -> None:
+    typestore = get_typestore(Stores.ROS2_JAZZY)
+    path = tmp_path / "session"
+    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        for number, (topic, kind) in enumerate(
+            {
+                "/camera/image": "sensor_msgs/msg/CompressedImage",
+                "/object_states": "std_msgs/msg/Int32",
+            }.items()
+        ):
+            connection = writer.add_connection(topic, kind, typestore=typestore)
+            message = typestore.types[kind]
+            data = (
+                message(data=1)
+                if "Int32" in kind
+                else message(
+                    typestore.types["std_msgs/msg/Header"](
+                        typestore.types["builtin_interfaces/msg/Time"](1, 0), "camera"
+                    ),
+                    "png",
+                    np.zeros(3, np.uint8),
+                )
+            )
+            writer.write(connection, 10**18 + number, typestore.serialize_cdr(data, kind))
+    process = start(environment, bag=path, inputs_only=inputs, wait_timeout=0.1)
+    output = finish(process)
+    assert process.returncode == 0, output
+    assert ("/object_states is left out: it is made again" in output) is left_out
+    plays = next(
+        line for line in output.splitlines() if " plays " in line and "all the same" not in line
+    )
+    assert ("/object_states" in plays) is not left_out
+    assert "/camera/image" in plays
+
+
 @pytest.mark.parametrize(
     "type_name",
     ["imported_by_a_bag/msg/Image", "os/msg/Path", "__main__/msg/X", "numpy.msg/msg/X", "x/srv/X"],

@@ -40,6 +40,7 @@ ROS_PACKAGES = {
     "geometry_msgs",
     "launch",
     "launch_ros",
+    "lifecycle_msgs",
     "rcl_interfaces",
     "rclpy",
     "ros2cli",

@@ -26,6 +26,13 @@ from intuitive_physics_ros.scripting import Peer
 
 NODES = ("perception_node", "learner_node", "predictor_node")
 
+SERVICES = {
+    *("add_observation", "list_observations", "set_observation_status", "delete_observations"),
+    *("export_observations", "get_static_parameters", "set_static_parameters", "learn", "suggest"),
+    *("predict", "query"),
+}
+"""Names of the services of the suite's own types."""
+
 EVERY_NODE = """\
 /**:
   ros__parameters:
@@ -323,3 +330,48 @@ def test_ctrl_c_at_the_start_is_a_clean_end(tmp_path, delay) -> None:
     assert "Traceback" not in launch.output
     assert "KeyboardInterrupt" not in launch.output
     assert launch.failed() == [], launch.output
+
+
+def test_a_manager_leads_the_nodes(home) -> None:
+    """As nav2's does, here by hand: `autostart:=false` starts nodes that wait."""
+    with Ros2Process(home, *LAUNCH, "autostart:=false", "namespace:=led") as launch:
+        launch.wait_for("waits to be configured", count=3)
+        names = [f"/led/{name}" for name in NODES]
+        # The daemon, which the first command starts, discovers them one after another.
+        end = time.monotonic() + 30.0
+        while not set(names) <= set(ros2(home, "lifecycle", "nodes").split()):
+            assert time.monotonic() < end
+        for transition, state in (
+            ("configure", "inactive"),
+            ("activate", "active"),
+            ("deactivate", "inactive"),
+            ("cleanup", "unconfigured"),
+            ("shutdown", "finalized"),
+        ):
+            for name in names:
+                said = ros2(home, "lifecycle", "set", name, transition)
+                assert "Transitioning successful" in said
+                assert state in ros2(home, "lifecycle", "get", name)
+        assert launch.interrupt() < 5.0
+        assert launch.failed() == [], launch.output
+
+
+def test_every_service_and_action_answers_the_command_line(home) -> None:
+    """With requests that are empty: each is answered, if only by a refusal with its number."""
+    with Ros2Process(home, *LAUNCH, "namespace:=asked") as launch:
+        launch.wait_for("version 0 of the static parameters")
+        with Peer("inspector", 60.0) as peer:
+            peer.spin_until(lambda: peer.node.count_publishers("/asked/predictions"), "predictor")
+        listed = ros2(home, "service", "list", "--show-types").splitlines()
+        own = [line.split() for line in listed if "[intuitive_physics_msgs/" in line]
+        assert len(own) == len(SERVICES)
+        for name, kind in own:
+            assert name.rpartition("/")[2] in SERVICES
+            said = ros2(home, "service", "call", name, kind.strip("[]"))
+            assert "result=intuitive_physics_msgs.msg.ResultCode(value=" in said, said
+        goal = "/asked/learner_node/learn_parameters"
+        said = ros2(
+            home, "action", "send_goal", goal, "intuitive_physics_msgs/action/LearnParameters", "{}"
+        )
+        assert "Goal finished with status: ABORTED" in said
+        assert launch.failed() == [], launch.output

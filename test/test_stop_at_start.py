@@ -13,7 +13,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 RUN = """
 import sys
-from intuitive_physics_ros.start_node import run_module
+from intuitive_physics_ros.lifecycle.start_node import run_module
 print("begins", flush=True)
 sys.exit(run_module(sys.argv.pop(1)))
 """

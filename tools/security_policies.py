@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from intuitive_physics_bringup import connections
+from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
 
 ROOT = Path(__file__).resolve().parent.parent
 """Of the repository."""
@@ -45,6 +46,18 @@ PARAMETER_SERVICES = (
     "~/set_parameters_atomically",
 )
 """Which rclpy makes for every node."""
+
+LIFECYCLE_SERVICES = (
+    "~/change_state",
+    "~/get_available_states",
+    "~/get_available_transitions",
+    "~/get_state",
+    "~/get_transition_graph",
+)
+"""Which rclpy makes for every managed node."""
+
+TRANSITIONS = "~/transition_event"
+"""What it publishes for every managed node."""
 
 LOGGING = ("/parameter_events", "/rosout")
 """What rclpy publishes for every node."""
@@ -128,6 +141,9 @@ def rules() -> dict[str, Rules]:
         )
         for endpoint in reader.endpoints(node, plays_a_bag=plays_a_bag):
             _allow(own, endpoint, module)
+        if issubclass(node, ManagedNode):
+            own.reply.update(LIFECYCLE_SERVICES)
+            own.publish.add(TRANSITIONS)
         if module == "perception_node":
             own.subscribe.update(TRANSFORMS)
         found[module] = own

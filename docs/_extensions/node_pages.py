@@ -16,6 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profi
 from ros_endpoints import Endpoint, endpoints
 
 from intuitive_physics_bringup import connections
+from intuitive_physics_ros.lifecycle.managed_node import AUTOSTART, ManagedNode
 
 BAG_TOPICS = "replay_node"
 """The node whose other topics are those of the bag that it plays."""
@@ -50,19 +51,24 @@ def node_classes(repository: Path) -> dict[str, type[Node]]:
         found[path.stem] = next(
             value
             for value in vars(module).values()
-            if inspect.isclass(value) and issubclass(value, Node) and value is not Node
+            if inspect.isclass(value)
+            and issubclass(value, Node)
+            and value.__module__ == module.__name__
         )
     return found
 
 
 def parameters(node_class: type[Node]) -> list[Any]:
     """Return the declared parameters of a node."""
+    managed = issubclass(node_class, ManagedNode)
+    declaring = "super().__init__" if managed else "declare_parameters"
     tree = ast.parse(textwrap.dedent(inspect.getsource(node_class.__init__)))
     for call in ast.walk(tree):
-        if isinstance(call, ast.Call) and ast.unparse(call.func) == "declare_parameters":
+        if isinstance(call, ast.Call) and ast.unparse(call.func) == declaring:
             names = vars(inspect.getmodule(node_class))
             declared = eval(compile(ast.Expression(call.args[1]), "<node>", "eval"), names)
-            return list({one.name: one for one in declared}.values())
+            own = [AUTOSTART] if managed else []
+            return list({one.name: one for one in [*own, *declared]}.values())
     raise LookupError(f"{node_class.__name__} declares no parameters")
 
 

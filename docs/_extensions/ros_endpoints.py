@@ -1,7 +1,8 @@
 """Topics, services and actions of a node, read from its code without starting it.
 
-The constructor of the node is followed statement by statement, into methods of its own and into the
-constructors of objects that are given the node. Names are looked up in the modules, so that
+The constructor of the node, and what a managed node does when it is configured and activated, are
+followed statement by statement, into methods of its own and into the constructors of objects that
+are given the node. Names are looked up in the modules, so that
 the reference cannot differ from the code. A topic that cannot be looked up is an error.
 """
 
@@ -15,12 +16,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
+
 CREATORS = {
     "create_publisher": "publishes",
     "create_subscription": "subscribes",
     "create_service": "service",
 }
 """Methods of a node by which it offers or uses something."""
+
+BEGINNING = ("__init__", "configure", "activate")
+"""Methods that a node makes all of that in."""
 
 
 class UnresolvedEndpointError(Exception):
@@ -65,7 +71,11 @@ def endpoints(node_class: type, *, plays_a_bag: bool = False) -> list[Endpoint]:
         When one cannot be looked up.
     """
     reader = _Reader(plays_a_bag)
-    reader.follow(node_class, "__init__", {})
+    if issubclass(node_class, ManagedNode):
+        reader.follow(ManagedNode, "__init__", {})
+    for method in BEGINNING:
+        if hasattr(node_class, method):
+            reader.follow(node_class, method, {})
     return list({(one.role, one.name, one.type): one for one in reader.found}.values())
 
 

@@ -12,7 +12,7 @@ setup(
     ],
     entry_points={
         # It ends clean at a signal from its first moment on, and finds the node by its name.
-        "console_scripts": ["learner_node = intuitive_physics_ros.start_node:main"],
+        "console_scripts": ["learner_node = intuitive_physics_ros.lifecycle.start_node:main"],
         "intuitive_physics.nodes": [
             "learner_node = intuitive_physics_learner.nodes.learner_node:main"
         ],

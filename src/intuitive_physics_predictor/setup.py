@@ -14,7 +14,7 @@ setup(
     install_requires=["setuptools", "numpy>=1.26", "scipy", "scoringrules", "intuitive_physics"],
     entry_points={
         # It ends clean at a signal from its first moment on, and finds the node by its name.
-        "console_scripts": ["predictor_node = intuitive_physics_ros.start_node:main"],
+        "console_scripts": ["predictor_node = intuitive_physics_ros.lifecycle.start_node:main"],
         "intuitive_physics.nodes": [
             "predictor_node = intuitive_physics_predictor.nodes.predictor_node:main"
         ],

@@ -13,7 +13,7 @@ setup(
     ],
     entry_points={
         # It ends clean at a signal from its first moment on, and finds the node by its name.
-        "console_scripts": ["replay_node = intuitive_physics_ros.start_node:main"],
+        "console_scripts": ["replay_node = intuitive_physics_ros.lifecycle.start_node:main"],
         "intuitive_physics.nodes": [
             "replay_node = intuitive_physics_recordings.nodes.replay_node:main"
         ],

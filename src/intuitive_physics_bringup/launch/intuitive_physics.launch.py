@@ -48,6 +48,10 @@ ARGUMENTS = {
     ),
     "log_level": ("info", "of the nodes: debug, info, warn, error or fatal"),
     "respawn": ("false", "start a node that ended again"),
+    "autostart": (
+        "true",
+        "configure and activate the nodes; false leaves that to a lifecycle manager",
+    ),
     "bag": ("", "bag to replay; empty: none"),
     "rate": ("1.0", "bag seconds in one real second"),
     "loop": ("false", "replay the bag again and again"),
@@ -120,7 +124,7 @@ def check(given: Mapping[str, str]) -> None:
     _check_parameters(given)
     _expect(given, "bag", lambda path: not path or Path(path).exists(), "the path of a bag")
     _expect(given, "rate", _is_number, "a number")
-    for name in ("respawn", "loop", "rviz"):
+    for name in ("respawn", "autostart", "loop", "rviz"):
         as_bool(name, given[name])
     if given["use_sim_time"]:
         as_bool("use_sim_time", given["use_sim_time"])
@@ -136,7 +140,10 @@ def check(given: Mapping[str, str]) -> None:
 
 def node(name: str, given: Mapping[str, str]) -> Node:
     """Return one of the three nodes."""
-    own: dict[str, Any] = {"use_sim_time": uses_sim_time(given)}
+    own: dict[str, Any] = {
+        "use_sim_time": uses_sim_time(given),
+        "autostart": as_bool("autostart", given["autostart"]),
+    }
     renamed = [("/clock", f"{prefix(given)}/clock")] if prefix(given) else []
     if name == "perception_node":
         renamed += inputs(given)

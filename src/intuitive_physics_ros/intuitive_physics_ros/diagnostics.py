@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
@@ -69,6 +69,15 @@ class Diagnostics:
     def add(self, name: str, check: Check) -> None:
         """Ask `check` once a second from now on, published as `namespace/node: name`."""
         self._checks[name] = check
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names of the checks."""
+        return frozenset(self._checks)
+
+    def keep(self, names: Collection[str]) -> None:
+        """Ask no other checks from now on than those of these names."""
+        self._checks = {name: self._checks[name] for name in self._checks if name in names}
 
     def _publish(self) -> None:
         message = DiagnosticArray()

@@ -33,6 +33,7 @@ class EnvironmentPublisher:
     """
 
     def __init__(self, node: Node) -> None:
+        self._node = node
         self.version = 0
         self._environments = node.create_publisher(
             EnvironmentMessage, ENVIRONMENT, copy(LATCHED), qos_overriding_options=QOS_OVERRIDES
@@ -48,6 +49,11 @@ class EnvironmentPublisher:
     def publishers(self) -> list[Publisher]:
         """What it publishes with, for `farewell`."""
         return [one for one in (self._environments, self._transforms) if one is not None]
+
+    def destroy(self) -> None:
+        """Take back what it published last."""
+        for publisher in self.publishers:
+            self._node.destroy_publisher(publisher)
 
     def publish(
         self,

@@ -8,8 +8,10 @@ from __future__ import annotations
 from collections.abc import MutableMapping
 from typing import Any
 
+from lifecycle_msgs.srv import ChangeState
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -43,3 +45,27 @@ def release(entity: Any) -> None:
     group = entity.callback_group
     if isinstance(group, MutuallyExclusiveCallbackGroup) and not group.can_execute(entity):
         group.ending_execution(entity)
+
+
+class AnsweringLifecycleNode(LifecycleNode):
+    """Answers a request for a transition that its state does not have, or that does not exist.
+
+    rclpy's own raises in the callback of `~/change_state`, and whoever asked waits for ever.
+    """
+
+    def _LifecycleNodeMixin__on_change_state(
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        own: Any = super()
+        try:
+            answered: ChangeState.Response = own._LifecycleNodeMixin__on_change_state(
+                request, response
+            )
+        except RCLError:
+            asked = request.transition.label or request.transition.id
+            self.get_logger().error(
+                f"the transition {asked!r} is refused; expected one of ~/get_available_transitions"
+            )
+            response.success = False
+            return response
+        return answered

@@ -166,7 +166,7 @@ class NodeProcess:
         ros_arguments = ["--ros-args", *arguments] if arguments else []
         # The module is run as the installed executable would run it.
         run = (
-            "from intuitive_physics_ros.start_node import run_module; "
+            "from intuitive_physics_ros.lifecycle.start_node import run_module; "
             f"raise SystemExit(run_module({module!r}))"
         )
         self.process = subprocess.Popen(

@@ -9,9 +9,9 @@ from std_msgs.msg import Float64
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_ros.diagnostics import Diagnostics
+from intuitive_physics_ros.lifecycle.run_node import run_node
 from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.parameters import Parameter, declare_parameters
-from intuitive_physics_ros.run_node import run_node
 
 PARAMETERS = (
     Parameter("rate", 30.0, "Hz of the sensor", range=(1.0, 1000.0)),

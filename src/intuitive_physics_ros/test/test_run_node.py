@@ -19,7 +19,7 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from std_msgs.msg import Float64
 
-from intuitive_physics_ros import run_node as run_node_module
+from intuitive_physics_ros.lifecycle import run_node as run_node_module
 
 SMALL_NODE = Path(__file__).parent / "small_node.py"
 PATIENCE = 15.0
@@ -141,7 +141,8 @@ def test_signal_while_it_starts(start, number):
 def test_signal_while_its_module_is_imported(number, tmp_path):
     slow = "import time; print('imports', flush=True); time.sleep(60)"
     (tmp_path / "slow_module.py").write_text(slow)
-    run = "from intuitive_physics_ros.start_node import run_module; run_module('slow_module')"
+    start = "from intuitive_physics_ros.lifecycle import start_node"
+    run = f"{start}; start_node.run_module('slow_module')"
     path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     process = subprocess.Popen(
         [sys.executable, "-c", run],

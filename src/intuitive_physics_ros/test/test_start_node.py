@@ -16,7 +16,7 @@ SOURCE = Path(__file__).parents[2]
 
 EXECUTABLE = f"""#!{sys.executable}
 import sys
-from intuitive_physics_ros.start_node import main
+from intuitive_physics_ros.lifecycle.start_node import main
 sys.exit(main())
 """
 
@@ -99,7 +99,10 @@ def test_every_node_is_started_so():
         for one in found.get("intuitive_physics.nodes", []):
             name, _, target = one.partition(" = ")
             nodes[name] = target
-            assert f"{name} = intuitive_physics_ros.start_node:main" in found["console_scripts"]
+            assert (
+                f"{name} = intuitive_physics_ros.lifecycle.start_node:main"
+                in found["console_scripts"]
+            )
     assert sorted(nodes) == ["learner_node", "perception_node", "predictor_node", "replay_node"]
     for target in nodes.values():
         module, _, function = target.partition(":")

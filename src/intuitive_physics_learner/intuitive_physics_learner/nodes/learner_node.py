@@ -12,7 +12,6 @@ from intuitive_physics_msgs.msg import ResultCode
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
 from intuitive_physics_msgs.srv import GetStaticParameters, SetStaticParameters
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from intuitive_physics.errors import IntuitivePhysicsError
@@ -50,11 +49,12 @@ from intuitive_physics_ros.conversions import (
     static_parameters_from_message,
     static_parameters_to_message,
 )
-from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
-from intuitive_physics_ros.parameters import declare_parameters, use_limits_of
+from intuitive_physics_ros.diagnostics import Level, Status
+from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
+from intuitive_physics_ros.lifecycle.run_node import farewell, run_node
+from intuitive_physics_ros.parameters import use_limits_of
 from intuitive_physics_ros.qos import LATCHED, QOS_OVERRIDES
 from intuitive_physics_ros.result_codes import error_result, ok_result
-from intuitive_physics_ros.run_node import farewell, run_node
 from intuitive_physics_ros.topics import STATIC_PARAMETERS
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
@@ -68,12 +68,16 @@ STOP_PATIENCE = 1.0
 """s to wait at the end, in all, for observations that wait to be stored, searches and requests."""
 
 
-class LearnerNode(Node):
+class LearnerNode(ManagedNode):
     """Stores observations, learns from them on request and in the background, publishes θ_s."""
 
     def __init__(self) -> None:
-        super().__init__("learner_node")
-        values = declare_parameters(self, node_parameters())
+        super().__init__("learner_node", node_parameters())
+        self.add_post_set_parameters_callback(self._on_parameters_set)
+
+    def configure(self) -> None:
+        """Open the database, and join the cluster if there is one."""
+        values = self.values()
         use_limits_of(values)
         # A cluster shares the work itself.
         cores = 1 if values["cluster"] else values["cores"] or len(os.sched_getaffinity(0))
@@ -82,49 +86,37 @@ class LearnerNode(Node):
         if self._make_cost.warning:
             self.get_logger().warning(self._make_cost.warning)
         self._store = ObservationStore(database_path(values["database"], self.get_namespace()))
+        # What waits for the disk or for other processes waits in a thread of its own.
+        self._own_store = ObservationStore(self._store.path, BUSY_TIMEOUT)
+        self._current = CurrentParameters(self._own_store)
+        self._told_of: set[int] = set()
+        self._all_stopped = True
+        self.get_logger().info(
+            f"{self._store.path} holds {self._store.count()} observations and "
+            f"version {self._current.version} of the static parameters"
+        )
+
+    def activate(self) -> None:
+        """Hear observations, learn from them and publish what was learned."""
         self._publisher = self.create_publisher(
             StaticParametersMessage,
             STATIC_PARAMETERS,
             copy(LATCHED),
             qos_overriding_options=QOS_OVERRIDES,
         )
+        self._database = Background(self, "database")
+        self._newer = self.create_guard_condition(self._publish)
         # Triggered in the thread that watches the background, called back in this node's executor.
         improved = self.create_guard_condition(self._read_newest)
-        # What waits for the disk or for other processes waits in this thread.
-        self._database = Background(self, "database")
-        self._own_store = ObservationStore(self._store.path, BUSY_TIMEOUT)
-        self._current = CurrentParameters(self._own_store)
-        self._told_of: set[int] = set()
-        self._newer = self.create_guard_condition(self._publish)
         self._background = BackgroundLearning(
-            self._store.path, values["simulator"], improved.trigger
-        )
-        self._searches = RequestedSearches(
-            self, self._work, self._message, self._background.stop, self._on_search_ended
-        )
-        self._suggestions = SuggestionService(
-            self,
-            lambda request, stop: suggest_from_store(
-                self._store, self._simulator.stopped_by(stop), request, cancelled=stop.is_set
-            ),
-        )
-        self._observations = ObservationServices(
-            self,
-            self._own_store,
-            self._database,
-            self._on_observations_changed,
-            Path(values["export_folder"] or self._store.path.parent / EXPORTS).expanduser(),
+            self._store.path, self.get_parameter("simulator").value, improved.trigger
         )
         self._offer()
         self._publish()
-        self.get_logger().info(
-            f"{self._store.path} holds {self._store.count()} observations and "
-            f"version {self._current.version} of the static parameters"
-        )
         self._run_background()
 
-    def destroy_node(self) -> None:
-        """Stop all searches and close the database."""
+    def deactivate(self) -> None:
+        """Stop all searches; what was answered is on the disk."""
         end = time.monotonic() + STOP_PATIENCE
         self._background.stop()
         self._searches.cancel("the node ends, so the search is cancelled")
@@ -134,15 +126,36 @@ class LearnerNode(Node):
             for one in (self._database, self._suggestions, self._searches)
         ]
         farewell([self._publisher])
-        if all(stopped):
+        self._all_stopped = all(stopped)
+        if not self._all_stopped:
+            self.get_logger().warning("a search or request did not stop in time and is left behind")
+
+    def cleanup(self) -> None:
+        """Close the database, unless something that was left behind still uses it."""
+        if self._all_stopped:
             self._make_cost.close()
             self._own_store.close()
             self._store.close()
-        else:
-            self.get_logger().warning("a search or request did not stop in time and is left behind")
-        super().destroy_node()
 
     def _offer(self) -> None:
+        """Offer the services and the action, and say on /diagnostics how they do."""
+        self._searches = RequestedSearches(
+            self, self._work, self._message, self._background.stop, self._on_search_ended
+        )
+        self._suggestions = SuggestionService(
+            self,
+            lambda request, stop: suggest_from_store(
+                self._store, self._simulator.stopped_by(stop), request, cancelled=stop.is_set
+            ),
+        )
+        given = self.get_parameter("export_folder").value
+        self._observations = ObservationServices(
+            self,
+            self._own_store,
+            self._database,
+            self._on_observations_changed,
+            Path(given or self._store.path.parent / EXPORTS).expanduser(),
+        )
         self.create_service(
             GetStaticParameters, "~/get_static_parameters", self._on_get_static_parameters
         )
@@ -153,12 +166,10 @@ class LearnerNode(Node):
             self._on_set_static_parameters,
             callback_group=ReentrantCallbackGroup(),
         )
-        self.add_post_set_parameters_callback(self._on_parameters_set)
-        diagnostics = Diagnostics(self)
         for name, check in self._observations.checks.items():
-            diagnostics.add(name, check)
-        diagnostics.add("learning", self._check_learning)
-        diagnostics.add("learning in the background", self._check_background)
+            self.diagnostics.add(name, check)
+        self.diagnostics.add("learning", self._check_learning)
+        self.diagnostics.add("learning in the background", self._check_background)
 
     def _on_observations_changed(self) -> None:
         self._read_newest()
@@ -219,7 +230,8 @@ class LearnerNode(Node):
         if names & LIMITS:
             use_limits_of({name: self.get_parameter(name).value for name in LIMITS})
         # The process that learns in the background begins with all of them.
-        if names & LIMITS or any(name.startswith(ONLINE_PREFIX) for name in names):
+        begins_with = names & LIMITS or any(name.startswith(ONLINE_PREFIX) for name in names)
+        if self.active and begins_with:
             self._run_background()
 
     def _work(self, options: LearningOptions) -> Work:

@@ -10,7 +10,6 @@ import numpy as np
 from intuitive_physics_msgs.msg import ObjectStates
 from intuitive_physics_msgs.msg import Observation as ObservationMessage
 from numpy.typing import NDArray
-from rclpy.node import Node
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -35,9 +34,11 @@ from intuitive_physics_ros.conversions import (
     observation_to_message,
     seconds_from_stamp,
 )
-from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
+from intuitive_physics_ros.diagnostics import Level, Status
 from intuitive_physics_ros.environment_publisher import EnvironmentPublisher
 from intuitive_physics_ros.imu_input import ImuInput
+from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
+from intuitive_physics_ros.lifecycle.run_node import farewell, run_node
 from intuitive_physics_ros.markers import (
     clearing_marker,
     environment_markers,
@@ -45,10 +46,9 @@ from intuitive_physics_ros.markers import (
     name_markers,
     object_markers,
 )
-from intuitive_physics_ros.parameters import Parameter, declare_parameters, setting_parameters
+from intuitive_physics_ros.parameters import Parameter, setting_parameters
 from intuitive_physics_ros.qos import OBSERVATIONS as OBSERVATIONS_QOS
 from intuitive_physics_ros.qos import QOS_OVERRIDES, STREAM
-from intuitive_physics_ros.run_node import farewell, run_node
 from intuitive_physics_ros.topics import OBJECT_STATES, OBSERVATIONS
 
 NO_ORIENTATION = [0.0, 0.0, 0.0, 0.0]
@@ -102,12 +102,15 @@ PARAMETERS = [
 """All parameters of the node."""
 
 
-class PerceptionNode(Node):
+class PerceptionNode(ManagedNode):
     """Topics around `PerceptionPipeline`."""
 
     def __init__(self) -> None:
-        super().__init__("perception_node")
-        values = declare_parameters(self, PARAMETERS)
+        super().__init__("perception_node", PARAMETERS)
+
+    def configure(self) -> None:
+        """Make the pipeline, which knows nothing yet, and what tells of its environment."""
+        values = self.values()
         settings = settings_from_values(values | {FRAME: self._frame_id(values[FRAME])})
         self._revision = ThreadPoolExecutor(1, "revision of the environment")
         self._pipeline = PerceptionPipeline(
@@ -118,8 +121,11 @@ class PerceptionNode(Node):
         self._newest: tuple[Header, FrameResult] | None = None
         self._stamps: dict[float, StampSeconds] = {}
         self._frames = self._restarts = self._moves = 0
-
         self._environment = EnvironmentPublisher(self)
+
+    def activate(self) -> None:
+        """Hear frames and publish what is seen in them."""
+        values = self.values()
         self._states = self.create_publisher(
             ObjectStates, OBJECT_STATES, copy(STREAM), qos_overriding_options=QOS_OVERRIDES
         )
@@ -130,38 +136,41 @@ class PerceptionNode(Node):
             qos_overriding_options=QOS_OVERRIDES,
         )
         self._markers = self.create_publisher(MarkerArray, "~/markers", 1)
-        diagnostics = Diagnostics(self)
-        if settings.gravity_source == "imu":
-            self._make_imu(diagnostics, values["imu_orientation"])
+        if self._pipeline.settings.gravity_source == "imu":
+            self._make_imu(values["imu_orientation"])
         self._input = FrameInput(
             self,
-            diagnostics,
+            self.diagnostics,
             INPUTS[values["input"]],
             rectified=values["image_is_rectified"],
             color=values["use_color"],
             use=self._perceive,
         )
-        diagnostics.add("environment", self._check_environment)
-        diagnostics.add("frames", self._check_frames)
+        self.diagnostics.add("environment", self._check_environment)
+        self.diagnostics.add("frames", self._check_frames)
         self.create_service(Trigger, "~/rebuild_environment", self._on_rebuild)
         self.create_timer(1.0 / values["marker_rate"], self._on_marker_tick)
 
-    def destroy_node(self) -> None:
-        """Stop the worker and publish what it had under way."""
+    def deactivate(self) -> None:
+        """Stop the worker and publish what it had under way; the environment stays known."""
         if self._input.stop(STOP_PATIENCE):
             self._publish_observations(self._pipeline.finish())
         else:
             self.get_logger().warning("the frame under way did not end in time and is left behind")
-        self._revision.shutdown(wait=False, cancel_futures=True)
         farewell([self._observations, *self._environment.publishers])
-        super().destroy_node()
+
+    def cleanup(self) -> None:
+        """Forget the environment."""
+        self._revision.shutdown(wait=False, cancel_futures=True)
+        self._environment.destroy()
+        del self._pipeline
 
     def _frame_id(self, given: str) -> str:
         """Put the frame's default name below the namespace: each robot has its own."""
         namespace = self.get_namespace().strip("/")
         return f"{namespace}/{given}" if namespace and given == DEFAULT_FRAME else given
 
-    def _make_imu(self, diagnostics: Diagnostics, orientation: list[float]) -> None:
+    def _make_imu(self, orientation: list[float]) -> None:
         self._accelerometer = RestingAccelerometer(self._pipeline.settings.rest)
         if len(orientation) != 4:
             raise InvalidInputError(
@@ -169,7 +178,7 @@ class PerceptionNode(Node):
             )
         known = unit_quaternion(orientation, "imu_orientation") if any(orientation) else None
         imu = ImuInput(self, "~/imu", lambda: self._sensor_frame, self._on_imu, known)
-        diagnostics.add("imu", imu.monitor.check)
+        self.diagnostics.add("imu", imu.monitor.check)
 
     def _on_imu(
         self,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -36,17 +35,16 @@ from intuitive_physics_predictor.nodes.services import PredictionServices
 from intuitive_physics_predictor.nodes.ticks import PredictionTicks
 from intuitive_physics_ros.background import RequestLimits
 from intuitive_physics_ros.conversions import static_parameters_from_message
-from intuitive_physics_ros.diagnostics import Diagnostics
+from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
+from intuitive_physics_ros.lifecycle.run_node import run_node
 from intuitive_physics_ros.markers import distribution_markers
 from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.parameters import (
     Parameter,
-    declare_parameters,
     setting_parameters,
     use_limits_of,
 )
 from intuitive_physics_ros.qos import LATCHED, QOS_OVERRIDES, SENSOR_DATA
-from intuitive_physics_ros.run_node import run_node
 from intuitive_physics_ros.topics import ENVIRONMENT, OBJECT_STATES, STATIC_PARAMETERS
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
@@ -85,39 +83,48 @@ PARAMETERS = [
 """Parameters of the node: the library's options, and those that only a node needs."""
 
 
-class PredictorNode(Node):
+class PredictorNode(ManagedNode):
     """Parameters and topics in, around `PredictionTicks` and `PredictionServices`."""
 
     def __init__(self) -> None:
-        super().__init__("predictor_node")
-        values = declare_parameters(self, PARAMETERS)
+        super().__init__("predictor_node", PARAMETERS)
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._on_parameters_set)
+
+    def configure(self) -> None:
+        """Load the kernels; nothing is known yet."""
+        values = self.values()
         use_limits_of(values)
+        self._predictor = Predictor(settings_from_parameters(values), values["seed"])
+        warm_up()
+
+    def activate(self) -> None:
+        """Predict from what is known and what comes."""
+        values = self.values()
+        self._predictor.set(settings=settings_from_parameters(values))
         self._ticks = PredictionTicks(
-            self,
-            settings_from_parameters(values),
-            values["rate"],
-            values["seed"],
-            values["published_samples"],
+            self, self._predictor, values["rate"], values["published_samples"]
         )
         self._answers = PredictionServices(self, self._ticks)
         self._marker_publisher = self.create_publisher(MarkerArray, "~/markers", 1)
         self._marker_timer = self.create_timer(1.0 / values["marker_rate"], self._on_marker_tick)
-        # Who waits for subscribers to this node may count on its first prediction.
-        warm_up()
         self._subscribe()
-        self.add_on_set_parameters_callback(self._check_parameters)
-        self.add_post_set_parameters_callback(self._on_parameters_set)
         self._ticks.start()
 
-    def destroy_node(self) -> None:
-        """Stop predicting."""
+    def deactivate(self) -> None:
+        """Stop predicting; inputs so far are kept."""
         stopped = [one.stop(STOP_PATIENCE) for one in (self._ticks, self._answers)]
         if not all(stopped):
             self.get_logger().warning("what was predicted did not stop in time and is left behind")
-        super().destroy_node()
+            # Its thread still owns the predictor.
+            known = self._predictor.snapshot
+            self._predictor = Predictor(known.settings, self.values()["seed"], known.inputs)
+
+    def cleanup(self) -> None:
+        """Forget the inputs."""
+        del self._predictor
 
     def _subscribe(self) -> None:
-        diagnostics = Diagnostics(self)
         for name, kind, read, qos, expected in (
             (ENVIRONMENT, EnvironmentMessage, environment_inputs, LATCHED, None),
             (OBJECT_STATES, ObjectStates, states_inputs, SENSOR_DATA, 2.0),
@@ -132,8 +139,8 @@ class PredictorNode(Node):
             self.create_subscription(
                 kind, name, heard, copy(qos), qos_overriding_options=QOS_OVERRIDES, raw=True
             )
-            diagnostics.add(name, monitor.check)
-        diagnostics.add("prediction", self._ticks.monitor.check)
+            self.diagnostics.add(name, monitor.check)
+        self.diagnostics.add("prediction", self._ticks.monitor.check)
 
     def _on_input(self, monitor: InputMonitor, kind: Any, read: Any, message: bytes) -> None:
         """Post an input, to be decoded and taken over between two ticks."""
@@ -178,14 +185,19 @@ class PredictorNode(Node):
     def _check_parameters(self, new: Sequence[RosParameter]) -> SetParametersResult:
         """Refuse parameters that are valid each, but not together."""
         try:
-            settings_from_parameters(self._values() | {one.name: one.value for one in new})
+            settings_from_parameters(self.values() | {one.name: one.value for one in new})
         except IntuitivePhysicsError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _on_parameters_set(self, new: Sequence[RosParameter]) -> None:
-        values, names = self._values(), {one.name for one in new}
+        values, names = self.values(), {one.name for one in new}
         use_limits_of(values)
+        if not self.active:
+            # `activate` reads all but the seed, which a pause does not begin anew.
+            if self.configured and "seed" in names:
+                self._predictor.set(seed=values["seed"])
+            return
         self._ticks.set(
             rate=values["rate"],
             published_samples=values["published_samples"],
@@ -193,9 +205,6 @@ class PredictorNode(Node):
             seed=values["seed"] if "seed" in names else None,
         )
         self._marker_timer.timer_period_ns = round(1e9 / values["marker_rate"])
-
-    def _values(self) -> dict[str, Any]:
-        return {known.name: self.get_parameter(known.name).value for known in PARAMETERS}
 
 
 @contextmanager
@@ -223,12 +232,4 @@ def settings_from_parameters(values: dict[str, Any]) -> PredictionSettings:
 def main() -> int:
     """Run the node until a signal stops it."""
     sys.setswitchinterval(SWITCH_INTERVAL)
-    return run_node(make_node)
-
-
-def make_node() -> PredictorNode:
-    """Make the node, and exempt all that exists by then from garbage collection."""
-    node = PredictorNode()
-    gc.collect()
-    gc.freeze()
-    return node
+    return run_node(PredictorNode)

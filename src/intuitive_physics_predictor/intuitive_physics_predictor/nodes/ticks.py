@@ -46,24 +46,23 @@ class PredictionTicks:
     Parameters
     ----------
     node : publishes the predictions
-    settings : how to predict
+    predictor : with the inputs and settings so far
     rate : 1/s
-    seed : of the next prediction's noise, one more after each prediction
     published_samples : largest number in a message
     """
 
     def __init__(
         self,
         node: Node,
-        settings: PredictionSettings,
+        predictor: Predictor,
         rate: float,
-        seed: int,
         published_samples: int,
     ) -> None:
         self.monitor = RateMonitor("predicts", rate)
         self._node = node
         self._stop = StopFlag()
-        self._predictor = Predictor(settings.stopped_by(self._stop), seed)
+        self._predictor = predictor
+        predictor.set(settings=predictor.snapshot.settings.stopped_by(self._stop))
         self._published_samples = published_samples
         self._writer = DistributionWriter()
         self._paused_for = ""

@@ -23,9 +23,9 @@ from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics_recordings.bag_reader import BagMessage, BagReader, BagTopic
 from intuitive_physics_recordings.replay import Replay, ReplaySettings
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
+from intuitive_physics_ros.lifecycle.run_node import farewell, run_node
 from intuitive_physics_ros.parameters import Parameter, declare_parameters
 from intuitive_physics_ros.qos import QOS_OVERRIDES
-from intuitive_physics_ros.run_node import farewell, run_node
 from intuitive_physics_ros.topics import (
     ENVIRONMENT,
     OBJECT_STATES,

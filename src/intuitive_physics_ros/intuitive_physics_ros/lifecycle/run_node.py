@@ -31,9 +31,10 @@ from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 
 from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
+from intuitive_physics_ros.lifecycle.start_node import STOP_SIGNALS
 from intuitive_physics_ros.parameters import unknown_overrides
 from intuitive_physics_ros.rclpy_internals import RCLError, release
-from intuitive_physics_ros.start_node import STOP_SIGNALS
 from intuitive_physics_ros.topics import with_earlier_remappings
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
@@ -53,6 +54,8 @@ FAREWELL_LIMIT = 0.5
 
 def run_node(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Make a node, run it on a single-threaded executor until it is stopped, clean up.
+
+    A `ManagedNode` is started as its parameter `autostart` says.
 
     Ctrl-C (SIGINT), SIGTERM and `rclpy.try_shutdown` end it; signals that come while it ends
     change nothing. What does not end by itself within `STOP_LIMIT` is ended then: so a node writes
@@ -80,6 +83,8 @@ def run_node(factory: Callable[[], Node], args: Sequence[str] | None = None) -> 
             signal_handler_options=SignalHandlerOptions.NO,
         )
         node = factory()
+        if isinstance(node, ManagedNode):
+            node.start()
     except START_ERRORS as error:
         rclpy.try_shutdown()
         return _explain(error)

@@ -1,0 +1,167 @@
+"""A lifecycle manager leads the whole suite: what is known outlives each pause."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
+os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from benchmarks.torture.camera import PERCEPTION_ARGUMENTS, Camera
+from benchmarks.torture.nodes import LEARNER, PERCEPTION, PREDICTOR, Nodes, thrown_ball
+from intuitive_physics_msgs.msg import (
+    Environment,
+    ObjectStates,
+    StaticParameters,
+    TrajectoryDistribution,
+)
+from intuitive_physics_msgs.srv import AddObservation, ListObservations
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+
+from intuitive_physics_ros.conversions import observation_to_message
+from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
+from intuitive_physics_ros.scripting import Peer
+
+MANAGED = ["-p", "autostart:=false"]
+
+
+class Manager(Peer):
+    """Leads the nodes as nav2's lifecycle manager does: a transition, and then the state."""
+
+    def lead(self, node: str, label: str, state: str) -> None:
+        request = ChangeState.Request(transition=Transition(label=label))
+        self.state(node)
+        future = self.send(ChangeState, f"/{node}/change_state", request)
+        self.spin_until(future.done, f"{node} to {label}")
+        assert future.result().success, f"{node} did not {label}"
+        assert self.state(node) == state
+
+    def state(self, node: str) -> str:
+        return self.call(GetState, f"/{node}/get_state", GetState.Request()).current_state.label
+
+    def pause(self, node: str) -> None:
+        self.lead(node, "deactivate", "inactive")
+
+    def go_on(self, node: str) -> None:
+        self.lead(node, "activate", "active")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("lifecycle")
+
+
+@pytest.fixture(scope="module")
+def manager() -> Iterator[Manager]:
+    with Manager("manager", timeout=60.0) as peer:
+        yield peer
+
+
+@pytest.fixture(scope="module")
+def nodes(folder: Path, manager: Manager) -> Iterator[Nodes]:
+    """All three, inactive after the first test."""
+    arguments = dict.fromkeys((LEARNER, PREDICTOR), MANAGED)
+    with Nodes(
+        folder, manager, {**arguments, PERCEPTION: [*PERCEPTION_ARGUMENTS, *MANAGED]}
+    ) as all_:
+        for node in (LEARNER, PERCEPTION, PREDICTOR):
+            assert manager.state(node) == "unconfigured"
+            manager.lead(node, "configure", "inactive")
+        yield all_
+    for name, (took, code) in all_.stop().items():
+        assert code == 0, name
+        assert took < 5.0, name
+
+
+def stored(manager: Manager) -> list[str]:
+    answer = manager.call(
+        ListObservations, "/learner_node/list_observations", ListObservations.Request()
+    )
+    return [one.id for one in answer.observations]
+
+
+def test_the_learner_keeps_observations_and_versions(nodes: Nodes, manager: Manager) -> None:
+    manager.go_on(LEARNER)
+    ball = thrown_ball(7)
+    seen = AddObservation.Request(observation=observation_to_message(ball))
+    assert manager.call(AddObservation, "/learner_node/add_observation", seen).added
+    heard = manager.listen(StaticParameters, "static_parameters", LATCHED)
+    manager.spin_until(lambda: heard, "static parameters")
+    manager.pause(LEARNER)
+    manager.spin_until(
+        lambda: not manager.node.count_publishers("static_parameters"), "the end of publishing"
+    )
+    heard.clear()
+    manager.go_on(LEARNER)
+    manager.spin_until(lambda: heard, "static parameters")
+    assert stored(manager) == [ball.id]
+    # The file is closed, and opened again.
+    manager.pause(LEARNER)
+    manager.lead(LEARNER, "cleanup", "unconfigured")
+    moved = nodes.database.with_name("moved.sqlite3")
+    nodes.database.rename(moved)
+    moved.rename(nodes.database)
+    manager.lead(LEARNER, "configure", "inactive")
+    manager.go_on(LEARNER)
+    assert stored(manager) == [ball.id]
+
+
+def test_perception_and_predictor_go_on_with_what_they_know(
+    nodes: Nodes, manager: Manager, folder: Path
+) -> None:
+    environments = manager.listen(Environment, "environment", LATCHED)
+    states = manager.listen(ObjectStates, "object_states", SENSOR_DATA)
+    predictions = manager.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
+
+    def none_come(heard: list, seconds: float = 1.0) -> bool:
+        manager.spin_for(0.3)
+        heard.clear()
+        manager.spin_for(seconds)
+        return not heard
+
+    with Camera(folder, seed=4):
+        assert none_come(states)
+        manager.go_on(PERCEPTION)
+        manager.spin_until(lambda: environments and states, "an environment and states")
+        assert none_come(predictions)
+        manager.go_on(PREDICTOR)
+        manager.spin_until(lambda: predictions, "predictions")
+        manager.pause(PREDICTOR)
+        assert none_come(predictions)
+        manager.go_on(PREDICTOR)
+        manager.spin_until(lambda: predictions, "predictions again")
+
+        manager.pause(PERCEPTION)
+        assert none_come(states)
+        before = len(environments)
+        manager.go_on(PERCEPTION)
+        manager.spin_until(lambda: states, "states again")
+        # The room is not modelled anew, and who comes late still hears of it.
+        assert len(environments) == before
+        late = manager.listen(Environment, "environment", LATCHED)
+        manager.spin_until(lambda: late, "the environment")
+        assert late[-1] == environments[-1]
+
+        manager.pause(PERCEPTION)
+        manager.lead(PERCEPTION, "cleanup", "unconfigured")
+        manager.spin_until(
+            lambda: not manager.node.count_publishers("environment"), "the end of the environment"
+        )
+        manager.lead(PERCEPTION, "configure", "inactive")
+        begun = time.monotonic()
+        manager.go_on(PERCEPTION)
+        manager.spin_until(lambda: len(environments) > before, "a new model of the room")
+        manager.spin_until(lambda: predictions, "predictions in it")
+        assert time.monotonic() - begun < 60.0
+
+
+def test_what_is_shut_down_stays_so(nodes: Nodes, manager: Manager) -> None:
+    manager.lead(PREDICTOR, "shutdown", "finalized")
+    assert "Traceback" not in "".join(one.output for one in nodes.processes.values())

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from copy import copy
 
-import numpy as np
 from geometry_msgs.msg import TransformStamped
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
-from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
-from intuitive_physics.geometry.rotations import rotation_matrix
+from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.scene import Environment
 from intuitive_physics_ros.conversions import environment_to_message
 from intuitive_physics_ros.conversions.primitives import (
@@ -56,20 +54,14 @@ class EnvironmentPublisher:
             self._node.destroy_publisher(publisher)
 
     def publish(
-        self,
-        environment: Environment,
-        *,
-        camera: Header,
-        position: NDArray[np.float64],
-        orientation: NDArray[np.float64],
+        self, environment: Environment, *, camera: Header, camera_pose: RigidTransform
     ) -> None:
         """Publish a new environment as the next version.
 
         Parameters
         ----------
         camera : header of the frame it was seen in
-        position, orientation : (3,) m and (4,) quaternion (x, y, z, w) of the camera in the
-            environment's frame
+        camera_pose : of the camera, in the environment's frame
         """
         self.version += 1
         self._environments.publish(
@@ -78,22 +70,29 @@ class EnvironmentPublisher:
                 stamp=camera.stamp,
                 version=self.version,
                 camera_frame_id=camera.frame_id,
-                camera_pose=pose_to_message(position, orientation),
+                camera_pose=pose_to_message(camera_pose.translation, camera_pose.orientation),
             )
         )
+
+    def hang(self, frame_id: str, camera: Header, camera_pose: RigidTransform) -> None:
+        """Publish where a frame hangs below the camera's, where tf2_msgs is installed.
+
+        Parameters
+        ----------
+        frame_id : of the frame
+        camera : header in the camera's frame
+        camera_pose : of the camera, in the frame
+        """
         if self._transforms is None:
             return
         from tf2_msgs.msg import TFMessage
 
-        transform = transform_from_camera(environment.frame_id, camera, position, orientation)
+        transform = transform_from_camera(frame_id, camera, camera_pose)
         self._transforms.publish(TFMessage(transforms=[transform]))
 
 
 def transform_from_camera(
-    frame_id: str,
-    camera: Header,
-    position: NDArray[np.float64],
-    orientation: NDArray[np.float64],
+    frame_id: str, camera: Header, camera_pose: RigidTransform
 ) -> TransformStamped:
     """Return the transform that hangs a frame below the camera's, which may have a parent already.
 
@@ -101,10 +100,10 @@ def transform_from_camera(
     ----------
     frame_id : of the frame
     camera : header in the camera's frame
-    position, orientation : (3,) m and (4,) of the camera in the frame
+    camera_pose : of the camera, in the frame
     """
-    inverse = np.asarray(orientation) * [-1.0, -1.0, -1.0, 1.0]
+    inverse = camera_pose.inverse
     transform = TransformStamped(header=camera, child_frame_id=frame_id)
-    transform.transform.translation = vector_to_message(-rotation_matrix(inverse) @ position)
-    transform.transform.rotation = quaternion_to_message(inverse)
+    transform.transform.translation = vector_to_message(inverse.translation)
+    transform.transform.rotation = quaternion_to_message(inverse.orientation)
     return transform

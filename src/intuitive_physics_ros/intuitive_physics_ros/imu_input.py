@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from copy import copy
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
-from rclpy.time import Time
 from sensor_msgs.msg import Imu
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.geometry.rotations import rotation_matrix
-from intuitive_physics.validation import unit_quaternion
 from intuitive_physics_ros.conversions import seconds_from_stamp
-from intuitive_physics_ros.conversions.primitives import xyz, xyzw
+from intuitive_physics_ros.conversions.primitives import xyz
 from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.qos import QOS_OVERRIDES, SENSOR_DATA
+from intuitive_physics_ros.transforms import Transforms, UnknownTransformError
 
 Sample = Callable[[float, NDArray[np.float64], NDArray[np.float64] | None], None]
 
@@ -55,7 +54,11 @@ class ImuInput:
         self._target_frame = target_frame
         self._on_sample = on_sample
         self._orientation = orientation
-        self._buffer = None if orientation is not None else _transform_buffer(node)
+        self._transforms: Transforms | None = None
+        if orientation is None:
+            # Where IMU and camera share a frame nothing has to be looked up.
+            with suppress(InvalidInputError):
+                self._transforms = Transforms(node)
         node.create_subscription(
             Imu,
             topic,
@@ -91,31 +94,15 @@ class ImuInput:
             return self._orientation
         if source == target:
             return np.array([0.0, 0.0, 0.0, 1.0])
-        if self._buffer is None:
+        if self._transforms is None:
             raise InvalidInputError(
                 f"IMU is in the frame {source!r} and the camera in {target!r}; expected one frame, "
                 "tf2_ros to look up the rotation between them, or the parameter imu_orientation"
             )
-        import tf2_ros
-
         try:
-            found = self._buffer.lookup_transform(target, source, Time())
-        except tf2_ros.TransformException as error:
+            return self._transforms.lookup(target, source).orientation
+        except UnknownTransformError as error:
             raise InvalidInputError(
-                f"tf does not know the rotation from the IMU's frame {source!r} to the camera's "
-                f"{target!r} ({error}); expected one on /tf_static, or the parameter "
-                "imu_orientation"
+                f"{error}, or the parameter imu_orientation for the rotation from the IMU's frame "
+                "to the camera's"
             ) from None
-        return unit_quaternion(xyzw(found.transform.rotation), "rotation of the IMU in tf")
-
-
-def _transform_buffer(node: Node) -> Any:
-    """Return a buffer that listens to tf, None where tf2_ros is not installed."""
-    try:
-        import tf2_ros
-    except ImportError:
-        return None
-    buffer = tf2_ros.Buffer()
-    # The listener lives as long as the node, which keeps its subscriptions.
-    buffer.listener = tf2_ros.TransformListener(buffer, node)
-    return buffer

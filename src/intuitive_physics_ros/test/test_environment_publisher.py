@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from std_msgs.msg import Header
 
+from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_ros.conversions.primitives import xyz, xyzw
@@ -32,7 +33,8 @@ number = st.floats(-3.0, 3.0)
 def test_there_and_back_is_where_one_was(position, quaternion, point) -> None:
     orientation = np.array(quaternion) / np.linalg.norm(quaternion)
     camera = Header(frame_id="camera")
-    message = transform_from_camera("environment", camera, np.array(position), orientation)
+    pose = RigidTransform(position, orientation)
+    message = transform_from_camera("environment", camera, pose)
     assert (message.header.frame_id, message.child_frame_id) == ("camera", "environment")
     in_environment = rotation_matrix(orientation) @ np.array(point) + position
     turn = np.array(xyzw(message.transform.rotation))
@@ -67,20 +69,21 @@ def test_the_transform_is_published_where_tf2_msgs_is_installed(monkeypatch, ins
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", stand_in if installed else None)
     node = PublishingNode()
     publisher = EnvironmentPublisher(node)
-    position, orientation = np.array([0.1, -0.2, 0.8]), np.array([0.5, 0.5, -0.5, 0.5])
+    position = np.array([0.1, -0.2, 0.8])
+    pose = RigidTransform(position, (0.5, 0.5, -0.5, 0.5))
     for _ in range(2):
         publisher.publish(
             Environment([Plane("floor", "wood", (0, 0, 1), 0.0)], frame_id="room"),
             camera=Header(frame_id="camera"),
-            position=position,
-            orientation=orientation,
+            camera_pose=pose,
         )
+    publisher.hang("room", Header(frame_id="camera"), pose)
     environments = node.published.pop(("Environment", "environment", True))
     assert [message.version for message in environments] == [1, 2]
     if not installed:
         assert node.published == {}
         return
-    (transform,) = node.published[("TFMessage", "/tf_static", True)][1].transforms
+    (transform,) = node.published[("TFMessage", "/tf_static", True)][0].transforms
     assert (transform.header.frame_id, transform.child_frame_id) == ("camera", "room")
     # The camera stands at the origin of its own frame: there and back again.
     turn = np.array(xyzw(transform.transform.rotation))

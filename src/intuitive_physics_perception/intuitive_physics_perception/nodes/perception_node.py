@@ -15,13 +15,14 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.messages.geometry import StampSeconds
 from intuitive_physics.observation import Observation
 from intuitive_physics.validation import unit_quaternion
-from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.environment.gravity import RestingAccelerometer
 from intuitive_physics_perception.frame_result import FrameDiagnostics, FrameResult
 from intuitive_physics_perception.nodes.frame_input import INPUTS, FrameInput
+from intuitive_physics_perception.nodes.published_frame import PublishedFrame
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import (
     NO_DIRECTION,
@@ -88,6 +89,12 @@ PARAMETERS = [
         "subscribe to ~/color/image, registered to the depth image, to keep crossing objects apart",
     ),
     Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0)),
+    Parameter(
+        "target_frame",
+        "",
+        "frame in which environment, states and observations are published, such as base_link or "
+        "map, by tf from the camera's frame; empty: that of the environment, with z up",
+    ),
     Parameter("up_hint", list(NO_DIRECTION), "roughly upward in the sensor's frame; zeros: none"),
     Parameter(
         "imu_orientation",
@@ -122,6 +129,7 @@ class PerceptionNode(ManagedNode):
         self._stamps: dict[float, StampSeconds] = {}
         self._frames = self._restarts = self._moves = 0
         self._environment = EnvironmentPublisher(self)
+        self._frame = PublishedFrame(values["target_frame"])
 
     def activate(self) -> None:
         """Hear frames and publish what is seen in them."""
@@ -136,6 +144,7 @@ class PerceptionNode(ManagedNode):
             qos_overriding_options=QOS_OVERRIDES,
         )
         self._markers = self.create_publisher(MarkerArray, "~/markers", 1)
+        self._frame.listen(self)
         if self._pipeline.settings.gravity_source == "imu":
             self._make_imu(values["imu_orientation"])
         self._input = FrameInput(
@@ -147,6 +156,7 @@ class PerceptionNode(ManagedNode):
             use=self._perceive,
         )
         self.diagnostics.add("environment", self._check_environment)
+        self.diagnostics.add("frame of what is published", self._frame.check)
         self.diagnostics.add("frames", self._check_frames)
         self.create_service(Trigger, "~/rebuild_environment", self._on_rebuild)
         self.create_timer(1.0 / values["marker_rate"], self._on_marker_tick)
@@ -215,50 +225,60 @@ class PerceptionNode(ManagedNode):
         self._frames += 1
         if result.restarted:
             self._restarts += 1
+            self._frame.restart()
             self.get_logger().warning("time went back: tracking starts again")
         if result.moved:
             self._moves += 1
             self.get_logger().warning(result.moved)
         if result.revised:
             self.get_logger().info(result.revised)
-        if result.is_new_model and result.model is not None:
-            self._publish_environment(header, result.model)
-        if result.model is not None and not result.diagnostics.problem:
-            self._publish_states(header, result, result.model)
+        if result.model is not None:
+            self._publish_environment(header, result)
+            if self._frame.is_known and not result.diagnostics.problem:
+                self._publish_states(header, result)
         # Observations take longer than a frame, and nobody waits for them as for the states.
         self._publish_observations(result.observations)
         self._newest = (header, result)
-        return result.diagnostics.problem
+        return result.diagnostics.problem or self._frame.problem
 
-    def _publish_environment(self, header: Header, model: EnvironmentModel) -> None:
-        self._environment.publish(
-            model.environment,
-            camera=header,
-            position=model.translation,
-            orientation=model.sensor_orientation(),
-        )
-        self.get_logger().info(
-            f"environment {self._environment.version} has {len(model.environment.planes)} planes "
-            f"and {len(model.environment.boxes)} boxes"
-        )
+    def _publish_environment(self, header: Header, result: FrameResult) -> None:
+        """Publish the environment where it is new, or new in the frame of what is published."""
+        model = result.model
+        if model is None:
+            return
+        if result.is_new_model:
+            sensor = RigidTransform(model.translation, model.sensor_orientation())
+            self._environment.hang(model.environment.frame_id, header, sensor)
+        if self._frame.follow(header, model):
+            environment = self._frame.environment()
+            self._environment.publish(
+                environment, camera=header, camera_pose=self._frame.camera_pose
+            )
+            if result.is_new_model:
+                self.get_logger().info(
+                    f"environment {self._environment.version} has {len(environment.planes)} planes "
+                    f"and {len(environment.boxes)} boxes"
+                )
 
-    def _publish_states(self, header: Header, result: FrameResult, model: EnvironmentModel) -> None:
+    def _publish_states(self, header: Header, result: FrameResult) -> None:
         self._states.publish(
             object_states_to_message(
                 [seen.object for seen in result.objects],
-                [seen.state for seen in result.objects],
-                frame_id=model.environment.frame_id,
+                [self._frame.state(seen.state) for seen in result.objects],
+                frame_id=self._frame.name,
                 stamp=header.stamp,
             )
         )
 
     def _publish_observations(self, observations: tuple[Observation, ...]) -> None:
         for observation in observations:
-            start = self._stamps.get(observation.start_time, observation.start_time)
-            self._observations.publish(
-                observation_to_message(replace(observation, start_time=start))
-            )
             names = ", ".join(seen.object.id for seen in observation.objects)
+            if not self._frame.is_known:
+                self.get_logger().warning(f"observed {names}, which is lost: {self._frame.problem}")
+                continue
+            start = self._stamps.get(observation.start_time, observation.start_time)
+            placed = self._frame.observation(observation)
+            self._observations.publish(observation_to_message(replace(placed, start_time=start)))
             self.get_logger().info(f"observed {names}")
 
     def _on_marker_tick(self) -> None:

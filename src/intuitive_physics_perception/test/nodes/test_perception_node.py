@@ -6,7 +6,6 @@ import array
 import os
 import signal
 from io import BytesIO
-from itertools import count
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates, Observation
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu, PointCloud2, PointField
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu, PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -38,14 +37,23 @@ from intuitive_physics_ros.conversions import (
 from intuitive_physics_ros.qos import LATCHED, OBSERVATIONS, SENSOR_DATA
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 
+from .camera_messages import (
+    FRAMES,
+    SMALL,
+    STEP,
+    cloud_message,
+    image_message,
+    info_message,
+    play,
+    play_until,
+    throw,
+)
+
 MODULE = "intuitive_physics_perception.nodes.perception_node"
 NODE = "/perception_node"
-FRAMES = 4
 PARAMETERS = ["-p", f"environment_frames:={FRAMES}", "-p", "known_object_names:=[rubber]"]
 PARAMETERS += ["-p", "use_color:=true"]
 PARAMETERS += ["-p", "known_object_radii:=[0.07]", "-p", "known_object_materials:=[rubber]"]
-SMALL = {"width": 320, "height_pixels": 240, "focal": 262.0}
-STEP = 0.05
 
 
 @pytest.fixture(scope="module")
@@ -65,75 +73,6 @@ def peer(node):
 @pytest.fixture(scope="module")
 def room(corner_model):
     return corner_model[0].__class__(tilt=25.0, seed=5, **SMALL)
-
-
-def image_message(depth: np.ndarray, time: float, **changes) -> Image:
-    height, width = depth.shape
-    message = Image(
-        header=Header(stamp=stamp_from_seconds(time), frame_id="camera"),
-        height=height,
-        width=width,
-        encoding="16UC1",
-        step=2 * width,
-        data=array.array("B", depth.astype("<u2").tobytes()),
-    )
-    for name, value in changes.items():
-        setattr(message, name, value)
-    return message
-
-
-def info_message(room) -> CameraInfo:
-    return CameraInfo(
-        header=Header(frame_id="camera"),
-        width=room.width,
-        height=room.height_pixels,
-        k=room.matrix.ravel(),
-        distortion_model="plumb_bob",
-    )
-
-
-def cloud_message(points: np.ndarray, time: float, **changes) -> PointCloud2:
-    height, width = points.shape[:2]
-    message = PointCloud2(
-        header=Header(stamp=stamp_from_seconds(time), frame_id="lidar"),
-        height=height,
-        width=width,
-        fields=[
-            PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1)
-            for k, name in enumerate("xyz")
-        ],
-        point_step=12,
-        row_step=12 * width,
-        data=array.array("B", points.astype("<f4").tobytes()),
-    )
-    for name, value in changes.items():
-        setattr(message, name, value)
-    return message
-
-
-def throw(room) -> list[np.ndarray]:
-    """Depth images: the empty room, a ball that flies through it, the empty room."""
-    times = np.arange(0, 0.5, STEP)
-    places = np.array([1.4, -0.4, 0.5]) + times[:, None] * [0.4, 0.9, 1.2]
-    places[:, 2] -= 0.5 * 9.81 * times**2
-    empty = [room.depth() for _ in range(FRAMES + 2)]
-    return [*empty, *(room.depth([(place, 0.07)]) for place in places), *empty, *empty]
-
-
-def play(peer, publisher, messages) -> None:
-    for message in messages:
-        publisher.publish(message)
-        peer.spin_for(0.03)
-
-
-def play_until(peer, publisher, make, holds, what: str) -> None:
-    """Publish what `make` makes of later and later times (s) until something holds.
-
-    A single message of best effort is lost where the node has not discovered its publisher yet,
-    which can be later than the publisher sees the node.
-    """
-    times = count(0.0, STEP)
-    peer.spin_until(lambda: holds() or play(peer, publisher, [make(next(times))]), what)
 
 
 def exact(stamp: Time) -> tuple[int, int]:

@@ -1,0 +1,181 @@
+"""Perception publishes in a frame of the user's, by the real tf2."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
+os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+pytest.importorskip("tf2_ros", reason="tf2_ros is not installed")
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
+from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
+from intuitive_physics_msgs.msg import ObjectStates, Observation
+from sensor_msgs.msg import CameraInfo, Image
+from tf2_msgs.msg import TFMessage
+
+from intuitive_physics.frames.change_of_frame import RigidTransform
+from intuitive_physics_ros.conversions import (
+    environment_from_message,
+    object_states_from_messages,
+    observation_from_message,
+    stamp_from_seconds,
+)
+from intuitive_physics_ros.qos import LATCHED, OBSERVATIONS, SENSOR_DATA
+from intuitive_physics_ros.scripting import NodeProcess, Peer
+
+from .camera_messages import (
+    FRAMES,
+    SMALL,
+    STEP,
+    image_message,
+    info_message,
+    play,
+    play_until,
+    throw,
+)
+
+MODULE = "intuitive_physics_perception.nodes.perception_node"
+NODE = "/perception_node"
+PARAMETERS = ["-p", f"environment_frames:={FRAMES}", "-p", "target_frame:=base_link"]
+
+BASE = RigidTransform((2.0, -1.0, 0.3), (0.0, 0.0, np.sin(0.4), np.cos(0.4)))
+"""Of the robot in the room: turned about the vertical."""
+
+
+@pytest.fixture
+def node() -> Iterator[NodeProcess]:
+    with NodeProcess(MODULE, PARAMETERS) as process:
+        yield process
+    assert "Traceback" not in process.output
+
+
+@pytest.fixture
+def peer(node) -> Iterator[Peer]:
+    with Peer("tester") as peer:
+        yield peer
+        node.check_running()
+
+
+@pytest.fixture(scope="module")
+def room(corner_model):
+    return corner_model[0].__class__(tilt=25.0, seed=5, **SMALL)
+
+
+def camera_in(base: RigidTransform, room) -> RigidTransform:
+    """Pose of the camera in the robot's frame."""
+    from scipy.spatial.transform import Rotation
+
+    in_room = RigidTransform(room.origin, Rotation.from_matrix(room.rotation).as_quat())
+    return base.inverse.after(in_room)
+
+
+def transform_message(pose: RigidTransform, time: float = 0.0) -> TFMessage:
+    transform = TransformStamped(child_frame_id="camera")
+    transform.header.frame_id, transform.header.stamp = "base_link", stamp_from_seconds(time)
+    transform.transform.translation = Vector3(**dict(zip("xyz", pose.translation, strict=True)))
+    transform.transform.rotation = Quaternion(**dict(zip("xyzw", pose.orientation, strict=True)))
+    return TFMessage(transforms=[transform])
+
+
+def test_environment_states_and_observations_are_in_the_target_frame(peer, node, room) -> None:
+    environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
+    states = peer.listen(ObjectStates, "object_states", SENSOR_DATA)
+    observations = peer.listen(Observation, "observations", OBSERVATIONS)
+    heard = peer.listen(DiagnosticArray, "/diagnostics")
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
+    infos.publish(info_message(room))
+    empty = room.depth()
+
+    def told(text: str) -> bool:
+        return any(text in one.message for message in heard for one in message.status)
+
+    def look(time: float) -> Image:
+        infos.publish(info_message(room))
+        return image_message(empty, 1.0 + time)
+
+    play_until(peer, images, look, lambda: told("tf does not know where 'camera'"), "what lacks")
+    assert not environments
+    assert not states
+    tf = peer.publisher(TFMessage, "/tf_static", LATCHED)
+    tf.publish(transform_message(camera_in(BASE, room)))
+    later = 50.0
+    play_until(
+        peer, images, lambda time: image_message(empty, later + time), lambda: environments, "it"
+    )
+    play(peer, images, [image_message(d, 200.0 + STEP * k) for k, d in enumerate(throw(room))])
+    peer.spin_until(lambda: observations, "an observation")
+
+    message = environments[-1]
+    environment = environment_from_message(message)
+    assert (message.header.frame_id, message.camera_frame_id) == ("base_link", "camera")
+    place = message.camera_pose.position
+    assert [place.x, place.y, place.z] == pytest.approx(camera_in(BASE, room).translation)
+    # The room's floor is z = 0, which is 0.3 m below the robot's origin.
+    floor = environment.planes[0]
+    assert floor.normal == pytest.approx([0, 0, 1], abs=0.01)
+    assert floor.signed_distances(BASE.inverse.points([1.0, 0.0, 0.0])) == pytest.approx(
+        0, abs=0.01
+    )
+    assert environment.gravity == pytest.approx([0, 0, -9.81], abs=0.1)
+
+    # The ball starts at (1.4, -0.4, 0.5) with (0.4, 0.9, 1.2) m/s in the room, which it flies
+    # through on a parabola.
+    assert {one.header.frame_id for one in states} == {"base_link"}
+    observation = observation_from_message(observations[-1])
+    assert observation.environment.frame_id == "base_link"
+    (ball,) = observation.objects
+    begun = 200.0 + STEP * (FRAMES + 2)
+    times = ball.trajectory.times - begun
+    expected = np.array([1.4, -0.4, 0.5]) + np.outer(times, [0.4, 0.9, 1.2])
+    expected[:, 2] -= 0.5 * 9.81 * times**2
+    assert BASE.points(ball.trajectory.positions) == pytest.approx(expected, abs=0.02)
+    flying = [object_states_from_messages(one.objects)[1] for one in states if one.objects]
+    velocity = BASE.directions(flying[4][0].linear_velocity)
+    assert velocity[:2] == pytest.approx([0.4, 0.9], abs=0.3)
+
+
+def test_a_frame_that_moves_takes_the_environment_along(peer, node, room) -> None:
+    environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
+    tf = peer.publisher(TFMessage, "/tf", 100)
+    empty = room.depth()
+
+    def drive(begin: float, base: RigidTransform):
+        """The camera stands, and the robot's frame somewhere else."""
+
+        def look(time: float) -> Image:
+            infos.publish(info_message(room))
+            tf.publish(transform_message(camera_in(base, room), begin + time))
+            return image_message(empty, begin + time)
+
+        return look
+
+    def floor_height() -> float:
+        return float(environment_from_message(environments[-1]).planes[0].offset)
+
+    def stands_at(height: float) -> bool:
+        return bool(environments) and abs(floor_height() + height) < 0.02
+
+    for height, begin in ((0.3, 100.0), (0.5, 200.0)):
+        base = RigidTransform((2.0, -1.0, height), BASE.orientation)
+        play_until(peer, images, drive(begin, base), lambda h=height: stands_at(h), "the floor")
+    versions = [message.version for message in environments]
+    assert versions == sorted(versions)
+    # It stands now, and nothing is published anew.
+    before = len(environments)
+    look = drive(300.0, base)
+    play(peer, images, [look(STEP * k) for k in range(10)])
+    assert len(environments) - before <= 1
+    # Time goes back, as in a bag that is played again: the later transforms are forgotten.
+    base = RigidTransform((2.0, -1.0, 0.7), BASE.orientation)
+    play_until(peer, images, drive(50.0, base), lambda: stands_at(0.7), "the floor, later")
+    assert "time went back" in node.output

@@ -1,0 +1,79 @@
+"""Where frames lie in one another, as /tf and /tf_static tell."""
+
+from __future__ import annotations
+
+from builtin_interfaces.msg import Time as Stamp
+from rclpy.node import Node
+from rclpy.time import Time
+
+from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
+from intuitive_physics.frames.change_of_frame import RigidTransform
+from intuitive_physics_ros.conversions.primitives import xyz, xyzw
+
+
+class UnknownTransformError(IntuitivePhysicsError):
+    """tf does not tell where a frame lies in another one."""
+
+
+class Transforms:
+    """Listens to tf, with the executor of a node.
+
+    Parameters
+    ----------
+    node : that listens
+
+    Raises
+    ------
+    InvalidInputError
+        When tf2_ros is not installed.
+    """
+
+    def __init__(self, node: Node) -> None:
+        try:
+            import tf2_ros
+        except ImportError:
+            raise InvalidInputError(
+                "tf2_ros is not installed, which looks up transforms; expected it "
+                "(sudo apt install ros-jazzy-tf2-ros-py)"
+            ) from None
+        self._buffer = tf2_ros.Buffer()
+        self._listener = tf2_ros.TransformListener(self._buffer, node)
+        self._error: type[Exception] = tf2_ros.TransformException
+
+    def lookup(self, target: str, source: str, stamp: Stamp | None = None) -> RigidTransform:
+        """Return the transform from one frame into another.
+
+        Parameters
+        ----------
+        target, source : names of the frames
+        stamp : time at which it holds; the newest that is known where nothing newer has come yet,
+            and where no time is given
+
+        Raises
+        ------
+        UnknownTransformError
+            When they are not connected, or not yet.
+        """
+        at = Time() if stamp is None else Time.from_msg(stamp)
+        try:
+            try:
+                found = self._buffer.lookup_transform(target, source, at)
+            except self._error:
+                # A frame may come before the transform of its time.
+                found = self._buffer.lookup_transform(target, source, Time())
+                self._check_is_before(found.header.stamp, at)
+        except self._error as error:
+            raise UnknownTransformError(
+                f"tf does not know where {source!r} is in {target!r} ({error}); expected it on /tf "
+                "or /tf_static"
+            ) from None
+        place = found.transform
+        return RigidTransform(xyz(place.translation), xyzw(place.rotation))
+
+    def forget(self) -> None:
+        """Forget what changes with time, as when time has gone back; what is static stays."""
+        self._buffer.clear()
+
+    def _check_is_before(self, newest: Stamp, wanted: Time) -> None:
+        if Time.from_msg(newest) > wanted:
+            raise self._error("it is known for later times only")

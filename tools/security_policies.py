@@ -65,6 +65,9 @@ LOGGING = ("/parameter_events", "/rosout")
 TRANSFORMS = ("/tf", "/tf_static")
 """Heard by a node that looks up a transform, which tf2_ros does for it."""
 
+LOOKS_UP = ("perception_node", "pose_bridge_node")
+"""Nodes that look up transforms."""
+
 CLOCKS = ("/clock", "clock")
 """Heard by every node that uses simulated time; a namespace may have a clock of its own."""
 
@@ -144,7 +147,7 @@ def rules() -> dict[str, Rules]:
         if issubclass(node, ManagedNode):
             own.reply.update(LIFECYCLE_SERVICES)
             own.publish.add(TRANSITIONS)
-        if module == "perception_node":
+        if module in LOOKS_UP:
             own.subscribe.update(TRANSFORMS)
         found[module] = own
     inputs = {name for own in found.values() for name in own.subscribe if "~" not in name}
@@ -179,6 +182,9 @@ def _reader() -> tuple[Any, Any]:
 
 def _allow(own: Rules, endpoint: Any, module: str) -> None:
     rights = {"publishes": "publish", "subscribes": "subscribe", "service": "reply"}
+    if "{" in endpoint.name:
+        # Only who starts the node knows such names, and allows them.
+        return
     names = {endpoint.name, *_connected(endpoint.name, module)}
     getattr(own, rights.get(endpoint.role, "execute")).update(names)
 

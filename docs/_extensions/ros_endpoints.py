@@ -162,7 +162,7 @@ class _Reader:
     ) -> None:
         found_quality = None if quality is None else _value(quality, values)
         if isinstance(name, ast.JoinedStr):
-            name = _without_prefix(name, values)
+            name = _with_known_parts(name, values)
         if self._plays_a_bag and role == "publishes" and _value(name, values) is UNKNOWN:
             return
         for message, topic in _pairs(kind, name, values):
@@ -190,11 +190,21 @@ def _value(expression: ast.expr, values: dict[str, Any]) -> Any:
     return UNKNOWN if isinstance(result, _Unknown) else result
 
 
-def _without_prefix(name: ast.JoinedStr, values: dict[str, Any]) -> ast.expr:
-    """Return a name without the parts of it that only a running node knows, such as a prefix."""
-    parts = [part.value if isinstance(part, ast.FormattedValue) else part for part in name.values]
-    known = [value for part in parts if isinstance(value := _value(part, values), str)]
-    return ast.copy_location(ast.Constant("".join(known)), name) if known else name
+def _with_known_parts(name: ast.JoinedStr, values: dict[str, Any]) -> ast.expr:
+    """Return a name in which only known parts are left, and placeholders within it.
+
+    A part at its start that only a running node knows, such as a prefix, is left out; within the
+    name it is written as in the code, such as "~/{name}/pose".
+    """
+    parts = []
+    for part in name.values:
+        inner = part.value if isinstance(part, ast.FormattedValue) else part
+        value = _value(inner, values)
+        if isinstance(value, str):
+            parts.append(value)
+        elif parts:
+            parts.append(f"{{{ast.unparse(inner)}}}")
+    return ast.copy_location(ast.Constant("".join(parts)), name) if parts else name
 
 
 def _loop_values(loop: ast.For, values: dict[str, Any]) -> Iterator[dict[str, Any]]:

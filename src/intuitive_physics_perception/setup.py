@@ -27,9 +27,13 @@ setup(
     license="Apache-2.0",
     entry_points={
         # It ends clean at a signal from its first moment on, and finds the node by its name.
-        "console_scripts": ["perception_node = intuitive_physics_ros.lifecycle.start_node:main"],
+        "console_scripts": [
+            "perception_node = intuitive_physics_ros.lifecycle.start_node:main",
+            "pose_bridge_node = intuitive_physics_ros.lifecycle.start_node:main",
+        ],
         "intuitive_physics.nodes": [
-            "perception_node = intuitive_physics_perception.nodes.perception_node:main"
+            "perception_node = intuitive_physics_perception.nodes.perception_node:main",
+            "pose_bridge_node = intuitive_physics_perception.nodes.pose_bridge_node:main",
         ],
     },
 )

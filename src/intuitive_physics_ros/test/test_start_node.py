@@ -103,7 +103,9 @@ def test_every_node_is_started_so():
                 f"{name} = intuitive_physics_ros.lifecycle.start_node:main"
                 in found["console_scripts"]
             )
-    assert sorted(nodes) == ["learner_node", "perception_node", "predictor_node", "replay_node"]
+    assert sorted(nodes) == [
+        *("learner_node", "perception_node", "pose_bridge_node", "predictor_node", "replay_node")
+    ]
     for target in nodes.values():
         module, _, function = target.partition(":")
         package = module.split(".")[0]

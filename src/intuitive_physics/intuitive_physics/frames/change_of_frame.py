@@ -74,6 +74,11 @@ class RigidTransform:
         Parameters
         ----------
         quaternions : (…, 4) as (x, y, z, w)
+
+        Returns
+        -------
+        array
+            (…, 4)
         """
         x1, y1, z1, w1 = self.orientation
         x2, y2, z2, w2 = np.moveaxis(np.asarray(quaternions, dtype=np.float64), -1, 0)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from copy import copy
 from functools import partial
-from typing import Generic, TypeAlias, TypeVar
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from std_msgs.msg import Header
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.input.frame_decoder import FrameDecoder
+from intuitive_physics_perception.nodes.frame_worker import FrameWorker
 from intuitive_physics_ros.conversions import seconds_from_stamp
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
 from intuitive_physics_ros.monitors import InputMonitor
@@ -198,70 +198,6 @@ class FrameInput:
         if self._kind is not None and kind is not self._kind:
             return Status(Level.OK, f"not used: {self._kind.__name__} messages came first")
         return self._monitors[kind].check()
-
-
-Item = TypeVar("Item")
-
-
-class FrameWorker(Generic[Item]):
-    """Calls `handle` for one item after the other in a thread of its own.
-
-    Parameters
-    ----------
-    prepare : called once in the thread before the first item
-    handle : called with each item; must not raise
-    waiting : items that may wait; when more come the oldest is dropped
-    """
-
-    def __init__(
-        self, prepare: Callable[[], None], handle: Callable[[Item], None], waiting: int = 3
-    ) -> None:
-        self.dropped = 0
-        self._prepare = prepare
-        self._handle = handle
-        self._items: deque[Item] = deque()
-        self._waiting = waiting
-        self._changed = threading.Condition()
-        self._stopping = False
-        self._thread = threading.Thread(target=self._run, name="frames", daemon=True)
-        self._thread.start()
-
-    def put(self, item: Item) -> None:
-        """Hand over an item and return at once."""
-        with self._changed:
-            if len(self._items) == self._waiting:
-                self._items.popleft()
-                self.dropped += 1
-            self._items.append(item)
-            self._changed.notify()
-
-    def stop(self, patience: float | None = None) -> bool:
-        """End the thread once the item under way is done; those that wait are dropped.
-
-        Parameters
-        ----------
-        patience : s to wait for it at most; None: no limit
-
-        Returns
-        -------
-        bool
-            Whether it has ended.
-        """
-        with self._changed:
-            self._stopping = True
-            self._changed.notify()
-        self._thread.join(patience)
-        return not self._thread.is_alive()
-
-    def _run(self) -> None:
-        self._prepare()
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._stopping or self._items)
-                if self._stopping:
-                    return
-                item = self._items.popleft()
-            self._handle(item)
 
 
 class ColorInput:

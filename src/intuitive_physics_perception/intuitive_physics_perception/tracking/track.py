@@ -65,6 +65,7 @@ class Track:
     steps : all frames since it was first seen
     earlier : detections before that with their times (s), newest first, as long as they are looked
         for; None from then on
+    identity : the object that it is, where that is known from elsewhere
     """
 
     number: int
@@ -84,6 +85,7 @@ class Track:
     color: NDArray[np.float64] | None = None
     steps: deque[FilterStep] = field(default_factory=lambda: deque(maxlen=MAX_STEPS))
     earlier: list[tuple[float, Detection]] | None = field(default_factory=list)
+    identity: SceneObject | None = None
 
     def take_color(self, color: NDArray[np.float64] | None, weight: float) -> None:
         """Average the colour of its detections; late frames count most, as light changes.
@@ -140,6 +142,8 @@ class Track:
 
     def scene_object(self, settings: PerceptionSettings) -> SceneObject:
         """What it is; its dimensions are averages over the track (Sec. VI-C)."""
+        if self.identity is not None:
+            return self.identity
         name = self.known.name if self.known else self.kind
         material = self.known.material if self.known else self._unknown_material(settings)
         shape = self.attitude.shape if self.attitude else Sphere(float(self.mean[RADIUS]))

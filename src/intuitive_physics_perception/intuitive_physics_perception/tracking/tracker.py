@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.scene import Environment
+from intuitive_physics.scene import Environment, SceneObject
 from intuitive_physics.shapes import Capsule
 from intuitive_physics_perception.detection.detections import Detection, kind_of
 from intuitive_physics_perception.settings import PerceptionSettings
@@ -37,13 +37,20 @@ class Tracker:
     ----------
     environment : what the objects bounce off
     first_number : number of the first track, so that numbers stay unique over restarts
+    identity : the one object that is followed, where that is known; its detections are all that
+        comes
     """
 
     def __init__(
-        self, environment: Environment, settings: PerceptionSettings, first_number: int = 1
+        self,
+        environment: Environment,
+        settings: PerceptionSettings,
+        first_number: int = 1,
+        identity: SceneObject | None = None,
     ) -> None:
         self.next_number = first_number
         self._settings = settings
+        self._identity = identity
         self._filter = TrackFilter(environment, settings)
         self._tracks: list[Track] = []
 
@@ -217,6 +224,7 @@ class Tracker:
 
     def _new_track(self, time: float, detection: Detection) -> Track:
         track = self._filter.begin(self.next_number, time, detection)
+        track.identity = self._identity
         track.take_color(detection.color, 1.0)
         settle(track, self._settings)
         track.close_step(detection)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 
-from intuitive_physics_perception.nodes.frame_input import FrameWorker
+from intuitive_physics_perception.nodes.frame_worker import FrameWorker
 
 
 def test_items_are_handled_in_order_and_the_oldest_dropped() -> None:

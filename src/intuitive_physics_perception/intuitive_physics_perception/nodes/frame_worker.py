@@ -1,0 +1,71 @@
+"""Handles what arrives, one after the other, in a thread of its own."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+Item = TypeVar("Item")
+
+
+class FrameWorker(Generic[Item]):
+    """Calls `handle` for one item after the other in a thread of its own.
+
+    Parameters
+    ----------
+    prepare : called once in the thread before the first item
+    handle : called with each item; must not raise
+    waiting : items that may wait; when more come the oldest is dropped
+    """
+
+    def __init__(
+        self, prepare: Callable[[], None], handle: Callable[[Item], None], waiting: int = 3
+    ) -> None:
+        self.dropped = 0
+        self._prepare = prepare
+        self._handle = handle
+        self._items: deque[Item] = deque()
+        self._waiting = waiting
+        self._changed = threading.Condition()
+        self._stopping = False
+        self._thread = threading.Thread(target=self._run, name="frames", daemon=True)
+        self._thread.start()
+
+    def put(self, item: Item) -> None:
+        """Hand over an item and return at once."""
+        with self._changed:
+            if len(self._items) == self._waiting:
+                self._items.popleft()
+                self.dropped += 1
+            self._items.append(item)
+            self._changed.notify()
+
+    def stop(self, patience: float | None = None) -> bool:
+        """End the thread once the item under way is done; those that wait are dropped.
+
+        Parameters
+        ----------
+        patience : s to wait for it at most; None: no limit
+
+        Returns
+        -------
+        bool
+            Whether it has ended.
+        """
+        with self._changed:
+            self._stopping = True
+            self._changed.notify()
+        self._thread.join(patience)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        self._prepare()
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._stopping or self._items)
+                if self._stopping:
+                    return
+                item = self._items.popleft()
+            self._handle(item)

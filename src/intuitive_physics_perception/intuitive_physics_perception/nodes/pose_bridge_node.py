@@ -1,0 +1,350 @@
+"""The pose bridge: poses of tags or motion capture in; environment, states, observations out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from contextlib import suppress
+from copy import copy
+from typing import Any, TypeAlias
+
+import numpy as np
+from geometry_msgs.msg import (
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    TransformStamped,
+)
+from intuitive_physics_msgs.msg import ObjectStates
+from intuitive_physics_msgs.msg import Observation as ObservationMessage
+from numpy.typing import NDArray
+from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
+
+from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
+from intuitive_physics.frames.change_of_frame import RigidTransform
+from intuitive_physics.observation import Observation
+from intuitive_physics.scene import SceneObject
+from intuitive_physics.state import ObjectState
+from intuitive_physics.validation import covariance_matrix
+from intuitive_physics_perception.nodes.frame_worker import FrameWorker
+from intuitive_physics_perception.poses.described_objects import (
+    described_objects,
+    environment_from_file,
+    floor_environment,
+)
+from intuitive_physics_perception.poses.pose_tracker import MeasuredPose, PoseTracker
+from intuitive_physics_ros.conversions import (
+    object_states_to_message,
+    observation_to_message,
+    seconds_from_stamp,
+)
+from intuitive_physics_ros.conversions.primitives import xyz, xyzw
+from intuitive_physics_ros.environment_publisher import EnvironmentPublisher
+from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
+from intuitive_physics_ros.lifecycle.run_node import farewell, run_node
+from intuitive_physics_ros.markers import (
+    clearing_marker,
+    environment_markers,
+    name_markers,
+    object_markers,
+)
+from intuitive_physics_ros.monitors import InputMonitor
+from intuitive_physics_ros.parameters import Parameter
+from intuitive_physics_ros.qos import OBSERVATIONS as OBSERVATIONS_QOS
+from intuitive_physics_ros.qos import QOS_OVERRIDES, SENSOR_DATA, STREAM
+from intuitive_physics_ros.topics import OBJECT_STATES, OBSERVATIONS
+from intuitive_physics_ros.transforms import Transforms, UnknownTransformError
+from intuitive_physics_ros.unexpected_errors import unexpected_errors
+
+PoseMessage: TypeAlias = PoseStamped | PoseWithCovarianceStamped | TransformStamped
+
+POSE, POSE_WITH_COVARIANCE, TRANSFORM = "pose", "pose_with_covariance", "transform"
+"""Values of the parameter `input` with which each object has a topic of its own."""
+
+TF = "tf"
+"""Value of `input` with which poses are those of frames on /tf."""
+
+NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+"""What an object's name may be, as it is part of a topic."""
+
+TIMEOUT = 2.0
+"""s without a pose after which an input counts as lost."""
+
+WAITING = 1000
+"""Poses that may wait to be handled."""
+
+STOP_PATIENCE = 0.8
+"""s to wait at the end for the pose under way."""
+
+PARAMETERS = (
+    Parameter(
+        "input",
+        "pose",
+        "messages on ~/NAME/pose of each object; tf: no such topics, but the frames object_frames "
+        "on /tf, as detectors of tags send them",
+        choices=(POSE, POSE_WITH_COVARIANCE, TRANSFORM, TF),
+    ),
+    Parameter("object_names", ["object"], "names of the objects, and parts of their topics"),
+    Parameter(
+        "object_shapes",
+        ["box 0.1 0.1 0.1"],
+        "of each: sphere RADIUS, box X Y Z (whole edges), capsule RADIUS LENGTH (without caps), m",
+    ),
+    Parameter("object_materials", ["object"], "of each, its name"),
+    Parameter(
+        "object_offsets",
+        [""],
+        "of each: X Y Z, or X Y Z QX QY QZ QW, of its centre in the frame whose pose is measured; "
+        "one empty text: none",
+    ),
+    Parameter("object_frames", [""], "of each, its frame on /tf; one empty text: the names"),
+    Parameter("frame_id", "world", "frame of all that is published, z up; others by tf"),
+    Parameter(
+        "environment_file",
+        "",
+        "JSON of an environment, or of an observation; its frame and all coordinates are frame_id; "
+        "empty: one floor",
+    ),
+    Parameter("floor_height", 0.0, "z of the floor, m", (-1e6, 1e6)),
+    Parameter("floor_material", "environment", "material of the floor"),
+    Parameter("position_noise", 0.001, "standard deviation of a measured position, m", (1e-6, 1.0)),
+    Parameter(
+        "orientation_noise",
+        0.005,
+        "standard deviation of a measured orientation about each axis, rad",
+        (1e-6, 3.0),
+    ),
+    Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0)),
+)
+"""All parameters of the node."""
+
+
+class PoseBridgeNode(ManagedNode):
+    """Topics around `PoseTracker`."""
+
+    def __init__(self) -> None:
+        super().__init__("pose_bridge", PARAMETERS)
+
+    def configure(self) -> None:
+        """Make the tracker, which has seen nothing yet."""
+        values = self.values()
+        self._names = names = values["object_names"]
+        for name in names:
+            if not NAME.fullmatch(name):
+                raise InvalidInputError(
+                    f"object_names has {name!r}; expected letters, digits and _, as in topics"
+                )
+        offsets = values["object_offsets"]
+        objects = described_objects(
+            names,
+            values["object_shapes"],
+            values["object_materials"],
+            [""] * len(names) if offsets == [""] else offsets,
+        )
+        self._frame_id = values["frame_id"]
+        path = values["environment_file"]
+        floor = (self._frame_id, values["floor_height"], values["floor_material"])
+        environment = environment_from_file(path) if path else floor_environment(*floor)
+        if environment.frame_id != self._frame_id:
+            raise InvalidInputError(
+                f"frame_id is {self._frame_id!r} and the environment of {path!r} is in "
+                f"{environment.frame_id!r}; expected the same frame"
+            )
+        self._model = environment
+        self._tracker = PoseTracker(environment, objects)
+        self._environment = EnvironmentPublisher(self)
+
+    def activate(self) -> None:
+        """Hear poses and publish what follows from them."""
+        values = self.values()
+        self._noise = values["position_noise"] ** 2, values["orientation_noise"] ** 2
+        self._states = self.create_publisher(
+            ObjectStates, OBJECT_STATES, copy(STREAM), qos_overriding_options=QOS_OVERRIDES
+        )
+        self._observations = self.create_publisher(
+            ObservationMessage,
+            OBSERVATIONS,
+            copy(OBSERVATIONS_QOS),
+            qos_overriding_options=QOS_OVERRIDES,
+        )
+        self._markers = self.create_publisher(MarkerArray, "~/markers", 1)
+        now = Header(stamp=self.get_clock().now().to_msg(), frame_id=self._frame_id)
+        self._environment.publish(self._model, camera=now, camera_pose=RigidTransform())
+        self._frame: tuple[Header, dict[str, MeasuredPose]] | None = None
+        self._expected: set[str] = set()
+        self._newest: tuple[Header, list[SceneObject], list[ObjectState]] = now, [], []
+        self._transforms: Transforms | None = None
+        # Where all poses are in one frame nothing has to be looked up.
+        with suppress(InvalidInputError):
+            self._transforms = Transforms(self)
+        self._monitors = {name: InputMonitor(self, name, TIMEOUT) for name in self._names}
+        self._worker: FrameWorker[tuple[str, Any]] = FrameWorker(
+            lambda: None, self._handle, WAITING
+        )
+        for name, monitor in self._monitors.items():
+            self.diagnostics.add(f"poses of {name}", monitor.check)
+        if values["input"] == TF:
+            self._hear_frames(values["object_frames"])
+        else:
+            self._hear_topics(values["input"])
+        self.create_timer(1.0 / values["marker_rate"], self._on_marker_tick)
+
+    def deactivate(self) -> None:
+        """Stop the worker and publish what moved; where objects were is forgotten."""
+        if self._worker.stop(STOP_PATIENCE):
+            self._publish_observations(self._tracker.finish())
+        else:
+            self.get_logger().warning("the pose under way did not end in time and is left behind")
+        farewell([self._observations, *self._environment.publishers])
+
+    def cleanup(self) -> None:
+        """Forget the environment."""
+        self._environment.destroy()
+        del self._tracker
+
+    def _hear_topics(self, wanted: str) -> None:
+        for one, kind in (
+            (POSE, PoseStamped),
+            (POSE_WITH_COVARIANCE, PoseWithCovarianceStamped),
+            (TRANSFORM, TransformStamped),
+        ):
+            if one != wanted:
+                continue
+            for name in self._names:
+                self.create_subscription(
+                    kind,
+                    f"~/{name}/pose",
+                    self._taking(name),
+                    copy(SENSOR_DATA),
+                    qos_overriding_options=QOS_OVERRIDES,
+                )
+
+    def _hear_frames(self, frames: list[str]) -> None:
+        from tf2_msgs.msg import TFMessage
+
+        names = self._names
+        given = names if frames == [""] else frames
+        if len(given) != len(names):
+            raise InvalidInputError(
+                f"object_frames has {len(given)} frames for {len(names)} objects; expected as many"
+            )
+        take = {frame: self._taking(name) for frame, name in zip(given, names, strict=True)}
+
+        def on_transforms(message: Any) -> None:
+            for transform in message.transforms:
+                if transform.child_frame_id in take:
+                    take[transform.child_frame_id](transform)
+
+        self.create_subscription(TFMessage, "/tf", on_transforms, 100)
+
+    def _taking(self, name: str) -> Callable[[PoseMessage], None]:
+        return lambda message: self._worker.put((name, message))
+
+    def _handle(self, item: tuple[str, PoseMessage]) -> None:
+        """Take a pose; runs in the worker's thread."""
+        name, message = item
+        monitor = self._monitors[name]
+        try:
+            self._collect(name, message.header, self._measured(message))
+        except IntuitivePhysicsError as error:
+            monitor.rejected(error)
+        except Exception as error:
+            # A thread that dies would take all poses with it.
+            monitor.rejected(unexpected_errors(self).report(error, "a pose"))
+        else:
+            monitor.accepted()
+
+    def _collect(self, name: str, header: Header, seen: MeasuredPose) -> None:
+        """Track the poses of one stamp together, as soon as all have come that came last time."""
+        if self._frame is not None and self._frame[0].stamp != header.stamp:
+            self._track()
+        if self._frame is None:
+            self._frame = Header(stamp=header.stamp, frame_id=self._frame_id), {}
+        self._frame[1][name] = seen
+        if self._frame[1].keys() >= self._expected:
+            self._track()
+
+    def _track(self) -> None:
+        if self._frame is None:
+            return
+        (header, poses), self._frame = self._frame, None
+        self._expected = set(poses)
+        back, observations = self._tracker.update(float(seconds_from_stamp(header.stamp)), poses)
+        if back:
+            self.get_logger().warning("time went back: tracking starts again")
+        objects, states = self._tracker.states()
+        self._newest = header, objects, states
+        self._states.publish(
+            object_states_to_message(objects, states, frame_id=self._frame_id, stamp=header.stamp)
+        )
+        self._publish_observations(observations)
+
+    def _measured(self, message: PoseMessage) -> MeasuredPose:
+        """Return a pose in the frame of all that is published."""
+        stamp = message.header.stamp
+        if stamp.sec == 0 and stamp.nanosec == 0:
+            raise InvalidInputError("stamp of a pose is 0; expected the time of its measurement")
+        place, covariance = _pose_of(message)
+        frame = message.header.frame_id
+        position, rotation = (variance * np.eye(3) for variance in self._noise)
+        if covariance is not None:
+            position, rotation = covariance[:3, :3], covariance[3:, 3:]
+        if frame != self._frame_id:
+            way = self._way_from(frame, stamp)
+            place = way.after(place)
+            position, rotation = way.covariances(position), way.covariances(rotation)
+        return MeasuredPose(place, position, rotation)
+
+    def _way_from(self, frame: str, stamp: Any) -> RigidTransform:
+        if self._transforms is None:
+            raise InvalidInputError(
+                f"pose is in the frame {frame!r}; expected {self._frame_id!r}, as frame_id says, "
+                "or tf2_ros to look up where the one is in the other"
+            )
+        try:
+            return self._transforms.lookup(self._frame_id, frame, stamp)
+        except UnknownTransformError as error:
+            raise InvalidInputError(f"{error}, or frame_id {frame!r}") from None
+
+    def _publish_observations(self, observations: tuple[Observation, ...]) -> None:
+        for observation in observations:
+            self._observations.publish(observation_to_message(observation))
+            names = ", ".join(seen.object.id for seen in observation.objects)
+            self.get_logger().info(f"observed {names}")
+
+    def _on_marker_tick(self) -> None:
+        if self._markers.get_subscription_count() == 0:
+            return
+        header, objects, states = self._newest
+        up = -self._model.gravity
+        self._markers.publish(
+            MarkerArray(
+                markers=[
+                    clearing_marker(),
+                    *environment_markers(self._model, header.stamp),
+                    *object_markers(objects, states, header),
+                    *name_markers(objects, states, header, up),
+                ]
+            )
+        )
+
+
+def _pose_of(message: PoseMessage) -> tuple[RigidTransform, NDArray[np.float64] | None]:
+    """Return a pose and its covariance (6, 6) of position and rotation vector, where it has one."""
+    if isinstance(message, TransformStamped):
+        transform = message.transform
+        return RigidTransform(xyz(transform.translation), xyzw(transform.rotation)), None
+    if isinstance(message, PoseStamped):
+        return RigidTransform(xyz(message.pose.position), xyzw(message.pose.orientation)), None
+    pose = message.pose.pose
+    covariance = covariance_matrix(
+        np.reshape(message.pose.covariance, (6, 6)), "covariance of a pose", 6
+    )
+    place = RigidTransform(xyz(pose.position), xyzw(pose.orientation))
+    # By convention zeros say that it is not known.
+    return place, covariance if covariance[:3, :3].any() and covariance[3:, 3:].any() else None
+
+
+def main() -> int:
+    """Run the node until it is stopped."""
+    return run_node(PoseBridgeNode)

@@ -41,6 +41,7 @@ ROS_PACKAGES = {
     "launch",
     "launch_ros",
     "lifecycle_msgs",
+    "nav_msgs",
     "rcl_interfaces",
     "rclpy",
     "ros2cli",
@@ -55,6 +56,7 @@ ROS_PACKAGES = {
     "std_srvs",
     "tf2_msgs",
     "tf2_ros_py",
+    "vision_msgs",
     "visualization_msgs",
 }
 """Packages that jazzy/distribution.yaml of the same commit releases."""

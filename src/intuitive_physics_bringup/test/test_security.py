@@ -21,7 +21,10 @@ POLICY = PACKAGE / "security" / "policy.xml"
 MAKE_KEYSTORE = PACKAGE / "security" / "make_keystore"
 
 ONLY_WHEN_ASKED = {
-    "perception_node": {"imu", "/tf", "color/image", "/tf_static", *TRANSPORTS.values()},
+    "perception_node": {
+        *("imu", "/tf", "color/image", "/tf_static", "/detections"),
+        *TRANSPORTS.values(),
+    },
 }
 """What a node uses with certain parameters or packages only, by the end of its name."""
 
@@ -120,7 +123,10 @@ def unused(peer: Peer, node: str) -> set[str]:
 def graph(tmp_path_factory) -> Iterator[Peer]:
     """The nodes as processes, and a peer that sees them."""
     folder = tmp_path_factory.mktemp("security")
-    arguments = {"learner_node": ["-p", f"database:={folder / 'learner.sqlite3'}"]}
+    arguments = {
+        "learner_node": ["-p", f"database:={folder / 'learner.sqlite3'}"],
+        "predictor_node": ["-p", "publish_path:=true"],
+    }
     processes = []
     try:
         for node in NODES:

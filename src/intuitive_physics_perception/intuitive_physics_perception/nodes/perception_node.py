@@ -10,6 +10,7 @@ import numpy as np
 from intuitive_physics_msgs.msg import ObjectStates
 from intuitive_physics_msgs.msg import Observation as ObservationMessage
 from numpy.typing import NDArray
+from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -35,6 +36,7 @@ from intuitive_physics_ros.conversions import (
     observation_to_message,
     seconds_from_stamp,
 )
+from intuitive_physics_ros.conversions.standard_messages import detections_to_message
 from intuitive_physics_ros.diagnostics import Level, Status
 from intuitive_physics_ros.environment_publisher import EnvironmentPublisher
 from intuitive_physics_ros.imu_input import ImuInput
@@ -87,6 +89,11 @@ PARAMETERS = [
         "use_color",
         False,
         "subscribe to ~/color/image, registered to the depth image, to keep crossing objects apart",
+    ),
+    Parameter(
+        "publish_detections",
+        False,
+        "publish vision_msgs/Detection3DArray of the objects on detections as well",
     ),
     Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0)),
     Parameter(
@@ -143,6 +150,9 @@ class PerceptionNode(ManagedNode):
             copy(OBSERVATIONS_QOS),
             qos_overriding_options=QOS_OVERRIDES,
         )
+        self._detections: Publisher | None = None
+        if values["publish_detections"]:
+            self._offer_detections()
         self._markers = self.create_publisher(MarkerArray, "~/markers", 1)
         self._frame.listen(self)
         if self._pipeline.settings.gravity_source == "imu":
@@ -179,6 +189,18 @@ class PerceptionNode(ManagedNode):
         """Put the frame's default name below the namespace: each robot has its own."""
         namespace = self.get_namespace().strip("/")
         return f"{namespace}/{given}" if namespace and given == DEFAULT_FRAME else given
+
+    def _offer_detections(self) -> None:
+        try:
+            from vision_msgs.msg import Detection3DArray
+        except ImportError:
+            raise InvalidInputError(
+                "publish_detections is true, but vision_msgs is not installed; expected it "
+                "(sudo apt install ros-jazzy-vision-msgs)"
+            ) from None
+        self._detections = self.create_publisher(
+            Detection3DArray, "detections", 10, qos_overriding_options=QOS_OVERRIDES
+        )
 
     def _make_imu(self, orientation: list[float]) -> None:
         self._accelerometer = RestingAccelerometer(self._pipeline.settings.rest)
@@ -261,14 +283,15 @@ class PerceptionNode(ManagedNode):
                 )
 
     def _publish_states(self, header: Header, result: FrameResult) -> None:
+        objects = [seen.object for seen in result.objects]
+        states = [self._frame.state(seen.state) for seen in result.objects]
+        name = self._frame.name
         self._states.publish(
-            object_states_to_message(
-                [seen.object for seen in result.objects],
-                [self._frame.state(seen.state) for seen in result.objects],
-                frame_id=self._frame.name,
-                stamp=header.stamp,
-            )
+            object_states_to_message(objects, states, frame_id=name, stamp=header.stamp)
         )
+        if self._detections is not None:
+            own = Header(stamp=header.stamp, frame_id=name)
+            self._detections.publish(detections_to_message(objects, states, own))
 
     def _publish_observations(self, observations: tuple[Observation, ...]) -> None:
         for observation in observations:

@@ -12,6 +12,7 @@ os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 pytest.importorskip("tf2_ros", reason="tf2_ros is not installed")
+pytest.importorskip("vision_msgs", reason="vision_msgs is not installed")
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
@@ -19,6 +20,7 @@ from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates, Observation
 from sensor_msgs.msg import CameraInfo, Image
 from tf2_msgs.msg import TFMessage
+from vision_msgs.msg import Detection3DArray
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics_ros.conversions import (
@@ -44,6 +46,7 @@ from .camera_messages import (
 MODULE = "intuitive_physics_perception.nodes.perception_node"
 NODE = "/perception_node"
 PARAMETERS = ["-p", f"environment_frames:={FRAMES}", "-p", "target_frame:=base_link"]
+PARAMETERS += ["-p", "publish_detections:=true"]
 
 BASE = RigidTransform((2.0, -1.0, 0.3), (0.0, 0.0, np.sin(0.4), np.cos(0.4)))
 """Of the robot in the room: turned about the vertical."""
@@ -88,6 +91,7 @@ def test_environment_states_and_observations_are_in_the_target_frame(peer, node,
     environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
     states = peer.listen(ObjectStates, "object_states", SENSOR_DATA)
     observations = peer.listen(Observation, "observations", OBSERVATIONS)
+    detections = peer.listen(Detection3DArray, "detections")
     heard = peer.listen(DiagnosticArray, "/diagnostics")
     images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
@@ -137,6 +141,14 @@ def test_environment_states_and_observations_are_in_the_target_frame(peer, node,
     expected = np.array([1.4, -0.4, 0.5]) + np.outer(times, [0.4, 0.9, 1.2])
     expected[:, 2] -= 0.5 * 9.81 * times**2
     assert BASE.points(ball.trajectory.positions) == pytest.approx(expected, abs=0.02)
+    # Those who read detections get the same objects at the same places.
+    by_stamp = {(d.header.stamp.sec, d.header.stamp.nanosec): d for d in detections}
+    for message in states[-10:]:
+        same = by_stamp[message.header.stamp.sec, message.header.stamp.nanosec]
+        assert same.header == message.header
+        assert [one.id for one in same.detections] == [one.id for one in message.objects]
+        for one, own in zip(same.detections, message.objects, strict=True):
+            assert one.bbox.center == own.pose.pose
     flying = [object_states_from_messages(one.objects)[1] for one in states if one.objects]
     velocity = BASE.directions(flying[4][0].linear_velocity)
     assert velocity[:2] == pytest.approx([0.4, 0.9], abs=0.3)

@@ -11,9 +11,12 @@ from dataclasses import fields
 from functools import partial
 from typing import Any
 
+import numpy as np
+from geometry_msgs.msg import PoseArray
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
+from nav_msgs.msg import Path
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
@@ -35,6 +38,7 @@ from intuitive_physics_predictor.nodes.services import PredictionServices
 from intuitive_physics_predictor.nodes.ticks import PredictionTicks
 from intuitive_physics_ros.background import RequestLimits
 from intuitive_physics_ros.conversions import static_parameters_from_message
+from intuitive_physics_ros.conversions.standard_messages import path_to_message, poses_to_message
 from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
 from intuitive_physics_ros.lifecycle.run_node import run_node
 from intuitive_physics_ros.markers import distribution_markers
@@ -76,6 +80,21 @@ PARAMETERS = [
         read_only=False,
     ),
     Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0), read_only=False),
+    Parameter(
+        "publish_path",
+        False,
+        "publish nav_msgs/Path of the mean on path, and geometry_msgs/PoseArray of the samples at "
+        "one time on sample_poses, for those who read these",
+    ),
+    Parameter("path_object", "", "object that both are of; empty: the first one", read_only=False),
+    Parameter("path_rate", 10.0, "of both, messages a second", (0.1, 100.0)),
+    Parameter(
+        "sample_poses_after",
+        0.5,
+        "time after the prediction's beginning at which the samples are shown, s",
+        (0.0, 1000.0),
+        read_only=False,
+    ),
     *setting_parameters(RequestLimits, read_only=False),
     *setting_parameters(InputLimits, read_only=False),
     *setting_parameters(PredictionOptions, read_only=False),
@@ -108,6 +127,14 @@ class PredictorNode(ManagedNode):
         self._answers = PredictionServices(self, self._ticks)
         self._marker_publisher = self.create_publisher(MarkerArray, "~/markers", 1)
         self._marker_timer = self.create_timer(1.0 / values["marker_rate"], self._on_marker_tick)
+        if values["publish_path"]:
+            self._path_publisher = self.create_publisher(
+                Path, "path", 10, qos_overriding_options=QOS_OVERRIDES
+            )
+            self._poses_publisher = self.create_publisher(
+                PoseArray, "sample_poses", 10, qos_overriding_options=QOS_OVERRIDES
+            )
+            self.create_timer(1.0 / values["path_rate"], self._on_path_tick)
         self._subscribe()
         self._ticks.start()
 
@@ -181,6 +208,22 @@ class PredictorNode(ManagedNode):
                     distribution.covariance,
                 )
             )
+
+    def _on_path_tick(self) -> None:
+        made = self._ticks.snapshot.newest
+        values = self.values()
+        wanted = values["path_object"]
+        if made is None or (wanted and wanted not in made.distribution.object_ids):
+            return
+        distribution, frame_id = made.distribution, made.scene.environment.frame_id
+        k = distribution.index(wanted) if wanted else 0
+        self._path_publisher.publish(
+            path_to_message(frame_id, made.start, distribution.times, distribution.mean[k])
+        )
+        after = int(np.abs(distribution.times - values["sample_poses_after"]).argmin())
+        shown = distribution.positions[: values["published_samples"], k, after]
+        time = made.start + float(distribution.times[after])
+        self._poses_publisher.publish(poses_to_message(frame_id, time, shown))
 
     def _check_parameters(self, new: Sequence[RosParameter]) -> SetParametersResult:
         """Refuse parameters that are valid each, but not together."""

@@ -43,6 +43,7 @@ ROS_PACKAGES = {
     "lifecycle_msgs",
     "nav_msgs",
     "rcl_interfaces",
+    "rclcpp",
     "rclpy",
     "ros2cli",
     "ros2pkg",

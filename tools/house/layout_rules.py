@@ -43,6 +43,7 @@ ALLOWED_IMPORTS: dict[str, frozenset[str]] = {
         }
     ),
     "intuitive_physics_bringup": frozenset({LIBRARY, MESSAGES, NODE_PLUMBING}),
+    "intuitive_physics_examples": frozenset({MESSAGES}),
 }
 """What each package of the suite may import of the others; a package without a row: nothing."""
 

@@ -21,6 +21,8 @@ from intuitive_physics_msgs.srv import (
     SetStaticParameters,
     Suggest,
 )
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import ListParameters, SetParameters
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu, PointCloud2
 
@@ -74,8 +76,14 @@ BENT = 0.5
 OWN_NAMES = 0.9
 """Part of the parameters to set that have the name of one."""
 
-OWN_NAMES = 0.9
-"""Part of the parameters to set that have the name of one."""
+PAUSES = (("deactivate", "activate"), ("deactivate", "cleanup", "configure", "activate"))
+"""Transitions that end where they began, in the active state."""
+
+PAUSED = 0.3
+"""Part of the requests for transitions that are such rounds; the others are of nothing that is."""
+
+SHUTDOWNS = (5, 6, 7)
+"""Transitions after which a node does as it was told, and nothing any more."""
 
 PING_EVERY = 40
 """Messages between two pings of all nodes."""
@@ -101,6 +109,7 @@ def measure_fuzz(nodes: Nodes, peer: Peer, count: int, rng: np.random.Generator)
     """Send `count` messages and calls to running nodes."""
     send = _senders(peer)
     send["calls"] += [_parameter_sender(peer, name) for name in nodes.processes]
+    send["calls"] += [_transition_sender(peer, name) for name in nodes.processes]
     found = Fuzz()
     while found.sent < count:
         kinds = list(send["calls"] if rng.random() < CALLS else send["topics"])
@@ -162,6 +171,26 @@ def _parameter_sender(peer: Peer, node: str) -> Send:
         return request
 
     return lambda request: client.remove_pending_request(client.call_async(request)), make
+
+
+def _transition_sender(peer: Peer, node: str) -> Send:
+    """What leads a node through its states, and asks for transitions that do not exist."""
+    client = peer.node.create_client(ChangeState, f"/{node}/change_state")
+
+    def make(rng: np.random.Generator) -> list[Any]:
+        if rng.random() < PAUSED:
+            pause = PAUSES[int(rng.integers(len(PAUSES)))]
+            return [ChangeState.Request(transition=Transition(label=label)) for label in pause]
+        request = random_message(ChangeState.Request, rng)
+        if request.transition.id in SHUTDOWNS:
+            request.transition.id = 0
+        return [request]
+
+    def send(requests: list[Any]) -> None:
+        for request in requests:
+            client.remove_pending_request(client.call_async(request))
+
+    return send, make
 
 
 def _maker(kind: type, valid: Any) -> Callable[[np.random.Generator], Any]:

@@ -20,7 +20,8 @@ run_environment = \
 # Open3D brings dash, whose pytest plug-in serves nothing here and warns in every run.
 pytest = .venv/bin/pytest -p no:dash
 
-# Tests of libraries share nothing but the machine: files of them run side by side.
+# Tests of libraries, and of one node each, share nothing but the machine: files of them run side by
+# side. Those of the whole system time it.
 one_thread = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 side_by_side = --numprocesses=auto --maxprocesses=4 --dist=loadfile
 
@@ -66,7 +67,8 @@ library-tests: setup ## Only test what knows nothing of ROS
 
 system-tests: setup ## Only test nodes, as processes that talk over DDS
 	@echo "── system tests"
-	@$(run_environment) $(pytest) $(wildcard $(addsuffix /test,$(ros_packages)) test) $(node_tests)
+	@$(run_environment) $(pytest) $(side_by_side) $(addsuffix /test,$(ros_packages)) $(node_tests)
+	@$(run_environment) $(pytest) test
 
 test-oldest: ## Test the libraries with the versions of Ubuntu 24.04, in build/oldest
 	@tools/system_packages.sh && tools/oldest.sh

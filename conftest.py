@@ -4,6 +4,8 @@ A shell that runs tests in the background has them, and the processes they start
 some tests send it, so it is heard again.
 
 Where CI is set, Hypothesis tries the same examples in every run; elsewhere it looks for new ones.
+
+Files of tests that run side by side have a ROS domain each: their nodes have the same names.
 """
 
 import os
@@ -16,3 +18,9 @@ settings.load_profile("untimed")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
+if "ROS_DOMAIN_ID" in os.environ and worker != "0":
+    os.environ["ROS_DOMAIN_ID"] = str(
+        (int(os.environ["ROS_DOMAIN_ID"]) + 20 * int(worker)) % 100 + 1
+    )

@@ -34,15 +34,23 @@ def environment(home: Path) -> dict[str, str]:
 
 
 def ros2(home: Path, *arguments: str, timeout: float = 60.0) -> str:
-    """Run one command of `ros2` to its end and return what it wrote; it must succeed."""
-    ended = subprocess.run(
-        [*COMMAND, *arguments],
-        env=environment(home),
-        capture_output=True,
-        text=True,
-        timeout=timeout,
-        check=False,
-    )
+    """Run one command of `ros2` to its end and return what it wrote; it must succeed.
+
+    The daemon, which the first command starts, discovers nodes one after another: what it does not
+    know yet is asked for again.
+    """
+    end = time.monotonic() + timeout
+    while True:
+        ended = subprocess.run(
+            [*COMMAND, *arguments],
+            env=environment(home),
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            check=False,
+        )
+        if "Node not found" not in ended.stdout + ended.stderr or time.monotonic() > end:
+            break
     assert ended.returncode == 0, f"ros2 {' '.join(arguments)}:\n{ended.stdout}{ended.stderr}"
     return ended.stdout
 

@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> Outcome:
             KILLS: lambda folder, rng: _kill(folder, counts[KILLS], rng),
             FUZZ: lambda folder, rng: _fuzz(folder, counts[FUZZ], rng),
             CANCELS: lambda folder, rng: _cancel(folder, counts[CANCELS], rng),
-            FAULTS: lambda folder, rng: _bear_faults(folder),
+            FAULTS: lambda folder, rng: _bear_faults(folder, quick=options.quick),
             SOAK: lambda folder, rng: _soak(folder, minutes),
         }
         for name in wanted:
@@ -177,8 +177,11 @@ def _cancel(folder: Path, count: int, rng: np.random.Generator) -> Found:
     return {"cancel_s_worst": round(worst(took), 2)}, table, missed
 
 
-def _bear_faults(folder: Path) -> Found:
-    faults = {**measure_faults_of_learner(folder), **measure_faults_around(folder, SEED)}
+def _bear_faults(folder: Path, *, quick: bool) -> Found:
+    faults = {
+        **measure_faults_of_learner(folder),
+        **measure_faults_around(folder, SEED, quick=quick),
+    }
     table = Table(
         title="Faults of the machine and of what is around",
         note="README.md says what has to be true for each.",

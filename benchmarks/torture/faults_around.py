@@ -26,11 +26,12 @@ half; after a jump of the clock the environment is seen anew as well."""
 JUMP = 3600.0
 """s by which a clock jumps: an hour, as of a wrong time zone."""
 
-ABSENCE = 6.0
-"""s without a camera."""
+ABSENCE, SHORT_ABSENCE = 6.0, 4.0
+"""s without a camera, or with a second node, in a full run and in a first look: /diagnostics come
+once a second."""
 
-PRESSURE = 10.0
-"""s for which a subscriber does not take, or others take the processor."""
+PRESSURE, SHORT_PRESSURE = 10.0, 4.0
+"""s for which a subscriber does not take, or others take the processor; as above."""
 
 KEPT_RATE = 0.9
 """Part of the rate of predictions that has to remain, or to be back."""
@@ -60,22 +61,24 @@ class FaultError(Exception):
     """The nodes did not bear a fault as they should."""
 
 
-def measure_faults_around(folder: Path, seed: int) -> dict[str, str]:
+def measure_faults_around(folder: Path, seed: int, *, quick: bool = False) -> dict[str, str]:
     """Return for each fault "ok" or what was wrong.
 
     Parameters
     ----------
     folder : for databases and rendered throws
     seed : of the throws
+    quick : whether each fault lasts only as long as it takes to be noticed
     """
+    absence, pressure = (SHORT_ABSENCE, SHORT_PRESSURE) if quick else (ABSENCE, PRESSURE)
     found: dict[str, str] = {}
     faults: dict[bool, dict[str, Callable[[Suite], None]]] = {
         True: {"clock_back": _clock_back, "clock_forward": _clock_forward},
         False: {
-            "camera_gone_and_back": _camera_gone,
-            "node_twice": _node_twice,
-            "slow_subscriber": _slow_subscriber,
-            "cpu_starved": _cpu_starved,
+            "camera_gone_and_back": partial(_camera_gone, absence),
+            "node_twice": partial(_node_twice, absence),
+            "slow_subscriber": partial(_slow_subscriber, pressure),
+            "cpu_starved": partial(_cpu_starved, pressure),
         },
     }
     for has_clock, some in faults.items():
@@ -128,10 +131,10 @@ def _clock_forward(suite: Suite) -> None:
     _recovers(suite, "the clock went forward")
 
 
-def _camera_gone(suite: Suite) -> None:
+def _camera_gone(absence: float, suite: Suite) -> None:
     suite.camera.unplug()
     earlier = len(suite.diagnostics)
-    suite.peer.spin_for(ABSENCE)
+    suite.peer.spin_for(absence)
     if not any(suite.said(PERCEPTION, level, earlier) for level in (_WARN, _ERROR)):
         raise FaultError("/diagnostics did not say that no images come")
     suite.camera.plug_in()
@@ -141,12 +144,12 @@ def _camera_gone(suite: Suite) -> None:
 _WARN, _ERROR = DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
-def _node_twice(suite: Suite) -> None:
+def _node_twice(absence: float, suite: Suite) -> None:
     earlier = len(suite.diagnostics)
     twins = {LEARNER: ["-p", f"database:={suite.nodes.database}"], PREDICTOR: []}
     for name, arguments in twins.items():
         with NodeProcess(module(name), arguments) as twin:
-            suite.peer.spin_for(ABSENCE)
+            suite.peer.spin_for(absence)
             if twin.process.poll() is not None and "Traceback" in twin.output:
                 raise FaultError(f"a second {name} ended with a traceback")
         told = [text for text in suite.said(name, _WARN, earlier) if "nodes have the name" in text]
@@ -155,12 +158,12 @@ def _node_twice(suite: Suite) -> None:
     _recovers(suite, "the second nodes ended")
 
 
-def _slow_subscriber(suite: Suite) -> None:
-    usual = suite.predictions.rate(PRESSURE / 2)
+def _slow_subscriber(pressure: float, suite: Suite) -> None:
+    usual = suite.predictions.rate(pressure / 2)
     pid = suite.nodes.processes[PREDICTOR].process.pid
     memory = megabytes(pid)
     with _subscriber():
-        rate = suite.predictions.rate(PRESSURE)
+        rate = suite.predictions.rate(pressure)
         grown = megabytes(pid) - memory
     if rate < KEPT_RATE * usual:
         raise FaultError(f"{rate:.0f} predictions a second; expected {KEPT_RATE:g} of {usual:.0f}")
@@ -184,12 +187,12 @@ def _subscriber() -> Iterator[None]:
         process.wait()
 
 
-def _cpu_starved(suite: Suite) -> None:
-    usual = suite.predictions.rate(PRESSURE / 2)
+def _cpu_starved(pressure: float, suite: Suite) -> None:
+    usual = suite.predictions.rate(pressure / 2)
     hog = [sys.executable, "-c", "while True: pass"]
     hogs = [subprocess.Popen(hog) for _ in range(HOGS_A_CORE * len(os.sched_getaffinity(0)))]
     try:
-        starved = suite.predictions.rate(PRESSURE)
+        starved = suite.predictions.rate(pressure)
         check_pings(suite.nodes, longest=HOGS_A_CORE)
     finally:
         for one in hogs:
@@ -198,6 +201,6 @@ def _cpu_starved(suite: Suite) -> None:
     if not starved:
         raise FaultError("no prediction while others took the processor")
     time.sleep(RECOVERY)
-    rate = suite.predictions.rate(PRESSURE / 2)
+    rate = suite.predictions.rate(pressure / 2)
     if rate < KEPT_RATE * usual:
         raise FaultError(f"{rate:.0f} predictions a second afterwards, {usual:.0f} before")

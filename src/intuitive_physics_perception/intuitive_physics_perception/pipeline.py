@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.observation import Observation
 from intuitive_physics.validation import unit_vector
 from intuitive_physics_perception.detection.detections import DetectedSolid, DetectedSphere
@@ -18,8 +19,10 @@ from intuitive_physics_perception.detection.solids import all_objects
 from intuitive_physics_perception.environment.environment_model import (
     EnvironmentModel,
     NoEnvironmentError,
+    is_same_view,
     model_environment,
 )
+from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.static_boxes import with_static_boxes
 from intuitive_physics_perception.frame_result import FrameDiagnostics, FrameResult, PerceivedObject
 from intuitive_physics_perception.scene import ModelledScene
@@ -28,7 +31,11 @@ from intuitive_physics_perception.tracking.episodes import Episode
 
 
 class PerceptionPipeline:
-    """Perceives frame after frame of one sensor that stands still.
+    """Perceives frame after frame of one sensor, which stands still, or whose pose is known.
+
+    The environment stays in the frame in which it was modelled, wherever the sensor looks from.
+    When a sensor that has moved stands still, and nothing that is followed moves, the environment
+    is modelled again from there.
 
     Parameters
     ----------
@@ -53,8 +60,13 @@ class PerceptionPipeline:
         self._next_track = 1
         self._last_time = -np.inf
         self._first_frames: list[NDArray[np.float32]] = []
+        self._moved_since_first = False
+        self._standing: list[NDArray[np.float32]] = []
+        self._pose: RigidTransform | None = None
+        self._modelled_at: RigidTransform | None = None
         self._scene: ModelledScene | None = None
         self._up: NDArray[np.float64] | None = None
+        self._up_seen_from: RigidTransform | None = None
 
     @property
     def model(self) -> EnvironmentModel | None:
@@ -70,7 +82,7 @@ class PerceptionPipeline:
         ----------
         up : (3,) in the sensor's frame, of any length
         """
-        self._up = unit_vector(up, "up")
+        self._up, self._up_seen_from = unit_vector(up, "up"), self._pose
 
     def rebuild_environment(self) -> tuple[Observation, ...]:
         """Forget the environment, which the next frames model again; return what was under way."""
@@ -81,6 +93,7 @@ class PerceptionPipeline:
         points: NDArray[np.float32],
         time: float,
         colors: NDArray[np.uint8] | None = None,
+        pose: RigidTransform | None = None,
     ) -> FrameResult:
         """Perceive one frame.
 
@@ -89,6 +102,7 @@ class PerceptionPipeline:
         points : (height, width, 3) float32 m in the sensor's frame, NaN where nothing was read
         time : s. An earlier time than that of the last frame restarts tracking
         colors : (height, width, 3) red, green and blue of the points, where they are known
+        pose : of the sensor at this time, in a frame that stands still; None: the sensor does
         """
         if colors is not None and colors.shape != points.shape:
             raise InvalidInputError(
@@ -104,10 +118,14 @@ class PerceptionPipeline:
         if not _has_readings(points):
             problem = "the frame has no reading at all; expected points: is the sensor covered?"
             result = self._unused(time, problem)
-        elif self._scene is None:
-            result = self._model(points, time)
+        elif (scene := self._scene) is None:
+            self._take_first(points, pose)
+            result = self._model(time, self._up_from_here())
         else:
-            result = self._perceive(self._scene, points, time, colors)
+            self._look_from(scene, pose)
+            result = self._perceive(scene, points, time, colors)
+            if self._stands_elsewhere(scene, points, pose):
+                result = self._modelled_here(scene, result)
         return replace(
             result,
             episodes=(*episodes, *result.episodes),
@@ -118,19 +136,23 @@ class PerceptionPipeline:
         """Return the observations of what still moves, as at the end of a recording."""
         return _observations(self._restarted())
 
-    def _model(self, points: NDArray[np.float32], time: float) -> FrameResult:
-        """Collect the first frames, then model the environment."""
-        if self.settings.gravity_source == "imu" and self._up is None:
+    def _model(self, time: float, up: NDArray[np.float64] | None) -> FrameResult:
+        """Model the environment once there are frames enough, with up (3,) where it is known."""
+        if self.settings.gravity_source == "imu" and up is None:
+            self._first_frames.clear()
             return self._unused(time, "up is not known yet; expected an IMU that has rested")
-        self._first_frames.append(points)
         if len(self._first_frames) < self.settings.environment_frames:
             return FrameResult(time, None)
         started = self._clock()
         frames, self._first_frames = self._first_frames, []
+        # Of a sensor that moves the newest frame alone is from where it is now.
+        if self._moved_since_first:
+            frames = frames[-1:]
         try:
-            model = model_environment(frames, self.settings, self._rng, self._up)
+            model = model_environment(frames, self.settings, self._rng, up)
         except NoEnvironmentError as error:
             return self._unused(time, str(error))
+        self._modelled_at = self._pose
         if self.settings.static_boxes:
             model = with_static_boxes(model, frames, self.settings, self._rng)
         self._scene = ModelledScene(
@@ -139,13 +161,65 @@ class PerceptionPipeline:
             self.settings,
             self._rng,
             self._next_track,
-            measured=self._up is not None,
+            measured=up is not None,
             background=self._background,
         )
         seconds = {"environment": self._clock() - started}
         return FrameResult(
             time, model, is_new_model=True, diagnostics=FrameDiagnostics(seconds=seconds)
         )
+
+    def _take_first(self, points: NDArray[np.float32], pose: RigidTransform | None) -> None:
+        """Collect a frame to model the environment from; whether the sensor moves is seen."""
+        if not self._first_frames:
+            self._moved_since_first = False
+        elif pose is not None and self._pose is not None:
+            self._moved_since_first |= not self._noise_hides(self._pose.inverse.after(pose))
+        self._first_frames.append(points)
+        self._pose = pose
+
+    def _up_from_here(self) -> NDArray[np.float64] | None:
+        """Up (3,) in the sensor's frame now, where it is known."""
+        if self._up is None or self._pose is None or self._up_seen_from is None:
+            return self._up
+        return self._pose.inverse.after(self._up_seen_from).directions(self._up)
+
+    def _noise_hides(self, way: RigidTransform) -> bool:
+        return is_same_view(way, RangeNoise.from_settings(self.settings))
+
+    def _look_from(self, scene: ModelledScene, pose: RigidTransform | None) -> None:
+        if pose is not None and self._modelled_at is not None:
+            scene.look_from(self._modelled_at.inverse.after(pose))
+
+    def _stands_elsewhere(
+        self, scene: ModelledScene, points: NDArray[np.float32], pose: RigidTransform | None
+    ) -> bool:
+        """Whether the sensor has moved and stands now, for as long as a model takes, and nothing
+        moves."""
+        before, self._pose = self._pose, pose
+        if scene.is_at_home or pose is None or before is None:
+            self._standing.clear()
+            return False
+        if not self._noise_hides(before.inverse.after(pose)):
+            self._standing.clear()
+        self._standing.append(points)
+        del self._standing[: -self.settings.environment_frames]
+        return len(self._standing) == self.settings.environment_frames and all(
+            track.resting for track in scene.tracker.tracks
+        )
+
+    def _modelled_here(self, scene: ModelledScene, result: FrameResult) -> FrameResult:
+        """Model the environment again from where the sensor stands now, with the same up."""
+        modelled_at = self._modelled_at
+        episodes = self._forget_environment()
+        self._first_frames, self._standing = self._standing, []
+        self._moved_since_first = False
+        modelled = self._model(result.time, scene.model.rotation[2])
+        if self._scene is None:
+            # Nothing to stand on is seen from here: what was known still is.
+            self._scene, self._modelled_at, self._first_frames = scene, modelled_at, []
+            return replace(result, episodes=(*result.episodes, *episodes))
+        return replace(modelled, episodes=(*result.episodes, *episodes))
 
     def _perceive(
         self,
@@ -156,7 +230,7 @@ class PerceptionPipeline:
     ) -> FrameResult:
         """Remove the planes, detect objects, track them, see which episodes are over."""
         instants = [self._clock()]
-        moved = scene.check.moved(points, time)
+        moved = scene.check.moved(points, time) if scene.is_at_home else ""
         if moved:
             episodes = self._forget_environment()
             return replace(self._unused(time, moved), episodes=episodes, moved=moved)
@@ -222,7 +296,7 @@ class PerceptionPipeline:
         What was observed under another gravity tells nothing.
         """
         angle = np.degrees(np.arccos(np.clip(scene.model.rotation[2] @ up, -1.0, 1.0)))
-        self._up = up
+        self._up, self._up_seen_from = up, self._pose
         self._forget_environment()
         moved = (
             f"flights show that gravity points {angle:.0f}° beside what the support told: the "

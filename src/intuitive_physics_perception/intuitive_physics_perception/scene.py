@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.scene import Environment
 from intuitive_physics_perception.detection.detections import DetectedSphere, without_doubles
-from intuitive_physics_perception.detection.foreground import Clusters, ForegroundFinder
+from intuitive_physics_perception.detection.foreground import Clusters, Clutter, ForegroundFinder
 from intuitive_physics_perception.detection.solids import SolidFinder, all_objects
 from intuitive_physics_perception.detection.spheres import (
     ClusterSpheres,
@@ -24,6 +25,7 @@ from intuitive_physics_perception.environment.environment_model import (
     EnvironmentModel,
     PlaneAgreement,
     is_organised,
+    is_same_view,
     model_environment,
     plane_agreement,
     revised_environment,
@@ -134,6 +136,7 @@ class Stages:
     rng : source of all random choices
     before : (height, width) m, the nearest that each pixel read when the environment was modelled,
         NaN for nothing; None where readings have no fixed pixels
+    clutter : what else stands there, for a sensor that has moved; None where it has not
     """
 
     def __init__(
@@ -142,10 +145,11 @@ class Stages:
         settings: PerceptionSettings,
         rng: np.random.Generator,
         before: NDArray[np.float32] | None,
+        clutter: Clutter | None = None,
     ) -> None:
         self.model = model
         self.before = before
-        self.foreground = ForegroundFinder(model, settings, before)
+        self.foreground = ForegroundFinder(model, settings, before, clutter)
         self.static_boxes = StaticBoxFilter(model, settings)
         self.spheres = SphereFinder(model.noise, settings, rng, before)
         self.solids = SolidFinder(model, settings, rng) if settings.find_solids else None
@@ -208,7 +212,9 @@ class ModelledScene:
             self._flights = FlightGravity(settings.gravity, settings.support)
         self._pending: Future[Stages | None] | None = None
         self._changed_since: float | None = None
-        self.stages = Stages(model, settings, rng, _nearest_ranges(frames))
+        self._settled = frames[-1]
+        self._clutter: Clutter | None = None
+        self.stages = self._home = Stages(model, settings, rng, _nearest_ranges(frames))
         self.stages.prepare(frames[-1])
         self.check = EnvironmentCheck(model, settings, revised=self._view is not None)
         self.restart_tracking(first_track)
@@ -217,6 +223,31 @@ class ModelledScene:
     def model(self) -> EnvironmentModel:
         """The environment as it is known now."""
         return self.stages.model
+
+    @property
+    def is_at_home(self) -> bool:
+        """Whether the sensor stands where it stood when the environment was modelled."""
+        return self.stages is self._home
+
+    def look_from(self, way: RigidTransform) -> None:
+        """Look from where the sensor is now; what each pixel read before counts at home only.
+
+        Parameters
+        ----------
+        way : from the sensor's frame now to its frame when the environment was modelled
+        """
+        if is_same_view(way, self._home.model.noise):
+            self.stages = self._home
+            return
+        if self.is_at_home:
+            self._recent.forget()
+            self._changed_since = None
+            if self._view is not None:
+                self._view.restart()
+        if self._clutter is None:
+            self._clutter = Clutter(self._settled, self._home.model, self._settings)
+        model = self._home.model.seen_from(way)
+        self.stages = Stages(model, self._settings, self._rng, None, self._clutter)
 
     def find_spheres(
         self, points: NDArray[np.float32], clusters: Clusters, time: float
@@ -233,7 +264,8 @@ class ModelledScene:
             np.append(self.model.to_sensor(sphere[:3]), sphere[3])
             for sphere in self.tracker.expected_spheres(time)
         ]
-        self._recent.keep(time, points, clusters)
+        if self.is_at_home:
+            self._recent.keep(time, points, clusters)
         return self.stages.spheres.find(
             points, clusters, self._settings.clusters.searches_in_frame, expected
         )
@@ -290,7 +322,7 @@ class ModelledScene:
         ----------
         episodes : that are over
         """
-        if self._flights is None:
+        if self._flights is None or not self.is_at_home:
             return None
         for track in (track for episode in episodes for track in episode.tracks):
             seen = record_of(track, self._settings)
@@ -326,7 +358,7 @@ class ModelledScene:
             What has changed, in a sentence, empty while nothing has; None where the support has
             gone, and the environment has to be modelled anew.
         """
-        if self._view is None:
+        if self._view is None or not self.is_at_home:
             return ""
         self._view.take(points, time, objects)
         if self._pending is None and time >= self._next_look:
@@ -352,6 +384,7 @@ class ModelledScene:
     def _begin_revision(self, view: SettledView, time: float) -> None:
         known, settled = view.settled(time)
         view.know(known)
+        self._settled = known
         before = self.stages.before
         if before is not None:
             before = np.where(settled, np.linalg.norm(known, axis=2), before)
@@ -367,7 +400,8 @@ class ModelledScene:
     def _take(self, stages: Stages) -> str:
         """Go on with a revised environment; say in a sentence how it differs."""
         was = _ids(self.model.environment)
-        self.stages = stages
+        self.stages = self._home = stages
+        self._clutter = None
         self.check = EnvironmentCheck(self.model, self._settings, revised=True)
         self.tracker.take_environment(self.model.environment)
         self.episodes.take_environment(self.model.environment)

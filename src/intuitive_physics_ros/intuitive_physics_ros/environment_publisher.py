@@ -74,36 +74,36 @@ class EnvironmentPublisher:
             )
         )
 
-    def hang(self, frame_id: str, camera: Header, camera_pose: RigidTransform) -> None:
-        """Publish where a frame hangs below the camera's, where tf2_msgs is installed.
+    def hang(self, frame_id: str, parent: Header, parent_pose: RigidTransform) -> None:
+        """Publish where a frame hangs below another one, where tf2_msgs is installed.
 
         Parameters
         ----------
         frame_id : of the frame
-        camera : header in the camera's frame
-        camera_pose : of the camera, in the frame
+        parent : header in the frame above it, such as the camera's
+        parent_pose : of that frame, in this one
         """
         if self._transforms is None:
             return
         from tf2_msgs.msg import TFMessage
 
-        transform = transform_from_camera(frame_id, camera, camera_pose)
+        transform = transform_from_parent(frame_id, parent, parent_pose)
         self._transforms.publish(TFMessage(transforms=[transform]))
 
 
-def transform_from_camera(
-    frame_id: str, camera: Header, camera_pose: RigidTransform
+def transform_from_parent(
+    frame_id: str, parent: Header, parent_pose: RigidTransform
 ) -> TransformStamped:
-    """Return the transform that hangs a frame below the camera's, which may have a parent already.
+    """Return the transform that hangs a frame below one that may have a parent itself.
 
     Parameters
     ----------
     frame_id : of the frame
-    camera : header in the camera's frame
-    camera_pose : of the camera, in the frame
+    parent : header in the frame above it, such as the camera's
+    parent_pose : of that frame, in this one
     """
-    inverse = camera_pose.inverse
-    transform = TransformStamped(header=camera, child_frame_id=frame_id)
+    inverse = parent_pose.inverse
+    transform = TransformStamped(header=parent, child_frame_id=frame_id)
     transform.transform.translation = vector_to_message(inverse.translation)
     transform.transform.rotation = quaternion_to_message(inverse.orientation)
     return transform

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import time
+
 from builtin_interfaces.msg import Time as Stamp
+from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from rclpy.time import Time
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics_ros.conversions.primitives import xyz, xyzw
+
+POLL = 0.002
+"""s between two looks whether a transform has come."""
 
 
 class UnknownTransformError(IntuitivePhysicsError):
@@ -63,12 +69,32 @@ class Transforms:
                 found = self._buffer.lookup_transform(target, source, Time())
                 self._check_is_before(found.header.stamp, at)
         except self._error as error:
-            raise UnknownTransformError(
-                f"tf does not know where {source!r} is in {target!r} ({error}); expected it on /tf "
-                "or /tf_static"
-            ) from None
-        place = found.transform
-        return RigidTransform(xyz(place.translation), xyzw(place.rotation))
+            raise _unknown(target, source, error) from None
+        return _rigid(found)
+
+    def lookup_at(self, target: str, source: str, stamp: Stamp, patience: float) -> RigidTransform:
+        """Return the transform from one frame into another at a time, waiting for it.
+
+        Parameters
+        ----------
+        target, source : names of the frames
+        stamp : time at which it holds
+        patience : s to wait for it at most, in another thread than the executor's
+
+        Raises
+        ------
+        UnknownTransformError
+            When they are not connected at that time, or not yet.
+        """
+        at, end = Time.from_msg(stamp), time.monotonic() + patience
+        while not self._buffer.can_transform(target, source, at):
+            if time.monotonic() > end:
+                break
+            time.sleep(POLL)
+        try:
+            return _rigid(self._buffer.lookup_transform(target, source, at))
+        except self._error as error:
+            raise _unknown(target, source, error) from None
 
     def forget(self) -> None:
         """Forget what changes with time, as when time has gone back; what is static stays."""
@@ -77,3 +103,15 @@ class Transforms:
     def _check_is_before(self, newest: Stamp, wanted: Time) -> None:
         if Time.from_msg(newest) > wanted:
             raise self._error("it is known for later times only")
+
+
+def _rigid(found: TransformStamped) -> RigidTransform:
+    place = found.transform
+    return RigidTransform(xyz(place.translation), xyzw(place.rotation))
+
+
+def _unknown(target: str, source: str, error: Exception) -> UnknownTransformError:
+    return UnknownTransformError(
+        f"tf does not know where {source!r} is in {target!r} ({error}); expected it on /tf or "
+        "/tf_static"
+    )

@@ -34,10 +34,6 @@ from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
 from intuitive_physics_learner.store.observation_entries import COLUMNS
 from intuitive_physics_learner.store.observation_rows import insert_entry
 
-CACHE_KIBIBYTES = 512
-"""Pages of the file that each connection keeps in memory. Our choice: with SQLite's own 2 MiB a
-node and its background process, which have three connections, grow for a quarter of an hour."""
-
 APPLICATION_ID = 0x49505331
 """Distinguishes our files from other SQLite files: "IPS1"."""
 
@@ -311,7 +307,6 @@ class Database:
             version = schema_version(connection, self.path)
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = FULL")
-            connection.execute(f"PRAGMA cache_size = -{CACHE_KIBIBYTES}")
         if version < latest_version():
             with self.writing() as connection:
                 migrate(connection, self.path)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from intuitive_physics.kernels import allocating_entry, allocating_kernel, kernel
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
@@ -22,6 +23,10 @@ ITERATIONS = 8
 FINEST_CELLS = 1e4
 """Cells along a radian of direction, or a unit of the logarithm of range, at most: numerical, the
 number of all cells has to fit into 64 bits, and no sensor is that fine."""
+
+BETWEEN_READINGS = 2.0
+"""Spacings of readings within which a surface that was seen is seen again: from elsewhere readings
+lie between those before, and the spacing along a slanted surface is wider. Our choice."""
 
 KNOWN, NEW = 1, 2
 """Marks of the foreground: what was there when the environment was modelled, and what came."""
@@ -58,6 +63,8 @@ class ForegroundFinder:
     settings : tuned numbers
     before : (height, width) m, what an organised cloud read when the environment was modelled, NaN
         where nothing was; None where it is not known
+    clutter : what else stands there, for a sensor that has moved, whose pixels have other rays in
+        each frame; None where they always have the same
     """
 
     def __init__(
@@ -65,9 +72,13 @@ class ForegroundFinder:
         model: EnvironmentModel,
         settings: PerceptionSettings,
         before: NDArray[np.float32] | None = None,
+        clutter: Clutter | None = None,
     ) -> None:
+        self._model = model
         self._settings = settings
-        self._planes = model.detected
+        self._clutter = clutter
+        # A sensor that has come behind a plane sees nothing of it.
+        self._planes = [plane for plane in model.detected if plane.offset < 0.0]
         self._noise = model.noise
         noise = model.noise
         # Single precision halves the time of a frame and is far below the noise.
@@ -81,7 +92,7 @@ class ForegroundFinder:
             ],
             dtype=np.float32,
         )
-        self._bounds = _bounds_of(model.detected, settings)
+        self._bounds = _bounds_of(self._planes, settings)
         self._free = np.zeros((0, 0), dtype=np.float32)
         self._known = np.zeros((0, 0), dtype=bool)
         self._changes = None if before is None else changed_ranges(before, model.noise)
@@ -92,6 +103,10 @@ class ForegroundFinder:
         frame they count as new, wherever the objects were when the environment was modelled."""
         self._objects = np.concatenate([np.zeros(0, dtype=np.int64), *pixels])
 
+    def before(self, points: NDArray[np.float32]) -> NDArray[np.int64]:
+        """Return the indices of those of points (n, 3) m that lie before all planes."""
+        return readings_before(points, *self._bounds, self._limits)[0]
+
     def find(self, points: NDArray[np.float32]) -> Clusters:
         """Cluster the foreground of a frame of points (height, width, 3)."""
         if points.shape[0] > 1:
@@ -101,6 +116,8 @@ class ForegroundFinder:
         return Clusters(indices, [False] * len(indices), len(before), readings)
 
     def _find_in_image(self, points: NDArray[np.float32]) -> Clusters:
+        if self._clutter is not None:
+            return self._find_in_moved_image(points, self._clutter)
         free = self._free_of(points)
         changes = self._changes
         if changes is None or changes.shape != free.shape:
@@ -113,6 +130,27 @@ class ForegroundFinder:
         indices = self._organised_clusters(points, mask)
         new = [bool(marks[cluster[0]] == NEW) for cluster in indices]
         return Clusters(indices, new, int(np.count_nonzero(mask)), readings)
+
+    def _find_in_moved_image(self, points: NDArray[np.float32], clutter: Clutter) -> Clusters:
+        flat = points.reshape(-1, 3)
+        before, readings = readings_before(flat, *self._bounds, self._limits)
+        before = before[~self._on_planes(flat[before])]
+        known = clutter.holds(flat[before], self._model)
+        mask = np.zeros(points.shape[:2], dtype=np.uint8)
+        mask.ravel()[before] = np.where(known, KNOWN, NEW)
+        clusters = self._organised_clusters(points, mask)
+        indices = [cluster for cluster in clusters if mask.ravel()[cluster[0]] == NEW]
+        return Clusters(indices, [True] * len(indices), len(before), readings)
+
+    def _on_planes(self, points: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Which points (n, 3) lie on a plane, beyond its outline, too: a sensor that has moved sees
+        more of a wall."""
+        deviations = self._noise.deviation(np.linalg.norm(points, axis=1))
+        margins = np.hypot(self._settings.plane_sigmas * deviations, self._settings.plane_tolerance)
+        on = np.zeros(len(points), dtype=bool)
+        for plane in self._planes:
+            on |= np.abs(points @ plane.normal.astype(points.dtype) - plane.offset) <= margins
+        return on
 
     def _free_of(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
         """Squared range at which each ray comes to a plane, (height, width) m².
@@ -156,6 +194,54 @@ class ForegroundFinder:
         return [
             indices[labels == k] for k in largest_first if sizes[k] >= self._settings.min_points
         ]
+
+
+class Clutter:
+    """What stands before the planes where an environment was modelled, seen again from elsewhere.
+
+    Parameters
+    ----------
+    points : (height, width, 3) m, what was seen when it was modelled
+    model : of the environment as it was seen then
+    settings : of all stages
+    """
+
+    def __init__(
+        self, points: NDArray[np.float32], model: EnvironmentModel, settings: PerceptionSettings
+    ) -> None:
+        flat = points.reshape(-1, 3)
+        finder = ForegroundFinder(model, settings)
+        own = flat[finder.before(flat)].astype(np.float64)
+        self._tree = KDTree(model.to_environment(own))
+        ranges = np.linalg.norm(own, axis=1)
+        spacing = BETWEEN_READINGS * _angle_between_pixels(points) * ranges
+        self._reach = spacing + CHANGE_SIGMAS * model.noise.deviation(ranges)
+
+    def holds(self, points: NDArray[np.float32], model: EnvironmentModel) -> NDArray[np.bool_]:
+        """Return which readings (n,) may be of it.
+
+        Parameters
+        ----------
+        points : (n, 3) m in the sensor's frame
+        model : of the environment as it is seen now
+        """
+        own = points.astype(np.float64)
+        if not len(self._reach) or not len(own):
+            return np.zeros(len(own), dtype=bool)
+        spread = CHANGE_SIGMAS * model.noise.deviation(np.linalg.norm(own, axis=1))
+        distances, nearest = self._tree.query(
+            model.to_environment(own), distance_upper_bound=self._reach.max() + spread.max()
+        )
+        # What is farther has the index after the last one.
+        return np.asarray(distances <= np.append(self._reach, 0.0)[nearest] + spread)
+
+
+def _angle_between_pixels(points: NDArray[np.float32]) -> float:
+    """Median angle in rad between the rays of neighbours in a row of points (height, width, 3)."""
+    rays = points / np.linalg.norm(points, axis=2, keepdims=True)
+    angles = np.linalg.norm(np.diff(rays, axis=1), axis=2)
+    known = angles[np.isfinite(angles)]
+    return float(np.median(known)) if known.size else 0.0
 
 
 def _bounds_of(
@@ -322,7 +408,7 @@ def neighbour_labels(
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     if not len(points):
         return np.zeros(0, dtype=np.int64)
@@ -334,7 +420,7 @@ def neighbour_labels(
     # One number for each cell, which sorts far faster than four.
     keys = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
     _, first, cell_of = np.unique(keys, return_index=True, return_inverse=True)
-    pairs = cKDTree(mapped[first]).query_pairs(gap, output_type="ndarray")
+    pairs = KDTree(mapped[first]).query_pairs(gap, output_type="ndarray")
     graph = coo_array(
         (np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])),
         shape=(first.size, first.size),

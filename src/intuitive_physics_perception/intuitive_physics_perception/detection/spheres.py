@@ -73,6 +73,10 @@ class RecentFrames:
         while self._frames[0][0] < time - self._duration:
             self._frames.popleft()
 
+    def forget(self) -> None:
+        """Forget all frames: the sensor has moved."""
+        self._frames.clear()
+
     def before(self, time: float) -> tuple[float, NDArray[np.float32], Clusters] | None:
         """Return the newest frame before a time, None where none is kept.
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_perception.environment.fusion import MAX_EDGE_POINTS, fuse
 from intuitive_physics_perception.environment.gravity import Upward, facing, upright
@@ -25,6 +26,10 @@ too few show no plane. Set by hand."""
 VERTICAL_VIEW_COSINE = float(np.cos(np.radians(10.0)))
 """Cosine of the angle between optical axis and vertical below which the view counts as vertical:
 the horizontal part of the optical axis is then too short to give a direction. Set by hand."""
+
+VIEW_DISTANCE = 2.0
+"""m at which a turn of the sensor counts as a shift. Our choice: objects that are perceived well
+are about as far."""
 
 
 class NoEnvironmentError(IntuitivePhysicsError):
@@ -95,6 +100,36 @@ class EnvironmentModel:
 
         return Rotation.from_matrix(self.rotation).as_quat()
 
+    @property
+    def sensor_pose(self) -> RigidTransform:
+        """Of the sensor, in the environment's frame."""
+        return RigidTransform(self.translation, self.sensor_orientation())
+
+    def seen_from(self, way: RigidTransform) -> EnvironmentModel:
+        """Return the same environment as a sensor sees it that has moved.
+
+        Parameters
+        ----------
+        way : from the sensor's frame now to that of this model
+        """
+        turn, shift = way.matrix, way.translation
+        detected = tuple(
+            replace(
+                plane,
+                normal=turn.T @ plane.normal,
+                offset=plane.offset - float(plane.normal @ shift),
+                corners=(plane.corners - shift) @ turn,
+                boundary=None if plane.boundary is None else (plane.boundary - shift) @ turn,
+            )
+            for plane in self.detected
+        )
+        return replace(
+            self,
+            detected=detected,
+            rotation=self.rotation @ turn,
+            translation=self.rotation @ shift + self.translation,
+        )
+
     def seen_environment(self) -> Environment:
         """Return the environment with its planes cut to what was seen of them, as to be shown."""
         planes = [
@@ -107,6 +142,18 @@ class EnvironmentModel:
     def outlines(self) -> list[NDArray[np.float64]]:
         """Return the convex outline (n, 3), m, of what was seen of each plane, in its frame."""
         return [self.to_environment(plane.corners) for plane in self.detected]
+
+
+def is_same_view(way: RigidTransform, noise: RangeNoise) -> bool:
+    """Return whether a sensor has moved by less than what its readings' noise hides.
+
+    Parameters
+    ----------
+    way : how far it has moved
+    noise : of its readings
+    """
+    shift, angle = RigidTransform().difference(way)
+    return bool(shift + VIEW_DISTANCE * angle < noise.deviation(VIEW_DISTANCE))
 
 
 def model_environment(

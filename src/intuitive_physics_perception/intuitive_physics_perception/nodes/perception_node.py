@@ -23,7 +23,7 @@ from intuitive_physics.validation import unit_quaternion
 from intuitive_physics_perception.environment.gravity import RestingAccelerometer
 from intuitive_physics_perception.frame_result import FrameDiagnostics, FrameResult
 from intuitive_physics_perception.nodes.frame_input import INPUTS, FrameInput
-from intuitive_physics_perception.nodes.published_frame import PublishedFrame
+from intuitive_physics_perception.nodes.user_frames import FixedFrame, PublishedFrame
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import (
     NO_DIRECTION,
@@ -53,6 +53,7 @@ from intuitive_physics_ros.parameters import Parameter, setting_parameters
 from intuitive_physics_ros.qos import OBSERVATIONS as OBSERVATIONS_QOS
 from intuitive_physics_ros.qos import QOS_OVERRIDES, STREAM
 from intuitive_physics_ros.topics import OBJECT_STATES, OBSERVATIONS
+from intuitive_physics_ros.transforms import Transforms, UnknownTransformError
 
 NO_ORIENTATION = [0.0, 0.0, 0.0, 0.0]
 """Value of the parameter `imu_orientation` that stands for none: ROS parameters have a value."""
@@ -97,10 +98,17 @@ PARAMETERS = [
     ),
     Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0)),
     Parameter(
+        "fixed_frame",
+        "",
+        "frame that stands still, such as map or odom, in which tf tells where a sensor is that "
+        "moves, at the time of each frame; empty: the sensor stands still",
+    ),
+    Parameter(
         "target_frame",
         "",
         "frame in which environment, states and observations are published, such as base_link or "
-        "map, by tf from the camera's frame; empty: that of the environment, with z up",
+        "map, by tf from the camera's frame; empty: fixed_frame, and without one that of the "
+        "environment, with z up",
     ),
     Parameter("up_hint", list(NO_DIRECTION), "roughly upward in the sensor's frame; zeros: none"),
     Parameter(
@@ -130,13 +138,15 @@ class PerceptionNode(ManagedNode):
         self._pipeline = PerceptionPipeline(
             settings, np.random.default_rng(values["seed"]), background=self._revision
         )
-        self._rebuild = False
+        self._rebuild, self._last_time = False, -np.inf
         self._sensor_frame = ""
         self._newest: tuple[Header, FrameResult] | None = None
         self._stamps: dict[float, StampSeconds] = {}
         self._frames = self._restarts = self._moves = 0
+        self._transforms: Transforms | None = None
         self._environment = EnvironmentPublisher(self)
-        self._frame = PublishedFrame(values["target_frame"])
+        self._fixed = FixedFrame(values["fixed_frame"])
+        self._frame = PublishedFrame(values["target_frame"] or self._fixed.name)
 
     def activate(self) -> None:
         """Hear frames and publish what is seen in them."""
@@ -154,7 +164,10 @@ class PerceptionNode(ManagedNode):
         if values["publish_detections"]:
             self._offer_detections()
         self._markers = self.create_publisher(MarkerArray, "~/markers", 1)
-        self._frame.listen(self)
+        if values["fixed_frame"] or values["target_frame"]:
+            self._transforms = Transforms(self)
+        self._fixed.listen(self._transforms)
+        self._frame.listen(self._transforms)
         if self._pipeline.settings.gravity_source == "imu":
             self._make_imu(values["imu_orientation"])
         self._input = FrameInput(
@@ -166,6 +179,7 @@ class PerceptionNode(ManagedNode):
             use=self._perceive,
         )
         self.diagnostics.add("environment", self._check_environment)
+        self.diagnostics.add("pose of the sensor", self._fixed.check)
         self.diagnostics.add("frame of what is published", self._frame.check)
         self.diagnostics.add("frames", self._check_frames)
         self.create_service(Trigger, "~/rebuild_environment", self._on_rebuild)
@@ -243,11 +257,17 @@ class PerceptionNode(ManagedNode):
         self._stamps[time] = time
         if len(self._stamps) > KEPT_STAMPS:
             del self._stamps[next(iter(self._stamps))]
-        result = self._pipeline.process(points, time, colors)
+        if self._transforms is not None and time < self._last_time:
+            self._transforms.forget()
+        self._last_time = time
+        try:
+            pose = self._fixed.sensor_pose(header)
+        except UnknownTransformError as error:
+            return str(error)
+        result = self._pipeline.process(points, time, colors, pose)
         self._frames += 1
         if result.restarted:
             self._restarts += 1
-            self._frame.restart()
             self.get_logger().warning("time went back: tracking starts again")
         if result.moved:
             self._moves += 1
@@ -255,7 +275,7 @@ class PerceptionNode(ManagedNode):
         if result.revised:
             self.get_logger().info(result.revised)
         if result.model is not None:
-            self._publish_environment(header, result)
+            self._publish_environment(header, result, pose)
             if self._frame.is_known and not result.diagnostics.problem:
                 self._publish_states(header, result)
         # Observations take longer than a frame, and nobody waits for them as for the states.
@@ -263,14 +283,15 @@ class PerceptionNode(ManagedNode):
         self._newest = (header, result)
         return result.diagnostics.problem or self._frame.problem
 
-    def _publish_environment(self, header: Header, result: FrameResult) -> None:
+    def _publish_environment(
+        self, header: Header, result: FrameResult, pose: RigidTransform | None
+    ) -> None:
         """Publish the environment where it is new, or new in the frame of what is published."""
         model = result.model
         if model is None:
             return
         if result.is_new_model:
-            sensor = RigidTransform(model.translation, model.sensor_orientation())
-            self._environment.hang(model.environment.frame_id, header, sensor)
+            self._fixed.hang(self._environment, model, header, pose)
         if self._frame.follow(header, model):
             environment = self._frame.environment()
             self._environment.publish(

@@ -18,6 +18,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates, Observation
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image
 from tf2_msgs.msg import TFMessage
 from vision_msgs.msg import Detection3DArray
@@ -27,8 +28,10 @@ from intuitive_physics_ros.conversions import (
     environment_from_message,
     object_states_from_messages,
     observation_from_message,
+    seconds_from_stamp,
     stamp_from_seconds,
 )
+from intuitive_physics_ros.conversions.primitives import xyz, xyzw
 from intuitive_physics_ros.qos import LATCHED, OBSERVATIONS, SENSOR_DATA
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 
@@ -53,8 +56,13 @@ BASE = RigidTransform((2.0, -1.0, 0.3), (0.0, 0.0, np.sin(0.4), np.cos(0.4)))
 
 
 @pytest.fixture
-def node() -> Iterator[NodeProcess]:
-    with NodeProcess(MODULE, PARAMETERS) as process:
+def parameters() -> list[str]:
+    return PARAMETERS
+
+
+@pytest.fixture
+def node(parameters) -> Iterator[NodeProcess]:
+    with NodeProcess(MODULE, parameters) as process:
         yield process
     assert "Traceback" not in process.output
 
@@ -73,8 +81,6 @@ def room(corner_model):
 
 def camera_in(base: RigidTransform, room) -> RigidTransform:
     """Pose of the camera in the robot's frame."""
-    from scipy.spatial.transform import Rotation
-
     in_room = RigidTransform(room.origin, Rotation.from_matrix(room.rotation).as_quat())
     return base.inverse.after(in_room)
 
@@ -191,3 +197,80 @@ def test_a_frame_that_moves_takes_the_environment_along(peer, node, room) -> Non
     base = RigidTransform((2.0, -1.0, 0.7), BASE.orientation)
     play_until(peer, images, drive(50.0, base), lambda: stands_at(0.7), "the floor, later")
     assert "time went back" in node.output
+
+
+def carried(room, k: int) -> RigidTransform:
+    """Go with the camera on a head that turns by 20 °/s while it moves by 0.4 m/s; its pose."""
+    gone = max(0.0, (k - FRAMES) * STEP)
+    turn = Rotation.from_euler("xyz", [-4.0 * gone, -20.0 * gone, 0.0], degrees=True)
+    pose = RigidTransform(
+        np.array([0.0, 0.4, 0.05]) * gone + [0.0, 0.0, room.height],
+        (Rotation.from_matrix(room.first) * turn).as_quat(),
+    )
+    room.rotation, room.origin = pose.matrix, pose.translation
+    room.rays = room.camera_rays @ pose.matrix.T
+    return BASE.inverse.after(pose)
+
+
+@pytest.mark.parametrize(
+    "parameters", [["-p", f"environment_frames:={FRAMES}", "-p", "fixed_frame:=base_link"]]
+)
+def test_a_camera_that_is_carried_sees_everything_where_it_is(
+    peer, node, parameters, corner_model
+) -> None:
+    """p0 + v t - g t²/2 in the frame that stands still, whatever the camera does meanwhile."""
+    room = corner_model[0].__class__(tilt=25.0, seed=5, **SMALL)
+    room.first, room.camera_rays = room.rotation, room.rays @ room.rotation
+    environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
+    states = peer.listen(ObjectStates, "object_states", SENSOR_DATA)
+    observations = peer.listen(Observation, "observations", OBSERVATIONS)
+    frames = peer.listen(TFMessage, "/tf_static", LATCHED)
+    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+    infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
+    tf = peer.publisher(TFMessage, "/tf", 100)
+    p0, v0 = np.array([1.4, -0.4, 0.5]), np.array([0.4, 0.9, 1.2])
+
+    def look(time: float) -> Image:
+        """It stands, until the environment is known."""
+        infos.publish(info_message(room))
+        tf.publish(transform_message(carried(room, 0), 1.0 + time))
+        return image_message(room.depth(), 1.0 + time)
+
+    play_until(peer, images, look, lambda: environments, "an environment")
+    begun = 100.0
+    for k in range(3 * FRAMES + 14):
+        flown = (k - FRAMES) * STEP
+        place = p0 + v0 * flown - [0.0, 0.0, 0.5 * 9.81 * flown**2]
+        pose = carried(room, k)
+        balls = [(place, 0.07)] if 0.0 <= flown < 0.5 else []
+        # The image comes before the transform of its time, as it often does.
+        images.publish(image_message(room.depth(balls), begun + k * STEP))
+        tf.publish(transform_message(pose, begun + k * STEP))
+        peer.spin_for(0.05)
+    peer.spin_until(lambda: observations, "an observation")
+    assert {message.header.frame_id for message in environments} == {"base_link"}
+    first = begun + FRAMES * STEP
+
+    def truth(times: np.ndarray) -> np.ndarray:
+        flown = np.asarray(times)[:, None] - first
+        return BASE.inverse.points(p0 + flown * v0 - 0.5 * flown**2 * [0.0, 0.0, 9.81])
+
+    seen = 0
+    for message in states:
+        time = seconds_from_stamp(message.header.stamp)
+        if time > first + 0.42:
+            # It comes to the floor.
+            continue
+        for state in object_states_from_messages(message.objects)[1]:
+            assert state.position == pytest.approx(truth([time])[0], abs=0.04)
+            seen += 1
+    assert seen >= 5
+    (ball,) = observation_from_message(observations[-1]).objects
+    assert ball.trajectory.positions == pytest.approx(truth(ball.trajectory.times), abs=0.02)
+    # The environment's own frame hangs where it stands still, with z up.
+    (hung,) = {one.child_frame_id: one for message in frames for one in message.transforms}.values()
+    assert (hung.header.frame_id, hung.child_frame_id) == ("base_link", "environment")
+    own = RigidTransform(xyz(hung.transform.translation), xyzw(hung.transform.rotation))
+    assert own.directions([0.0, 0.0, 1.0]) == pytest.approx([0.0, 0.0, 1.0], abs=0.02)
+    assert own.translation[2] == pytest.approx(-BASE.translation[2], abs=0.02)
+    assert "Traceback" not in node.output

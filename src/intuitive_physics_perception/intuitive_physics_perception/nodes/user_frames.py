@@ -1,10 +1,9 @@
-"""The frame that perception publishes in: its own, or one of the user's by tf."""
+"""Frames of the user's, by tf: the one that stands still, and the one that is published in."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rclpy.node import Node
 from std_msgs.msg import Header
 
 from intuitive_physics.frames.change_of_frame import (
@@ -16,13 +15,90 @@ from intuitive_physics.frames.change_of_frame import (
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Environment
 from intuitive_physics.state import ObjectState
-from intuitive_physics_perception.environment.environment_model import EnvironmentModel
+from intuitive_physics_perception.environment.environment_model import (
+    EnvironmentModel,
+    is_same_view,
+)
 from intuitive_physics_ros.diagnostics import Level, Status
+from intuitive_physics_ros.environment_publisher import EnvironmentPublisher
 from intuitive_physics_ros.transforms import Transforms, UnknownTransformError
 
-DISTANCE = 2.0
-"""m from the sensor at which a turn of the frame counts as a shift. Our choice: objects that are
-perceived well are about as far."""
+PATIENCE = 0.15
+"""s that a frame waits for the transform of its time. Our choice: joint states come 10 to 100 times
+a second, and the image of the next frame is not to be lost meanwhile."""
+
+
+class FixedFrame:
+    """Tells where the sensor is at each frame, and hangs environments where they stand still.
+
+    Parameters
+    ----------
+    name : of the frame; empty: the sensor stands still, and environments hang below it
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._transforms: Transforms | None = None
+        self._problem = ""
+        self._missed = 0
+
+    def listen(self, transforms: Transforms | None) -> None:
+        """Take what tells of transforms, which a frame with a name needs."""
+        self._transforms = transforms if self.name else None
+
+    def sensor_pose(self, sensor: Header) -> RigidTransform | None:
+        """Return where the sensor is at the time of a frame; None where it stands still.
+
+        Parameters
+        ----------
+        sensor : header of the frame
+
+        Raises
+        ------
+        UnknownTransformError
+            When tf does not tell within the patience that a frame has.
+        """
+        if self._transforms is None:
+            return None
+        try:
+            pose = self._transforms.lookup_at(self.name, sensor.frame_id, sensor.stamp, PATIENCE)
+        except UnknownTransformError as error:
+            self._problem = str(error)
+            self._missed += 1
+            raise
+        self._problem = ""
+        return pose
+
+    def hang(
+        self,
+        publisher: EnvironmentPublisher,
+        model: EnvironmentModel,
+        sensor: Header,
+        pose: RigidTransform | None,
+    ) -> None:
+        """Publish where an environment's frame is: below this frame, or else below the sensor's.
+
+        Parameters
+        ----------
+        publisher : of transforms
+        model : of the environment
+        sensor : header of the frame
+        pose : of the sensor at its time in this frame; None where it stands still
+        """
+        parent, parent_pose = sensor, model.sensor_pose
+        if pose is not None:
+            parent = Header(stamp=sensor.stamp, frame_id=self.name)
+            parent_pose = model.sensor_pose.after(pose.inverse)
+        publisher.hang(model.environment.frame_id, parent, parent_pose)
+
+    def check(self) -> Status:
+        """Say for /diagnostics whether it is known where the sensor is."""
+        if not self.name:
+            return Status(Level.OK, "the sensor stands still")
+        values = {"frames without a transform": self._missed}
+        if self._problem:
+            return Status(Level.WARN, self._problem, values)
+        return Status(Level.OK, f"the sensor moves in {self.name}", values)
 
 
 @dataclass(frozen=True)
@@ -62,16 +138,10 @@ class PublishedFrame:
         self._placement: _Placement | None = None
         self._problem = ""
 
-    def listen(self, node: Node) -> None:
-        """Listen to tf, where a target frame was given.
-
-        Raises
-        ------
-        InvalidInputError
-            When tf2_ros is not installed.
-        """
+    def listen(self, transforms: Transforms | None) -> None:
+        """Take what tells of transforms, which a target frame needs."""
         if self._target:
-            self._transforms = Transforms(node)
+            self._transforms = transforms
 
     def follow(self, camera: Header, model: EnvironmentModel) -> bool:
         """Look where the frame is now; return whether the environment is to be published.
@@ -82,15 +152,11 @@ class PublishedFrame:
         model : of the environment
         """
         old, new = self._placement, self._placed(camera, model)
-        if new is not None and old is not None and old.model is model and _is_close(old, new):
+        same = old is not None and old.model.environment is model.environment
+        if new is not None and old is not None and same and _is_close(old, new):
             return False
         self._placement = new
         return new is not None
-
-    def restart(self) -> None:
-        """Forget where frames were: time has gone back."""
-        if self._transforms is not None:
-            self._transforms.forget()
 
     @property
     def is_known(self) -> bool:
@@ -140,7 +206,7 @@ class PublishedFrame:
         return self._placement
 
     def _placed(self, camera: Header, model: EnvironmentModel) -> _Placement | None:
-        sensor = RigidTransform(model.translation, model.sensor_orientation())
+        sensor = model.sensor_pose
         if self._transforms is None:
             return _Placement(model, camera, sensor, RigidTransform())
         try:
@@ -153,6 +219,5 @@ class PublishedFrame:
 
 
 def _is_close(old: _Placement, new: _Placement) -> bool:
-    """Whether two placements of a model differ by less than a reading's noise."""
-    shift, angle = old.camera_pose.difference(new.camera_pose)
-    return bool(shift + DISTANCE * angle < old.model.noise.deviation(DISTANCE))
+    """Whether an environment has moved in the frame by less than a reading's noise."""
+    return is_same_view(old.from_environment.inverse.after(new.from_environment), old.model.noise)

@@ -1,0 +1,209 @@
+"""A sensor that moves, whose pose is known: everything stays where it is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from intuitive_physics.frames.change_of_frame import RigidTransform
+from intuitive_physics_perception.environment.environment_model import is_same_view
+from intuitive_physics_perception.input.camera import Intrinsics
+from intuitive_physics_perception.input.depth import points_from_depth
+from intuitive_physics_perception.pipeline import PerceptionPipeline
+from intuitive_physics_perception.settings import PerceptionSettings
+
+from .conftest import BallShape, BoxShape, CapsuleShape, CylinderShape
+
+STEP = 1.0 / 30.0
+RADIUS = 0.05
+FIRST = 6
+"""Frames that stand still at the start, from which the environment is modelled."""
+
+SETTINGS = PerceptionSettings(environment_frames=FIRST)
+SMALL = {"width": 320, "height_pixels": 240, "focal": 262.5}
+START, VELOCITY = np.array([1.3, -0.5, 0.5]), np.array([0.3, 0.9, 1.4])
+WORLD_IN_FIXED = RigidTransform(
+    (3.0, -2.0, 0.4), Rotation.from_euler("z", 50, degrees=True).as_quat()
+)
+"""The frame that stands still is neither the world of the room nor where the sensor starts."""
+
+
+class Head:
+    """A camera in a room that a robot's head carries.
+
+    Parameters
+    ----------
+    room : as the fixture makes it, whose camera is moved
+    """
+
+    def __init__(self, room) -> None:
+        self.room = room
+        self._first = RigidTransform(room.origin, Rotation.from_matrix(room.rotation).as_quat())
+        self._camera_rays = room.rays @ room.rotation
+        self._rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
+
+    def go(self, shift, angles) -> RigidTransform:
+        """Move the camera from where it began; return its pose in the fixed frame.
+
+        Parameters
+        ----------
+        shift : (3,) m in the world
+        angles : (3,) degrees, about the camera's own axes
+        """
+        turn = Rotation.from_euler("xyz", angles, degrees=True)
+        own = self._first.after(RigidTransform(np.zeros(3), turn.as_quat()))
+        pose = RigidTransform(own.translation + shift, own.orientation)
+        self.room.rotation, self.room.origin = pose.matrix, pose.translation
+        self.room.rays = self._camera_rays @ pose.matrix.T
+        return WORLD_IN_FIXED.after(pose)
+
+    def look(self, balls=(), extra=()):
+        return points_from_depth(self.room.depth(balls, extra), self._rays)
+
+
+@pytest.fixture
+def head(corner_model) -> Head:
+    return Head(corner_model[0].__class__(tilt=25.0, seed=12, **SMALL))
+
+
+CLUTTER = (
+    CylinderShape(1.8, 0.5, 0.12, 0.4),
+    BallShape((1.6, -0.4, 0.3), 0.15),
+    BoxShape((2.4, -0.9, 0.15), (0.4, 0.3, 0.3), 0.5),
+    CapsuleShape((2.0, 0.1, 0.5), (0.1, 0.3, 0.2), 0.06),
+)
+"""What stands about, or hangs, before the first frame."""
+
+
+def place_at(time: float) -> np.ndarray:
+    """Of the ball in the world, m, until it comes to the floor: p0 + v t - g t²/2."""
+    return START + VELOCITY * time - [0.0, 0.0, 0.5 * 9.81 * time**2]
+
+
+FALL = 12
+"""Frames until the ball comes near the floor."""
+
+
+def nods(k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Shift and turn of a head that follows what flies: 0.5 m/s and 25 °/s."""
+    time = max(0.0, (k - FIRST) * STEP)
+    return np.array([0.1, 0.5, 0.05]) * time, np.array([-6.0, -25.0, 3.0]) * time
+
+
+def throw(head: Head, way, poses: bool = True, frames: int = 40):
+    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
+    results = []
+    for k in range(frames):
+        pose = head.go(*way(k))
+        flown = (k - FIRST - 2) * STEP
+        flies = 0 <= k - FIRST - 2 <= FALL
+        balls = [(place_at(flown), RADIUS)] if flies else []
+        results.append(
+            (pose, pipeline.process(head.look(balls), k * STEP, None, pose if poses else None))
+        )
+    return pipeline, results
+
+
+def test_a_throw_that_a_moving_head_follows(head) -> None:
+    _, results = throw(head, nods)
+    models = [result for _, result in results if result.is_new_model]
+    assert len(models[0].model.detected) >= 2
+    # From the environment's frame to the fixed one: found once, where the sensor stood.
+    first_pose = results[0][0]
+    to_fixed = first_pose.after(models[0].model.sensor_pose.inverse)
+    seen = 0
+    for k, (pose, result) in enumerate(results[FIRST : FIRST + 2 + FALL], FIRST):
+        same = pose.after(result.model.sensor_pose.inverse)
+        assert to_fixed.difference(same) == pytest.approx((0.0, 0.0), abs=1e-6)
+        for one in result.objects:
+            truth = WORLD_IN_FIXED.points(place_at((k - FIRST - 2) * STEP))
+            assert to_fixed.points(one.state.position) == pytest.approx(truth, abs=0.02)
+            seen += 1
+    assert seen >= FALL - 3
+    (observation,) = [found for _, result in results for found in result.observations]
+    (ball,) = observation.objects
+    times = ball.trajectory.times - (FIRST + 2) * STEP
+    truth = np.array([WORLD_IN_FIXED.points(place_at(time)) for time in times])
+    assert to_fixed.points(ball.trajectory.positions) == pytest.approx(truth, abs=0.01)
+    begun = ball.trajectory.times[0] - (FIRST + 2) * STEP
+    velocity = WORLD_IN_FIXED.directions(VELOCITY - [0.0, 0.0, 9.81 * begun])
+    assert to_fixed.directions(ball.initial_state.linear_velocity) == pytest.approx(
+        velocity, abs=0.1
+    )
+
+
+def test_without_poses_the_same_frames_are_a_moved_sensor(head) -> None:
+    _, results = throw(head, nods, poses=False)
+    assert any(result.moved for _, result in results)
+
+
+@pytest.mark.parametrize("things", [(), CLUTTER], ids=["empty", "cluttered"])
+def test_nothing_is_followed_where_nothing_moves_but_the_head(head, things) -> None:
+    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
+    for k in range(45):
+        time = max(0.0, (k - FIRST) * STEP)
+        swing = np.sin(2.0 * time)
+        pose = head.go([0.2 * swing, 0.4 * swing, 0.1 * swing], [5.0 * swing, -15.0 * swing, 0.0])
+        result = pipeline.process(head.look(extra=things), k * STEP, None, pose)
+        assert result.objects == (), f"frame {k}"
+        assert not result.moved
+
+
+def test_the_environment_is_modelled_anew_where_the_head_comes_to_rest(head) -> None:
+    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
+    models = []
+    for k in range(40):
+        gone = min(max(0.0, (k - FIRST) / 12.0), 1.0)
+        pose = head.go([0.0, 0.3 * gone, 0.2 * gone], [0.0, -20.0 * gone, 0.0])
+        result = pipeline.process(head.look(), k * STEP, None, pose)
+        if result.is_new_model:
+            models.append((k, pose, result.model))
+    (first, at_first, before), (second, at_second, after) = models
+    assert first == FIRST - 1
+    # It has come to rest in frame FIRST + 12, and FIRST frames are collected there.
+    assert FIRST + 12 < second <= 2 * FIRST + 14
+    # What is up and how high the floor is are those of the world, from both places.
+    for pose, model in ((at_first, before), (at_second, after)):
+        to_fixed = pose.after(model.sensor_pose.inverse)
+        assert to_fixed.directions([0.0, 0.0, 1.0]) == pytest.approx([0.0, 0.0, 1.0], abs=0.01)
+        assert to_fixed.points([0.0, 0.0, 0.0])[2] == pytest.approx(0.4, abs=0.01)
+
+
+def test_an_environment_modelled_on_the_way(head) -> None:
+    """A sensor that moves from the first frame on models from the newest frame alone."""
+    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
+    for k in range(FIRST):
+        pose = head.go(np.array([0.0, 0.03, 0.02]) * k, np.array([0.0, -2.0, 0.0]) * k)
+        result = pipeline.process(head.look(), k * STEP, None, pose)
+    assert result.is_new_model
+    to_fixed = pose.after(result.model.sensor_pose.inverse)
+    assert to_fixed.directions([0.0, 0.0, 1.0]) == pytest.approx([0.0, 0.0, 1.0], abs=0.01)
+    assert to_fixed.points([0.0, 0.0, 0.0])[2] == pytest.approx(0.4, abs=0.015)
+
+
+coordinates = st.floats(-2.0, 2.0)
+angles = st.floats(-3.0, 3.0)
+
+
+@settings(deadline=None, max_examples=30)
+@given(shift=st.tuples(*[coordinates] * 3), turn=st.tuples(*[angles] * 3))
+def test_an_environment_seen_from_elsewhere_is_the_same(corner_model, shift, turn) -> None:
+    """n · p = d of each plane holds for the same points from both places, and back again."""
+    model = corner_model[2]
+    way = RigidTransform(shift, Rotation.from_rotvec(turn).as_quat())
+    moved = model.seen_from(way)
+    assert moved.environment is model.environment
+    for was, now in zip(model.detected, moved.detected, strict=True):
+        points = way.inverse.points(was.corners)
+        beside = was.corners @ was.normal - was.offset
+        assert points @ now.normal - now.offset == pytest.approx(beside, abs=1e-9)
+        assert points == pytest.approx(now.corners, abs=1e-9)
+        assert moved.to_environment(now.corners) == pytest.approx(
+            model.to_environment(was.corners), abs=1e-9
+        )
+    back = moved.seen_from(way.inverse)
+    assert model.sensor_pose.difference(back.sensor_pose) == pytest.approx((0.0, 0.0), abs=1e-7)
+    assert is_same_view(RigidTransform(), model.noise)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import subprocess
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -28,6 +29,12 @@ CEILINGS = {
 }
 """What each number of `make house` may be at most; lower it whenever the number falls."""
 
+ROOMS = {
+    *("src", "test", "docs", "benchmarks", "tools", "requirements"),
+    *(".ci", ".github", ".devcontainer"),
+}
+"""Folders at the top, as docs/architecture.md has them, and those that services look for."""
+
 
 def test_every_number_has_a_ceiling():
     assert CEILINGS.keys() == MEASURES.keys()
@@ -41,6 +48,18 @@ def test_number_stays_below_its_ceiling(key):
         f'make house options="--details {key}":\n'
         + "\n".join(str(place) for place in MEASURES[key].places(TREE)[:20])
     )
+
+
+def test_the_tree_holds_what_was_put_there():
+    """Nothing that a run left behind was committed: rooms are known, and names are plain."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    if listed.returncode:
+        pytest.skip("not a clone: git does not tell what belongs to the tree")
+    names = [Path(name) for name in listed.stdout.split("\0") if name]
+    assert {name.parts[0] for name in names if len(name.parts) > 1} <= ROOMS
+    assert not [str(name) for name in names if not re.fullmatch(r"[\w./-]+", str(name), re.ASCII)]
 
 
 def test_every_package_has_a_row_in_the_layout():

@@ -18,10 +18,13 @@ os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 pytest.importorskip("ros2launch", reason="the command line of ROS 2 is not installed")
 
+from benchmarks.torture.nodes import thrown_ball
 from diagnostic_msgs.msg import DiagnosticArray
 from intuitive_physics_msgs.msg import Environment, ObjectStates, TrajectoryDistribution
+from intuitive_physics_msgs.srv import AddObservation
 
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_bag
+from intuitive_physics_ros.conversions import observation_to_message
 from intuitive_physics_ros.qos import LATCHED
 from intuitive_physics_ros.scripting import Peer
 
@@ -50,6 +53,12 @@ EVERY_NODE = """\
 """Parameters for nodes of any namespace, whole numbers among them; a machine of two cores can keep
 two robots up with it."""
 
+WITH_IMU = """\
+/**/perception_node:
+  ros__parameters:
+    gravity_source: imu
+"""
+"""An IMU is heard only then."""
 
 GIVEN_PARAMETERS = """\
 {static_parameters: {
@@ -386,4 +395,58 @@ def test_every_service_and_action_answers_the_command_line(home) -> None:
             home, "action", "send_goal", goal, "intuitive_physics_msgs/action/LearnParameters", "{}"
         )
         assert "Goal finished with status: ABORTED" in said
+        assert launch.failed() == [], launch.output
+
+
+def test_a_search_tells_its_progress_and_is_cancelled(home) -> None:
+    name, kind = (
+        "/busy/learner_node/learn_parameters",
+        "intuitive_physics_msgs/action/LearnParameters",
+    )
+    with Ros2Process(home, *LAUNCH, "namespace:=busy") as launch:
+        launch.wait_for("version 0 of the static parameters")
+        with Peer("inspector", 60.0) as peer:
+            seen = AddObservation.Request(observation=observation_to_message(thrown_ball(1)))
+            assert peer.call(AddObservation, "/busy/learner_node/add_observation", seen).added
+        endless = "{options: {method: random, max_iterations: 4000000}}"
+        goal = ("action", "send_goal", "--feedback", name, kind, endless)
+        with Ros2Process(home, *goal) as asked:
+            asked.wait_for("Feedback:", count=2)
+            said = ros2(
+                home, "service", "call", f"{name}/_action/cancel_goal", "action_msgs/srv/CancelGoal"
+            )
+            assert "return_code=0" in said
+            asked.wait_for("Goal finished with status: CANCELED", timeout=5.0)
+        assert launch.interrupt() < 5.0
+        assert launch.failed() == [], launch.output
+
+
+def test_each_argument_of_launch_counts(home) -> None:
+    """Those that no other test gives: names of single topics, and what is around the nodes."""
+    (home / "everything.yaml").write_text(EVERY_NODE + WITH_IMU)
+    inputs = ("depth_image", "camera_info", "points", "imu", "color")
+    given = {name: f"/my/{name}" for name in inputs} | {
+        "namespace": "some",
+        "camera": "zed",
+        "params_file": str(home / "everything.yaml"),
+        "log_level": "debug",
+        "use_sim_time": "true",
+        "enclaves": "/mine",
+        "discovery": "LOCALHOST",
+        "peers": "127.0.0.1;127.0.0.2",
+        "rviz": "false",
+    }
+    words = [f"{name}:={value}" for name, value in given.items()]
+    with Ros2Process(home, *LAUNCH, *words) as launch:
+        with Peer("inspector", 60.0) as peer:
+            for topic in (*(given[name] for name in inputs), "/some/clock"):
+                peer.spin_until(
+                    lambda topic=topic: peer.node.count_subscribers(topic), f"who hears {topic}"
+                )
+        launch.wait_for("[DEBUG]")
+        commands = [Path(f"/proc/{pid}/cmdline").read_text() for pid in launch.children]
+        variables = [Path(f"/proc/{pid}/environ").read_text() for pid in launch.children]
+        assert all("--enclave\0/mine/" in command for command in commands)
+        assert all("ROS_STATIC_PEERS=127.0.0.1;127.0.0.2\0" in text for text in variables)
+        assert launch.interrupt() < 5.0
         assert launch.failed() == [], launch.output

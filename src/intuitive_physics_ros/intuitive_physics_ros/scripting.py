@@ -75,17 +75,33 @@ class Peer:
         """
         client = self._client(kind, name)
         self.spin_until(client.service_is_ready, f"the service {name}", timeout)
+        return self.ask(lambda: client.call_async(request), f"an answer of {name}", timeout)
+
+    def ask(self, send: Callable[[], Any], what: str, timeout: float | None = None) -> Any:
+        """Send a request, again while there is no answer, and return the first.
+
+        Parameters
+        ----------
+        send : sends it and returns the future of its answer
+        what : is waited for
+        timeout : s, instead of the peer's own
+
+        Raises
+        ------
+        PeerTimeoutError
+            When that takes longer than the time-out.
+        """
         sent: list[Any] = []
         next_at = -math.inf
 
         def answer() -> Any:
             nonlocal next_at
             if time.monotonic() > next_at:
-                sent.append(client.call_async(request))
+                sent.append(send())
                 next_at = time.monotonic() + REPEAT_AFTER
             return next((future for future in sent if future.done()), None)
 
-        return self.spin_until(answer, f"an answer of {name}", timeout).result()
+        return self.spin_until(answer, what, timeout).result()
 
     def send(self, kind: type, name: str, request: Any) -> Any:
         """Send a request to a service once, and return the future of its response.

@@ -19,7 +19,7 @@ from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_ros.conversions.primitives import xyz, xyzw
-from intuitive_physics_ros.environment_publisher import EnvironmentPublisher, transform_from_camera
+from intuitive_physics_ros.environment_publisher import EnvironmentPublisher, transform_from_parent
 from intuitive_physics_ros.qos import LATCHED
 
 number = st.floats(-3.0, 3.0)
@@ -34,7 +34,7 @@ def test_there_and_back_is_where_one_was(position, quaternion, point) -> None:
     orientation = np.array(quaternion) / np.linalg.norm(quaternion)
     camera = Header(frame_id="camera")
     pose = RigidTransform(position, orientation)
-    message = transform_from_camera("environment", camera, pose)
+    message = transform_from_parent("environment", camera, pose)
     assert (message.header.frame_id, message.child_frame_id) == ("camera", "environment")
     in_environment = rotation_matrix(orientation) @ np.array(point) + position
     turn = np.array(xyzw(message.transform.rotation))

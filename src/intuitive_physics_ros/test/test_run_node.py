@@ -10,16 +10,14 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterType
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from std_msgs.msg import Float64
 
 from intuitive_physics_ros.lifecycle import run_node as run_node_module
+from intuitive_physics_ros.scripting import Peer
 
 SMALL_NODE = Path(__file__).parent / "small_node.py"
 PATIENCE = 15.0
@@ -82,23 +80,8 @@ def start():
 @pytest.fixture
 def caller():
     """Make a node of the test's own, with a way to spin it until something holds."""
-    context = Context()
-    rclpy.init(context=context)
-    node = rclpy.create_node("caller", context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-
-    def spin_until(holds):
-        deadline = time.monotonic() + PATIENCE
-        while not holds():
-            assert time.monotonic() < deadline, "waited in vain"
-            executor.spin_once(timeout_sec=0.05)
-
-    node.spin_until = spin_until
-    yield node
-    executor.shutdown()
-    node.destroy_node()
-    context.try_shutdown()
+    with Peer("caller", PATIENCE) as peer:
+        yield peer
 
 
 @pytest.mark.parametrize(
@@ -165,8 +148,8 @@ def test_it_ends_whatever_it_is_doing(start, caller, place):
     else:
         node.wait_for("ready")
     if place == "callback":
-        publisher = caller.create_publisher(Float64, "/small/number", 10)
-        caller.spin_until(lambda: publisher.get_subscription_count() == 1)
+        publisher = caller.node.create_publisher(Float64, "/small/number", 10)
+        caller.spin_until(lambda: publisher.get_subscription_count() == 1, "the node hears")
         publisher.publish(Float64(data=14.0))
         node.wait_for("sleeps")
     assert node.stop(signal.SIGINT) == 0, node.text
@@ -177,7 +160,7 @@ def test_it_ends_whatever_it_is_doing(start, caller, place):
 def test_an_unexpected_error_is_reported_once_and_leaves_it_alive(start, caller):
     node, levels = start(), []
     node.wait_for("ready")
-    caller.create_subscription(
+    caller.node.create_subscription(
         DiagnosticArray,
         "/diagnostics",
         lambda m: levels.extend(
@@ -185,20 +168,20 @@ def test_an_unexpected_error_is_reported_once_and_leaves_it_alive(start, caller)
         ),
         10,
     )
-    publisher = caller.create_publisher(Float64, "/small/number", 10)
-    caller.spin_until(lambda: publisher.get_subscription_count() == 1)
-    caller.spin_until(lambda: (DiagnosticStatus.OK, "none") in levels)
+    publisher = caller.node.create_publisher(Float64, "/small/number", 10)
+    caller.spin_until(lambda: publisher.get_subscription_count() == 1, "the node hears")
+    caller.spin_until(lambda: (DiagnosticStatus.OK, "none") in levels, "that nothing went wrong")
     publisher.publish(Float64(data=13.0))
     node.wait_for("a callback failed: ValueError: 13 brings bad luck (")
-    caller.spin_until(lambda: levels[-1][0] == DiagnosticStatus.WARN)
+    caller.spin_until(lambda: levels[-1][0] == DiagnosticStatus.WARN, "a warning")
     for _ in range(5):
         publisher.publish(Float64(data=13.0))
-    caller.spin_until(lambda: levels[-1][0] == DiagnosticStatus.ERROR)
+    caller.spin_until(lambda: levels[-1][0] == DiagnosticStatus.ERROR, "an error")
     assert "ValueError in small_node.py:" in levels[-1][1]
     assert "_on_number" in levels[-1][1]
     answers = []
-    caller.create_subscription(Float64, "/small/double", lambda m: answers.append(m.data), 10)
-    caller.spin_until(lambda: publisher.publish(Float64(data=4.0)) or answers)
+    caller.node.create_subscription(Float64, "/small/double", lambda m: answers.append(m.data), 10)
+    caller.spin_until(lambda: publisher.publish(Float64(data=4.0)) or answers, "an answer")
     assert node.stop(signal.SIGINT) == 0
     # Once when it was new, once when it made the error state.
     assert node.text.count("13 brings bad luck") == 2, node.text
@@ -244,20 +227,10 @@ def test_bad_parameter_is_one_clear_line(start, argument, complaint):
 
 def test_whole_numbers_are_taken_for_doubles(start, caller):
     start("--ros-args", "-p", "rate:=50", "-p", "lengths:=[1, 2]").wait_for("ready")
-    client = AsyncParameterClient(caller, "/small")
-    caller.spin_until(client.services_are_ready)
-    asked = []
-
-    def answered():
-        """A first answer may be sent before its way back is discovered, and is lost: ask again."""
-        if len(asked) <= (time.monotonic() - begun) / 3.0:
-            asked.append(client.get_parameters(["rate", "lengths"]))
-        return any(future.done() for future in asked)
-
-    begun = time.monotonic()
-    caller.spin_until(answered)
-    future = next(future for future in asked if future.done())
-    rate, lengths = future.result().values
+    client = AsyncParameterClient(caller.node, "/small")
+    caller.spin_until(client.services_are_ready, "services of parameters")
+    values = caller.ask(lambda: client.get_parameters(["rate", "lengths"]), "their values").values
+    rate, lengths = values
     assert (rate.type, rate.double_value) == (ParameterType.PARAMETER_DOUBLE, 50.0)
     assert list(lengths.double_array_value) == [1.0, 2.0]
 
@@ -295,15 +268,15 @@ def test_logs_are_the_users_own(monkeypatch, tmp_path, home):
 def test_bad_input_leaves_it_alive(start, caller):
     node = start()
     answers = []
-    publisher = caller.create_publisher(Float64, "/small/number", 10)
-    caller.create_subscription(Float64, "/small/double", lambda m: answers.append(m.data), 10)
-    caller.spin_until(lambda: publisher.get_subscription_count() == 1)
-    caller.spin_until(lambda: caller.count_publishers("/small/double") == 1)
+    publisher = caller.node.create_publisher(Float64, "/small/number", 10)
+    caller.node.create_subscription(Float64, "/small/double", lambda m: answers.append(m.data), 10)
+    caller.spin_until(lambda: publisher.get_subscription_count() == 1, "the node hears")
+    caller.spin_until(lambda: caller.node.count_publishers("/small/double") == 1, "the node speaks")
     publisher.publish(Float64(data=0.0))
     node.wait_for("number is 0; expected another")
     for _ in range(3):
         publisher.publish(Float64(data=-1.0))
-    caller.spin_until(lambda: publisher.publish(Float64(data=4.0)) or answers)
+    caller.spin_until(lambda: publisher.publish(Float64(data=4.0)) or answers, "an answer")
     assert answers[0] == 8.0
     # What it has written is known for sure once it has ended.
     assert node.stop(signal.SIGINT) == 0
@@ -313,31 +286,46 @@ def test_bad_input_leaves_it_alive(start, caller):
 def test_diagnostics_tell_of_the_input(start, caller):
     start().wait_for("ready")
     seen = {}
-    caller.create_subscription(
+    caller.node.create_subscription(
         DiagnosticArray, "/diagnostics", lambda m: seen.update({s.name: s for s in m.status}), 10
     )
-    publisher = caller.create_publisher(Float64, "/small/number", 10)
+    publisher = caller.node.create_publisher(Float64, "/small/number", 10)
 
     def told(level, words):
         status = seen.get("small: number", DiagnosticStatus())
         return status.level == level and words in status.message
 
-    caller.spin_until(lambda: told(DiagnosticStatus.WARN, "nothing arrived yet on ~/number"))
+    caller.spin_until(
+        lambda: told(DiagnosticStatus.WARN, "nothing arrived yet on ~/number"),
+        "that nothing arrived yet",
+    )
     assert seen["small: name"].level == DiagnosticStatus.OK
     assert seen["small: name"].hardware_id == "/small"
-    caller.spin_until(lambda: publisher.publish(Float64(data=1.0)) or told(b"\0", "arrives"))
-    caller.spin_until(lambda: publisher.publish(Float64(data=-1.0)) or told(b"\2", "above zero"))
-    caller.spin_until(lambda: told(DiagnosticStatus.ERROR, "nothing arrived on ~/number for"))
-    caller.spin_until(lambda: publisher.publish(Float64(data=1.0)) or told(b"\0", "arrives"))
+    caller.spin_until(
+        lambda: publisher.publish(Float64(data=1.0)) or told(b"\0", "arrives"),
+        "that something arrives",
+    )
+    caller.spin_until(
+        lambda: publisher.publish(Float64(data=-1.0)) or told(b"\2", "above zero"),
+        "that one is refused",
+    )
+    caller.spin_until(
+        lambda: told(DiagnosticStatus.ERROR, "nothing arrived on ~/number for"),
+        "that nothing arrives any more",
+    )
+    caller.spin_until(
+        lambda: publisher.publish(Float64(data=1.0)) or told(b"\0", "arrives"),
+        "that something arrives",
+    )
 
 
 def test_diagnostics_come_once_a_second_though_simulated_time_stands(start, caller):
     start("--ros-args", "-p", "use_sim_time:=true")
     times = []
-    caller.create_subscription(
+    caller.node.create_subscription(
         DiagnosticArray, "/diagnostics", lambda m: times.append(time.monotonic()), 10
     )
-    caller.spin_until(lambda: len(times) == 4)
+    caller.spin_until(lambda: len(times) == 4, "four messages")
     # The first may have waited for discovery, so only the last two steps count.
     assert (times[3] - times[1]) / 2 == pytest.approx(1.0, abs=0.25)
 
@@ -348,11 +336,11 @@ def test_second_node_of_the_same_name_is_told_by_both(start, caller):
     def note(message):
         levels.extend(s.level for s in message.status if s.name == "small: name")
 
-    caller.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
+    caller.node.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
     first, second = start(), start()
     first.wait_for("2 nodes have the name /small")
     second.wait_for("2 nodes have the name /small")
-    caller.spin_until(lambda: DiagnosticStatus.WARN in levels)
+    caller.spin_until(lambda: DiagnosticStatus.WARN in levels, "a warning")
     assert second.stop(signal.SIGINT) == 0
     first.wait_for("/small is the only node of this name")
     assert first.stop(signal.SIGINT) == 0
@@ -360,20 +348,18 @@ def test_second_node_of_the_same_name_is_told_by_both(start, caller):
 
 def test_parameters_are_checked_while_it_runs(start, caller):
     start().wait_for("ready")
-    client = AsyncParameterClient(caller, "/small")
-    caller.spin_until(client.services_are_ready)
+    client = AsyncParameterClient(caller.node, "/small")
+    caller.spin_until(client.services_are_ready, "services of parameters")
 
     def set_to(name, value):
-        future = client.set_parameters([Parameter(name, value=value)])
-        caller.spin_until(future.done)
-        return future.result().results[0]
+        parameters = [Parameter(name, value=value)]
+        return caller.ask(lambda: client.set_parameters(parameters), f"{name} set").results[0]
 
     assert set_to("count", 5).successful
     assert set_to("limit", 2).successful
     assert set_to("lengths", [1, 2]).successful
-    future = client.get_parameters(["limit", "lengths"])
-    caller.spin_until(future.done)
-    limit, lengths = future.result().values
+    values = caller.ask(lambda: client.get_parameters(["limit", "lengths"]), "their values").values
+    limit, lengths = values
     assert (limit.type, limit.double_value) == (ParameterType.PARAMETER_DOUBLE, 2.0)
     assert list(lengths.double_array_value) == [1.0, 2.0]
     assert set_to("mode", "exact").successful
@@ -391,11 +377,12 @@ def test_parameters_are_checked_while_it_runs(start, caller):
 
 def test_parameters_describe_themselves(start, caller):
     start().wait_for("ready")
-    client = AsyncParameterClient(caller, "/small")
-    caller.spin_until(client.services_are_ready)
-    future = client.describe_parameters(["rate", "count", "mode"])
-    caller.spin_until(future.done)
-    rate, count, mode = future.result().descriptors
+    client = AsyncParameterClient(caller.node, "/small")
+    caller.spin_until(client.services_are_ready, "services of parameters")
+    names = ["rate", "count", "mode"]
+    rate, count, mode = caller.ask(
+        lambda: client.describe_parameters(names), "their descriptions"
+    ).descriptors
     assert (rate.description, rate.read_only) == ("Hz of the sensor", True)
     assert (rate.floating_point_range[0].from_value, rate.floating_point_range[0].to_value) == (
         1.0,

@@ -6,6 +6,8 @@ some tests send it, so it is heard again.
 Where CI is set, Hypothesis tries the same examples in every run; elsewhere it looks for new ones.
 
 Files of tests that run side by side have a ROS domain each: their nodes have the same names.
+
+What tests start ends with them, however they end.
 """
 
 import os
@@ -13,11 +15,23 @@ import signal
 
 from hypothesis import settings
 
+from intuitive_physics.processes import guard_run
+
 settings.register_profile("untimed", deadline=None, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("untimed")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+
+def interrupt() -> None:
+    """End the tests as Ctrl-C does, so that each fixture is torn down."""
+    raise KeyboardInterrupt("SIGTERM")
+
+
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    guard_run(interrupt)
 
 worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
 if "ROS_DOMAIN_ID" in os.environ and worker != "0":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -14,8 +13,9 @@ from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from benchmarks.torture.nodes import LEARNER, PERCEPTION, PREDICTOR, Nodes, megabytes
+from benchmarks.torture.nodes import LEARNER, PATIENCE, PERCEPTION, PREDICTOR, Nodes, megabytes
 from benchmarks.torture.suite import Suite, running_suite
+from intuitive_physics.processes import ChildProcess, ProcessFailedError
 from intuitive_physics_bringup.connections import module
 from intuitive_physics_ros.scripting import NodeProcess
 
@@ -55,6 +55,10 @@ with Peer("slow") as peer:
 
 HOGS_A_CORE = 4
 """Processes that want each core, at the priority of the nodes."""
+
+
+LONGEST_HOG = 120.0
+"""s after which such a process is ended, should nobody have done so."""
 
 
 class FaultError(Exception):
@@ -100,7 +104,7 @@ def result_of(check: Callable[[], None]) -> str:
 def _bear(fault: Callable[[Suite], None], suite: Suite) -> None:
     fault(suite)
     for name, process in suite.nodes.processes.items():
-        if process.process.poll() is not None:
+        if not process.is_running:
             raise FaultError(f"{name} died: {(process.output.splitlines() or ['nothing'])[-1]}")
         if "Traceback" in process.output:
             raise FaultError(f"{name} wrote a traceback")
@@ -150,7 +154,7 @@ def _node_twice(absence: float, suite: Suite) -> None:
     for name, arguments in twins.items():
         with NodeProcess(module(name), arguments) as twin:
             suite.peer.spin_for(absence)
-            if twin.process.poll() is not None and "Traceback" in twin.output:
+            if not twin.is_running and "Traceback" in twin.output:
                 raise FaultError(f"a second {name} ended with a traceback")
         told = [text for text in suite.said(name, _WARN, earlier) if "nodes have the name" in text]
         if not told:
@@ -160,7 +164,7 @@ def _node_twice(absence: float, suite: Suite) -> None:
 
 def _slow_subscriber(pressure: float, suite: Suite) -> None:
     usual = suite.predictions.rate(pressure / 2)
-    pid = suite.nodes.processes[PREDICTOR].process.pid
+    pid = suite.nodes.processes[PREDICTOR].pid
     memory = megabytes(pid)
     with _subscriber():
         rate = suite.predictions.rate(pressure)
@@ -174,30 +178,37 @@ def _slow_subscriber(pressure: float, suite: Suite) -> None:
 @contextmanager
 def _subscriber() -> Iterator[None]:
     """Let a process subscribe to the predictions and stand still."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", SUBSCRIBER], stdout=subprocess.PIPE, text=True
-    )
+    process = ChildProcess([sys.executable, "-c", SUBSCRIBER], name="the slow subscriber")
     try:
-        if process.stdout is None or "hears" not in process.stdout.readline():
-            raise FaultError("the slow subscriber heard no prediction")
+        process.wait_for("hears", PATIENCE)
         process.send_signal(signal.SIGSTOP)
         yield
+    except ProcessFailedError as error:
+        raise FaultError(str(error)) from None
     finally:
-        process.kill()
-        process.wait()
+        process.stop(signal.SIGKILL)
+
+
+@contextmanager
+def _hogs() -> Iterator[None]:
+    """Let processes want every core several times."""
+    command = [sys.executable, "-c", "while True: pass"]
+    hogs = [
+        ChildProcess(command, longest=LONGEST_HOG)
+        for _ in range(HOGS_A_CORE * len(os.sched_getaffinity(0)))
+    ]
+    try:
+        yield
+    finally:
+        for hog in hogs:
+            hog.stop(signal.SIGKILL)
 
 
 def _cpu_starved(pressure: float, suite: Suite) -> None:
     usual = suite.predictions.rate(pressure / 2)
-    hog = [sys.executable, "-c", "while True: pass"]
-    hogs = [subprocess.Popen(hog) for _ in range(HOGS_A_CORE * len(os.sched_getaffinity(0)))]
-    try:
+    with _hogs():
         starved = suite.predictions.rate(pressure)
         check_pings(suite.nodes, longest=HOGS_A_CORE)
-    finally:
-        for one in hogs:
-            one.kill()
-            one.wait()
     if not starved:
         raise FaultError("no prediction while others took the processor")
     time.sleep(RECOVERY)

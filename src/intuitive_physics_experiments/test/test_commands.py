@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
 import sys
 import time
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from intuitive_physics.processes import ChildProcess
 from intuitive_physics_cli.command_line import main
 
 COMMAND = [sys.executable, "-m", "intuitive_physics_cli.command_line"]
@@ -238,14 +238,8 @@ def test_mistakes_are_one_line_and_exit_code_1(
 
 
 def test_ctrl_c_ends_with_130(launch_set: Path) -> None:
-    process = subprocess.Popen(
-        [*COMMAND, "evaluate", str(launch_set), "--method", "random", "--iterations", "100000000"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    endless = ["--method", "random", "--iterations", "100000000"]
+    process = ChildProcess([*COMMAND, "evaluate", str(launch_set), *endless])
     time.sleep(4.0)
-    process.send_signal(signal.SIGINT)
-    _, stderr = process.communicate(timeout=20)
-    assert process.returncode == 130, stderr
-    assert "Traceback" not in stderr
+    assert process.stop(timeout=60.0) == 130, process.output
+    assert "Traceback" not in process.output

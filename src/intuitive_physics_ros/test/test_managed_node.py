@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import subprocess
+import signal
 import sys
 import time
 from pathlib import Path
@@ -15,6 +15,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
+from intuitive_physics.processes import ChildProcess
 from intuitive_physics_ros.scripting import Peer
 
 SMALL_NODE = Path(__file__).parent / "small_managed_node.py"
@@ -66,20 +67,17 @@ def start():
 
     def start_one(*arguments):
         run = [sys.executable, "-u", str(SMALL_NODE), "--ros-args", *arguments]
-        started.append(subprocess.Popen(run, stdout=-1, stderr=subprocess.STDOUT, text=True))
+        started.append(ChildProcess(run))
         return started[-1]
 
     yield start_one
     for process in started:
-        process.kill()
-        process.communicate()
+        process.stop(signal.SIGKILL)
 
 
 def end(process) -> str:
-    process.terminate()
-    output, _ = process.communicate(timeout=15.0)
-    assert process.returncode == 0, output
-    return output
+    assert process.stop(signal.SIGTERM) == 0, process.output
+    return process.output
 
 
 @pytest.fixture
@@ -197,7 +195,7 @@ def test_what_cannot_be_configured_can_be_mended(start, manager, fails, why, sta
 
 def test_what_cannot_start_itself_ends_with_one_line(start):
     process = start("-p", "fails:=ours")
-    output, _ = process.communicate(timeout=30.0)
-    assert process.returncode == 1
+    assert process.wait(30.0) == 1
+    output = process.output
     assert output.strip().splitlines()[-1].endswith("error: the file is missing; expected one")
     assert "Traceback" not in output

@@ -31,6 +31,7 @@ from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 
 from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.processes.segments import remove_abandoned_segments
 from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
 from intuitive_physics_ros.lifecycle.start_node import STOP_SIGNALS
 from intuitive_physics_ros.parameters import unknown_overrides
@@ -78,6 +79,7 @@ def run_node(factory: Callable[[], Node], args: Sequence[str] | None = None) -> 
     stop = StopSignal()
     _ensure_log_folder()
     try:
+        freed = remove_abandoned_segments()
         rclpy.init(
             args=with_earlier_remappings(sys.argv if args is None else args),
             signal_handler_options=SignalHandlerOptions.NO,
@@ -96,6 +98,10 @@ def run_node(factory: Callable[[], Node], args: Sequence[str] | None = None) -> 
         return _explain(error)
     try:
         _warn_of_unknown_overrides(node)
+        if freed:
+            node.get_logger().info(
+                f"removed {freed / 1e6:.0f} MB of shared memory of processes that were killed"
+            )
         _spin(node, stop)
     finally:
         node.destroy_node()

@@ -9,8 +9,6 @@ import time
 
 import pytest
 
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-
 RUN = """
 import sys
 from intuitive_physics_ros.lifecycle.start_node import run_module

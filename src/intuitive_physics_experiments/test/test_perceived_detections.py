@@ -57,7 +57,7 @@ def perceive(bag: Path, seed: int, first: int = 0, dropped: float = 0.0) -> Perc
 
 
 @pytest.fixture(scope="module")
-def bag(tmp_path_factory: pytest.TempPathFactory, needs_open3d: None) -> Path:
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("bags") / "throws"
     render_bag(path, RENDERED)
     return path

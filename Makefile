@@ -21,7 +21,7 @@ run_environment = \
 pytest = .venv/bin/pytest -p no:dash
 
 # Tests of libraries, and of one node each, share nothing but the machine: files of them run side by
-# side. Those of the whole system time it.
+# side, in the order of conftest.py. Those of the whole system time it.
 one_thread = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 side_by_side = --numprocesses=auto --maxprocesses=4 --dist=loadfile --no-loadscope-reorder
 

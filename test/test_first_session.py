@@ -21,7 +21,7 @@ os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_bag
 
-pytestmark = pytest.mark.needs("ros2launch")
+pytestmark = [pytest.mark.long, pytest.mark.needs("ros2launch")]
 
 PAGE = (Path(__file__).parent.parent / "docs" / "first_session.md").read_text(encoding="utf-8")
 

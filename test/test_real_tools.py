@@ -26,7 +26,7 @@ from intuitive_physics_ros.conversions import observation_to_message
 from intuitive_physics_ros.qos import LATCHED
 from intuitive_physics_ros.scripting import Peer
 
-pytestmark = pytest.mark.needs("ros2launch")
+pytestmark = [pytest.mark.long, pytest.mark.needs("ros2launch")]
 
 NODES = ("perception_node", "learner_node", "predictor_node")
 

@@ -19,6 +19,8 @@ from intuitive_physics_msgs.srv import GetStaticParameters
 from intuitive_physics_bringup.connections import module
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 
+pytestmark = [pytest.mark.long, pytest.mark.timeout(400)]
+
 DEMO = [sys.executable, "-m", "intuitive_physics_experiments.demo"]
 
 

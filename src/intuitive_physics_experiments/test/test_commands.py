@@ -50,6 +50,7 @@ def test_evaluate_prints_parameters_and_errors(launch_set: Path) -> None:
     assert errors["learned parameters"] < errors["default parameters"] < errors["free flight"]
 
 
+@pytest.mark.long
 def test_render_and_perceive(tmp_path: Path) -> None:
     bag, saved = tmp_path / "bag", tmp_path / "saved"
     rendered = run("render", bag, "--throws", 1, "--seed", 4)

@@ -209,6 +209,7 @@ def in_browser(page: str, folder: Path, width: int) -> tuple[str, list[str]]:
     return done.stdout, errors
 
 
+@pytest.mark.long
 @pytest.mark.needs("chromium")
 @pytest.mark.parametrize("width", [1200, 500])
 def test_a_browser_draws_every_plot_and_reports_no_error(
@@ -226,6 +227,7 @@ def test_a_browser_draws_every_plot_and_reports_no_error(
     assert f'data-pictures="{page.count("<img ")}"' in document
 
 
+@pytest.mark.long
 @pytest.mark.needs("chromium")
 def test_an_error_in_the_page_is_found(result: DemoResult, tmp_path: Path) -> None:
     page = write_report(result, tmp_path).page.read_text(encoding="utf-8")

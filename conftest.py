@@ -7,22 +7,26 @@ Where CI is set, Hypothesis tries the same examples in every run; elsewhere it l
 
 Files of tests that run side by side have a ROS domain each: their nodes have the same names.
 
+What is quickly found is found first: tests that are marked as long run last.
+
 What tests start ends with them, however they end.
 """
 
 import os
 import signal
 
+import pytest
 from hypothesis import settings
 
 from intuitive_physics.processes import guard_run
+
+pytest_plugins = ["tools.needs"]
 
 settings.register_profile("untimed", deadline=None, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("untimed")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-
 
 
 def interrupt() -> None:
@@ -38,3 +42,7 @@ if "ROS_DOMAIN_ID" in os.environ and worker != "0":
     os.environ["ROS_DOMAIN_ID"] = str(
         (int(os.environ["ROS_DOMAIN_ID"]) + 20 * int(worker)) % 100 + 1
     )
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.get_closest_marker("long") is not None)

@@ -18,10 +18,10 @@ from benchmarks.robot.ros2_process import COMMAND, Ros2Process, environment, ros
 
 os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-pytest.importorskip("ros2launch", reason="the command line of ROS 2 is not installed")
 
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_bag
+
+pytestmark = [pytest.mark.long, pytest.mark.needs("ros2launch")]
 
 PAGE = (Path(__file__).parent.parent / "docs" / "first_session.md").read_text(encoding="utf-8")
 

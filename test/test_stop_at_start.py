@@ -10,8 +10,6 @@ import pytest
 
 from intuitive_physics.processes import ChildProcess
 
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-
 RUN = """
 import sys
 from intuitive_physics_ros.lifecycle.start_node import run_module

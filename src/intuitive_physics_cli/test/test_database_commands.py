@@ -89,7 +89,6 @@ def test_learning_on_a_database_makes_its_next_version(
 
 
 def test_two_processes_learn_the_same(folder: Path) -> None:
-    pytest.importorskip("distributed")
     run("learn", "saved", "one.yaml", "--iterations", 100)
     # Processes of a cluster import the main module anew, so this one is a process of its own.
     arguments = ["learn", "saved", "two.yaml", "--iterations", "100", "--cluster", "local:2"]

@@ -50,7 +50,8 @@ def test_evaluate_prints_parameters_and_errors(launch_set: Path) -> None:
     assert errors["learned parameters"] < errors["default parameters"] < errors["free flight"]
 
 
-def test_render_and_perceive(tmp_path: Path, needs_open3d: None) -> None:
+@pytest.mark.long
+def test_render_and_perceive(tmp_path: Path) -> None:
     bag, saved = tmp_path / "bag", tmp_path / "saved"
     rendered = run("render", bag, "--throws", 1, "--seed", 4)
     assert rendered.returncode == 0, rendered.stderr
@@ -65,6 +66,7 @@ def test_render_and_perceive(tmp_path: Path, needs_open3d: None) -> None:
     assert len(list(saved.glob("*.json"))) == 1
 
 
+@pytest.mark.needs("recordings")
 @pytest.mark.parametrize(
     ("name", "share"),
     # Several impacts, and spin that nobody saw, make billiards harder.
@@ -105,6 +107,7 @@ def test_evaluate_cube_tosses_beside_published_figures(
         assert errors[f"{engine}, fitted"] < errors[f"{engine}, default parameters"]
 
 
+@pytest.mark.needs("recordings")
 def test_evaluate_recorded_cube_tosses(recording: Callable[[str], Path]) -> None:
     result = run("evaluate", recording("cube_tosses.npz"), "--iterations", 60)
     assert result.returncode == 0, result.stderr
@@ -119,6 +122,7 @@ def test_evaluate_recorded_cube_tosses(recording: Callable[[str], Path]) -> None
     assert errors["free flight to the first touch"][0] > 5.0 * position
 
 
+@pytest.mark.needs("recordings")
 @pytest.mark.parametrize("name", ["table_tennis_launches.npz", "table_tennis_gun.npz"])
 def test_balls_that_fly_through_air_are_predicted_better(
     recording: Callable[[str], Path], name: str
@@ -130,6 +134,7 @@ def test_balls_that_fly_through_air_are_predicted_better(
     assert with_air < 0.75 * without
 
 
+@pytest.mark.needs("recordings")
 def test_drag_is_learned_from_the_recording(recording: Callable[[str], Path]) -> None:
     arguments = ["--drag", "learn", "--iterations", 400]
     result = run("evaluate", recording("table_tennis_launches.npz"), *arguments)

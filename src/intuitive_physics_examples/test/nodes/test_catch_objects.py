@@ -13,7 +13,6 @@ import pytest
 
 os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import (

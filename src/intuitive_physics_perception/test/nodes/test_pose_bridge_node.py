@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import (
@@ -25,7 +24,6 @@ from geometry_msgs.msg import (
 )
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates, Observation, TrajectoryDistribution
-from tf2_msgs.msg import TFMessage
 
 from intuitive_physics.shapes import Box
 from intuitive_physics_ros.conversions import (
@@ -138,8 +136,10 @@ def test_poses_become_states_and_an_observation(kind, make, message) -> None:
         assert [one.object.id for one in observation.objects] == ["box"]
 
 
+@pytest.mark.needs("tf2_msgs", "tf2_ros")
 def test_tags_are_taken_from_tf_and_other_frames_are_looked_up() -> None:
-    pytest.importorskip("tf2_ros", reason="tf2_ros is not installed")
+    from tf2_msgs.msg import TFMessage
+
     # The tag is 0.05 m beside the centre of the box, along the box's x.
     arguments = ["-p", "input:=tf", "-p", "object_frames:=[tag_7]"]
     arguments += ["-p", "object_offsets:=['-0.05 0 0']"]

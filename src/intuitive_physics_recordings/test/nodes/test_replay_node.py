@@ -12,25 +12,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Image
+from std_msgs.msg import Int32
 
-rclpy = pytest.importorskip("rclpy")
+from intuitive_physics_recordings.depth_bag_writer import DEPTH_TOPIC, DepthBagWriter
+from intuitive_physics_recordings.nodes import replay_node
+from intuitive_physics_ros.scripting import NodeProcess
 
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
-from rosgraph_msgs.msg import Clock  # noqa: E402
-from sensor_msgs.msg import Image  # noqa: E402
-from std_msgs.msg import Int32  # noqa: E402
-
-from intuitive_physics_recordings.depth_bag_writer import (  # noqa: E402
-    DEPTH_TOPIC,
-    DepthBagWriter,
-)
-from intuitive_physics_recordings.nodes import replay_node  # noqa: E402
-from intuitive_physics_ros.scripting import NodeProcess  # noqa: E402
-
-from ..small_camera import SMALL  # noqa: E402
+from ..small_camera import SMALL
 
 TIMEOUT = 20.0
 

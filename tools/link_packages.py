@@ -2,8 +2,8 @@
 
     .venv/bin/python -m tools.link_packages
 
-It reads each `setup.py` and does what `colcon build --symlink-install` does with it, which goes through
-`setup.py develop`, a command that setuptools is giving up, and needs `setup.bash` to be sourced.
+It does with each `setup.py` what `colcon build --symlink-install` does. That goes through `setup.py
+develop`, which setuptools is giving up, and needs `setup.bash` to be sourced.
 """
 
 from __future__ import annotations
@@ -32,36 +32,29 @@ sys.exit({function}())
 def main() -> None:
     """Link all packages into the environment that runs this."""
     for setup in sorted(SOURCES.glob("*/setup.py")):
-        os.chdir(setup.parent)
-        link(described(setup), Path(sys.prefix))
+        link(setup.parent, Path(sys.prefix))
 
 
-def described(setup: Path) -> dict[str, Any]:
-    """Return what a `setup.py` calls `setuptools.setup` with."""
-    with mock.patch("setuptools.setup") as called:
-        runpy.run_path(str(setup))
-    return called.call_args.kwargs
-
-
-def link(package: Mapping[str, Any], prefix: Path) -> None:
+def link(folder: Path, prefix: Path) -> None:
     """Link data files and scripts of a package into a prefix, and write its executables there.
 
     Parameters
     ----------
-    package : as `described`; its folder is the current one
+    folder : of the package's `setup.py`
     prefix : what `AMENT_PREFIX_PATH` names
     """
+    package = described(folder)
     programs = prefix / "lib" / package["name"]
-    for folder in (programs, prefix / "share" / package["name"]):
-        shutil.rmtree(folder, ignore_errors=True)
+    for place in (programs, prefix / "share" / package["name"]):
+        shutil.rmtree(place, ignore_errors=True)
     for place, files in package["data_files"]:
         for file in files:
-            replace_by_link(prefix / place, Path(file))
+            replace_by_link(prefix / place, folder / file)
     for file in package.get("scripts", ()):
-        replace_by_link(programs, Path(file))
-    for executable, module, function in console_scripts(package):
+        replace_by_link(programs, folder / file)
+    for name, module, function in console_scripts(package):
         programs.mkdir(parents=True, exist_ok=True)
-        path = programs / executable
+        path = programs / name
         path.write_text(
             EXECUTABLE.format(python=sys.executable, module=module, function=function),
             encoding="utf-8",
@@ -69,12 +62,24 @@ def link(package: Mapping[str, Any], prefix: Path) -> None:
         path.chmod(0o755)
 
 
+def described(folder: Path) -> Mapping[str, Any]:
+    """Return what the `setup.py` of a folder calls `setuptools.setup` with."""
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        with mock.patch("setuptools.setup") as called:
+            runpy.run_path("setup.py")
+    finally:
+        os.chdir(before)
+    return called.call_args.kwargs
+
+
 def replace_by_link(folder: Path, file: Path) -> None:
     """Make a link to a file in a folder, in place of what is there."""
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / file.name
     target.unlink(missing_ok=True)
-    target.symlink_to(file.resolve())
+    target.symlink_to(file)
 
 
 def console_scripts(package: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:

@@ -1,7 +1,7 @@
 # Intuitive Physics. `make` alone lists what there is.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build lint types docs test library-tests system-tests test-oldest house demo bench-simulation \
+.PHONY: help setup lint types docs test library-tests system-tests test-oldest house demo bench-simulation \
 	bench-prediction bench-perception bench-learning bench-robot torture clean
 
 # A ROS, or a Python, that the caller's shell has sourced must not mix with ours.
@@ -34,10 +34,8 @@ library_tests = $(addsuffix test,$(filter-out $(addsuffix /,$(ros_packages)),$(p
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-setup: ## Make .venv and build the workspace; the others do it when needed
+setup: ## Make .venv and build the messages; the others do it when needed
 	@tools/setup.sh
-
-build: setup ## Build the workspace again after a change in src/
 
 lint: setup ## Only check style and types, and build the documentation
 	@echo "── lint"
@@ -107,4 +105,4 @@ torture: setup ## Kill, fuzz, starve and soak the nodes; options="--quick"
 
 clean: ## Remove the environment and everything built
 	rm -rf .venv build log install demo_output docs/_build docs/reference .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	find src -name __pycache__ -o -name '*.egg-info' | xargs rm -rf
+	find src -name __pycache__ | xargs rm -rf

@@ -9,11 +9,19 @@ stamps=.venv/.setup
 
 digest() { sha256sum | cut -d ' ' -f 1; }
 
-# What goes into the workspace. Tests run from the source tree and texts are not installed.
-sources() {
-    find src -type f -not -path '*/test/*' -not -path '*/__pycache__/*' \
-        -not -path '*.egg-info/*' -not -name '*.md' -not -name CHANGELOG.rst -print0 | LC_ALL=C sort -z
+# What the workspace is built from: all else in src/ is run from there, but a new file wants a link.
+built_sources() {
+    find src -name setup.py -o -name package.xml -o -name CMakeLists.txt -o -name '*.cpp' \
+        -o -path '*_msgs/*.*'
 }
+linked_names() {
+    find src -type f -not -path 'src/*/intuitive_physics*/*' -not -path '*/test/*' \
+        -not -path '*/__pycache__/*'
+}
+kernel_sources() {
+    find src/intuitive_physics{,_perception,_predictor}/intuitive_physics* -name '*.py'
+}
+contents() { LC_ALL=C sort | xargs sha256sum; }
 
 done_before() { [ "$(cat "$stamps/$1" 2>/dev/null)" = "$2" ]; }
 
@@ -38,9 +46,9 @@ fi
 if [ -e .venv ] && ! grep -qsF "$root/.venv" .venv/bin/activate; then rm -rf .venv; fi
 
 packages=$(cat requirements/*.txt $tools/packages.sh | digest)
-workspace=$({ echo "$packages"; cat $tools/workspace.sh $tools/ros_wheel_paths.cmake
-              sources | xargs -0 sha256sum; } | digest)
-kernels=$({ echo "$workspace"; cat $tools/kernels.sh; } | digest)
+workspace=$({ echo "$packages"; cat $tools/{workspace.sh,link_packages.py,ros_wheel_paths.cmake}
+              cat pyproject.toml; built_sources | contents; linked_names | LC_ALL=C sort; } | digest)
+kernels=$({ echo "$packages"; cat $tools/kernels.sh; kernel_sources | contents; } | digest)
 
 if ! done_before packages "$packages" || ! done_before workspace "$workspace"; then
     $tools/system_packages.sh

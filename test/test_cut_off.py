@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import random
 import signal
@@ -18,16 +17,18 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[1]
 
 PYTEST = ["-m", "pytest", "-p", "no:dash", "-q", "-x"]
 
 RUNS = {
-    "kills": (["-m", "benchmarks.torture", "--quick", "--only", "kills"], 12.0),
-    "faults": (["-m", "benchmarks.torture", "--quick", "--only", "faults"], 60.0),
-    "robot": (["-m", "benchmarks.robot", "--quick"], 30.0),
-    "demo": (["-m", "intuitive_physics_experiments.demo", "--throws", "3"], 25.0),
-    "benchmark": (["-m", "benchmarks.learning", "--quick"], 15.0),
+    "kills": (["-m", "benchmarks.torture", "--quick", "--only", "kills"], 8.0),
+    "faults": (["-m", "benchmarks.torture", "--quick", "--only", "faults"], 20.0),
+    "robot": (["-m", "benchmarks.robot", "--quick"], 12.0),
+    "demo": (["-m", "intuitive_physics_experiments.demo", "--throws", "3"], 12.0),
+    "benchmark": (["-m", "benchmarks.learning", "--quick"], 6.0),
     "tests": (
         [
             *PYTEST,
@@ -35,7 +36,7 @@ RUNS = {
             "src/intuitive_physics_learner/test/nodes",
             "src/intuitive_physics_ros/test",
         ],
-        25.0,
+        12.0,
     ),
 }
 """Arguments of Python that start each kind of run, and the s within which it is cut off."""
@@ -138,10 +139,14 @@ def cut_off(kind: str, number: int, rng: random.Random, folder: Path) -> Remains
 
 
 @pytest.mark.parametrize("number", SIGNALS, ids=lambda number: number.name)
-@pytest.mark.parametrize("kind", RUNS)
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=[pytest.mark.needs("ros2launch")] if kind == "robot" else [])
+        for kind in RUNS
+    ],
+)
 def test_a_run_that_is_cut_off_leaves_nothing(kind, number, tmp_path):
-    if kind == "robot" and importlib.util.find_spec("ros2launch") is None:
-        pytest.skip("needs the command line of ROS 2")
     seed = random.SystemRandom().randrange(1000)
     left = cut_off(kind, number, random.Random(seed), tmp_path)
     assert left == Remains(True, [], [], 0.0), f"seed {seed}"

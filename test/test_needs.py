@@ -37,7 +37,9 @@ def names_in(file: str) -> set[str]:
 def brought_modules() -> set[str]:
     """Top-level modules of what set-up installs, and Python's own."""
     brought = {name.lower() for name in names_in("constraints.txt") - names_in("bench.txt")}
+    # Some are installed for another Python than this one; these are modules of their own name.
     return set(sys.stdlib_module_names).union(
+        brought,
         *(
             {file.parts[0].partition(".")[0] for file in one.files or ()}
             for one in distributions()

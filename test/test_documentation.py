@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 import shlex
 import subprocess
@@ -70,6 +71,47 @@ def test_results_of_the_readme_are_few_and_comparable():
         assert re.search(r"\d", compared), row
         assert re.search(r"\[\d+ .*\]\(docs/", of), f"no denominator: {row}"
         assert command.startswith(("`intuitive-physics ", "`make ")), row
+
+
+def result_rows(readme: str) -> dict[str, tuple[str, str]]:
+    """Return the page that each row of the README's table links to, and its command."""
+    table = readme.partition(readme_results.BEGIN)[2].partition(readme_results.END)[0]
+    cells = [line.strip("| ").split(" | ") for line in table.splitlines()[2:]]
+    return {what: (LINK.findall(of)[0], command) for what, _, _, of, command in cells}
+
+
+def recorded_command(page: str, command: str) -> str:
+    """Return the command that a row's run wrote down, as code."""
+    benchmark = re.match(r"`make bench-([a-z]+)", command)
+    if benchmark:
+        assert page == "docs/benchmarks.md"
+        record = ROOT / "benchmarks" / "results" / f"{benchmark[1]}.json"
+        return f"`{json.loads(record.read_text(encoding='utf-8'))['run']['command']}`"
+    made = (ROOT / page).read_text(encoding="utf-8").partition("Made by ")[2]
+    return made.partition(" at commit ")[0]
+
+
+def differing_commands(readme: str) -> list[str]:
+    return [
+        what
+        for what, (page, command) in result_rows(readme).items()
+        if command != recorded_command(page, command)
+    ]
+
+
+def test_each_result_of_the_readme_names_the_command_that_its_run_recorded():
+    assert not differing_commands(README.read_text(encoding="utf-8"))
+
+
+def test_an_option_that_is_left_out_of_a_command_is_noticed():
+    readme = README.read_text(encoding="utf-8")
+    checked = 0
+    for what, (_, command) in result_rows(readme).items():
+        for option in re.findall(r" (?:--|options=)[^`\s]*(?: [^`\s-]+)*", command):
+            without = readme.replace(f"| {command} |", f"| {command.replace(option, '')} |")
+            assert what in differing_commands(without), option
+            checked += 1
+    assert checked >= 10
 
 
 @pytest.mark.parametrize("page", PAGES, ids=relative)

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,6 +21,7 @@ command_pages, node_pages, readme_results, ros_endpoints = (
     importlib.import_module(name)
     for name in ("command_pages", "node_pages", "readme_results", "ros_endpoints")
 )
+settings_from_options = importlib.import_module("intuitive_physics.settings").settings_from_options
 MAKERS = importlib.import_module("generated_reference").MAKERS
 
 README = ROOT / "README.md"
@@ -112,6 +114,46 @@ def test_an_option_that_is_left_out_of_a_command_is_noticed():
             assert what in differing_commands(without), option
             checked += 1
     assert checked >= 10
+
+
+def settings_given(readme: str, name: str) -> Any:
+    """Return the settings of the paper's experiment that its row's command makes today."""
+    command_line = importlib.import_module("intuitive_physics_cli.command_line")
+    experiment_command = importlib.import_module(
+        "intuitive_physics_experiments.commands.experiment_command"
+    )
+    (command,) = (
+        command for _, command in result_rows(readme).values() if f"experiment {name} " in command
+    )
+    options = command_line._parser().parse_args(shlex.split(command.strip("`"))[1:])
+    (experiment,) = (one for one in experiment_command.EXPERIMENTS if one.name == name)
+    return settings_from_options(experiment.settings, options)
+
+
+def test_what_the_commands_of_the_readme_leave_to_defaults_is_what_their_runs_had():
+    readme = README.read_text(encoding="utf-8")
+    results = ROOT / "docs" / "results"
+
+    curve = settings_given(readme, "learning-curve")
+    rows = readme_results.table_file("docs/results/learning_curve/summary.csv")
+    page = (results / "learning_curve" / "README.md").read_text(encoding="utf-8")
+    assert {int(row["objects"]) for row in rows} == set(curve.objects)
+    assert {int(row["samples"]) for row in rows} == set(curve.samples)
+    assert {row["first_states"] for row in rows} == set(curve.initial_states)
+    assert {int(row["repetitions"]) for row in rows} == {curve.repetitions}
+    assert f"moved by `{curve.engine}`, {curve.iterations} iterations of `{curve.method}`." in page
+
+    search = settings_given(readme, "search-methods")
+    rows = readme_results.table_file("docs/results/search_methods/final.csv")
+    page = (results / "search_methods" / "README.md").read_text(encoding="utf-8")
+    assert {int(row["objects"]) for row in rows} == set(search.objects)
+    assert {int(row["samples"]) for row in rows} == set(search.samples)
+    # The README's row is of 10 objects.
+    assert f"J after {search.iterations_of(10)} evaluations" in page
+    assert f"mean ± σ over {search.runs} runs" in page
+
+    rows = readme_results.table_file("docs/results/rgbd/errors_by_size.csv")
+    assert {int(row["observations"]) for row in rows} == {settings_given(readme, "rgbd").throws}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=relative)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image
 
 ROOT = Path(__file__).parent.parent
 sys.path[:0] = [str(ROOT / "docs" / "_extensions"), str(ROOT / "tools")]
@@ -56,6 +57,12 @@ def test_readme_is_for_a_newcomer():
     assert len(lines) <= 150
     assert "make demo" in "\n".join(lines)
     assert "make test" in "\n".join(lines)
+
+
+def test_picture_of_the_demo_names_the_commit_that_it_is_of():
+    with Image.open(ROOT / "docs" / "demo.png") as picture:
+        # Of a tree with changes the name ends in "-dirty".
+        assert re.fullmatch("[0-9a-f]{12}", picture.info["commit"])
 
 
 def test_results_of_the_readme_are_those_of_the_runs():

@@ -69,6 +69,13 @@ def add_to(commands: Any) -> None:
         help="simulator to learn and predict with, may be given more than once "
         f"(default: {ENGINE}; stepped for cube tosses). {ENGINE_GUIDE}; mujoco: MuJoCo, likewise",
     )
+    _add_toss_options(parser)
+    _add_air_options(parser)
+    parser.set_defaults(run=run)
+
+
+def _add_toss_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for cube tosses."""
     parser.add_argument(
         "--train-counts",
         type=int,
@@ -94,6 +101,16 @@ def add_to(commands: Any) -> None:
         "(default: 1, as recorded)",
     )
     parser.add_argument(
+        "--save",
+        type=Path,
+        metavar="FOLDER",
+        help="keep the tables of cube tosses there: errors.csv, and README.md with the command",
+    )
+
+
+def _add_air_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for table-tennis balls."""
+    parser.add_argument(
         "--drag",
         type=_drag,
         default=0.0,
@@ -109,13 +126,6 @@ def add_to(commands: Any) -> None:
         help="Magnus coefficient of table-tennis balls, such as 1; their spin is fitted to their "
         "flight then (default: 0)",
     )
-    parser.add_argument(
-        "--save",
-        type=Path,
-        metavar="FOLDER",
-        help="keep the tables of cube tosses there: errors.csv, and README.md with the command",
-    )
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:

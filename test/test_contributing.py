@@ -28,6 +28,49 @@ def test_paths_are_found_on_the_page():
     assert "src/intuitive_physics/intuitive_physics/shapes.py" in PATHS
 
 
+PERCEPTION = ROOT / "src" / "intuitive_physics_perception" / "intuitive_physics_perception"
+SOURCES = {
+    path: path.read_text(encoding="utf-8")
+    for path in (ROOT / "src").rglob("*")
+    if path.suffix in (".py", ".msg")
+}
+
+
+def section(heading: str) -> str:
+    return PAGE.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
+
+
+def test_every_name_of_the_code_exists():
+    known = {word for text in SOURCES.values() for word in re.findall(r"\w+", text)}
+    names = re.findall(r"`(_?[a-z]+(?:_[a-z]+)+|[A-Z]+_[A-Z_]+|(?:[A-Z][a-z]+){2,})`", PAGE)
+    assert {"FURTHER_RULES", "MetropolisHastings", "detect_planes", "_errors_on_planes"} <= {*names}
+    assert not [name for name in names if name not in known]
+
+
+def test_examples_of_update_rules_are_where_the_page_says():
+    folder = ROOT / "src/intuitive_physics_learner/intuitive_physics_learner/search/update_rules"
+    rules = (folder / "single_point_search.py").read_text(encoding="utf-8")
+    assert "`single_point_search.py`" in section("Add an update rule")
+    for name in (
+        "MetropolisHastings(UpdateRule)",
+        "ClimbingRule(",
+        "CoordinateDescent(ClimbingRule",
+    ):
+        assert f"class {name}" in rules
+
+
+def test_all_that_uses_the_threshold_of_planes_is_named():
+    text = section("Change how a plane is found")
+    named = set(re.findall(r"`intuitive_physics_perception/([\w/]+\.py)`", text))
+    users = {
+        path.relative_to(PERCEPTION).as_posix()
+        for path, source in SOURCES.items()
+        if path.is_relative_to(PERCEPTION) and "plane_tolerance" in source
+    }
+    assert len(users) >= 5
+    assert users <= named
+
+
 @pytest.mark.parametrize("target", re.findall(r"^make ([a-z-]+)", PAGE, re.MULTILINE))
 def test_every_command_of_make_exists(target):
     assert re.search(rf"^{target}:", MAKEFILE, re.MULTILINE), f"there is no make {target}"

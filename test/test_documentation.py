@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from PIL import Image
 
 ROOT = Path(__file__).parent.parent
 sys.path[:0] = [str(ROOT / "docs" / "_extensions"), str(ROOT / "tools")]
@@ -19,6 +22,7 @@ command_pages, node_pages, readme_results, ros_endpoints = (
     importlib.import_module(name)
     for name in ("command_pages", "node_pages", "readme_results", "ros_endpoints")
 )
+settings_from_options = importlib.import_module("intuitive_physics.settings").settings_from_options
 MAKERS = importlib.import_module("generated_reference").MAKERS
 
 README = ROOT / "README.md"
@@ -55,6 +59,12 @@ def test_readme_is_for_a_newcomer():
     assert "make test" in "\n".join(lines)
 
 
+def test_picture_of_the_demo_names_the_commit_that_it_is_of():
+    with Image.open(ROOT / "docs" / "demo.png") as picture:
+        # Of a tree with changes the name ends in "-dirty".
+        assert re.fullmatch("[0-9a-f]{12}", picture.info["commit"])
+
+
 def test_results_of_the_readme_are_those_of_the_runs():
     text = README.read_text(encoding="utf-8")
     assert readme_results.updated(text) == text, "tools/readme_results.py --write brings it up"
@@ -70,6 +80,87 @@ def test_results_of_the_readme_are_few_and_comparable():
         assert re.search(r"\d", compared), row
         assert re.search(r"\[\d+ .*\]\(docs/", of), f"no denominator: {row}"
         assert command.startswith(("`intuitive-physics ", "`make ")), row
+
+
+def result_rows(readme: str) -> dict[str, tuple[str, str]]:
+    """Return the page that each row of the README's table links to, and its command."""
+    table = readme.partition(readme_results.BEGIN)[2].partition(readme_results.END)[0]
+    cells = [line.strip("| ").split(" | ") for line in table.splitlines()[2:]]
+    return {what: (LINK.findall(of)[0], command) for what, _, _, of, command in cells}
+
+
+def recorded_command(page: str, command: str) -> str:
+    """Return the command that a row's run wrote down, as code."""
+    benchmark = re.match(r"`make bench-([a-z]+)", command)
+    if benchmark:
+        assert page == "docs/benchmarks.md"
+        record = ROOT / "benchmarks" / "results" / f"{benchmark[1]}.json"
+        return f"`{json.loads(record.read_text(encoding='utf-8'))['run']['command']}`"
+    made = (ROOT / page).read_text(encoding="utf-8").partition("Made by ")[2]
+    return made.partition(" at commit ")[0]
+
+
+def differing_commands(readme: str) -> list[str]:
+    return [
+        what
+        for what, (page, command) in result_rows(readme).items()
+        if command != recorded_command(page, command)
+    ]
+
+
+def test_each_result_of_the_readme_names_the_command_that_its_run_recorded():
+    assert not differing_commands(README.read_text(encoding="utf-8"))
+
+
+def test_an_option_that_is_left_out_of_a_command_is_noticed():
+    readme = README.read_text(encoding="utf-8")
+    checked = 0
+    for what, (_, command) in result_rows(readme).items():
+        for option in re.findall(r" (?:--|options=)[^`\s]*(?: [^`\s-]+)*", command):
+            without = readme.replace(f"| {command} |", f"| {command.replace(option, '')} |")
+            assert what in differing_commands(without), option
+            checked += 1
+    assert checked >= 10
+
+
+def settings_given(readme: str, name: str) -> Any:
+    """Return the settings of the paper's experiment that its row's command makes today."""
+    command_line = importlib.import_module("intuitive_physics_cli.command_line")
+    experiment_command = importlib.import_module(
+        "intuitive_physics_experiments.commands.experiment_command"
+    )
+    (command,) = (
+        command for _, command in result_rows(readme).values() if f"experiment {name} " in command
+    )
+    options = command_line._parser().parse_args(shlex.split(command.strip("`"))[1:])
+    (experiment,) = (one for one in experiment_command.EXPERIMENTS if one.name == name)
+    return settings_from_options(experiment.settings, options)
+
+
+def test_what_the_commands_of_the_readme_leave_to_defaults_is_what_their_runs_had():
+    readme = README.read_text(encoding="utf-8")
+    results = ROOT / "docs" / "results"
+
+    curve = settings_given(readme, "learning-curve")
+    rows = readme_results.table_file("docs/results/learning_curve/summary.csv")
+    page = (results / "learning_curve" / "README.md").read_text(encoding="utf-8")
+    assert {int(row["objects"]) for row in rows} == set(curve.objects)
+    assert {int(row["samples"]) for row in rows} == set(curve.samples)
+    assert {row["first_states"] for row in rows} == set(curve.initial_states)
+    assert {int(row["repetitions"]) for row in rows} == {curve.repetitions}
+    assert f"moved by `{curve.engine}`, {curve.iterations} iterations of `{curve.method}`." in page
+
+    search = settings_given(readme, "search-methods")
+    rows = readme_results.table_file("docs/results/search_methods/final.csv")
+    page = (results / "search_methods" / "README.md").read_text(encoding="utf-8")
+    assert {int(row["objects"]) for row in rows} == set(search.objects)
+    assert {int(row["samples"]) for row in rows} == set(search.samples)
+    # The README's row is of 10 objects.
+    assert f"J after {search.iterations_of(10)} evaluations" in page
+    assert f"mean ± σ over {search.runs} runs" in page
+
+    rows = readme_results.table_file("docs/results/rgbd/errors_by_size.csv")
+    assert {int(row["observations"]) for row in rows} == {settings_given(readme, "rgbd").throws}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=relative)

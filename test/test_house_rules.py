@@ -20,7 +20,7 @@ CEILINGS = {
     "largest_folder": 15,
     "single_importer_modules": 49,
     "largest_argument_list": 11,
-    "longest_function": 69,
+    "longest_function": 66,
     "readme_lines": 150,
     "undocumented_arrays": 0,
     "module_constants_without_docstring": 0,

@@ -44,7 +44,7 @@ def brought_modules() -> set[str]:
             {file.parts[0].partition(".")[0] for file in one.files or ()}
             for one in distributions()
             if re.sub(r"[-_.]+", "-", one.metadata["Name"]).lower() in brought
-        )
+        ),
     )
 
 

@@ -1,12 +1,13 @@
 """The README's table of results, from the files that the runs wrote; `--write` updates it.
 
-Every figure of a row is read from the file that the row links to.
+Every figure of a row, and its command, is read from what that run wrote.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import json
 import re
 import statistics
 import sys
@@ -72,7 +73,7 @@ def initial_states() -> tuple[str, ...]:
         f"{learned} m",
         f"default {default} m, true {true} m",
         f"[{sets} sets](docs/results/learning_curve/README.md)",
-        "`intuitive-physics experiment learning-curve`",
+        command_of("docs/results/learning_curve/README.md"),
     )
 
 
@@ -90,7 +91,7 @@ def thrown_balls() -> tuple[str, ...]:
         f"{millimetres['test']} mm",
         f"default {millimetres['default']} mm, true {millimetres['true_parameters']} mm",
         f"[{rows[0]['observations']} throws of each ball](docs/results/rgbd/README.md)",
-        "`intuitive-physics experiment rgbd`",
+        command_of("docs/results/rgbd/README.md"),
     )
 
 
@@ -106,7 +107,7 @@ def update_rules() -> tuple[str, ...]:
         f"{float(best['J']):.3f} m",
         f"default {float(best['default']):.3f} m, true {float(best['oracle']):.3f} m",
         "[10 runs](docs/results/search_methods/README.md)",
-        "`intuitive-physics experiment search-methods`",
+        command_of("docs/results/search_methods/README.md"),
     )
 
 
@@ -130,7 +131,7 @@ def excess() -> tuple[str, ...]:
         f"default 1, true 0; J from observed initial states within 5 % of the true parameters': "
         f"learned {near} of {len(everything)}, untouched default {default} of {len(everything)}",
         f"[{len(everything)} sets: {', '.join(counts)}](docs/benchmarks.md)",
-        "`make bench-learning`",
+        command_of("benchmarks/results/learning.json"),
     )
 
 
@@ -146,7 +147,7 @@ def deviations() -> tuple[str, ...]:
         "95 % would be honest",
         f"[{identified} identified of {sum(int(row['active']) for row in rows)}]"
         "(docs/benchmarks.md)",
-        "`make bench-learning`",
+        command_of("benchmarks/results/learning.json"),
     )
 
 
@@ -174,7 +175,7 @@ def calibration() -> tuple[str, ...]:
         f"{100 * float(ours['coverage_90']):.0f} %",
         f"the paper's fixed noise {100 * float(fixed['coverage_90']):.0f} %",
         f"[{ours['trajectories']} trajectories](docs/results/calibration/README.md)",
-        "`intuitive-physics calibrate`",
+        command_of("docs/results/calibration/README.md"),
     )
 
 
@@ -187,7 +188,7 @@ def perception() -> tuple[str, ...]:
         f"{ours[position]} mm; {float(ours[took]):.0f} ms",
         f"Open3D + pyRANSAC-3D {other[position]} mm; {float(other[took]):.0f} ms",
         f"[{ours['false'].split()[-2]} frames](docs/benchmarks.md)",
-        "`make bench-perception`",
+        command_of("benchmarks/results/perception.json"),
     )
 
 
@@ -201,7 +202,7 @@ def prediction_node() -> tuple[str, ...]:
         ", ".join(row["Hz"] for row in rows),
         f"ODE alone {', '.join(rates[1:])}",
         f"[{rows[0]['for s']} s each](docs/benchmarks.md)",
-        "`make bench-prediction`",
+        command_of("benchmarks/results/prediction.json"),
     )
 
 
@@ -217,30 +218,35 @@ def simulation() -> tuple[str, ...]:
         ", ".join(ours[scene] for scene in scenes),
         "ODE with sleeping bodies " + ", ".join(sleeping[scene] for scene in scenes),
         "[8 instances each](docs/benchmarks.md)",
-        "`make bench-simulation`",
+        command_of("benchmarks/results/simulation.json"),
     )
 
 
 def cube_tosses() -> tuple[str, ...]:
-    text = (ROOT / "docs/results/recorded_data.md").read_text(encoding="utf-8")
-    command = (
-        "intuitive-physics evaluate cube_tosses.npz --train-counts 50 --learn-mass-centre "
-        "--measured-inertia --engine stepped --engine mujoco --iterations 300"
+    rows = {row["prediction"]: row for row in table_file("docs/results/cube_tosses/errors.csv")}
+    fitted, default = (
+        f"{100 * float(row['position_test']):.1f} ± "
+        f"{100 * float(row['position_test_deviation']):.1f} %"
+        for row in (rows["stepped, fitted"], rows["stepped, default parameters"])
     )
-    run = text[text.index(f"$ {command}\n") :]
-    fitted = re.search(r"^stepped, fitted +\S+ ± +\S+ +(\S+ ± +\S+)", run, re.MULTILINE)
-    default = re.search(r"^stepped, default.*? +\S+ ± +\S+ +(\S+ ± +\S+)", run, re.MULTILINE)
-    count = re.search(r"(\d+) to test", run)
-    assert fitted
-    assert default
-    assert count
     return (
         "recorded tosses of a cube, mean position error in % of its width",
-        f"{fitted[1]} %",
-        f"default {default[1]} %",
-        f"[{count[1]} tosses](docs/results/recorded_data.md)",
-        "`intuitive-physics evaluate cube_tosses.npz`",
+        fitted,
+        f"default {default}",
+        f"[{rows['stepped, fitted']['test']} tosses](docs/results/cube_tosses/README.md)",
+        command_of("docs/results/cube_tosses/README.md"),
     )
+
+
+def command_of(record: str) -> str:
+    """Return the command, as code, of a run: from its JSON file or from the page that it wrote."""
+    text = (ROOT / record).read_text(encoding="utf-8")
+    if record.endswith(".json"):
+        return f"`{json.loads(text)['run']['command']}`"
+    found = re.search(r"^Made by (`[^`]+`) at commit ", text, re.MULTILINE)
+    if found is None:
+        raise ValueError(f'{record} names no command; expected a line "Made by `…` at commit …"')
+    return found[1]
 
 
 def table_file(path: str) -> list[dict[str, str]]:

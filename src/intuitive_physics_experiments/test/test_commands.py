@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import shlex
 import subprocess
 import sys
 import time
@@ -97,7 +99,7 @@ def test_evaluate_cube_tosses_beside_published_figures(
 ) -> None:
     np.savez(tmp_path / "tosses.npz", **toss_arrays(4))
     engines = ["--engine", "stepped", "--engine", "bullet"]
-    arguments = [*engines, "--iterations", 30, "--train-fraction", 0.5]
+    arguments = [*engines, "--iterations", 30, "--train-fraction", 0.5, "--save", tmp_path / "kept"]
     result = run("evaluate", tmp_path / "tosses.npz", *arguments)
     assert result.returncode == 0, result.stderr
     assert "4 tosses, 2 to fit to, 2 to test" in result.stdout
@@ -105,6 +107,17 @@ def test_evaluate_cube_tosses_beside_published_figures(
     errors = errors_of_tosses(result.stdout)
     for engine in ("stepped", "bullet"):
         assert errors[f"{engine}, fitted"] < errors[f"{engine}, default parameters"]
+    with (tmp_path / "kept" / "errors.csv").open() as file:
+        kept = {row["prediction"]: row for row in csv.DictReader(file)}
+    for name in ("stepped, fitted", "bullet, default parameters"):
+        row, shown = kept[name], errors[name]
+        assert (row["training"], row["test"]) == ("2", "2")
+        assert 100.0 * float(row["position_test"]) == pytest.approx(shown[0], abs=0.051)
+        assert np.degrees(float(row["rotation_test"])) == pytest.approx(shown[1], abs=0.051)
+    page = (tmp_path / "kept" / "README.md").read_text()
+    given = shlex.join(["intuitive-physics", *map(str, result.args[len(COMMAND) :])])
+    assert f"Made by `{given}` at commit " in page
+    assert result.stdout.partition("\n")[2].strip() in page
 
 
 @pytest.mark.needs("recordings")
@@ -201,6 +214,7 @@ def write(path: Path, text: str = "") -> Path:
         (["evaluate", "tosses.npz", "--length-correction", "-1"], "length correction is -1"),
         (["evaluate", "set.npz", "--train-counts", "2"], "for cube tosses only"),
         (["evaluate", "set.npz", "--measured-inertia"], "for cube tosses only"),
+        (["evaluate", "set.npz", "--save", "kept"], "for cube tosses only"),
         (["evaluate", "set.npz", "--learn-mass-centre"], "for cube tosses only"),
         (["evaluate", "tosses.npz", "--train-counts", "2"], "train count is 2 of 2"),
         (["evaluate", "tosses.npz", "--measured-inertia"], "no array mass"),

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from tools.needs import BROWSER
 
 from intuitive_physics.errors import InvalidInputError
@@ -121,7 +122,9 @@ class PageParser(HTMLParser):
 
 def test_the_page_is_whole_and_self_contained(result: DemoResult, tmp_path: Path) -> None:
     paths = write_report(result, tmp_path / "new" / "folder")
-    assert paths.picture.read_bytes().startswith(b"\x89PNG")
+    with Image.open(paths.picture) as picture:
+        assert picture.format == "PNG"
+        assert picture.info.items() >= result.about.items()
     page = paths.page.read_text(encoding="utf-8")
     parser = PageParser()
     parser.feed(page)

@@ -15,8 +15,8 @@ from intuitive_physics_experiments.recorded_sets.toss_evaluation import (
     TossErrors,
     evaluate_tosses,
     toss_cost,
-    toss_table,
 )
+from intuitive_physics_experiments.recorded_sets.toss_tables import toss_table
 from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 

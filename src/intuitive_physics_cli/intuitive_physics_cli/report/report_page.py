@@ -189,8 +189,15 @@ def png_figure(
     )
 
 
-def png(size: tuple[float, float], draw: Callable[[Any], None]) -> bytes:
-    """Return a PNG file of what `draw` makes on a Matplotlib figure of `size` inches."""
+def png(
+    size: tuple[float, float], draw: Callable[[Any], None], about: Mapping[str, str] | None = None
+) -> bytes:
+    """Return a PNG file of what `draw` makes on a Matplotlib figure of `size` inches.
+
+    Parameters
+    ----------
+    about : how it was made, kept as text in the file
+    """
     # The figure alone, without pyplot: no display, no global state.
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -201,7 +208,7 @@ def png(size: tuple[float, float], draw: Callable[[Any], None]) -> bytes:
         FigureCanvasAgg(figure)
         draw(figure)
         buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", dpi=RESOLUTION, facecolor="white")
+        figure.savefig(buffer, format="png", dpi=RESOLUTION, facecolor="white", metadata=about)
     return buffer.getvalue()
 
 

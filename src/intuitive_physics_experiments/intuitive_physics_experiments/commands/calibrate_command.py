@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -109,6 +107,7 @@ def _calibrate_on_paper_set(options: argparse.Namespace) -> None:
         calibrate_on_paper_set,
     )
     from intuitive_physics_experiments.calibration.report import write_calibration
+    from intuitive_physics_experiments.paper.outcome import given_command
     from intuitive_physics_experiments.paper.paper_room import SHAPE_KINDS
 
     settings = PaperCalibrationOptions(
@@ -128,7 +127,7 @@ def _calibrate_on_paper_set(options: argparse.Namespace) -> None:
     write_calibration(
         options.output,
         f"Calibration on the paper's set, predicted from {options.points} points",
-        _command(),
+        given_command(),
         found.calibration,
         found.learned,
         found.by_points,
@@ -142,6 +141,7 @@ def _calibrate_on_observations(options: argparse.Namespace) -> None:
         calibrate_on_observations,
     )
     from intuitive_physics_experiments.calibration.report import write_calibration
+    from intuitive_physics_experiments.paper.outcome import given_command
     from intuitive_physics_experiments.recorded_sets.recorded_data import LAUNCHES
 
     title, observations, start = _read(options.observations, options.drag)
@@ -165,7 +165,7 @@ def _calibrate_on_observations(options: argparse.Namespace) -> None:
     write_calibration(
         options.output,
         f"Calibration on {options.observations.name} ({title}), from {options.points} points",
-        _command(),
+        given_command(),
         found.calibration,
         found.learned,
         more=found.notes,
@@ -189,7 +189,3 @@ def _read(path: Path, drag: float) -> tuple[str, list[Observation], LearnedParam
         return *read_observations(path), None
     title, observations = load_table_tennis(path, AirCoefficients(drag))
     return f"{title}, drag {drag:g}", observations, known_ball()
-
-
-def _command() -> str:
-    return shlex.join(["intuitive-physics", *sys.argv[1:]])

@@ -69,6 +69,13 @@ def add_to(commands: Any) -> None:
         help="simulator to learn and predict with, may be given more than once "
         f"(default: {ENGINE}; stepped for cube tosses). {ENGINE_GUIDE}; mujoco: MuJoCo, likewise",
     )
+    _add_toss_options(parser)
+    _add_air_options(parser)
+    parser.set_defaults(run=run)
+
+
+def _add_toss_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for cube tosses."""
     parser.add_argument(
         "--train-counts",
         type=int,
@@ -94,6 +101,16 @@ def add_to(commands: Any) -> None:
         "(default: 1, as recorded)",
     )
     parser.add_argument(
+        "--save",
+        type=Path,
+        metavar="FOLDER",
+        help="keep the tables of cube tosses there: errors.csv, and README.md with the command",
+    )
+
+
+def _add_air_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for table-tennis balls."""
+    parser.add_argument(
         "--drag",
         type=_drag,
         default=0.0,
@@ -109,7 +126,6 @@ def add_to(commands: Any) -> None:
         help="Magnus coefficient of table-tennis balls, such as 1; their spin is fitted to their "
         "flight then (default: 0)",
     )
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -138,7 +154,7 @@ def _drag(text: str) -> float | None:
 
 def evaluate_balls(options: argparse.Namespace) -> None:
     """Learn with each engine from some of the observations, predict the others, print errors."""
-    for name in ("length_correction", "train_counts"):
+    for name in ("length_correction", "train_counts", "save"):
         if getattr(options, name) is not None:
             raise InvalidInputError(
                 f"{name.replace('_', ' ')} is given for {options.path}; "
@@ -247,9 +263,10 @@ def evaluate_cube_tosses(options: argparse.Namespace) -> None:
     """Fit each engine to some of the tosses, simulate the others, print errors."""
     from intuitive_physics_cli.terminal import ProgressBar
     from intuitive_physics_experiments.recorded_sets.recorded_data import load_cube_tosses
-    from intuitive_physics_experiments.recorded_sets.toss_evaluation import (
-        evaluate_tosses,
+    from intuitive_physics_experiments.recorded_sets.toss_evaluation import evaluate_tosses
+    from intuitive_physics_experiments.recorded_sets.toss_tables import (
         toss_table,
+        write_toss_evaluations,
     )
 
     if options.drag != 0.0 or options.magnus:
@@ -260,7 +277,9 @@ def evaluate_cube_tosses(options: argparse.Namespace) -> None:
     how = learning_options(options)
     factor = 1.0 if options.length_correction is None else options.length_correction
     tosses = load_cube_tosses(options.path, factor, options.measured_inertia)
-    print(f"{options.path}: cube tosses{_corrections(factor, options.measured_inertia)}")
+    title = f"{options.path}: cube tosses{_corrections(factor, options.measured_inertia)}"
+    print(title)
+    evaluations = []
     for fraction in _fractions(options, len(tosses)):
         with ProgressBar("fitting") as bar:
             evaluation = evaluate_tosses(
@@ -271,11 +290,10 @@ def evaluate_cube_tosses(options: argparse.Namespace) -> None:
                 progress_to(bar, options),
                 options.learn_mass_centre,
             )
-        print(
-            f"{len(tosses)} tosses, {len(evaluation.training)} to fit to, "
-            f"{len(evaluation.test)} to test\n"
-        )
         print(toss_table(evaluation), end="\n\n")
+        evaluations.append(evaluation)
+    if options.save is not None:
+        write_toss_evaluations(options.save, title, evaluations)
 
 
 def _corrections(factor: float, measured_inertia: bool) -> str:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shlex
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
@@ -177,6 +175,7 @@ def _add_experiment(experiments: Any, experiment: Experiment) -> None:
 
 def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> None:
     from intuitive_physics_cli.terminal import ProgressBar
+    from intuitive_physics_experiments.paper.outcome import given_command
 
     if options.cores < 1:
         raise InvalidInputError(f"--cores is {options.cores}; expected 1 or more")
@@ -187,7 +186,7 @@ def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> None
         run(
             options.output,
             settings,
-            shlex.join(["intuitive-physics", *sys.argv[1:]]),
+            given_command(),
             options.cores,
             lambda done, total, name: bar.update(done, total, name.replace("_", " ")),
         )

@@ -115,7 +115,7 @@ def draw_cost(axes: Any, learning: LearningOutcome) -> None:
     axes.set_xlim(1, iterations[-1])
     _plain_ticks(axes.yaxis)
     axes.grid(axis="y", which="both")
-    axes.legend(loc="upper right")
+    axes.legend(loc="best")
 
 
 def draw_coefficient(axes: Any, learning: LearningOutcome, coefficient: str) -> None:

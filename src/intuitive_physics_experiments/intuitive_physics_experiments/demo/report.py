@@ -80,7 +80,8 @@ def write_report(result: DemoResult, folder: Path) -> ReportPaths:
     paths = ReportPaths(folder / PAGE_NAME, folder / PICTURE_NAME)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        paths.picture.write_bytes(png((13.0, 9.4), lambda figure: _draw_picture(figure, result)))
+        picture = png((13.0, 9.4), lambda figure: _draw_picture(figure, result), result.about)
+        paths.picture.write_bytes(picture)
         paths.page.write_text(_page(result), encoding="utf-8")
     except OSError as error:
         raise InvalidInputError(f"cannot write the report into {folder}: {error}") from None

@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import platform
+import shlex
 import subprocess
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -48,6 +50,11 @@ def write_page(folder: Path, title: str, command: str, body: str) -> None:
         f"{platform.machine()}."
     )
     write_whole(folder / "README.md", f"# {title}\n\n{made}\n\n{body}\n")
+
+
+def given_command() -> str:
+    """Return the command of this process as it was given to the shell."""
+    return shlex.join(["intuitive-physics", *sys.argv[1:]])
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

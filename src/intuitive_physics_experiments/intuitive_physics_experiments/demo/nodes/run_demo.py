@@ -42,6 +42,7 @@ from intuitive_physics_experiments.demo.nodes.suite import (
 )
 from intuitive_physics_experiments.demo.progress import Progress
 from intuitive_physics_experiments.demo.report import write_report
+from intuitive_physics_experiments.paper.outcome import source_commit
 from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, reuse_or_render_bag
 from intuitive_physics_learner.methods import DEFAULT_METHOD
@@ -162,7 +163,11 @@ def run(options: Options, progress: Progress) -> dict[str, float]:
     result = _result(options, truth, seen, learned, prediction, bags / "throws")
     numbers = dict(result.summary) | {"prediction_rate_hz": round(_rate(heard), 1)}
     _check(result, numbers)
-    about = {"seed": str(options.seed), "took": f"{time.monotonic() - start:.0f} s"}
+    about = {
+        "commit": source_commit(),
+        "seed": str(options.seed),
+        "took": f"{time.monotonic() - start:.0f} s",
+    }
     paths = write_report(replace(result, summary=numbers, about=about), options.output)
     progress.detail(f"report: {paths.page}")
     progress.detail(f"picture: {paths.picture}")

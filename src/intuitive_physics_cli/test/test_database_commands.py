@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import pty
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -118,8 +120,11 @@ def test_shows_progress_at_a_terminal_and_goes_on_when_killed(folder: Path) -> N
         raise AssertionError(f"waited in vain: {shown[-300:]!r}")
 
     iterations_until(0)
-    # It says where it stands once a second.
-    time.sleep(2.0)
+    # Its state is stored once a second.
+    with closing(sqlite3.connect("a.sqlite3", timeout=60.0)) as database:
+        while not database.execute("SELECT COUNT(*) FROM searches").fetchone()[0]:
+            assert learner.poll() is None
+            time.sleep(0.1)
     learner.send_signal(signal.SIGKILL)
     learner.wait()
     os.close(ours)

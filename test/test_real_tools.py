@@ -30,6 +30,9 @@ pytestmark = [pytest.mark.long, pytest.mark.needs("ros2launch")]
 
 NODES = ("perception_node", "learner_node", "predictor_node")
 
+LONGEST_END = 10.0
+"""s from Ctrl-C after which launch kills what has not ended; a busy machine may come near."""
+
 SERVICES = {
     *("add_observation", "list_observations", "set_observation_status", "delete_observations"),
     *("export_observations", "get_static_parameters", "set_static_parameters", "learn", "suggest"),
@@ -279,7 +282,7 @@ def test_two_robots_replay_side_by_side(home, bag) -> None:
             assert len(predictions) > 10
             # A second clock or camera would make time go back again and again.
             assert "time went back" not in launch.output
-            assert launch.interrupt() < 5.0
+            assert launch.interrupt() < LONGEST_END
             assert launch.wait() == 0
             assert launch.left_behind() == []
             assert launch.failed() == [], launch.output
@@ -329,7 +332,7 @@ def test_a_node_that_was_killed_comes_back_with_what_it_knew(home) -> None:
             "intuitive_physics_msgs/srv/GetStaticParameters",
         )
         assert "densities=[777.0]" in answer, answer
-        assert launch.interrupt() < 5.0
+        assert launch.interrupt() < LONGEST_END
         assert launch.left_behind() == []
 
 
@@ -339,7 +342,7 @@ def test_ctrl_c_at_the_start_is_a_clean_end(tmp_path, delay) -> None:
     with Ros2Process(tmp_path, *LAUNCH) as launch:
         launch.wait_for("process started with pid", count=3)
         time.sleep(delay)
-        assert launch.interrupt() < 5.0
+        assert launch.interrupt() < LONGEST_END
         assert launch.wait() == 0
         assert launch.left_behind() == []
     assert "Traceback" not in launch.output
@@ -365,7 +368,7 @@ def test_a_manager_leads_the_nodes(home) -> None:
                 said = ros2(home, "lifecycle", "set", name, transition)
                 assert "Transitioning successful" in said
             assert state in ros2(home, "lifecycle", "get", led[0])
-        assert launch.interrupt() < 5.0
+        assert launch.interrupt() < LONGEST_END
         assert launch.failed() == [], launch.output
 
 
@@ -414,7 +417,7 @@ def test_a_search_tells_its_progress_and_is_cancelled(home) -> None:
             )
             assert "return_code=0" in said
             asked.wait_for("Goal finished with status: CANCELED", timeout=5.0)
-        assert launch.interrupt() < 5.0
+        assert launch.interrupt() < LONGEST_END
         assert launch.failed() == [], launch.output
 
 
@@ -445,5 +448,5 @@ def test_each_argument_of_launch_counts(home) -> None:
         variables = [Path(f"/proc/{pid}/environ").read_text() for pid in launch.children]
         assert all("--enclave\0/mine/" in command for command in commands)
         assert all("ROS_STATIC_PEERS=127.0.0.1;127.0.0.2\0" in text for text in variables)
-        assert launch.interrupt() < 5.0
+        assert launch.interrupt() < LONGEST_END
         assert launch.failed() == [], launch.output

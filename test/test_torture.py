@@ -1,4 +1,4 @@
-"""The quick version of `make torture`: what it breaks in the nodes, it says."""
+"""The quick version of `make torture`, with the patient limits of `benchmarks/torture/bars.py`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from benchmarks.torture.bars import PATIENT
 
 ROOT = Path(__file__).parents[1]
 
@@ -21,11 +22,11 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(960)]
 def figures():
     """What the last line says, once all is through."""
     run = subprocess.run(
-        [sys.executable, "-m", "benchmarks.torture", "--quick"],
+        [sys.executable, "-m", "benchmarks.torture", "--quick", "--patient"],
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=900.0,
+        timeout=1800.0,
     )
     assert run.returncode == 0, run.stderr
     return json.loads(run.stdout.strip().splitlines()[-1])
@@ -43,8 +44,8 @@ def test_no_message_kills_or_holds_a_node(figures):
 
 
 def test_stops_and_cancels_are_quick(figures):
-    assert figures["stop_s_worst"] < 2.0
-    assert figures["cancel_s_worst"] < 0.5
+    assert figures["stop_s_worst"] < PATIENT.stop
+    assert figures["cancel_s_worst"] < PATIENT.cancel
 
 
 def test_faults_of_the_machine_are_borne(figures):

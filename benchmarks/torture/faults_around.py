@@ -13,15 +13,12 @@ from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from benchmarks.torture.bars import bars
 from benchmarks.torture.nodes import LEARNER, PATIENCE, PERCEPTION, PREDICTOR, Nodes, megabytes
 from benchmarks.torture.suite import Suite, running_suite
 from intuitive_physics.processes import ChildProcess, ProcessFailedError
 from intuitive_physics_bringup.connections import module
-from intuitive_physics_ros.scripting import NodeProcess
-
-RECOVERY = 5.0
-"""s in which predictions have to come again once what was wrong is over. Our choice: a throw and a
-half; after a jump of the clock the environment is seen anew as well."""
+from intuitive_physics_ros.scripting import NodeProcess, PeerTimeoutError
 
 JUMP = 3600.0
 """s by which a clock jumps: an hour, as of a wrong time zone."""
@@ -33,8 +30,8 @@ once a second."""
 PRESSURE, SHORT_PRESSURE = 10.0, 4.0
 """s for which a subscriber does not take, or others take the processor; as above."""
 
-KEPT_RATE = 0.9
-"""Part of the rate of predictions that has to remain, or to be back."""
+REST = 5.0
+"""s from the end of starvation to the look at the rate of predictions."""
 
 SLOW_SUBSCRIBER_MEGABYTES = 60.0
 """By which the predictor may grow for a subscriber that takes nothing: its queue of 10 messages of
@@ -111,18 +108,31 @@ def _bear(fault: Callable[[Suite], None], suite: Suite) -> None:
     check_pings(suite.nodes)
 
 
-def check_pings(nodes: Nodes, longest: float = 1.0) -> None:
-    """Complain of a node that takes more than `longest` s for an answer."""
+def check_pings(nodes: Nodes, share: float = 1.0) -> None:
+    """Complain of a node that takes too long for an answer with its share of a processor."""
     for name in nodes.processes:
         took = nodes.ping(name)
-        if took > longest:
+        if took > bars().answer / share:
             raise FaultError(f"{name} answered a ping after {took:.1f} s")
 
 
 def _recovers(suite: Suite, after: str) -> None:
     """Complain unless what is seen from now on is predicted from soon."""
-    if not suite.predictions.wait(suite.camera.time, RECOVERY):
-        raise FaultError(f"no prediction within {RECOVERY:g} s after {after}")
+    limit = bars().recovery
+    if not suite.predictions.wait(suite.camera.time, limit):
+        raise FaultError(f"no prediction within {limit:g} s after {after}")
+
+
+def _is_said(suite: Suite, node: str, text: str, since: int) -> bool:
+    return any(text in one for one in suite.said(node, _WARN, since))
+
+
+def _expect_said(said: Callable[[], bool], what: str, suite: Suite) -> None:
+    """Complain unless /diagnostics say something soon."""
+    try:
+        suite.peer.spin_until(said, what, bars().recovery)
+    except PeerTimeoutError:
+        raise FaultError(f"/diagnostics did not say that {what}") from None
 
 
 def _clock_back(suite: Suite) -> None:
@@ -139,8 +149,11 @@ def _camera_gone(absence: float, suite: Suite) -> None:
     suite.camera.unplug()
     earlier = len(suite.diagnostics)
     suite.peer.spin_for(absence)
-    if not any(suite.said(PERCEPTION, level, earlier) for level in (_WARN, _ERROR)):
-        raise FaultError("/diagnostics did not say that no images come")
+    _expect_said(
+        lambda: any(suite.said(PERCEPTION, level, earlier) for level in (_WARN, _ERROR)),
+        "no images come",
+        suite,
+    )
     suite.camera.plug_in()
     _recovers(suite, "the camera was there again")
 
@@ -156,9 +169,8 @@ def _node_twice(absence: float, suite: Suite) -> None:
             suite.peer.spin_for(absence)
             if not twin.is_running and "Traceback" in twin.output:
                 raise FaultError(f"a second {name} ended with a traceback")
-        told = [text for text in suite.said(name, _WARN, earlier) if "nodes have the name" in text]
-        if not told:
-            raise FaultError(f"/diagnostics did not say that there are two of {name}")
+            told = partial(_is_said, suite, name, "nodes have the name", earlier)
+            _expect_said(told, f"there are two of {name}", suite)
     _recovers(suite, "the second nodes ended")
 
 
@@ -169,8 +181,9 @@ def _slow_subscriber(pressure: float, suite: Suite) -> None:
     with _subscriber():
         rate = suite.predictions.rate(pressure)
         grown = megabytes(pid) - memory
-    if rate < KEPT_RATE * usual:
-        raise FaultError(f"{rate:.0f} predictions a second; expected {KEPT_RATE:g} of {usual:.0f}")
+    kept = bars().kept_rate
+    if rate < kept * usual:
+        raise FaultError(f"{rate:.0f} predictions a second; expected {kept:g} of {usual:.0f}")
     if grown > SLOW_SUBSCRIBER_MEGABYTES:
         raise FaultError(f"the predictor grew by {grown:.0f} MB")
 
@@ -208,10 +221,10 @@ def _cpu_starved(pressure: float, suite: Suite) -> None:
     usual = suite.predictions.rate(pressure / 2)
     with _hogs():
         starved = suite.predictions.rate(pressure)
-        check_pings(suite.nodes, longest=HOGS_A_CORE)
+        check_pings(suite.nodes, share=1.0 / HOGS_A_CORE)
     if not starved:
         raise FaultError("no prediction while others took the processor")
-    time.sleep(RECOVERY)
+    time.sleep(REST)
     rate = suite.predictions.rate(pressure / 2)
-    if rate < KEPT_RATE * usual:
+    if rate < bars().kept_rate * usual:
         raise FaultError(f"{rate:.0f} predictions a second afterwards, {usual:.0f} before")

@@ -27,11 +27,8 @@ PERCEPTION, LEARNER, PREDICTOR = "perception_node", "learner_node", "predictor_n
 PATIENCE = 60.0
 """s to wait for the start of a node on a busy machine."""
 
-ANSWER = 10.0
+ANSWER = 30.0
 """s after which a ping that was not answered counts as never answered."""
-
-HANG = 1.0
-"""s in which a node has to answer a ping; of the bars."""
 
 
 class Nodes:

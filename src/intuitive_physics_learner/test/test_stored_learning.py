@@ -84,6 +84,9 @@ def test_a_search_that_is_killed_again_and_again_ends_as_if_it_had_not(
         learner.wait_for("\n", PATIENCE)
         begun.append(int(learner.output.split()[0]))
         if life < kills:
+            with ObservationStore(path) as store:
+                while not saved_searches(store) and learner.poll() is None:
+                    time.sleep(0.005)
             time.sleep(generator.uniform(0.0, 0.1))
             learner.send_signal(signal.SIGKILL)
         code = learner.wait(PATIENCE)
@@ -132,12 +135,12 @@ def test_the_same_search_goes_on_and_another_begins_again(store, glide, glides, 
 def test_time_before_the_interruption_counts(store, glide, glides, monkeypatch):
     monkeypatch.setattr(parameter_search, "CHECKPOINT_PERIOD", 0.0)
     store.add(glides(np.random.default_rng(0), 0.4))
-    asked = LearningOptions("random", ConvergenceCriteria(None, time_limit=1.5))
+    asked = LearningOptions("random", ConvergenceCriteria(None, time_limit=4.5))
     began = time.monotonic()
     with pytest.raises(LearningCancelledError):
-        learn_from_store(store, glide, asked, cancelled=lambda: time.monotonic() > began + 1.0)
+        learn_from_store(store, glide, asked, cancelled=lambda: time.monotonic() > began + 3.0)
     result = learn_from_store(store, glide, asked)
-    assert result.search.seconds < 1.0
+    assert result.search.seconds < 3.0
     assert result.learned.version == 1
 
 

@@ -609,9 +609,9 @@ def test_a_long_request_does_not_stop_the_predictions(peer, fed):
     seconds = time.monotonic() - start
     stamps = [seconds_from_stamp(message.header.stamp) for message in fed]
     during = [stamp for stamp in stamps if stamp > time.time() - seconds]
-    # On a busy machine it is slower, but goes on.
-    assert len(during) > 10 * seconds
-    assert np.diff(during).max() < 1.0
+    # On a busy machine it is slower, but goes on: it never waits for the request's end.
+    assert len(during) > 2 * seconds
+    assert np.diff(during).max() < seconds / 2
 
 
 def test_a_request_without_environment_before_any_was_heard():

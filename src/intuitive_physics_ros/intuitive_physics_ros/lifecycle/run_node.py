@@ -49,7 +49,12 @@ STOP_LIMIT = 1.7
 """s from the first signal after which the process ends whatever it is doing. Nodes promise to end
 within 2 s; the rest is for a busy machine."""
 
-FAREWELL_LIMIT = 0.5
+SWITCH_INTERVAL = 5e-4
+"""s after which a waiting thread gets Python; the default is 5 ms. A callback needs it again after
+each call of the middleware, so beside a thread that computes or imports it would wait for it many
+times, and a tick must not wait that long. Our choice."""
+
+FAREWELL_LIMIT = 0.3
 """s that subscribers have at the end to acknowledge what was published last."""
 
 
@@ -77,6 +82,7 @@ def run_node(factory: Callable[[], Node], args: Sequence[str] | None = None) -> 
         error explains.
     """
     stop = StopSignal()
+    sys.setswitchinterval(SWITCH_INTERVAL)
     _ensure_log_folder()
     try:
         freed = remove_abandoned_segments()

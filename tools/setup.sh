@@ -39,7 +39,7 @@ mkdir -p build
 exec 9> build/setup.lock
 if ! flock --nonblock 9; then
     echo "set-up: another one is under way in $root; waiting for it"
-    flock 9
+    flock --timeout 1800 9 || { echo "set-up: the other one has not ended after half an hour" >&2; exit 1; }
 fi
 
 # A folder that was moved or copied has an environment that points elsewhere.

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -16,6 +18,8 @@ from std_srvs.srv import Trigger
 
 from intuitive_physics.processes import ChildProcess
 from intuitive_physics_ros.scripting import Peer
+
+from .small_managed_node import SmallManagedNode
 
 SMALL_NODE = Path(__file__).parent / "small_managed_node.py"
 
@@ -172,6 +176,30 @@ def test_a_request_under_way_is_answered_when_the_node_is_deactivated(start, man
     manager.spin_for(0.5)
     assert "/small/sleep" in manager.offered()[2]
     assert "Traceback" not in end(process)
+
+
+def test_only_the_first_activation_looks_through_all_memory():
+    whole = []
+
+    def note(phase, info):
+        if phase == "start" and info["generation"] == 2:
+            whole.append(info)
+
+    rclpy.init()
+    node = SmallManagedNode()
+    gc.callbacks.append(note)
+    try:
+        node.trigger_configure()
+        node.trigger_activate()
+        assert len(whole) == 1
+        node.trigger_deactivate()
+        node.trigger_activate()
+        assert len(whole) == 1
+    finally:
+        gc.callbacks.remove(note)
+        gc.unfreeze()
+        node.destroy_node()
+        rclpy.shutdown()
 
 
 @pytest.mark.parametrize(

@@ -217,14 +217,19 @@ class PoseBridgeNode(ManagedNode):
                 )
 
     def _hear_frames(self, frames: list[str]) -> None:
-        from tf2_msgs.msg import TFMessage
-
         names = self._names
         given = names if frames == [""] else frames
         if len(given) != len(names):
             raise InvalidInputError(
                 f"object_frames has {len(given)} frames for {len(names)} objects; expected as many"
             )
+        try:
+            from tf2_msgs.msg import TFMessage
+        except ImportError:
+            raise InvalidInputError(
+                "input is tf, but tf2_msgs is not installed; expected it "
+                "(sudo apt install ros-jazzy-tf2-msgs)"
+            ) from None
         take = {frame: self._taking(name) for frame, name in zip(given, names, strict=True)}
 
         def on_transforms(message: Any) -> None:

@@ -257,6 +257,16 @@ def test_what_cannot_be_used_is_named() -> None:
     ],
 )
 def test_parameters_that_cannot_be_are_one_line(arguments, text) -> None:
+    check_refusal(arguments, text)
+
+
+def test_tf_that_is_not_installed_is_one_line(tmp_path, monkeypatch) -> None:
+    (tmp_path / "tf2_msgs.py").write_text("raise ImportError\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    check_refusal(["-p", "input:=tf"], "input is tf, but tf2_msgs is not installed; expected it")
+
+
+def check_refusal(arguments: list[str], text: str) -> None:
     with NodeProcess(MODULE, [*BOX, *arguments]) as process:
         assert process.wait(30.0) == 1
     assert text in process.output

@@ -1,7 +1,7 @@
 # Intuitive Physics. `make` alone lists what there is.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build lint types docs test library-tests system-tests test-oldest house demo bench-simulation \
+.PHONY: help setup lint types docs test library-tests system-tests test-oldest house demo bench-simulation \
 	bench-prediction bench-perception bench-learning bench-robot torture clean
 
 # A ROS, or a Python, that the caller's shell has sourced must not mix with ours.
@@ -21,9 +21,9 @@ run_environment = \
 pytest = .venv/bin/pytest -p no:dash
 
 # Tests of libraries, and of one node each, share nothing but the machine: files of them run side by
-# side. Those of the whole system time it.
+# side, in the order of conftest.py. Those of the whole system time it.
 one_thread = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
-side_by_side = --numprocesses=auto --maxprocesses=4 --dist=loadfile
+side_by_side = --numprocesses=auto --maxprocesses=4 --dist=loadfile --no-loadscope-reorder
 
 python_packages = $(dir $(wildcard src/*/setup.py))
 node_tests = $(wildcard src/*/test/nodes)
@@ -34,10 +34,8 @@ library_tests = $(addsuffix test,$(filter-out $(addsuffix /,$(ros_packages)),$(p
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-setup: ## Make .venv and build the workspace; the others do it when needed
+setup: ## Make .venv and build the messages; the others do it when needed
 	@tools/setup.sh
-
-build: setup ## Build the workspace again after a change in src/
 
 lint: setup ## Only check style and types, and build the documentation
 	@echo "── lint"
@@ -61,14 +59,17 @@ test: setup ## Lint, test the libraries, test the nodes and the whole system
 	if [ -n "$$failed" ]; then echo "failed:$$failed"; exit 1; fi; \
 	echo "all tests passed"
 
-library-tests: setup ## Only test what knows nothing of ROS
+library-tests: setup ## Only test what knows nothing of ROS; options="-m needs"
 	@echo "── library tests"
-	@$(one_thread) $(pytest) $(side_by_side) $(library_tests)
+	@$(one_thread) $(pytest) $(side_by_side) $(library_tests) $(options)
 
-system-tests: setup ## Only test nodes, as processes that talk over DDS
+system-tests: setup ## Only test nodes, as processes that talk over DDS; options="-m needs"
 	@echo "── system tests"
-	@$(run_environment) $(pytest) $(side_by_side) $(addsuffix /test,$(ros_packages)) $(node_tests)
-	@$(run_environment) $(pytest) test
+	@failed=0; \
+	$(run_environment) $(pytest) $(side_by_side) $(addsuffix /test,$(ros_packages)) $(node_tests) \
+		$(options) || failed=1; \
+	$(run_environment) $(pytest) test $(options) || failed=1; \
+	exit $$failed
 
 test-oldest: ## Test the libraries with the versions of Ubuntu 24.04, in build/oldest
 	@tools/system_packages.sh && tools/oldest.sh
@@ -104,4 +105,4 @@ torture: setup ## Kill, fuzz, starve and soak the nodes; options="--quick"
 
 clean: ## Remove the environment and everything built
 	rm -rf .venv build log install demo_output docs/_build docs/reference .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	find src -name __pycache__ -o -name '*.egg-info' | xargs rm -rf
+	find src -name __pycache__ | xargs rm -rf

@@ -6,12 +6,21 @@ some tests send it, so it is heard again.
 Where CI is set, Hypothesis tries the same examples in every run; elsewhere it looks for new ones.
 
 Files of tests that run side by side have a ROS domain each: their nodes have the same names.
+
+What is quickly found is found first: tests that are marked as long run last.
+
+What tests start ends with them, however they end.
 """
 
 import os
 import signal
 
+import pytest
 from hypothesis import settings
+
+from intuitive_physics.processes import guard_run
+
+pytest_plugins = ["tools.needs"]
 
 settings.register_profile("untimed", deadline=None, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("untimed")
@@ -19,8 +28,21 @@ settings.load_profile("untimed")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+
+def interrupt() -> None:
+    """End the tests as Ctrl-C does, so that each fixture is torn down."""
+    raise KeyboardInterrupt("SIGTERM")
+
+
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    guard_run(interrupt)
+
 worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
 if "ROS_DOMAIN_ID" in os.environ and worker != "0":
     os.environ["ROS_DOMAIN_ID"] = str(
         (int(os.environ["ROS_DOMAIN_ID"]) + 20 * int(worker)) % 100 + 1
     )
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.get_closest_marker("long") is not None)

@@ -16,6 +16,7 @@ from benchmarks.results.markdown import tables_text, write_page
 from benchmarks.results.provenance import started_run
 from benchmarks.results.result import FOLDER, Result, Table, write_result
 from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.processes import guard_run
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,7 @@ def run_benchmark(
     -------
     exit status : 1 where the benchmark could not run or its result is not valid
     """
+    guard_run()
     parser = argparse.ArgumentParser(prog=f"python -m benchmarks.{name}", description=description)
     parser.add_argument("--quick", action="store_true", help="measure little, for a first look")
     parser.add_argument(

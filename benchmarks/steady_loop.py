@@ -16,6 +16,9 @@ import numpy as np
 RATE = 100.0
 """Hz, of the predictor."""
 
+STARTING = 120.0
+"""s that a loop's process may take besides; it ends with the benchmark if it takes longer."""
+
 WORK = 0.003
 """s of work a tick, about what a prediction takes."""
 
@@ -47,7 +50,7 @@ def watch_loops(beside: str, seconds: float, cores: Sequence[int]) -> Lateness:
         )
         for core in cores
     ]
-    printed = [loop.communicate()[0] for loop in loops]
+    printed = [loop.communicate(timeout=seconds + STARTING)[0] for loop in loops]
     for loop in loops:
         if loop.returncode != 0:
             raise subprocess.CalledProcessError(loop.returncode, loop.args)

@@ -8,22 +8,13 @@ from pathlib import Path
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
-
-REAL = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
-"""Recordings of others, where they are on this machine."""
+from tools.needs import RECORDINGS
 
 
 @pytest.fixture(scope="session")
 def recording() -> Callable[[str], Path]:
-    """Path of a recording of others by its name; skips where it is not on this machine."""
-
-    def find(name: str) -> Path:
-        path = REAL / name
-        if not path.exists():
-            pytest.skip(f"the recording {path} is not on this machine")
-        return path
-
-    return find
+    """Path of a recording of others by its name; who uses it needs "recordings"."""
+    return RECORDINGS.joinpath
 
 
 @pytest.fixture(scope="session")

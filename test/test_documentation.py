@@ -314,6 +314,6 @@ def test_endpoint_that_only_a_running_node_knows_is_an_error():
 
 def test_example_of_the_library_runs():
     example = ROOT / "docs" / "examples" / "predict_a_ball.py"
-    done = subprocess.run([sys.executable, example], capture_output=True, text=True, timeout=300)
+    done = subprocess.run([sys.executable, example], capture_output=True, text=True, timeout=240)
     assert done.returncode == 0, done.stderr
     assert 0.0 <= float(done.stdout.splitlines()[-1]) <= 1.0

@@ -11,12 +11,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from benchmarks.robot.ros2_process import LAUNCH, Ros2Process, environment, ros2
+from benchmarks.robot.ros2_process import LAUNCH, Ros2Process, ros2
 
 os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-pytest.importorskip("ros2launch", reason="the command line of ROS 2 is not installed")
 
 from benchmarks.torture.nodes import thrown_ball
 from diagnostic_msgs.msg import DiagnosticArray
@@ -28,7 +26,12 @@ from intuitive_physics_ros.conversions import observation_to_message
 from intuitive_physics_ros.qos import LATCHED
 from intuitive_physics_ros.scripting import Peer
 
+pytestmark = [pytest.mark.long, pytest.mark.needs("ros2launch")]
+
 NODES = ("perception_node", "learner_node", "predictor_node")
+
+LONGEST_END = 10.0
+"""s from Ctrl-C after which launch kills what has not ended; a busy machine may come near."""
 
 SERVICES = {
     *("add_observation", "list_observations", "set_observation_status", "delete_observations"),
@@ -143,11 +146,10 @@ def test_a_parameter_file_that_counts_for_nothing_is_one_clear_line(tmp_path, te
     assert launch.children == []
 
 
-def test_rviz_that_is_not_installed_is_one_clear_line_and_starts_nothing(tmp_path) -> None:
-    prefixes = environment(tmp_path)["AMENT_PREFIX_PATH"].split(os.pathsep)
-    index = "share/ament_index/resource_index/packages/rviz2"
-    if any((Path(prefix) / index).exists() for prefix in prefixes):
-        pytest.skip("rviz2 is installed")
+def test_rviz_that_is_not_installed_is_one_clear_line_and_starts_nothing(
+    tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
     with Ros2Process(tmp_path, *LAUNCH, "rviz:=true") as launch:
         assert launch.wait() == 1
     assert "rviz2 is not installed; expected rviz:=false" in launch.output
@@ -157,11 +159,9 @@ def test_rviz_that_is_not_installed_is_one_clear_line_and_starts_nothing(tmp_pat
 RECORD = ["launch", "intuitive_physics_bringup", "record.launch.py"]
 
 
-def test_recording_without_rosbag2_is_one_clear_line(tmp_path) -> None:
-    prefixes = environment(tmp_path)["AMENT_PREFIX_PATH"].split(os.pathsep)
-    index = Path("share/ament_index/resource_index/packages")
-    if any((Path(prefix) / index / "ros2bag").exists() for prefix in prefixes):
-        pytest.skip("rosbag2 is installed")
+def test_recording_without_rosbag2_is_one_clear_line(tmp_path, monkeypatch) -> None:
+    """The wheels' own prefix has none, whatever else is on this machine."""
+    monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
     with Ros2Process(tmp_path, *RECORD, f"output:={tmp_path / 'bag'}") as launch:
         assert launch.wait() == 1
     errors = [line for line in launch.output.splitlines() if "ERROR" in line]
@@ -282,7 +282,7 @@ def test_two_robots_replay_side_by_side(home, bag) -> None:
             assert len(predictions) > 10
             # A second clock or camera would make time go back again and again.
             assert "time went back" not in launch.output
-            assert launch.interrupt() < 5.0
+            assert launch.interrupt() < LONGEST_END
             assert launch.wait() == 0
             assert launch.left_behind() == []
             assert launch.failed() == [], launch.output
@@ -332,7 +332,7 @@ def test_a_node_that_was_killed_comes_back_with_what_it_knew(home) -> None:
             "intuitive_physics_msgs/srv/GetStaticParameters",
         )
         assert "densities=[777.0]" in answer, answer
-        assert launch.interrupt() < 5.0
+        assert launch.interrupt() < LONGEST_END
         assert launch.left_behind() == []
 
 
@@ -342,7 +342,7 @@ def test_ctrl_c_at_the_start_is_a_clean_end(tmp_path, delay) -> None:
     with Ros2Process(tmp_path, *LAUNCH) as launch:
         launch.wait_for("process started with pid", count=3)
         time.sleep(delay)
-        assert launch.interrupt() < 5.0
+        assert launch.interrupt() < LONGEST_END
         assert launch.wait() == 0
         assert launch.left_behind() == []
     assert "Traceback" not in launch.output
@@ -368,7 +368,7 @@ def test_a_manager_leads_the_nodes(home) -> None:
                 said = ros2(home, "lifecycle", "set", name, transition)
                 assert "Transitioning successful" in said
             assert state in ros2(home, "lifecycle", "get", led[0])
-        assert launch.interrupt() < 5.0
+        assert launch.interrupt() < LONGEST_END
         assert launch.failed() == [], launch.output
 
 
@@ -417,7 +417,7 @@ def test_a_search_tells_its_progress_and_is_cancelled(home) -> None:
             )
             assert "return_code=0" in said
             asked.wait_for("Goal finished with status: CANCELED", timeout=5.0)
-        assert launch.interrupt() < 5.0
+        assert launch.interrupt() < LONGEST_END
         assert launch.failed() == [], launch.output
 
 
@@ -448,5 +448,5 @@ def test_each_argument_of_launch_counts(home) -> None:
         variables = [Path(f"/proc/{pid}/environ").read_text() for pid in launch.children]
         assert all("--enclave\0/mine/" in command for command in commands)
         assert all("ROS_STATIC_PEERS=127.0.0.1;127.0.0.2\0" in text for text in variables)
-        assert launch.interrupt() < 5.0
+        assert launch.interrupt() < LONGEST_END
         assert launch.failed() == [], launch.output

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import signal
-import subprocess
 import sys
 import time
 
 import pytest
 
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+from intuitive_physics.processes import ChildProcess
 
 RUN = """
 import sys
@@ -31,15 +30,9 @@ def test_a_signal_while_it_starts(node, delay, tmp_path):
     arguments = [f"intuitive_physics_{node}.nodes.{node}_node", "--ros-args", *NODES[node]]
     if node == "learner":
         arguments += ["-p", f"database:={tmp_path}/learner.sqlite3"]
-    process = subprocess.Popen(
-        [sys.executable, "-c", RUN, *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    assert process.stdout.readline() == "begins\n"
+    process = ChildProcess([sys.executable, "-c", RUN, *arguments])
+    process.wait_for("begins\n")
     time.sleep(delay)
-    process.send_signal(signal.SIGINT if delay < 1.0 else signal.SIGTERM)
-    text, _ = process.communicate(timeout=30)
-    assert process.returncode == 0, text
-    assert "Traceback" not in text
+    number = signal.SIGINT if delay < 1.0 else signal.SIGTERM
+    assert process.stop(number, timeout=30.0) == 0, process.output
+    assert "Traceback" not in process.output

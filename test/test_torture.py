@@ -1,30 +1,32 @@
-"""The quick version of `make torture`: what it breaks in the nodes, it says."""
+"""The quick version of `make torture`, with the patient limits of `benchmarks/torture/bars.py`."""
 
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from benchmarks.torture.bars import PATIENT
 
 ROOT = Path(__file__).parents[1]
 
-NEEDS_ROOT = {"disk_full"}
-"""Faults that only root can bring about."""
+DISK_FULL = "disk_full"
+"""The fault that only root can bring about."""
+
+pytestmark = [pytest.mark.long, pytest.mark.timeout(960)]
 
 
 @pytest.fixture(scope="module")
 def figures():
     """What the last line says, once all is through."""
     run = subprocess.run(
-        [sys.executable, "-m", "benchmarks.torture", "--quick"],
+        [sys.executable, "-m", "benchmarks.torture", "--quick", "--patient"],
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=900.0,
+        timeout=1800.0,
     )
     assert run.returncode == 0, run.stderr
     return json.loads(run.stdout.strip().splitlines()[-1])
@@ -42,15 +44,16 @@ def test_no_message_kills_or_holds_a_node(figures):
 
 
 def test_stops_and_cancels_are_quick(figures):
-    assert figures["stop_s_worst"] < 2.0
-    assert figures["cancel_s_worst"] < 0.5
+    assert figures["stop_s_worst"] < PATIENT.stop
+    assert figures["cancel_s_worst"] < PATIENT.cancel
 
 
 def test_faults_of_the_machine_are_borne(figures):
-    tried = {
-        name: found
-        for name, found in figures["faults"].items()
-        if os.getuid() == 0 or name not in NEEDS_ROOT
-    }
-    assert len(tried) >= 10
-    assert set(tried.values()) == {"ok"}, tried
+    borne = {name: found for name, found in figures["faults"].items() if name != DISK_FULL}
+    assert len(borne) >= 10
+    assert set(borne.values()) == {"ok"}, borne
+
+
+@pytest.mark.needs("root")
+def test_a_full_disk_is_borne(figures):
+    assert figures["faults"][DISK_FULL] == "ok"

@@ -13,12 +13,13 @@ import pytest
 
 os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from intuitive_physics_msgs.srv import GetStaticParameters
 
 from intuitive_physics_bringup.connections import module
 from intuitive_physics_ros.scripting import NodeProcess, Peer
+
+pytestmark = [pytest.mark.long, pytest.mark.timeout(400)]
 
 DEMO = [sys.executable, "-m", "intuitive_physics_experiments.demo"]
 

@@ -4,9 +4,6 @@
 set -euo pipefail
 oldest=requirements/oldest/ubuntu_24_04.txt
 place=build/oldest
-libraries="intuitive_physics intuitive_physics_perception intuitive_physics_learner
-    intuitive_physics_predictor intuitive_physics_recordings intuitive_physics_cli
-    intuitive_physics_experiments"
 
 # These versions have wheels up to 3.11 only.
 supported() { "$1" -c 'import sys; sys.exit(not (3, 10) <= sys.version_info < (3, 12))' 2> /dev/null; }
@@ -31,16 +28,12 @@ made_from=$(cat "$place/constraints.txt" "$place/packages.txt" "$0" | sha256sum)
 if [ "$(cat "$place/made_from" 2> /dev/null)" != "$made_from" ]; then
     echo "oldest: installing packages with $("$python" --version)"
     "$python" -m venv --clear "$place/venv"
-    "$place/venv/bin/python" -m pip --disable-pip-version-check install -qq setuptools wheel \
+    "$place/venv/bin/python" -m pip --disable-pip-version-check install -qq hatchling \
         -c "$place/constraints.txt" -r "$place/packages.txt"
     echo "$made_from" > "$place/made_from"
 fi
 
-# pip leaves files beside what it builds: it gets a copy.
-rm -rf "$place/src"
-mkdir "$place/src"
-for library in $libraries; do cp -rL "src/$library" "$place/src/"; done
 "$place/venv/bin/python" -m pip --disable-pip-version-check install -qq --no-deps \
-    --no-build-isolation --force-reinstall $(printf "$place/src/%s " $libraries)
+    --no-build-isolation --force-reinstall .
 "$place/venv/bin/python" -m intuitive_physics.kernels.warm_up intuitive_physics.simulation.compile \
     intuitive_physics_perception.compile intuitive_physics_predictor.compile

@@ -156,7 +156,7 @@ class NodeUnderTest:
             raise PeerTimeoutError(f"waited {FIRST:.0f} s in vain for the first prediction")
         self._watch(SETTLING)
         self._heard.clear()
-        pid = self._predictor.process.pid
+        pid = self._predictor.pid
         begun, used, memory = time.monotonic(), _cpu_seconds(pid), []
         while time.monotonic() - begun < seconds:
             self._watch(min(0.5, seconds / 20))

@@ -7,15 +7,19 @@ import re
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
+
+from intuitive_physics.processes import ChildProcess
 
 COMMAND = [sys.executable, "-u", "-c", "import sys; from ros2cli.cli import main; sys.exit(main())"]
 """`ros2` of the environment that the tests run in."""
 
 LAUNCH = ["launch", "intuitive_physics_bringup", "intuitive_physics.launch.py"]
 """Arguments of `ros2` that start the suite."""
+
+LONGEST_STOP = 60.0
+"""s within which launch has to have stopped all that it started."""
 
 STARTED = re.compile(r"process started with pid \[(\d+)\]")
 """What launch says of each process."""
@@ -55,29 +59,13 @@ def ros2(home: Path, *arguments: str, timeout: float = 60.0) -> str:
     return ended.stdout
 
 
-class Ros2Process:
+class Ros2Process(ChildProcess):
     """A command of `ros2` that runs on, in a process group of its own; ends with the block."""
 
     def __init__(self, home: Path, *arguments: str) -> None:
-        self.output = ""
-        self.process = subprocess.Popen(
-            [*COMMAND, *arguments],
-            env=environment(home),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
-        )
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def wait_for(self, text: str, timeout: float = 120.0, count: int = 1) -> None:
-        """Wait until `text` was written `count` times."""
-        end = time.monotonic() + timeout
-        while self.output.count(text) < count:
-            assert self.process.poll() is None, f"ended without {text!r}:\n{self.output}"
-            assert time.monotonic() < end, f"not {text!r} within {timeout:g} s:\n{self.output}"
-            time.sleep(0.02)
+        command = [*COMMAND, *arguments]
+        name = f"ros2 {' '.join(arguments)}"
+        super().__init__(command, name=name, environment=environment(home), own_group=True)
 
     @property
     def children(self) -> list[int]:
@@ -89,17 +77,11 @@ class Ros2Process:
         found = re.findall(rf"\[{node}-\d+\]: process started with pid \[(\d+)\]", self.output)
         return int(found[-1])
 
-    def wait(self, timeout: float = 60.0) -> int:
-        """Wait for its end and return its exit code."""
-        code = self.process.wait(timeout)
-        self._reader.join(5.0)
-        return code
-
     def interrupt(self) -> float:
         """Press Ctrl-C; return how long it took, in s, until all had ended."""
         begun = time.monotonic()
-        os.killpg(self.process.pid, signal.SIGINT)
-        self.wait()
+        self.send_signal(signal.SIGINT)
+        self.wait(LONGEST_STOP)
         return time.monotonic() - begun
 
     def left_behind(self) -> list[int]:
@@ -112,20 +94,3 @@ class Ros2Process:
         died = re.findall(r"process has died \[pid (\d+), exit code", self.output)
         lost = re.findall(r"Unknown child process pid (\d+)", self.output)
         return [int(pid) for pid in died if pid not in lost]
-
-    def _read(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            self.output += line
-
-    def __enter__(self) -> Ros2Process:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self.process.poll() is None:
-            os.killpg(self.process.pid, signal.SIGINT)
-            try:
-                self.process.wait(10.0)
-            except subprocess.TimeoutExpired:
-                os.killpg(self.process.pid, signal.SIGKILL)
-                self.process.wait()

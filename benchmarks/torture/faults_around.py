@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -14,14 +13,12 @@ from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from benchmarks.torture.nodes import LEARNER, PERCEPTION, PREDICTOR, Nodes, megabytes
+from benchmarks.torture.bars import bars
+from benchmarks.torture.nodes import LEARNER, PATIENCE, PERCEPTION, PREDICTOR, Nodes, megabytes
 from benchmarks.torture.suite import Suite, running_suite
+from intuitive_physics.processes import ChildProcess, ProcessFailedError
 from intuitive_physics_bringup.connections import module
-from intuitive_physics_ros.scripting import NodeProcess
-
-RECOVERY = 5.0
-"""s in which predictions have to come again once what was wrong is over. Our choice: a throw and a
-half; after a jump of the clock the environment is seen anew as well."""
+from intuitive_physics_ros.scripting import NodeProcess, PeerTimeoutError
 
 JUMP = 3600.0
 """s by which a clock jumps: an hour, as of a wrong time zone."""
@@ -33,8 +30,8 @@ once a second."""
 PRESSURE, SHORT_PRESSURE = 10.0, 4.0
 """s for which a subscriber does not take, or others take the processor; as above."""
 
-KEPT_RATE = 0.9
-"""Part of the rate of predictions that has to remain, or to be back."""
+REST = 5.0
+"""s from the end of starvation to the look at the rate of predictions."""
 
 SLOW_SUBSCRIBER_MEGABYTES = 60.0
 """By which the predictor may grow for a subscriber that takes nothing: its queue of 10 messages of
@@ -55,6 +52,10 @@ with Peer("slow") as peer:
 
 HOGS_A_CORE = 4
 """Processes that want each core, at the priority of the nodes."""
+
+
+LONGEST_HOG = 120.0
+"""s after which such a process is ended, should nobody have done so."""
 
 
 class FaultError(Exception):
@@ -100,25 +101,38 @@ def result_of(check: Callable[[], None]) -> str:
 def _bear(fault: Callable[[Suite], None], suite: Suite) -> None:
     fault(suite)
     for name, process in suite.nodes.processes.items():
-        if process.process.poll() is not None:
+        if not process.is_running:
             raise FaultError(f"{name} died: {(process.output.splitlines() or ['nothing'])[-1]}")
         if "Traceback" in process.output:
             raise FaultError(f"{name} wrote a traceback")
     check_pings(suite.nodes)
 
 
-def check_pings(nodes: Nodes, longest: float = 1.0) -> None:
-    """Complain of a node that takes more than `longest` s for an answer."""
+def check_pings(nodes: Nodes, share: float = 1.0) -> None:
+    """Complain of a node that takes too long for an answer with its share of a processor."""
     for name in nodes.processes:
         took = nodes.ping(name)
-        if took > longest:
+        if took > bars().answer / share:
             raise FaultError(f"{name} answered a ping after {took:.1f} s")
 
 
 def _recovers(suite: Suite, after: str) -> None:
     """Complain unless what is seen from now on is predicted from soon."""
-    if not suite.predictions.wait(suite.camera.time, RECOVERY):
-        raise FaultError(f"no prediction within {RECOVERY:g} s after {after}")
+    limit = bars().recovery
+    if not suite.predictions.wait(suite.camera.time, limit):
+        raise FaultError(f"no prediction within {limit:g} s after {after}")
+
+
+def _is_said(suite: Suite, node: str, text: str, since: int) -> bool:
+    return any(text in one for one in suite.said(node, _WARN, since))
+
+
+def _expect_said(said: Callable[[], bool], what: str, suite: Suite) -> None:
+    """Complain unless /diagnostics say something soon."""
+    try:
+        suite.peer.spin_until(said, what, bars().recovery)
+    except PeerTimeoutError:
+        raise FaultError(f"/diagnostics did not say that {what}") from None
 
 
 def _clock_back(suite: Suite) -> None:
@@ -135,8 +149,11 @@ def _camera_gone(absence: float, suite: Suite) -> None:
     suite.camera.unplug()
     earlier = len(suite.diagnostics)
     suite.peer.spin_for(absence)
-    if not any(suite.said(PERCEPTION, level, earlier) for level in (_WARN, _ERROR)):
-        raise FaultError("/diagnostics did not say that no images come")
+    _expect_said(
+        lambda: any(suite.said(PERCEPTION, level, earlier) for level in (_WARN, _ERROR)),
+        "no images come",
+        suite,
+    )
     suite.camera.plug_in()
     _recovers(suite, "the camera was there again")
 
@@ -150,23 +167,23 @@ def _node_twice(absence: float, suite: Suite) -> None:
     for name, arguments in twins.items():
         with NodeProcess(module(name), arguments) as twin:
             suite.peer.spin_for(absence)
-            if twin.process.poll() is not None and "Traceback" in twin.output:
+            if not twin.is_running and "Traceback" in twin.output:
                 raise FaultError(f"a second {name} ended with a traceback")
-        told = [text for text in suite.said(name, _WARN, earlier) if "nodes have the name" in text]
-        if not told:
-            raise FaultError(f"/diagnostics did not say that there are two of {name}")
+            told = partial(_is_said, suite, name, "nodes have the name", earlier)
+            _expect_said(told, f"there are two of {name}", suite)
     _recovers(suite, "the second nodes ended")
 
 
 def _slow_subscriber(pressure: float, suite: Suite) -> None:
     usual = suite.predictions.rate(pressure / 2)
-    pid = suite.nodes.processes[PREDICTOR].process.pid
+    pid = suite.nodes.processes[PREDICTOR].pid
     memory = megabytes(pid)
     with _subscriber():
         rate = suite.predictions.rate(pressure)
         grown = megabytes(pid) - memory
-    if rate < KEPT_RATE * usual:
-        raise FaultError(f"{rate:.0f} predictions a second; expected {KEPT_RATE:g} of {usual:.0f}")
+    kept = bars().kept_rate
+    if rate < kept * usual:
+        raise FaultError(f"{rate:.0f} predictions a second; expected {kept:g} of {usual:.0f}")
     if grown > SLOW_SUBSCRIBER_MEGABYTES:
         raise FaultError(f"the predictor grew by {grown:.0f} MB")
 
@@ -174,33 +191,40 @@ def _slow_subscriber(pressure: float, suite: Suite) -> None:
 @contextmanager
 def _subscriber() -> Iterator[None]:
     """Let a process subscribe to the predictions and stand still."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", SUBSCRIBER], stdout=subprocess.PIPE, text=True
-    )
+    process = ChildProcess([sys.executable, "-c", SUBSCRIBER], name="the slow subscriber")
     try:
-        if process.stdout is None or "hears" not in process.stdout.readline():
-            raise FaultError("the slow subscriber heard no prediction")
+        process.wait_for("hears", PATIENCE)
         process.send_signal(signal.SIGSTOP)
         yield
+    except ProcessFailedError as error:
+        raise FaultError(str(error)) from None
     finally:
-        process.kill()
-        process.wait()
+        process.stop(signal.SIGKILL)
+
+
+@contextmanager
+def _hogs() -> Iterator[None]:
+    """Let processes want every core several times."""
+    command = [sys.executable, "-c", "while True: pass"]
+    hogs = [
+        ChildProcess(command, longest=LONGEST_HOG)
+        for _ in range(HOGS_A_CORE * len(os.sched_getaffinity(0)))
+    ]
+    try:
+        yield
+    finally:
+        for hog in hogs:
+            hog.stop(signal.SIGKILL)
 
 
 def _cpu_starved(pressure: float, suite: Suite) -> None:
     usual = suite.predictions.rate(pressure / 2)
-    hog = [sys.executable, "-c", "while True: pass"]
-    hogs = [subprocess.Popen(hog) for _ in range(HOGS_A_CORE * len(os.sched_getaffinity(0)))]
-    try:
+    with _hogs():
         starved = suite.predictions.rate(pressure)
-        check_pings(suite.nodes, longest=HOGS_A_CORE)
-    finally:
-        for one in hogs:
-            one.kill()
-            one.wait()
+        check_pings(suite.nodes, share=1.0 / HOGS_A_CORE)
     if not starved:
         raise FaultError("no prediction while others took the processor")
-    time.sleep(RECOVERY)
+    time.sleep(REST)
     rate = suite.predictions.rate(pressure / 2)
-    if rate < KEPT_RATE * usual:
+    if rate < bars().kept_rate * usual:
         raise FaultError(f"{rate:.0f} predictions a second afterwards, {usual:.0f} before")

@@ -82,8 +82,7 @@ def measure_kills(folder: Path, count: int, rng: np.random.Generator) -> Kills:
             name = others[found.kills // OTHERS_EVERY % 2]
             with NodeProcess(module(name)) as other:
                 time.sleep(rng.uniform(0.0, LONGEST_LIFE))
-                other.process.send_signal(signal.SIGKILL)
-                other.wait(PATIENCE)
+                other.stop(signal.SIGKILL)
         else:
             _kill_learner(database, kept, found, rng)
             _check(database, kept, found)
@@ -114,8 +113,7 @@ def _kill_learner(database: Path, kept: Kept, found: Kills, rng: np.random.Gener
             )
             peer.send(AddObservation, "/learner_node/add_observation", request)
             time.sleep(rng.uniform(0.0, 0.02))
-        learner.process.send_signal(signal.SIGKILL)
-        learner.wait(PATIENCE)
+        learner.stop(signal.SIGKILL)
 
 
 def _ask(peer: Peer, number: int, kept: Kept, timeout: float) -> None:

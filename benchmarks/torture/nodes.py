@@ -27,11 +27,8 @@ PERCEPTION, LEARNER, PREDICTOR = "perception_node", "learner_node", "predictor_n
 PATIENCE = 60.0
 """s to wait for the start of a node on a busy machine."""
 
-ANSWER = 10.0
+ANSWER = 30.0
 """s after which a ping that was not answered counts as never answered."""
-
-HANG = 1.0
-"""s in which a node has to answer a ping; of the bars."""
 
 
 class Nodes:
@@ -69,14 +66,14 @@ class Nodes:
         try:
             self._peer.call(GetParameters, f"/{name}/get_parameters", request, longest)
         except Exception:
-            if self.processes[name].process.poll() is None:
+            if self.processes[name].is_running:
                 return longest
         return time.monotonic() - begun
 
     def revive(self) -> None:
         """Note nodes that have died, with the last thing they said, and start them again."""
         for name, process in self.processes.items():
-            if process.process.poll() is not None:
+            if not process.is_running:
                 said = process.output.strip().splitlines()[-1:] or ["nothing"]
                 self.deaths.append(f"{name} (code {process.process.returncode}): {said[0]}")
                 self._start(name)
@@ -85,7 +82,7 @@ class Nodes:
     def measure_memory(self) -> None:
         """Note the most memory that a node has had."""
         for process in self.processes.values():
-            status = Path(f"/proc/{process.process.pid}/status")
+            status = Path(f"/proc/{process.pid}/status")
             if status.exists():
                 for line in status.read_text().splitlines():
                     if line.startswith("VmHWM:"):

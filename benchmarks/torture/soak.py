@@ -86,8 +86,8 @@ def _watch_minute(suite: Suite, found: Soak, seconds: float) -> None:
         time.sleep(min(SAMPLE, left))
         arrivals += [arrival for arrival, _ in suite.predictions.take()]
         for name, process in suite.nodes.processes.items():
-            folder = Path(f"/proc/{process.process.pid}")
-            found.memory.setdefault(name, []).append(megabytes(process.process.pid))
+            folder = Path(f"/proc/{process.pid}")
+            found.memory.setdefault(name, []).append(megabytes(process.pid))
             found.threads.setdefault(name, []).append(len(list((folder / "task").iterdir())))
             found.files.setdefault(name, []).append(len(list((folder / "fd").iterdir())))
     found.rates.append(rate_of(arrivals))

@@ -79,7 +79,6 @@ def _simulator(name: str, step: float) -> Simulator:
         from intuitive_physics.simulation.stepped import SteppedSimulator
 
         return SteppedSimulator(time_step=step)
-    pytest.importorskip("pybullet", reason="PyBullet is not installed")
     from intuitive_physics.simulation.bullet import BulletSimulator
 
     return BulletSimulator(time_step=step)

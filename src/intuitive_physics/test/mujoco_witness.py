@@ -9,8 +9,8 @@ rolling friction far below that of sliding only.
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
-import pytest
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Scene, SceneObject
@@ -23,7 +23,6 @@ STIFF = f'solref="{2 * STEP} 20" solimp="0.99 0.999 0.0001"'
 
 def mujoco_path(scene: Scene, theta: StaticParameters, times) -> np.ndarray:
     """Positions (n_objects, n_times, 3) at times that are multiples of `STEP`."""
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     model = mujoco.MjModel.from_xml_string(_model(scene, theta))
     data = mujoco.MjData(model)
     for k, state in enumerate(scene.states):

@@ -12,11 +12,8 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject, StaticBox
 from intuitive_physics.shapes import Box, Capsule, Sphere
 from intuitive_physics.simulation import make_simulator
-from intuitive_physics.state import ObjectState
-
-pytest.importorskip("pybullet", reason="PyBullet is not installed")
-
 from intuitive_physics.simulation.bullet import BulletSimulator
+from intuitive_physics.state import ObjectState
 
 G = 9.81
 R = 0.05

@@ -52,6 +52,7 @@ def test_learn_with_the_largest_distance(tmp_path: Path) -> None:
     assert "levenberg_marquardt, which fits the observed points" in refused.stderr
 
 
+@pytest.mark.needs("recordings")
 def test_perceive_a_lidar_scan(recording: Callable[[str], Path]) -> None:
     # README of the data: an exercise ball of 0.28 to 0.30 m radius on a chair.
     result = run("perceive", recording("lidar_ball_1.npz"))

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 import pty
+import select
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -86,7 +89,6 @@ def test_learning_on_a_database_makes_its_next_version(
 
 
 def test_two_processes_learn_the_same(folder: Path) -> None:
-    pytest.importorskip("distributed")
     run("learn", "saved", "one.yaml", "--iterations", 100)
     # Processes of a cluster import the main module anew, so this one is a process of its own.
     arguments = ["learn", "saved", "two.yaml", "--iterations", "100", "--cluster", "local:2"]
@@ -95,44 +97,49 @@ def test_two_processes_learn_the_same(folder: Path) -> None:
     assert one == two
 
 
+@contextmanager
+def terminal_learner() -> Iterator[tuple[subprocess.Popen[bytes], int]]:
+    """Run an endless search at a terminal, and give it with the terminal's screen."""
+    screen, terminal = pty.openpty()
+    search = ["--method", "random", "--iterations", "10000000"]
+    command = [*COMMAND, "learn", "a.sqlite3", "out.yaml", *search]
+    learner = subprocess.Popen(command, stdout=terminal, stderr=terminal)
+    os.close(terminal)
+    try:
+        yield learner, screen
+    finally:
+        learner.kill()
+        learner.wait()
+        os.close(screen)
+
+
+def iterations_until(enough: int, screen: int) -> int:
+    """Read the bar until it has shown so many iterations; return the first that it showed."""
+    shown = b""
+    while select.select([screen], [], [], 60.0)[0]:
+        shown += os.read(screen, 4096)
+        words = [word for word in shown.split() if word.endswith(b"/10000000")]
+        if words and int(words[-1].split(b"/")[0]) >= enough:
+            assert "█".encode() in shown or "·".encode() in shown
+            assert b" s left" in shown
+            return int(words[0].split(b"/")[0])
+    raise AssertionError(f"waited in vain: {shown[-300:]!r}")
+
+
 def test_shows_progress_at_a_terminal_and_goes_on_when_killed(folder: Path) -> None:
     run("import", "a.sqlite3", "saved")
-    ours, theirs = pty.openpty()
-    arguments = ["--method", "random", "--iterations", "10000000"]
-    learner = subprocess.Popen(
-        [*COMMAND, "learn", "a.sqlite3", "out.yaml", *arguments], stdout=theirs, stderr=theirs
-    )
-    os.close(theirs)
-
-    def iterations_until(enough: int) -> int:
-        """Read the bar until it has shown so many iterations; return the first and the last."""
-        shown = b""
-        deadline = time.monotonic() + 60.0
+    with terminal_learner() as (learner, screen):
+        iterations_until(1001, screen)
+        # It says where it stands once a second, between two of which it is stored.
+        deadline = time.monotonic() + 2.0
         while time.monotonic() < deadline:
-            shown += os.read(ours, 4096)
-            words = [word for word in shown.split() if word.endswith(b"/10000000")]
-            if words and int(words[-1].split(b"/")[0]) > enough:
-                assert "█".encode() in shown or "·".encode() in shown
-                assert b" s left" in shown
-                return int(words[0].split(b"/")[0])
-        raise AssertionError(f"waited in vain: {shown[-300:]!r}")
-
-    iterations_until(0)
-    # It says where it stands once a second.
-    time.sleep(2.0)
-    learner.send_signal(signal.SIGKILL)
-    learner.wait()
-    os.close(ours)
-
-    ours, theirs = pty.openpty()
-    learner = subprocess.Popen(
-        [*COMMAND, "learn", "a.sqlite3", "out.yaml", *arguments], stdout=theirs, stderr=theirs
-    )
-    os.close(theirs)
-    first = iterations_until(0)
-    learner.send_signal(signal.SIGINT)
-    assert learner.wait(20) == 130
-    os.close(ours)
+            iterations_until(1001, screen)
+        learner.send_signal(signal.SIGKILL)
+        learner.wait(60.0)
+    with terminal_learner() as (learner, screen):
+        first = iterations_until(1, screen)
+        learner.send_signal(signal.SIGINT)
+        assert learner.wait(60.0) == 130
     assert first > 1000
 
 

@@ -23,8 +23,8 @@ def test_without_rerun_one_sentence_says_so(
         RerunRecording(tmp_path / "out.rrd")
 
 
+@pytest.mark.needs("rerun")
 def test_predictions_and_what_was_seen_are_recorded(tmp_path: Path) -> None:
-    pytest.importorskip("rerun", reason="Rerun is not installed: pip install rerun-sdk")
     (seen,) = bounces(1)
     path = seen.objects[0].trajectory
     case = PredictionCase(

@@ -25,22 +25,13 @@ Flight = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]]
 
 
 @pytest.fixture(scope="session")
-def needs_open3d() -> None:
-    """Skips where Open3D is not installed or lacks a system package."""
-    try:
-        import open3d  # noqa: F401
-    except ImportError as error:
-        pytest.skip(f"Open3D cannot be loaded: {error}")
-
-
-@pytest.fixture(scope="session")
-def renderer(needs_open3d: None) -> DepthRenderer:
+def renderer() -> DepthRenderer:
     """The corner room's renderer."""
     return DepthRenderer(corner_camera(), corner_environment())
 
 
 @pytest.fixture(scope="session")
-def small_bag(tmp_path_factory: pytest.TempPathFactory, needs_open3d: None) -> Path:
+def small_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A rendered bag of one throw; treat it as read-only."""
     path = tmp_path_factory.mktemp("bags") / "one_throw"
     render_bag(path, RenderSettings(throws=1, seed=1, lead_in=0.5, throw_duration=1.0, pause=0.3))

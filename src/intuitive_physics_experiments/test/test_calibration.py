@@ -75,6 +75,7 @@ def normal_outcomes(count: int) -> list[Outcome]:
     return [Outcome(scene(), TIMES, rng.standard_normal((1, 2, 3))) for _ in range(count)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("spread", "low", "high"), [(1.0, 0.86, 0.94), (0.5, 0.2, 0.5)])
 def test_coverage_tells_true_predictions_from_too_sure_ones(spread, low, high):
     # Of 400 outcomes a true 90 % is off by sqrt(0.9 · 0.1 / 400) = 1.5 %. Half the spread makes
@@ -379,6 +380,7 @@ def test_nothing_scores_better_than_the_truth_in_its_own_world():
     np.testing.assert_array_equal(np.isnan(scores).sum(axis=0), [0, 1])
 
 
+@pytest.mark.long
 def test_calibration_in_several_splits(detected_set, tmp_path):
     observations = detected_set[:12]
     options = ObservedCalibrationOptions(

@@ -96,6 +96,7 @@ def test_any_numbers_are_loaded_or_refused(places: np.ndarray) -> None:
     assert len(observations) <= 1
 
 
+@pytest.mark.needs("recordings")
 def test_recorded_shots(recording: Callable[[str], Path]) -> None:
     observations = carom_observations(load_arrays(recording("carom_billiards.npz")))
     assert len(observations) == 20

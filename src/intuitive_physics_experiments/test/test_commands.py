@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import shlex
-import signal
 import subprocess
 import sys
 import time
@@ -15,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from intuitive_physics.processes import ChildProcess
 from intuitive_physics_cli.command_line import main
 
 COMMAND = [sys.executable, "-m", "intuitive_physics_cli.command_line"]
@@ -52,7 +52,8 @@ def test_evaluate_prints_parameters_and_errors(launch_set: Path) -> None:
     assert errors["learned parameters"] < errors["default parameters"] < errors["free flight"]
 
 
-def test_render_and_perceive(tmp_path: Path, needs_open3d: None) -> None:
+@pytest.mark.long
+def test_render_and_perceive(tmp_path: Path) -> None:
     bag, saved = tmp_path / "bag", tmp_path / "saved"
     rendered = run("render", bag, "--throws", 1, "--seed", 4)
     assert rendered.returncode == 0, rendered.stderr
@@ -67,6 +68,7 @@ def test_render_and_perceive(tmp_path: Path, needs_open3d: None) -> None:
     assert len(list(saved.glob("*.json"))) == 1
 
 
+@pytest.mark.needs("recordings")
 @pytest.mark.parametrize(
     ("name", "share"),
     # Several impacts, and spin that nobody saw, make billiards harder.
@@ -118,6 +120,7 @@ def test_evaluate_cube_tosses_beside_published_figures(
     assert result.stdout.partition("\n")[2].strip() in page
 
 
+@pytest.mark.needs("recordings")
 def test_evaluate_recorded_cube_tosses(recording: Callable[[str], Path]) -> None:
     result = run("evaluate", recording("cube_tosses.npz"), "--iterations", 60)
     assert result.returncode == 0, result.stderr
@@ -132,6 +135,7 @@ def test_evaluate_recorded_cube_tosses(recording: Callable[[str], Path]) -> None
     assert errors["free flight to the first touch"][0] > 5.0 * position
 
 
+@pytest.mark.needs("recordings")
 @pytest.mark.parametrize("name", ["table_tennis_launches.npz", "table_tennis_gun.npz"])
 def test_balls_that_fly_through_air_are_predicted_better(
     recording: Callable[[str], Path], name: str
@@ -143,6 +147,7 @@ def test_balls_that_fly_through_air_are_predicted_better(
     assert with_air < 0.75 * without
 
 
+@pytest.mark.needs("recordings")
 def test_drag_is_learned_from_the_recording(recording: Callable[[str], Path]) -> None:
     arguments = ["--drag", "learn", "--iterations", 400]
     result = run("evaluate", recording("table_tennis_launches.npz"), *arguments)
@@ -252,14 +257,8 @@ def test_mistakes_are_one_line_and_exit_code_1(
 
 
 def test_ctrl_c_ends_with_130(launch_set: Path) -> None:
-    process = subprocess.Popen(
-        [*COMMAND, "evaluate", str(launch_set), "--method", "random", "--iterations", "100000000"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    endless = ["--method", "random", "--iterations", "100000000"]
+    process = ChildProcess([*COMMAND, "evaluate", str(launch_set), *endless])
     time.sleep(4.0)
-    process.send_signal(signal.SIGINT)
-    _, stderr = process.communicate(timeout=20)
-    assert process.returncode == 130, stderr
-    assert "Traceback" not in stderr
+    assert process.stop(timeout=60.0) == 130, process.output
+    assert "Traceback" not in process.output

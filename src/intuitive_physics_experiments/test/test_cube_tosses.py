@@ -134,6 +134,7 @@ def test_any_numbers_are_loaded_or_refused(
     assert np.linalg.norm(toss.orientations, axis=1) == pytest.approx(1.0)
 
 
+@pytest.mark.needs("recordings")
 def test_recorded_cubes_fall_and_come_to_rest_on_a_face(
     recording: Callable[[str], Path],
 ) -> None:

@@ -179,8 +179,8 @@ def _runs(objects: int, samples: int) -> int:
     return len(made.training) + len(made.test)
 
 
-def test_thrown_balls_through_the_whole_pipeline(tmp_path: Path, needs_open3d: None) -> None:
-    pytest.importorskip("pybullet")
+@pytest.mark.long
+def test_thrown_balls_through_the_whole_pipeline(tmp_path: Path) -> None:
     rows = run_rgbd(tmp_path, RgbdSettings(throws=2, duration=1.2, iterations=300), "test")
     assert {row["radius"] for row in rows} == {0.03, 0.05, 0.07}
     assert sum(row["observations"] for row in rows) >= 5

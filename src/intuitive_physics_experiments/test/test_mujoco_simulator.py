@@ -12,8 +12,6 @@ from intuitive_physics.shapes import Box, Capsule, Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics_experiments.engines.mujoco_simulator import MujocoSimulator, damping_ratio
 
-pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-
 G = 9.81
 FLOOR = Environment([Plane("floor", "floor", (0.0, 0.0, 1.0), 0.0)])
 

@@ -22,6 +22,8 @@ from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_recordings.bag_reader import BagReader
 from intuitive_physics_recordings.depth_bag_writer import CAMERA_INFO_TOPIC, DEPTH_TOPIC
 
+pytestmark = pytest.mark.long
+
 THROWS = 3
 RENDERED = RenderSettings(throws=THROWS, seed=2, lead_in=0.5, throw_duration=1.4, pause=0.35)
 
@@ -57,7 +59,7 @@ def perceive(bag: Path, seed: int, first: int = 0, dropped: float = 0.0) -> Perc
 
 
 @pytest.fixture(scope="module")
-def bag(tmp_path_factory: pytest.TempPathFactory, needs_open3d: None) -> Path:
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("bags") / "throws"
     render_bag(path, RENDERED)
     return path

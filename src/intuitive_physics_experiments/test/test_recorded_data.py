@@ -165,6 +165,7 @@ def test_any_numbers_are_loaded_or_refused(
     assert len(observations) <= 1
 
 
+@pytest.mark.needs("recordings")
 @pytest.mark.parametrize(
     ("name", "load", "share"),
     [
@@ -187,6 +188,7 @@ def test_air_explains_the_recorded_flights(
     assert spreads[1] < share * spreads[0]
 
 
+@pytest.mark.needs("recordings")
 def test_the_gun_gives_its_balls_topspin(recording: Callable[[str], Path]) -> None:
     arrays = load_arrays(recording("table_tennis_gun.npz"))
     observations = gun_observations(arrays, AirCoefficients(drag=0.4, magnus=1.0))
@@ -203,6 +205,7 @@ def test_the_gun_gives_its_balls_topspin(recording: Callable[[str], Path]) -> No
     )
 
 
+@pytest.mark.needs("recordings")
 def test_recorded_launches_fly_as_balls_do(recording: Callable[[str], Path]) -> None:
     _, observations = load_recorded_set(recording("table_tennis_launches.npz"))
     assert len(observations) == 32
@@ -217,6 +220,7 @@ def test_recorded_launches_fly_as_balls_do(recording: Callable[[str], Path]) -> 
         assert 0.015 < gap < 0.045  # lowest sample near the bounce
 
 
+@pytest.mark.needs("recordings")
 def test_recovered_times_of_the_gun_make_balls_fall_as_they_do(
     recording: Callable[[str], Path],
 ) -> None:
@@ -234,6 +238,7 @@ def test_recovered_times_of_the_gun_make_balls_fall_as_they_do(
     assert np.median(falls) == pytest.approx(10.6, abs=0.5)
 
 
+@pytest.mark.needs("recordings")
 @pytest.mark.parametrize("number", [1, 2, 4, 5, 7])
 def test_lidar_scans_are_clouds(recording: Callable[[str], Path], number: int) -> None:
     points = load_cloud(recording(f"lidar_ball_{number}.npz"))

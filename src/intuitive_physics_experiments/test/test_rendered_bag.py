@@ -72,7 +72,7 @@ def test_same_settings_same_bag_and_it_is_reused(small_bag: Path, tmp_path: Path
         render_bag(copy, wanted)
 
 
-def test_nothing_is_left_of_a_render_that_failed(tmp_path: Path, needs_open3d: None) -> None:
+def test_nothing_is_left_of_a_render_that_failed(tmp_path: Path) -> None:
     def interrupt(done: int, total: int) -> None:
         raise KeyboardInterrupt
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from tools.needs import BROWSER
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
@@ -172,11 +172,6 @@ def test_a_folder_that_cannot_be_written_is_one_clear_error(
         write_report(result, tmp_path / "file")
 
 
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
-needs_browser = pytest.mark.skipif(
-    BROWSER is None, reason="no chromium on this machine: apt-get install chromium"
-)
-
 MEASURE = """<script>
 addEventListener("load", () => setTimeout(() => {
   const root = document.documentElement;
@@ -217,7 +212,8 @@ def in_browser(page: str, folder: Path, width: int) -> tuple[str, list[str]]:
     return done.stdout, errors
 
 
-@needs_browser
+@pytest.mark.long
+@pytest.mark.needs("chromium")
 @pytest.mark.parametrize("width", [1200, 500])
 def test_a_browser_draws_every_plot_and_reports_no_error(
     result: DemoResult, tmp_path: Path, width: int
@@ -234,7 +230,8 @@ def test_a_browser_draws_every_plot_and_reports_no_error(
     assert f'data-pictures="{page.count("<img ")}"' in document
 
 
-@needs_browser
+@pytest.mark.long
+@pytest.mark.needs("chromium")
 def test_an_error_in_the_page_is_found(result: DemoResult, tmp_path: Path) -> None:
     page = write_report(result, tmp_path).page.read_text(encoding="utf-8")
     broken = page.replace("</body>", "<script>Plotly.noSuchFunction()</script></body>")

@@ -44,7 +44,6 @@ def test_the_coefficients_that_made_the_tosses_are_found(
 
 
 def test_mujoco_is_fitted_in_its_softness_too(toss_arrays: TossArrays) -> None:
-    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     tosses = cube_tosses(toss_arrays(2, "stepped"))
     options = LearningOptions(
         method="cma_es", criteria=ConvergenceCriteria(max_iterations=16), seed=2

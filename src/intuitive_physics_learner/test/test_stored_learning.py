@@ -2,7 +2,6 @@
 
 import json
 import signal
-import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -12,6 +11,7 @@ import pytest
 
 from intuitive_physics.errors import UnknownNameError, UnsupportedSceneError
 from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.processes import ChildProcess
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner import (
@@ -25,6 +25,9 @@ from intuitive_physics_learner import (
 )
 from intuitive_physics_learner.errors import IncompatibleEnvironmentError, SupersededError
 from intuitive_physics_learner.search import parameter_search
+
+PATIENCE = 120.0
+"""s to wait for what takes a few, on a machine that is busy with other things."""
 
 LEARNER = """
 import sys
@@ -77,17 +80,17 @@ def test_a_search_that_is_killed_again_and_again_ends_as_if_it_had_not(
     begun = []
     generator = np.random.default_rng(0)
     for life in range(kills + 1):
-        learner = subprocess.Popen(
-            [sys.executable, "-c", LEARNER, str(path), method, str(iterations)],
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        begun.append(int(learner.stdout.readline()))
+        learner = ChildProcess([sys.executable, "-c", LEARNER, str(path), method, str(iterations)])
+        learner.wait_for("\n", PATIENCE)
+        begun.append(int(learner.output.split()[0]))
         if life < kills:
+            with ObservationStore(path) as store:
+                while not saved_searches(store) and learner.poll() is None:
+                    time.sleep(0.005)
             time.sleep(generator.uniform(0.0, 0.1))
             learner.send_signal(signal.SIGKILL)
-        assert learner.communicate() is not None
-    assert learner.returncode == 0
+        code = learner.wait(PATIENCE)
+    assert code == 0, learner.output
     # It went on where it was: each time it had the iterations of the times before.
     assert begun == sorted(begun)
     assert begun[-1] > begun[0]
@@ -132,12 +135,12 @@ def test_the_same_search_goes_on_and_another_begins_again(store, glide, glides, 
 def test_time_before_the_interruption_counts(store, glide, glides, monkeypatch):
     monkeypatch.setattr(parameter_search, "CHECKPOINT_PERIOD", 0.0)
     store.add(glides(np.random.default_rng(0), 0.4))
-    asked = LearningOptions("random", ConvergenceCriteria(None, time_limit=1.5))
+    asked = LearningOptions("random", ConvergenceCriteria(None, time_limit=4.5))
     began = time.monotonic()
     with pytest.raises(LearningCancelledError):
-        learn_from_store(store, glide, asked, cancelled=lambda: time.monotonic() > began + 1.0)
+        learn_from_store(store, glide, asked, cancelled=lambda: time.monotonic() > began + 3.0)
     result = learn_from_store(store, glide, asked)
-    assert result.search.seconds < 1.0
+    assert result.search.seconds < 3.0
     assert result.learned.version == 1
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +13,15 @@ from intuitive_physics_perception.environment.environment_model import NoEnviron
 from intuitive_physics_perception.scene import perceive_cloud
 from intuitive_physics_perception.settings import PerceptionSettings
 
-REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "real"
 SETTINGS = PerceptionSettings(up_hint=(0.0, 0.0, 1.0))
 
 
+@pytest.mark.needs("recordings")
 @pytest.mark.parametrize("scan", [1, 2, 4, 5, 7])
-def test_the_ball_and_the_planes_are_found_and_nothing_else(scan: int) -> None:
-    path = REAL / f"lidar_ball_{scan}.npz"
-    if not path.exists():
-        pytest.skip(f"the recording {path} is not on this machine")
-    cloud = np.load(path)["xyz"]
+def test_the_ball_and_the_planes_are_found_and_nothing_else(
+    recording: Callable[[str], Path], scan: int
+) -> None:
+    cloud = np.load(recording(f"lidar_ball_{scan}.npz"))["xyz"]
     for seed in range(2):
         environment, spheres = perceive_cloud(cloud, SETTINGS, np.random.default_rng(seed))
         normals = np.stack([plane.normal for plane in environment.planes])
@@ -36,13 +36,11 @@ def test_the_ball_and_the_planes_are_found_and_nothing_else(scan: int) -> None:
         assert 0.3 < spheres[0].center[2] - spheres[0].radius < 0.7
 
 
+@pytest.mark.needs("recordings")
 @pytest.mark.parametrize("scan", [8, 9])
-def test_the_ball_is_found_by_another_sensor(scan: int) -> None:
+def test_the_ball_is_found_by_another_sensor(recording: Callable[[str], Path], scan: int) -> None:
     """Five scan lines meet the ball, 2° apart, of a beam that is wider than a camera's pixel."""
-    path = REAL / f"lidar_ball_{scan}.npz"
-    if not path.exists():
-        pytest.skip(f"the recording {path} is not on this machine")
-    cloud = np.load(path)["xyz"]
+    cloud = np.load(recording(f"lidar_ball_{scan}.npz"))["xyz"]
     for seed in range(2):
         _, spheres = perceive_cloud(cloud, SETTINGS, np.random.default_rng(seed))
         assert len(spheres) == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,16 +12,13 @@ from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
-SCENES = Path(__file__).resolve().parents[4] / "shared" / "data" / "real" / "scenes"
 NOISE = 0.002
 
 
+@pytest.mark.needs("recordings")
 @pytest.mark.parametrize("scene", ["table_0", "table_8"])
-def test_no_ball_is_followed_where_there_is_none(scene) -> None:
-    path = SCENES / f"{scene}.npz"
-    if not path.exists():
-        pytest.skip(f"the recording {path} is not on this machine")
-    with np.load(path) as data:
+def test_no_ball_is_followed_where_there_is_none(recording: Callable[[str], Path], scene) -> None:
+    with np.load(recording(f"scenes/{scene}.npz")) as data:
         depth, intrinsics = 0.001 * data["depth"].astype(np.float64), data["K"]
     v, u = np.mgrid[: depth.shape[0], : depth.shape[1]]
     rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(intrinsics).T

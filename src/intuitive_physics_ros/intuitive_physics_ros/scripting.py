@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-import signal
-import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
@@ -18,6 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 
 from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.processes import ChildProcess
 
 REPEAT_AFTER = 2.0
 """s after which a request is sent again: a server drops its answer when it has not discovered the
@@ -152,15 +150,7 @@ class Peer:
         self.close()
 
 
-STOP_TIMEOUT = 15.0
-"""Seconds a node has to end by itself before it is killed."""
-
-
-class NodeProcessError(IntuitivePhysicsError):
-    """A node's process ended, or did not say what was waited for."""
-
-
-class NodeProcess:
+class NodeProcess(ChildProcess):
     """One node, running, and what it has written so far.
 
     Parameters
@@ -168,6 +158,8 @@ class NodeProcess:
     module : with the node's `main`, such as "intuitive_physics_predictor.nodes.predictor_node"
     arguments : after `--ros-args`, such as ["-p", "rate:=50.0"]
     environment : of the process; None: that of this process
+    first : Python that is executed before the node starts
+    own_group : whether it leads a process group, so that signals reach all that it starts
     """
 
     def __init__(
@@ -176,82 +168,15 @@ class NodeProcess:
         arguments: Sequence[str] = (),
         *,
         environment: Mapping[str, str] | None = None,
+        first: str = "",
+        own_group: bool = False,
     ) -> None:
-        self.module = module
-        self.output = ""
         ros_arguments = ["--ros-args", *arguments] if arguments else []
         # The module is run as the installed executable would run it.
         run = (
-            "from intuitive_physics_ros.lifecycle.start_node import run_module; "
+            f"{first}\n"
+            "from intuitive_physics_ros.lifecycle.start_node import run_module\n"
             f"raise SystemExit(run_module({module!r}))"
         )
-        self.process = subprocess.Popen(
-            [sys.executable, "-u", "-c", run, *ros_arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env=None if environment is None else dict(environment),
-        )
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def wait_for(self, text: str, timeout: float = 20.0) -> None:
-        """Wait until the node has written `text`.
-
-        Raises
-        ------
-        NodeProcessError
-            When it has not after `timeout` seconds, or has ended without.
-        """
-        deadline = time.monotonic() + timeout
-        while text not in self.output:
-            self.check_running()
-            if time.monotonic() > deadline:
-                raise NodeProcessError(
-                    f"{self.module} has not written {text!r} after {timeout:.0f} s, "
-                    f"but:\n{self.output}"
-                )
-            time.sleep(0.02)
-
-    def check_running(self) -> None:
-        """Raise `NodeProcessError` with what the node wrote if it has ended."""
-        code = self.process.poll()
-        if code is not None:
-            self._reader.join(STOP_TIMEOUT)
-            raise NodeProcessError(f"{self.module} ended with code {code}:\n{self.output}")
-
-    def wait(self, timeout: float) -> int:
-        """Wait for the node to end by itself and return its exit code."""
-        try:
-            code = self.process.wait(timeout)
-        except subprocess.TimeoutExpired:
-            raise NodeProcessError(f"{self.module} has not ended after {timeout:.0f} s") from None
-        self._reader.join(STOP_TIMEOUT)
-        return code
-
-    def stop(self, number: int = signal.SIGINT) -> int:
-        """Tell the node to stop, kill it if it does not, and return its exit code."""
-        if self.process.poll() is None:
-            self.process.send_signal(number)
-        try:
-            return self.wait(STOP_TIMEOUT)
-        except NodeProcessError:
-            self.process.kill()
-            return self.wait(STOP_TIMEOUT)
-
-    def _read(self) -> None:
-        lines = self.process.stdout
-        if lines is not None:
-            for line in lines:
-                self.output += line
-
-    def __enter__(self) -> NodeProcess:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.stop()
+        command = [sys.executable, "-u", "-c", run, *ros_arguments]
+        super().__init__(command, name=module, environment=environment, own_group=own_group)

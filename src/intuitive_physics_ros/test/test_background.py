@@ -85,7 +85,7 @@ def test_stopping_leaves_out_what_waits(node):
         background.run(work).send(None)
     assert started.wait(20.0)
     threading.Timer(0.2, release.set).start()
-    background.stop()
+    background.stop(20.0)
     assert done == ["first"]
 
 

@@ -8,9 +8,6 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-
 from hypothesis import given
 from hypothesis import strategies as st
 from std_msgs.msg import Header

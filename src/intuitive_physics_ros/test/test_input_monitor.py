@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-
 from intuitive_physics_ros import monitors
 from intuitive_physics_ros.diagnostics import Level
 from intuitive_physics_ros.monitors import BURST, REPEAT_AFTER, InputMonitor

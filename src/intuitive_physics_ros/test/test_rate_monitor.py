@@ -7,10 +7,11 @@ from intuitive_physics_ros.monitors import RateMonitor
 
 
 def counted(monitor, seconds, rate):
-    """Tell of so much work in so long."""
+    """Report work at a rate for so long, or longer where the machine is busy."""
     monitor.check()
+    begun = time.monotonic()
     time.sleep(seconds)
-    for _ in range(round(seconds * rate)):
+    for _ in range(round((time.monotonic() - begun) * rate)):
         monitor.done(0.002)
 
 

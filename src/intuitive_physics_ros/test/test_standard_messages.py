@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-
 from hypothesis import given
 from hypothesis import strategies as st
 from std_msgs.msg import Header
@@ -46,8 +43,8 @@ def test_the_box_around_a_shape_just_holds_it(shape: Shape, seed: int) -> None:
     assert not any(shape.contains(point) for point in outside)
 
 
+@pytest.mark.needs("vision_msgs")
 def test_detections_have_pose_covariance_size_and_id() -> None:
-    pytest.importorskip("vision_msgs", reason="vision_msgs is not installed")
     crate = SceneObject("crate_1", "wood", Box((0.1, 0.2, 0.3)))
     covariance = np.diag(np.arange(1.0, 13.0))
     state = ObjectState((1, 2, 3), (0.0, 0.6, 0.0, 0.8), (4, 5, 6), (7, 8, 9), covariance)

@@ -6,11 +6,15 @@ import ast
 import os
 import signal
 import stat
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from intuitive_physics.processes import ChildProcess
+
+PATIENCE = 30.0
+"""s to wait for what takes well under one, on a machine that is busy with other things."""
 
 SOURCE = Path(__file__).parents[2]
 
@@ -53,36 +57,28 @@ def executable(tmp_path):
 
 def run(file, *arguments):
     path = os.pathsep.join([str(file.parent), os.environ.get("PYTHONPATH", "")])
-    return subprocess.Popen(
-        [str(file), *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        env={**os.environ, "PYTHONPATH": path},
-    )
+    return ChildProcess([str(file), *arguments], environment={**os.environ, "PYTHONPATH": path})
 
 
 def test_it_runs_the_node_of_its_name(executable):
     process = run(executable())
-    assert process.communicate(timeout=30) == ("", None)
-    assert process.returncode == 3
+    assert process.wait(PATIENCE) == 3
+    assert process.output == ""
 
 
 def test_another_name_is_one_clear_line(executable):
     process = run(executable("other_node"))
-    text, _ = process.communicate(timeout=30)
-    assert process.returncode == 1
-    assert text.startswith("other_node: error: no node has this name; expected one of ")
-    assert "any_node" in text
+    assert process.wait(PATIENCE) == 1
+    assert process.output.startswith("other_node: error: no node has this name; expected one of ")
+    assert "any_node" in process.output
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_while_it_is_imported_ends_it_clean(executable, number):
     process = run(executable(), "--slow")
-    assert process.stdout.readline() == "imports\n"
-    process.send_signal(number)
-    text, _ = process.communicate(timeout=30)
-    assert (process.returncode, text) == (0, "")
+    process.wait_for("imports\n", PATIENCE)
+    assert process.stop(number) == 0
+    assert process.output == "imports\n"
 
 
 def entry_points(setup):

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-import signal
-import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -16,7 +13,6 @@ import pytest
 
 os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import (
@@ -28,6 +24,7 @@ from intuitive_physics_msgs.msg import (
 )
 from intuitive_physics_msgs.srv import Query
 
+from intuitive_physics.processes import ChildProcess
 from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
@@ -45,30 +42,9 @@ PREDICTOR = "intuitive_physics_predictor.nodes.predictor_node"
 SAID = re.compile(r"catch ball at \((.+), (.+), (.+)\) m of lab in (.+) s: (\d+)%")
 
 
-class Client:
-    """The example as a process, and what it says."""
-
-    def __init__(self, *arguments: str) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, str(CLIENT), "--ros-args", *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
-        )
-        self.said = ""
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self) -> None:
-        for line in self.process.stdout or ():
-            self.said += line
-
-    def stop(self) -> int:
-        self.process.send_signal(signal.SIGINT)
-        code = self.process.wait(15.0)
-        self._reader.join(15.0)
-        return code
+def start_client(*arguments: str) -> ChildProcess:
+    """Start the example."""
+    return ChildProcess([sys.executable, str(CLIENT), "--ros-args", *arguments])
 
 
 def test_a_thrown_ball_is_to_be_caught_where_it_will_be() -> None:
@@ -78,7 +54,7 @@ def test_a_thrown_ball_is_to_be_caught_where_it_will_be() -> None:
     ball = SceneObject("ball", "rubber", Sphere(0.05))
     covariance = np.diag([1e-6] * 3 + [0.0] * 3 + [1e-4] * 3 + [1.0] * 3)
     state = ObjectState((0, 0, 1), (0, 0, 0, 1), (1, 0, 2), (0, 0, 0), covariance)
-    client = Client("-p", "center:=[0.5, 0.0, 1.0]", "-p", "size:=[0.6, 0.6, 2.0]")
+    client = start_client("-p", "center:=[0.5, 0.0, 1.0]", "-p", "size:=[0.6, 0.6, 2.0]")
     with NodeProcess(PREDICTOR, ["-p", "stale_after:=5.0"]), Peer("tester", 60.0) as peer:
         try:
             latched = peer.publisher(EnvironmentMessage, "environment", LATCHED)
@@ -91,11 +67,11 @@ def test_a_thrown_ball_is_to_be_caught_where_it_will_be() -> None:
                 states.publish(message)
                 peer.spin_for(1.0 / 60.0)
 
-            peer.spin_until(lambda: len(SAID.findall(client.said)) >= 2 or feed(), "two answers")
+            peer.spin_until(lambda: len(SAID.findall(client.output)) >= 2 or feed(), "two answers")
         finally:
             assert client.stop() == 0
-    assert "Traceback" not in client.said
-    for x, y, z, t, percent in (map(float, one) for one in SAID.findall(client.said)):
+    assert "Traceback" not in client.output
+    for x, y, z, t, percent in (map(float, one) for one in SAID.findall(client.output)):
         assert t >= 0.2
         # The answer is of a prediction that began up to 1/60 s and some ms after the state.
         assert x == pytest.approx(t, abs=0.05)
@@ -106,13 +82,10 @@ def test_a_thrown_ball_is_to_be_caught_where_it_will_be() -> None:
 
 
 def test_without_a_predictor_it_waits_and_ends_clean() -> None:
-    client = Client()
-    deadline = time.monotonic() + 30.0
-    while "nothing is predicted yet" not in client.said:
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    client = start_client()
+    client.wait_for("nothing is predicted yet", 30.0)
     assert client.stop() == 0
-    assert "Traceback" not in client.said
+    assert "Traceback" not in client.output
 
 
 def test_the_example_in_c_uses_names_that_exist() -> None:

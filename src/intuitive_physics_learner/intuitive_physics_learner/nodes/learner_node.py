@@ -64,9 +64,6 @@ LIMITS = frozenset(one.name for one in list_settings(InputLimits))
 EXPORTS = "exports"
 """Folder beside the database below which exports are written by default."""
 
-STOP_PATIENCE = 1.0
-"""s to wait at the end, in all, for observations that wait to be stored, searches and requests."""
-
 
 class LearnerNode(ManagedNode):
     """Stores observations, learns from them on request and in the background, publishes θ_s."""
@@ -117,13 +114,11 @@ class LearnerNode(ManagedNode):
 
     def deactivate(self) -> None:
         """Stop all searches; what was answered is on the disk."""
-        end = time.monotonic() + STOP_PATIENCE
         self._background.stop()
         self._searches.cancel("the node ends, so the search is cancelled")
-        self._observations.stop(STOP_PATIENCE)
+        self._observations.stop(self.patience())
         stopped = [
-            one.stop(max(0.0, end - time.monotonic()))
-            for one in (self._database, self._suggestions, self._searches)
+            one.stop(self.patience()) for one in (self._database, self._suggestions, self._searches)
         ]
         farewell([self._publisher])
         self._all_stopped = all(stopped)

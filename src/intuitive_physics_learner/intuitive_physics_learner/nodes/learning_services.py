@@ -51,9 +51,10 @@ CODES: dict[type[BaseException], int] = {
 DEADLINE = "search_deadline"
 """Name of the node's parameter."""
 
-CANCEL_PATIENCE = 0.3
+CANCEL_PATIENCE = 0.2
 """s from a request to cancel a search to the answer at most. Simulations end within some ms; steps
-of linear algebra of many parameters, or of another machine, can take longer."""
+of linear algebra of many parameters, or of another machine, can take longer, and so does the import
+of a package that the method needs."""
 
 MakeWork = Callable[[LearningOptions], Work]
 """Makes what a job runs from the options of a request."""

@@ -6,8 +6,6 @@ import json
 import os
 import signal
 import sqlite3
-import threading
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -172,7 +170,9 @@ class Goal:
     def __init__(self, peer, options=ENDLESS):
         client = ActionClient(peer.node, LearnParameters, "/learner_node/learn_parameters")
         peer.spin_until(client.server_is_ready, "the action")
-        sent = client.send_goal_async(LearnParameters.Goal(options=options))
+        self.feedback = []
+        goal = LearnParameters.Goal(options=options)
+        sent = client.send_goal_async(goal, feedback_callback=self.feedback.append)
         peer.spin_until(sent.done, "the goal's acceptance")
         self._peer = peer
         self.handle = sent.result()
@@ -193,12 +193,10 @@ def test_a_search_is_cancelled_in_the_midst_of_a_simulation(start, peer):
     assert add(peer, stage(5, duration=590.0)).result.value == ResultCode.OK
     goal = Goal(peer)
     peer.spin_for(0.5)
-    began = time.monotonic()
     goal.handle.cancel_goal_async()
+    # The peer's patience is far more than it takes, and far less than a batch.
     assert goal.result().value == ResultCode.CANCELLED
     assert goal.status == GoalStatus.STATUS_CANCELED
-    # Far more than it takes, far less than a batch.
-    assert time.monotonic() - began < 5.0
 
 
 def test_a_node_ends_in_the_midst_of_a_simulation(start, peer, database):
@@ -254,7 +252,7 @@ def test_values_that_are_given_end_the_search_that_knows_nothing_of_them(start, 
     start()
     add(peer, stage())
     goal = Goal(peer)
-    peer.spin_for(0.3)
+    peer.spin_until(lambda: goal.feedback, "the search")
     given = LearnedParameters.defaults(["box", "floor"])
     answer = peer.call(
         SetStaticParameters,
@@ -282,7 +280,6 @@ def test_a_busy_database_holds_nothing_but_what_needs_it(start, peer, database):
     diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
     other = sqlite3.connect(database, isolation_level=None, check_same_thread=False)
     other.execute("BEGIN IMMEDIATE")
-    threading.Timer(3.0, lambda: other.execute("ROLLBACK")).start()
     waiting = peer.send(SetStaticParameters, name, given)
     peer.spin_for(0.2)
     heard = len(diagnostics)
@@ -292,6 +289,7 @@ def test_a_busy_database_holds_nothing_but_what_needs_it(start, peer, database):
     assert not waiting.done()
     peer.spin_until(lambda: len(diagnostics) >= heard + 2, "diagnostics")
     assert not waiting.done()
+    other.execute("ROLLBACK")
     peer.spin_until(waiting.done, "the answer")
     assert waiting.result().result.value == ResultCode.OK
     other.close()

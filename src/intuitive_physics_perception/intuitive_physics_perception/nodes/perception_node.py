@@ -68,9 +68,6 @@ KEPT_STAMPS = 20_000
 """Frames whose exact stamps are kept, ten minutes at 30 a second: observations begin at one of them
 and come out when their motion is over."""
 
-STOP_PATIENCE = 0.8
-"""s to wait at the end for the frame under way."""
-
 PARAMETERS = [
     Parameter(
         "input",
@@ -187,7 +184,7 @@ class PerceptionNode(ManagedNode):
 
     def deactivate(self) -> None:
         """Stop the worker and publish what it had under way; the environment stays known."""
-        if self._input.stop(STOP_PATIENCE):
+        if self._input.stop(self.patience()):
             self._publish_observations(self._pipeline.finish())
         else:
             self.get_logger().warning("the frame under way did not end in time and is left behind")

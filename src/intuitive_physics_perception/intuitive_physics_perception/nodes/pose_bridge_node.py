@@ -73,9 +73,6 @@ TIMEOUT = 2.0
 WAITING = 1000
 """Poses that may wait to be handled."""
 
-STOP_PATIENCE = 0.8
-"""s to wait at the end for the pose under way."""
-
 PARAMETERS = (
     Parameter(
         "input",
@@ -191,7 +188,7 @@ class PoseBridgeNode(ManagedNode):
 
     def deactivate(self) -> None:
         """Stop the worker and publish what moved; where objects were is forgotten."""
-        if self._worker.stop(STOP_PATIENCE):
+        if self._worker.stop(self.patience()):
             self._publish_observations(self._tracker.finish())
         else:
             self.get_logger().warning("the pose under way did not end in time and is left behind")

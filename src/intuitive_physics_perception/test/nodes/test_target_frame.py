@@ -10,9 +10,6 @@ import pytest
 
 os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-pytest.importorskip("tf2_ros", reason="tf2_ros is not installed")
-pytest.importorskip("vision_msgs", reason="vision_msgs is not installed")
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
@@ -45,6 +42,8 @@ from .camera_messages import (
     play_until,
     throw,
 )
+
+pytestmark = pytest.mark.needs("tf2_msgs", "tf2_ros", "vision_msgs")
 
 MODULE = "intuitive_physics_perception.nodes.perception_node"
 NODE = "/perception_node"

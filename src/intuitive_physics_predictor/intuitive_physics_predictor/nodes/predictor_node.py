@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -51,14 +50,6 @@ from intuitive_physics_ros.parameters import (
 from intuitive_physics_ros.qos import LATCHED, QOS_OVERRIDES, SENSOR_DATA
 from intuitive_physics_ros.topics import ENVIRONMENT, OBJECT_STATES, STATIC_PARAMETERS
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
-
-SWITCH_INTERVAL = 5e-4
-"""s after which a waiting thread gets Python; the default is 5 ms. Making markers takes several
-ms, a tick must not wait for it. Our choice."""
-
-
-STOP_PATIENCE = 0.5
-"""s to wait at the end for the prediction under way, and as long for the request under way."""
 
 OPTIONS = frozenset(option.name for option in fields(PredictionOptions))
 """Names of the parameters that are options of the library."""
@@ -140,7 +131,7 @@ class PredictorNode(ManagedNode):
 
     def deactivate(self) -> None:
         """Stop predicting; inputs so far are kept."""
-        stopped = [one.stop(STOP_PATIENCE) for one in (self._ticks, self._answers)]
+        stopped = [one.stop(self.patience()) for one in (self._ticks, self._answers)]
         if not all(stopped):
             self.get_logger().warning("what was predicted did not stop in time and is left behind")
             # Its thread still owns the predictor.
@@ -274,5 +265,4 @@ def settings_from_parameters(values: dict[str, Any]) -> PredictionSettings:
 
 def main() -> int:
     """Run the node until a signal stops it."""
-    sys.setswitchinterval(SWITCH_INTERVAL)
     return run_node(PredictorNode)

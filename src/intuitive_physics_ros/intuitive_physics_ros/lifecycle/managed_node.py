@@ -16,6 +16,7 @@ Unless its parameter `autostart` is false, a node leads itself into the active s
 from __future__ import annotations
 
 import gc
+import time
 from collections.abc import Callable, Iterable
 from itertools import chain
 from typing import Any
@@ -46,6 +47,10 @@ AUTOSTART = Parameter(
 
 LAST_ANSWERS = 0.2
 """s after deactivation for which services are still there, to refuse what was asked before."""
+
+STOP_PATIENCE = 0.5
+"""s that a deactivation waits for its threads at most, all together. Meanwhile the node answers
+nobody, and with the farewell to subscribers that must stay well below a second."""
 
 CLOCK = "/clock"
 """End of the topic of simulated time, whose subscription is rclpy's own."""
@@ -80,6 +85,7 @@ class ManagedNode(AnsweringLifecycleNode):
         self._declared = declare_parameters(self, [AUTOSTART, *parameters])
         self.configured = self.active = False
         self._failure: Exception | None = None
+        self._patient_until = 0.0
         self._lasting: set[Any] = set()
         self._leaving: list[Service | ActionServer] = []
         self._leave_timer: Timer | None = None
@@ -102,6 +108,10 @@ class ManagedNode(AnsweringLifecycleNode):
     def cleanup(self) -> None:
         """Close files and forget what is known."""
         raise NotImplementedError
+
+    def patience(self) -> float:
+        """Return the s that `deactivate` may still wait for threads."""
+        return max(0.0, self._patient_until - time.monotonic())
 
     def values(self) -> dict[str, Any]:
         """Return the parameters by their names."""
@@ -148,10 +158,7 @@ class ManagedNode(AnsweringLifecycleNode):
             self._destroy_what_came()
             return failed
         self.active = True
-        # What lives as long as the node need not be looked at by each collection, which would take
-        # longer than a tick may be late.
-        gc.collect()
-        gc.freeze()
+        _spare_collections()
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -194,7 +201,7 @@ class ManagedNode(AnsweringLifecycleNode):
     def _deactivate(self) -> None:
         if self.active:
             self.active = False
-            gc.unfreeze()
+            self._patient_until = time.monotonic() + STOP_PATIENCE
             self.deactivate()
             self._destroy_what_came()
 
@@ -222,6 +229,17 @@ class ManagedNode(AnsweringLifecycleNode):
         if self.active:
             return Status(Level.OK, "active")
         return Status(Level.OK, "inactive" if self.configured else "unconfigured")
+
+
+def _spare_collections() -> None:
+    """Exempt what lives as long as the process from garbage collection, once in its life.
+
+    A collection that looks at all modules and kernels takes 0.1 s of a processor and holds every
+    thread: longer than a tick may be late, and several times as long on a busy machine.
+    """
+    if gc.get_freeze_count() == 0:
+        gc.collect()
+        gc.freeze()
 
 
 def _entities(node: Node) -> list[Any]:

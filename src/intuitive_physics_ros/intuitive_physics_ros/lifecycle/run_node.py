@@ -31,6 +31,7 @@ from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 
 from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.processes.segments import remove_abandoned_segments
 from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
 from intuitive_physics_ros.lifecycle.start_node import STOP_SIGNALS
 from intuitive_physics_ros.parameters import unknown_overrides
@@ -48,7 +49,12 @@ STOP_LIMIT = 1.7
 """s from the first signal after which the process ends whatever it is doing. Nodes promise to end
 within 2 s; the rest is for a busy machine."""
 
-FAREWELL_LIMIT = 0.5
+SWITCH_INTERVAL = 5e-4
+"""s after which a waiting thread gets Python; the default is 5 ms. A callback needs it again after
+each call of the middleware, so beside a thread that computes or imports it would wait for it many
+times, and a tick must not wait that long. Our choice."""
+
+FAREWELL_LIMIT = 0.3
 """s that subscribers have at the end to acknowledge what was published last."""
 
 
@@ -76,8 +82,10 @@ def run_node(factory: Callable[[], Node], args: Sequence[str] | None = None) -> 
         error explains.
     """
     stop = StopSignal()
+    sys.setswitchinterval(SWITCH_INTERVAL)
     _ensure_log_folder()
     try:
+        freed = remove_abandoned_segments()
         rclpy.init(
             args=with_earlier_remappings(sys.argv if args is None else args),
             signal_handler_options=SignalHandlerOptions.NO,
@@ -96,6 +104,10 @@ def run_node(factory: Callable[[], Node], args: Sequence[str] | None = None) -> 
         return _explain(error)
     try:
         _warn_of_unknown_overrides(node)
+        if freed:
+            node.get_logger().info(
+                f"removed {freed / 1e6:.0f} MB of shared memory of processes that were killed"
+            )
         _spin(node, stop)
     finally:
         node.destroy_node()

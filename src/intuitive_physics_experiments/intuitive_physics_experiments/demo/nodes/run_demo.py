@@ -16,6 +16,7 @@ from intuitive_physics_msgs.msg import Environment
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.observation import Observation
+from intuitive_physics.processes import guard_run
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_cli.evaluation.prediction_case import predict_cases
 from intuitive_physics_experiments.demo.demo_result import (
@@ -94,6 +95,7 @@ class Seen:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the demo; the last line printed is JSON. Returns the exit code."""
+    guard_run()
     options = _options(arguments)
     progress = Progress()
     try:

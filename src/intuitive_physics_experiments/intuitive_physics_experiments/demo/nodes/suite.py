@@ -148,7 +148,7 @@ def replay(bag: Path, rate: float, suite: Suite, peer: Peer, progress: Progress)
     arguments += ["-p", f"wait_for_subscribers:=[{DEPTH_TOPIC}]"]
     with NodeProcess(REPLAY_MODULE, arguments) as player:
         start = time.monotonic()
-        while player.process.poll() is None:
+        while player.is_running:
             peer.spin_for(0.1)
             suite.check()
             progress.bar(time.monotonic() - start, duration + 1.0)

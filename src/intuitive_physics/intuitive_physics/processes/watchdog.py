@@ -1,0 +1,110 @@
+"""Watches a run from outside, and ends what it has started when it ends, whatever ended it.
+
+`guard_run` starts it as a program.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from intuitive_physics.processes.segments import remove_abandoned_segments
+
+GRACE = 1.0
+"""s that a run has after SIGTERM to end what it has started in good order."""
+
+SETTLED = 0.2
+"""s that a living process has at most to lock a segment that it has just made."""
+
+ENDING = 5.0
+"""s within which processes that were killed have to be gone; some wait for a disk."""
+
+
+def main() -> None:
+    """Watch until the run has ended, then kill what is left of it and free its shared memory."""
+    mark, run, signals, *makes = sys.argv[1:]
+    _await_end(int(run), int(signals), [int(make) for make in makes])
+    _end_all(mark.encode())
+    time.sleep(SETTLED)
+    remove_abandoned_segments(settled=SETTLED)
+
+
+def _await_end(run: int, signals: int, makes: list[int]) -> None:
+    """Wait for the end of a run.
+
+    A run that has got SIGTERM, or whose `make` has ended before it, is killed after `GRACE`.
+
+    Parameters
+    ----------
+    run, makes : file descriptors of processes
+    signals : file descriptor that the numbers of the run's signals come from
+    """
+    deadline = None
+    poll = select.poll()
+    for watched in (run, signals, *makes):
+        poll.register(watched, select.POLLIN)
+    while True:
+        left = None if deadline is None else 1e3 * max(0.0, deadline - time.monotonic())
+        ready = [watched for watched, _ in poll.poll(left)]
+        if run in ready:
+            return
+        if deadline is not None and time.monotonic() >= deadline:
+            _send(run, signal.SIGKILL)
+        is_ending = False
+        for watched in ready:
+            if watched == signals:
+                arrived = os.read(signals, 4096)
+                is_ending |= signal.SIGTERM in arrived
+                if arrived:
+                    continue
+            else:
+                _send(run, signal.SIGTERM)
+            poll.unregister(watched)
+        if is_ending and deadline is None:
+            deadline = time.monotonic() + GRACE
+
+
+def _send(process: int, number: int) -> None:
+    with suppress(ProcessLookupError):
+        signal.pidfd_send_signal(process, number)
+
+
+def _end_all(mark: bytes) -> None:
+    """Kill every process whose environment has the mark, until there is none."""
+    end = time.monotonic() + ENDING
+    while time.monotonic() < end:
+        marked = list(_marked(mark))
+        if not marked:
+            return
+        for process in marked:
+            _send(process, signal.SIGKILL)
+            os.close(process)
+        time.sleep(0.02)
+
+
+def _marked(mark: bytes) -> Iterator[int]:
+    """Give a file descriptor of each process that has the mark and has not ended."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            # Opened before it is looked at: its number may be another's afterwards.
+            process = os.pidfd_open(int(folder.name))
+        except OSError:
+            continue
+        try:
+            found = mark in (folder / "environ").read_bytes()
+        except OSError:  # it has ended, or belongs to another user
+            found = False
+        if found:
+            yield process
+        else:
+            os.close(process)
+
+
+if __name__ == "__main__":
+    main()

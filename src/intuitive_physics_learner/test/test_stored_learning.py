@@ -85,7 +85,7 @@ def test_a_search_that_is_killed_again_and_again_ends_as_if_it_had_not(
         begun.append(int(learner.output.split()[0]))
         if life < kills:
             with ObservationStore(path) as store:
-                while not saved_searches(store) and learner.poll() is None:
+                while not saved_searches(store) and learner.is_running:
                     time.sleep(0.005)
             time.sleep(generator.uniform(0.0, 0.1))
             learner.send_signal(signal.SIGKILL)

@@ -14,6 +14,9 @@ from typing import TypeVar
 
 from intuitive_physics.errors import IntuitivePhysicsError
 
+PATIENCE = 60.0
+"""s to wait for what takes a few at most, on a machine that is busy with other things."""
+
 STOP_TIMEOUT = 15.0
 """s that a process has to end by itself before it is killed."""
 
@@ -84,7 +87,7 @@ class ChildProcess:
         """Whether it has not ended."""
         return self.process.poll() is None
 
-    def wait_for(self, text: str, timeout: float = 20.0, count: int = 1) -> None:
+    def wait_for(self, text: str, timeout: float = PATIENCE, count: int = 1) -> None:
         """Wait until it has written `text`, `count` times.
 
         Raises
@@ -112,7 +115,7 @@ class ChildProcess:
             self._reader.join(READ_TIMEOUT)
             raise ProcessFailedError(f"{self.name} ended with code {code}:\n{self.output}")
 
-    def wait(self, timeout: float = STOP_TIMEOUT) -> int:
+    def wait(self, timeout: float = PATIENCE) -> int:
         """Wait for it to end by itself and return its exit code.
 
         Raises

@@ -14,6 +14,7 @@ import numpy as np
 from rcl_interfaces.srv import GetParameters
 
 from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.processes.child_process import LONGEST
 from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
@@ -39,6 +40,7 @@ class Nodes:
     folder : for the learner's database
     peer : that pings them
     arguments : of their command lines after `--ros-args`, by their names
+    longest : s for which a node runs at most
     """
 
     def __init__(
@@ -46,7 +48,9 @@ class Nodes:
         folder: Path,
         peer: Peer,
         arguments: Mapping[str, Sequence[str]] = MappingProxyType({}),
+        longest: float = LONGEST,
     ) -> None:
+        self._longest = longest
         self._arguments = arguments
         self.database = folder / "learner.sqlite3"
         self.deaths: list[str] = []
@@ -101,7 +105,7 @@ class Nodes:
         arguments = [*self._arguments.get(name, ())]
         if name == LEARNER:
             arguments += ["-p", f"database:={self.database}"]
-        process = NodeProcess(module(name), arguments)
+        process = NodeProcess(module(name), arguments, longest=self._longest)
         self.processes[name] = self._stack.enter_context(process)
 
     def __enter__(self) -> Nodes:

@@ -9,6 +9,7 @@ from pathlib import Path
 from benchmarks.command import report_progress
 from benchmarks.torture.nodes import megabytes
 from benchmarks.torture.suite import Suite, rate_of, running_suite
+from intuitive_physics.processes.child_process import LONGEST
 
 MINUTE = 60.0
 """s."""
@@ -65,7 +66,7 @@ def measure_soak(folder: Path, minutes: float, seed: int) -> Soak:
     seed : of the throws
     """
     found = Soak(minutes=minutes)
-    with running_suite(folder, seed) as suite:
+    with running_suite(folder, seed, longest=2.0 * minutes * MINUTE + LONGEST) as suite:
         first = suite.camera.frames
         end = time.monotonic() + minutes * MINUTE
         while time.monotonic() < end:

@@ -16,6 +16,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from benchmarks.perception.end_to_end import states_stamp
 from benchmarks.torture.camera import PERCEPTION_ARGUMENTS, Camera
 from benchmarks.torture.nodes import LEARNER, PERCEPTION, PREDICTOR, Nodes
+from intuitive_physics.processes.child_process import LONGEST
 from intuitive_physics_ros.scripting import Peer
 from intuitive_physics_ros.topics import PREDICTIONS
 
@@ -123,7 +124,9 @@ class Suite:
 
 
 @contextmanager
-def running_suite(folder: Path, seed: int, *, has_clock: bool = False) -> Iterator[Suite]:
+def running_suite(
+    folder: Path, seed: int, *, has_clock: bool = False, longest: float = LONGEST
+) -> Iterator[Suite]:
     """Start everything, and go on when the first prediction has come.
 
     Parameters
@@ -131,6 +134,7 @@ def running_suite(folder: Path, seed: int, *, has_clock: bool = False) -> Iterat
     folder : for the database and the rendered throws
     seed : of the throws
     has_clock : whether the nodes take their time from the camera's /clock
+    longest : s for which a node runs at most
 
     Raises
     ------
@@ -143,7 +147,7 @@ def running_suite(folder: Path, seed: int, *, has_clock: bool = False) -> Iterat
     with Camera(folder, seed, has_clock=has_clock) as camera, Peer("torturer", 60.0) as peer:
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics", 100)
         predictions = Predictions(peer)
-        with Nodes(folder, peer, arguments) as nodes:
+        with Nodes(folder, peer, arguments, longest) as nodes:
             if not predictions.wait(camera.time, START_TIMEOUT):
                 said = "\n".join(process.output for process in nodes.processes.values())
                 raise RuntimeError(

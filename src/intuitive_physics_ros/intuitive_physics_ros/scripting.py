@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any
 
@@ -157,9 +157,8 @@ class NodeProcess(ChildProcess):
     ----------
     module : with the node's `main`, such as "intuitive_physics_predictor.nodes.predictor_node"
     arguments : after `--ros-args`, such as ["-p", "rate:=50.0"]
-    environment : of the process; None: that of this process
     first : Python that is executed before the node starts
-    own_group : whether it leads a process group, so that signals reach all that it starts
+    options : of `ChildProcess`
     """
 
     def __init__(
@@ -167,9 +166,8 @@ class NodeProcess(ChildProcess):
         module: str,
         arguments: Sequence[str] = (),
         *,
-        environment: Mapping[str, str] | None = None,
         first: str = "",
-        own_group: bool = False,
+        **options: Any,
     ) -> None:
         ros_arguments = ["--ros-args", *arguments] if arguments else []
         # The module is run as the installed executable would run it.
@@ -179,4 +177,4 @@ class NodeProcess(ChildProcess):
             f"raise SystemExit(run_module({module!r}))"
         )
         command = [sys.executable, "-u", "-c", run, *ros_arguments]
-        super().__init__(command, name=module, environment=environment, own_group=own_group)
+        super().__init__(command, name=module, **options)

@@ -39,6 +39,9 @@ def started(tmp_path, monkeypatch):
         path.chmod(0o755)
     monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setenv("TMPDIR", str(temporary))
+    # As from a shell, not from the make that may run this test.
+    for name in ("MAKELEVEL", "MAKEFLAGS"):
+        monkeypatch.delenv(name, raising=False)
 
     def start(alone: str) -> subprocess.Popen[str]:
         main = tmp_path / "main"

@@ -336,8 +336,10 @@ def truncated_normal_quantiles(
     mirrored = low + high > 0.0
     below, above = np.where(mirrored, -high, low), np.where(mirrored, -low, high)
     part = np.where(mirrored, 1.0 - shares, shares)
-    first = ndtr(below)
-    places = np.asarray(ndtri(first + part * (ndtr(above) - first)))
+    mass = ndtr(above) - ndtr(below)
+    lower_tail, upper_tail = ndtr(below) + part * mass, ndtr(-above) + (1.0 - part) * mass
+    # Of the two tails the smaller is exact.
+    places = np.where(lower_tail < upper_tail, ndtri(lower_tail), -ndtri(upper_tail))
     far = (above < FAR) & ~flat
     if far.any():
         with np.errstate(divide="ignore"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import truncexpon, truncnorm
@@ -21,6 +21,7 @@ deviation = st.floats(1e-3, 1e3)
 
 
 @given(st.floats(-10.0, 10.0), deviation, reach, reach)
+@example(0.0, 0.125, 1.0, 1.0)
 def test_quantiles_are_those_of_scipy(mean, sigma, below, above):
     found = truncated_normal_quantiles(SHARES, mean, sigma, mean - below, mean + above)
     truth = truncnorm.ppf(SHARES, -below / sigma, above / sigma, mean, sigma)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -37,6 +37,7 @@ def test_where_nothing_is_to_be_found_most_fits_go_nowhere():
 
 
 @given(GAINS, st.integers(1, 5), st.floats(1e-3, 1e3))
+@example(np.array([4e-160, 3e-160]), 1, 0.002)
 def test_it_is_a_share_whatever_the_unit_of_the_score(gains, numbers, unit):
     share = share_beyond_chance(gains, numbers)
     assert 0.0 <= share <= 1.0

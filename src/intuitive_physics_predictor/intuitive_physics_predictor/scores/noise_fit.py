@@ -272,8 +272,12 @@ def share_beyond_chance(gains: ArrayLike, numbers: int) -> float:
         raise InvalidInputError(
             f"{numbers} numbers were fitted to {len(gained)} outcomes; expected at least one each"
         )
+    largest = float(np.abs(gained).max())
+    if len(gained) < 2 or largest == 0.0:
+        return 0.0
+    gained = gained / largest  # the squares of very small gains are zero
     mean = float(gained.mean())
-    if len(gained) < 2 or mean <= 0.0:
+    if mean <= 0.0:
         return 0.0
     by_chance = numbers * float(gained.var(ddof=1)) / len(gained)
     found = 4.0 * mean**2

@@ -21,7 +21,7 @@ run_environment = \
 pytest = .venv/bin/pytest -p no:dash
 
 # Tests of libraries, and of one node each, share nothing but the machine: files of them run side by
-# side, in the order of conftest.py. Those of the whole system time it.
+# side, in the order of conftest.py. The long ones of the whole system have it for themselves.
 one_thread = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 side_by_side = --numprocesses=auto --maxprocesses=4 --dist=loadfile --no-loadscope-reorder
 
@@ -59,16 +59,16 @@ test: setup ## Lint, test the libraries, test the nodes and the whole system
 	if [ -n "$$failed" ]; then echo "failed:$$failed"; exit 1; fi; \
 	echo "all tests passed"
 
-library-tests: setup ## Only test what knows nothing of ROS; options="-m needs"
+library-tests: setup ## Only test what knows nothing of ROS; only=needs for those with this mark
 	@echo "── library tests"
-	@$(one_thread) $(pytest) $(side_by_side) $(library_tests) $(options)
+	@$(one_thread) $(pytest) $(side_by_side) $(library_tests) $(if $(only),-m "$(only)") $(options)
 
-system-tests: setup ## Only test nodes, as processes that talk over DDS; options="-m needs"
+system-tests: setup ## Only test nodes, as processes that talk over DDS; only=needs as well
 	@echo "── system tests"
 	@failed=0; \
-	$(run_environment) $(pytest) $(side_by_side) $(addsuffix /test,$(ros_packages)) $(node_tests) \
-		$(options) || failed=1; \
-	$(run_environment) $(pytest) test $(options) || failed=1; \
+	$(run_environment) $(pytest) $(side_by_side) $(addsuffix /test,$(ros_packages)) $(node_tests) test \
+		-m "$(if $(only),$(only) and )not long" $(options) || failed=1; \
+	$(run_environment) $(pytest) test -m "$(if $(only),$(only) and )long" $(options) || failed=1; \
 	exit $$failed
 
 test-oldest: ## Test the libraries with the versions of Ubuntu 24.04, in build/oldest

@@ -17,7 +17,7 @@ MAKEFILE = """\
 test:
 \t@echo alone in $(CURDIR); ls ..; {alone}
 library-tests:
-\t@echo libraries $(options); false
+\t@echo libraries $(only) $(options); false
 system-tests:
 \t@echo "===== 3 passed in 0.10s ====="
 """
@@ -75,7 +75,7 @@ def test_a_red_stage_hides_no_other(started, tmp_path):
     assert lines[lines.index("clone") + 1].startswith("make: ***")
     assert "shared" not in lines[: lines.index("── ci: tools")]
     assert "tools into " in said
-    assert "libraries -m needs --deselect=test/test_torture.py" in said
+    assert "libraries needs --deselect=test/test_torture.py" in said
     assert "===== 3 passed in 0.10s =====" in lines[-3:]
     assert lines[-1] == "ci: failed: alone needs"
     assert {path.stem for path in (tmp_path / "main/build/ci").iterdir()} == {

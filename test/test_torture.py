@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 DISK_FULL = "disk_full"
 """The fault that only root can bring about."""
 
-pytestmark = [pytest.mark.long, pytest.mark.timeout(960)]
+pytestmark = [pytest.mark.long, pytest.mark.timeout(1860)]
 
 
 @pytest.fixture(scope="module")

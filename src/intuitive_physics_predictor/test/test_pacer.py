@@ -82,6 +82,16 @@ def test_a_tick_that_takes_a_little_too_long_delays_the_next_one_only(paced):
     assert ticks.late[3] < 0.19
 
 
+def test_ticks_are_due_one_after_another_though_urgent_work_takes_long(paced):
+    # Work of 2.3 periods ends 1.3 periods after the tick that it brings forward was due.
+    ticks = Ticks(6)
+    pacer = paced(ticks, 10.0)
+    while not ticks.is_done():
+        pacer.post(lambda: time.sleep(0.23), urgent=True)
+        time.sleep(0.3)
+    assert np.diff(ticks.due).min() > 0.0
+
+
 def test_the_rate_may_change(paced):
     ticks = Ticks(12)
     pacer = paced(ticks, 0.1)

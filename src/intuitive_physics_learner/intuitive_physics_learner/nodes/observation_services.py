@@ -7,6 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from copy import copy
 from pathlib import Path
 from typing import Any
@@ -396,6 +397,8 @@ def folder_below(folder: str, top: Path) -> Path:
     """
     try:
         found = (top / Path(folder).expanduser()).resolve()
+        with suppress(FileNotFoundError):
+            found.stat()  # resolving a loop of links is an error up to Python 3.12 only
         below = found.is_relative_to(top.resolve())
     except (OSError, RuntimeError, ValueError) as error:
         raise InvalidInputError(f"folder is {folder!r}, which leads nowhere: {error}") from None

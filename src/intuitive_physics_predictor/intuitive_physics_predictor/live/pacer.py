@@ -104,8 +104,7 @@ class Pacer:
         while not self._is_over(period):
             due = start + number * period
             if self._wait_until(due - period if early else due, period):
-                # What follows urgent work is no later than that.
-                self._tick(0.0 if early else time.monotonic() - due, left_out)
+                self._tick(max(0.0, time.monotonic() - due), left_out)
                 behind = time.monotonic() - due - period
                 left_out = max(0, math.floor(behind / period - LATEST) + 1)
                 number += 1 + left_out

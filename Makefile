@@ -23,7 +23,10 @@ pytest = .venv/bin/pytest -p no:dash
 # Tests of libraries, and of one node each, share nothing but the machine: files of them run side by
 # side, in the order of conftest.py. The long ones of the whole system have it for themselves.
 one_thread = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
-side_by_side = --numprocesses=auto --maxprocesses=4 --dist=loadfile --no-loadscope-reorder
+side_by_side = --maxprocesses=4 --dist=loadfile --no-loadscope-reorder
+
+# Tests of nodes wait most of the time.
+node_workers = $(shell echo $$(( $$(nproc) + 1 )))
 
 python_packages = $(dir $(wildcard src/*/setup.py))
 node_tests = $(wildcard src/*/test/nodes)
@@ -61,19 +64,19 @@ test: setup ## Lint, test the libraries, test the nodes and the whole system
 
 library-tests: setup ## Only test what knows nothing of ROS; only=needs for those with this mark
 	@echo "── library tests"
-	@$(one_thread) $(pytest) $(side_by_side) $(library_tests) $(if $(only),-m "$(only)") $(options)
+	@$(one_thread) $(pytest) --numprocesses=auto $(side_by_side) $(library_tests) $(if $(only),-m "$(only)") $(options)
 
 system-tests: setup ## Only test nodes, as processes that talk over DDS; only=needs as well
 	@echo "── system tests"
 	@failed=0; \
-	$(run_environment) $(pytest) $(side_by_side) $(addsuffix /test,$(ros_packages)) $(node_tests) test \
+	$(run_environment) $(pytest) --numprocesses=$(node_workers) $(side_by_side) $(addsuffix /test,$(ros_packages)) $(node_tests) test \
 		-m "$(if $(only),$(only) and )not long" $(options) || failed=1; \
 	$(run_environment) $(pytest) test -m "$(if $(only),$(only) and )long" $(options) || failed=1; \
 	exit $$failed
 
 test-oldest: ## Test the libraries with the versions of Ubuntu 24.04, in build/oldest
 	@tools/system_packages.sh && tools/oldest.sh
-	@$(one_thread) build/oldest/venv/bin/pytest -p no:dash $(side_by_side) $(library_tests)
+	@$(one_thread) build/oldest/venv/bin/pytest -p no:dash --numprocesses=auto $(side_by_side) $(library_tests)
 
 house: ## Measure the source tree; options="--details KEY" lists what is behind a number
 	@python3 -m tools.house $(options)

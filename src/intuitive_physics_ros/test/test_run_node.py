@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 import time
+import uuid
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -204,6 +205,17 @@ def test_runs_without_home(start, tmp_path):
     node.wait_for("ready")
     assert node.stop(signal.SIGINT) == 0, node.output
     assert list(tmp_path.glob("logs/*.log"))
+
+
+def test_removes_shared_memory_of_what_was_killed(start):
+    # As Fast DDS names a segment, and the file that its process holds the lock of.
+    name = f"fastrtps_{uuid.uuid4().hex[:16]}"
+    files = [Path("/dev/shm") / name, Path("/dev/shm") / f"{name}_el"]
+    for file in files:
+        file.write_bytes(b"x")
+        os.utime(file, (time.time() - 60.0,) * 2)
+    start().wait_for("ready")
+    assert not [file for file in files if file.exists()]
 
 
 @pytest.mark.parametrize("home", ["home", "file"])

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from intuitive_physics.processes import ChildProcess, ProcessFailedError, segments
+from intuitive_physics.processes import ChildProcess, ProcessFailedError, segments, watchdog
 
 PATIENCE = 30.0
 """s to wait for what takes well under one, on a machine that is busy with other things."""
@@ -173,6 +173,37 @@ def test_only_segments_that_nobody_holds_are_removed(shared_memory, tmp_path):
         )
         assert segments.remove_abandoned_segments(ports=True, settled=0.0) == 4000
     assert sorted(file.name for file in tmp_path.iterdir()) == [living, f"{living}_el", "other"]
+
+
+def test_a_segment_without_a_lock_is_removed_once_it_is_old(shared_memory, tmp_path):
+    shared_memory(f"fastrtps_{'a' * 16}").unlink()
+    shared_memory(f"fastrtps_{'b' * 16}", age=0.0).unlink()
+    assert segments.remove_abandoned_segments() == 1000
+    assert [file.name for file in tmp_path.iterdir()] == [f"fastrtps_{'b' * 16}"]
+
+
+HOLD = """
+import fcntl, sys, time, numpy
+lock = open(sys.argv[1], "w")
+fcntl.flock(lock, fcntl.LOCK_EX)
+memory = numpy.ones(100_000_000)
+print("up", flush=True)
+time.sleep(60)
+"""
+
+
+def test_a_process_that_is_ending_holds_its_locks_and_is_waited_for(tmp_path):
+    # A process that is killed has no environment at once; its files are closed after its memory,
+    # here 0.8 GB, is free.
+    lock, mark = tmp_path / "lock", uuid.uuid4().hex
+    environment = {**os.environ, "CUT_OFF": mark}
+    child = ChildProcess([sys.executable, "-c", HOLD, str(lock)], environment=environment)
+    child.wait_for("up", PATIENCE)
+    child.send_signal(signal.SIGKILL)
+    watchdog.end_all(mark.encode())
+    with lock.open() as held:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    child.wait()
 
 
 def test_without_shared_memory_nothing_is_removed(monkeypatch, tmp_path):

@@ -14,7 +14,7 @@ import os
 import re
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 FOLDER = Path("/dev/shm")
@@ -56,19 +56,27 @@ def remove_abandoned_segments(*, ports: bool = False, settled: float = SETTLED) 
 
 @contextmanager
 def _abandoned(segment: Path, settled: float) -> Iterator[list[Path]]:
-    """Hold the lock of a segment, and give the files that belong to it; none if it is in use."""
+    """Hold the lock of a segment, and give the files that belong to it; none if it is in use.
+
+    The lock is made before its segment. One segment has none: that by which a participant that
+    starts measures what an allocation takes, for a millisecond.
+    """
     lock = segment.with_name(f"{segment.name}_el")
-    status = lock.stat()
+    mutex = segment.with_name(f"sem.{segment.name}_mutex")
+    try:
+        status = lock.stat()
+    except FileNotFoundError:
+        status = segment.stat()
     if status.st_uid != os.getuid() or time.time() - status.st_mtime < settled:
         yield []
         return
-    with lock.open() as held:
-        try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            yield []
-            return
-        mutex = segment.with_name(f"sem.{segment.name}_mutex")
+    with ExitStack() as held:
+        if lock.exists():
+            try:
+                fcntl.flock(held.enter_context(lock.open()), fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                yield []
+                return
         yield [file for file in (segment, mutex, lock) if file.exists()]
 
 

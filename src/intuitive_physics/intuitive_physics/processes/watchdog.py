@@ -25,13 +25,18 @@ SETTLED = 0.2
 ENDING = 5.0
 """s within which processes that were killed have to be gone; some wait for a disk."""
 
+EXITING = 0x4
+"""PF_EXITING, among the flags of a process in proc(5): it is ending, and still holds its locks."""
+
 
 def main() -> None:
     """Watch until the run has ended, then kill what is left of it and free its shared memory."""
     mark, run, signals, *makes = sys.argv[1:]
     _await_end(int(run), int(signals), [int(make) for make in makes])
-    _end_all(mark.encode())
+    end_all(mark.encode())
     time.sleep(SETTLED)
+    # A process that was starting a program when it was looked at showed no environment.
+    end_all(mark.encode())
     remove_abandoned_segments(settled=SETTLED)
 
 
@@ -75,33 +80,41 @@ def _send(process: int, number: int) -> None:
         signal.pidfd_send_signal(process, number)
 
 
-def _end_all(mark: bytes) -> None:
-    """Kill every process whose environment has the mark, until there is none."""
+def end_all(mark: bytes) -> None:
+    """Kill every process whose environment has the mark, until none has it and none is ending.
+
+    A process that is ending has no environment any more, but still its open files, and so the locks
+    of its shared memory.
+    """
     end = time.monotonic() + ENDING
     while time.monotonic() < end:
-        marked = list(_marked(mark))
-        if not marked:
+        found = list(_marked_or_exiting(mark))
+        if not found:
             return
-        for process in marked:
-            _send(process, signal.SIGKILL)
+        for process, is_marked in found:
+            if is_marked:
+                _send(process, signal.SIGKILL)
+        for process, _ in found:
+            select.select([process], [], [], max(0.0, end - time.monotonic()))
             os.close(process)
-        time.sleep(0.02)
 
 
-def _marked(mark: bytes) -> Iterator[int]:
-    """Give a file descriptor of each process that has the mark and has not ended."""
+def _marked_or_exiting(mark: bytes) -> Iterator[tuple[int, bool]]:
+    """Give a file descriptor of each process with the mark or that is ending, and if it has it."""
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             # Opened before it is looked at: its number may be another's afterwards.
             process = os.pidfd_open(int(folder.name))
         except OSError:
             continue
-        try:
-            found = mark in (folder / "environ").read_bytes()
-        except OSError:  # it has ended, or belongs to another user
-            found = False
-        if found:
-            yield process
+        is_marked = is_exiting = False
+        with suppress(OSError):  # it is ending, or belongs to another user
+            is_marked = mark in (folder / "environ").read_bytes()
+        with suppress(OSError):  # it has ended
+            flags = (folder / "stat").read_text().rpartition(")")[2].split()[6]
+            is_exiting = bool(int(flags) & EXITING) and not select.select([process], [], [], 0.0)[0]
+        if is_marked or is_exiting:
+            yield process, is_marked
         else:
             os.close(process)
 

@@ -20,8 +20,7 @@ from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics.state import ANGULAR_VELOCITY, ObjectState
 from intuitive_physics_learner.learning_session import LearningOptions, learn
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
-from intuitive_physics_predictor.estimation.object_estimate import Surroundings
-from intuitive_physics_predictor.estimation.scene_estimate import SceneEstimate
+from intuitive_physics_predictor.estimation.object_estimate import SceneEstimate, Surroundings
 from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
 from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noise_scales import NoiseScales

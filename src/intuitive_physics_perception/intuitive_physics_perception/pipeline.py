@@ -27,8 +27,7 @@ from intuitive_physics_perception.environment.static_boxes import with_static_bo
 from intuitive_physics_perception.frame_result import FrameDiagnostics, FrameResult, PerceivedObject
 from intuitive_physics_perception.scene import ModelledScene
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracking.episodes import Episode
-from intuitive_physics_perception.tracking.newest_detection import newest_detection
+from intuitive_physics_perception.tracking.episodes import Episode, newest_detection
 
 
 class PerceptionPipeline:

@@ -19,9 +19,12 @@ from intuitive_physics.simulation import make_simulator, pack_worlds
 from intuitive_physics.state import ANGULAR_VELOCITY, LINEAR_VELOCITY, POSITION, ObjectState
 from intuitive_physics_predictor.estimation import trajectory_fit
 from intuitive_physics_predictor.estimation.modes import derivative_steps, find_modes
-from intuitive_physics_predictor.estimation.object_estimate import ObjectEstimate, Surroundings
+from intuitive_physics_predictor.estimation.object_estimate import (
+    ObjectEstimate,
+    SceneEstimate,
+    Surroundings,
+)
 from intuitive_physics_predictor.estimation.pair_knowledge import PairKnowledge
-from intuitive_physics_predictor.estimation.scene_estimate import SceneEstimate
 from intuitive_physics_predictor.estimation.weighted_states import WeightedStates, draw_weighted
 from intuitive_physics_predictor.live.live_prediction import Inputs, SeenStates
 from intuitive_physics_predictor.live.predictor import Predictor

@@ -60,7 +60,17 @@ class Modes:
 
 
 def misfit(standard: NDArray[np.float64], residuals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ½ |ξ|² + ½ |r|² of vectors (count, n) with their residuals (count, rows)."""
+    """Return the negative logarithm of the posterior, ½ |ξ|² + ½ |r|².
+
+    Parameters
+    ----------
+    standard : (count, n) ξ
+    residuals : (count, rows) r
+
+    Returns
+    -------
+    (count,)
+    """
     return np.asarray(0.5 * (standard**2).sum(axis=1) + 0.5 * (residuals**2).sum(axis=1))
 
 
@@ -90,7 +100,16 @@ def find_modes(
 
 
 def derivative_steps(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return by how much to change each unknown (m, n) for a derivative, by the information."""
+    """Return by how much to change each unknown for a derivative.
+
+    Parameters
+    ----------
+    information : (m, n, n)
+
+    Returns
+    -------
+    (m, n)
+    """
     variances = np.diagonal(np.linalg.inv(information), axis1=1, axis2=2)
     return np.asarray(STEP_SHARE * np.sqrt(variances))
 

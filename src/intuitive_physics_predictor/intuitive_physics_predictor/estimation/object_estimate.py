@@ -1,7 +1,8 @@
-"""The state of one sphere by everything seen of it since it began to move as simulated."""
+"""The states of spheres by everything seen of each since it began to move as simulated."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Detections
 from intuitive_physics.scene import Environment, Scene, SceneObject
+from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import Simulator, pack_worlds
 from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics.state import LINEAR_VELOCITY, ObjectState
@@ -203,6 +205,60 @@ class ObjectEstimate:
 
     def _forget(self) -> None:
         self._fit = self._modes = self.states = None
+
+
+class SceneEstimate:
+    """Follows the spheres of a scene, from frame to frame.
+
+    The orientation of boxes and capsules is perceived, and so is how they turn.
+
+    Parameters
+    ----------
+    rng : of all samples
+    """
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._surroundings: Surroundings | None = None
+        self._followed: dict[str, ObjectEstimate] = {}
+
+    def update(
+        self,
+        surroundings: Surroundings,
+        objects: Sequence[SceneObject],
+        states: Sequence[ObjectState],
+        time: float,
+        detections: Sequence[Detections | None],
+    ) -> tuple[WeightedStates | None, ...]:
+        """Take a frame, and return the states of each object at its time.
+
+        Parameters
+        ----------
+        surroundings : that the objects move in
+        objects : all that are tracked
+        states : of each, as perceived
+        time : s, of the states
+        detections : new ones of each; None where there are none
+
+        Returns
+        -------
+        None for an object whose perceived state is all there is
+        """
+        kept = {thing.id: self._followed.get(thing.id) for thing in objects}
+        self._followed = {name: each for name, each in kept.items() if each is not None}
+        is_new = surroundings is not self._surroundings
+        self._surroundings = surroundings
+        found: list[WeightedStates | None] = []
+        for thing, state, seen in zip(objects, states, detections, strict=True):
+            if not isinstance(thing.shape, Sphere):
+                found.append(None)
+                continue
+            estimate = self._followed.setdefault(thing.id, ObjectEstimate(self._rng))
+            if is_new:
+                estimate.renew(surroundings, thing)
+            estimate.update(surroundings, thing, state, time, seen)
+            found.append(estimate.states)
+        return tuple(found)
 
 
 def _newest_misfit(modes: Modes) -> float:

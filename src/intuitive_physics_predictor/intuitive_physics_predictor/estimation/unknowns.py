@@ -98,7 +98,16 @@ class Unknowns:
         return self.root.shape[1]
 
     def values(self, standard: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the unknowns (count, 12 + p) of standard normal vectors (count, n)."""
+        """Return the unknowns of standard normal vectors.
+
+        Parameters
+        ----------
+        standard : (count, n)
+
+        Returns
+        -------
+        (count, 12 + p) in SI units, the parameters on the unit cube
+        """
         return np.asarray(self.mean + standard @ self.root.T)
 
     def worlds(self, world: WorldBatch, values: NDArray[np.float64]) -> WorldBatch:

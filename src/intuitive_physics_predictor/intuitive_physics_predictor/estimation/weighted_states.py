@@ -102,7 +102,12 @@ class WeightedStates:
         return motions, self.values[chosen, KINEMATIC:]
 
     def state(self, orientation: NDArray[np.float64]) -> ObjectState:
-        """Return the mean state with the covariance of the samples, and an orientation as given."""
+        """Return the mean state with the covariance of the samples.
+
+        Parameters
+        ----------
+        orientation : (4,) unit quaternion (x, y, z, w), as perceived
+        """
         mean, covariance = self.moments
         rows = np.r_[POSITION, LINEAR_VELOCITY, ANGULAR_VELOCITY]
         whole = np.zeros((ERROR_SIZE, ERROR_SIZE))

@@ -11,8 +11,7 @@ import numpy as np
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation.world_batch import WorldBatch
-from intuitive_physics_predictor.estimation.object_estimate import Surroundings
-from intuitive_physics_predictor.estimation.scene_estimate import SceneEstimate
+from intuitive_physics_predictor.estimation.object_estimate import SceneEstimate, Surroundings
 from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
 from intuitive_physics_predictor.live.live_prediction import (
     Inputs,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ from intuitive_physics_msgs.msg import ObjectStates
 from intuitive_physics_msgs.msg import TrajectoryDistribution as DistributionMessage
 from std_msgs.msg import Header
 
+from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
 from intuitive_physics_predictor.live.live_prediction import LivePrediction, SeenStates
 from intuitive_physics_ros.conversions import (
     DistributionFields,
@@ -17,6 +19,7 @@ from intuitive_physics_ros.conversions import (
     detections_from_messages,
     environment_from_message,
     object_states_from_messages,
+    object_states_to_message,
     seconds_from_stamp,
     stamp_from_seconds,
 )
@@ -58,6 +61,16 @@ def states_inputs(message: ObjectStates, arrival: Arrival) -> dict[str, Any]:
         detections=detections_from_messages(message, stamp),
     )
     return {"seen": seen}
+
+
+def estimated_message(seen: SeenStates, estimates: Sequence[WeightedStates | None]) -> ObjectStates:
+    """Return the newest states with those that are estimated in the place of the perceived ones."""
+    states = [
+        state if estimate is None else estimate.state(state.orientation)
+        for state, estimate in zip(seen.states, estimates or [None] * len(seen.states), strict=True)
+    ]
+    stamp = stamp_from_seconds(seen.stamp)
+    return object_states_to_message(seen.objects, states, frame_id=seen.frame_id, stamp=stamp)
 
 
 def header_of(made: LivePrediction) -> Header:

@@ -30,6 +30,7 @@ from intuitive_physics_predictor.live.settings import PredictionOptions, Predict
 from intuitive_physics_predictor.nodes.messages import (
     Arrival,
     environment_inputs,
+    estimated_message,
     header_of,
     states_inputs,
 )
@@ -47,7 +48,7 @@ from intuitive_physics_ros.parameters import (
     setting_parameters,
     use_limits_of,
 )
-from intuitive_physics_ros.qos import LATCHED, QOS_OVERRIDES, SENSOR_DATA
+from intuitive_physics_ros.qos import LATCHED, QOS_OVERRIDES, SENSOR_DATA, STREAM
 from intuitive_physics_ros.topics import ENVIRONMENT, OBJECT_STATES, STATIC_PARAMETERS
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
@@ -116,6 +117,9 @@ class PredictorNode(ManagedNode):
             self, self._predictor, values["rate"], values["published_samples"]
         )
         self._answers = PredictionServices(self, self._ticks)
+        self._estimated_publisher = self.create_publisher(
+            ObjectStates, "~/estimated_states", copy(STREAM), qos_overriding_options=QOS_OVERRIDES
+        )
         self._marker_publisher = self.create_publisher(MarkerArray, "~/markers", 1)
         self._marker_timer = self.create_timer(1.0 / values["marker_rate"], self._on_marker_tick)
         if values["publish_path"]:
@@ -167,11 +171,19 @@ class PredictorNode(ManagedNode):
         def take(predictor: Predictor) -> None:
             with _reported(self, monitor):
                 predictor.take(**read(deserialize_message(message, kind), arrival))
+                if kind is ObjectStates:
+                    self._publish_estimated(predictor.snapshot)
                 monitor.accepted()
 
         # Of messages that come faster than they can be decoded the newest counts; new states are
         # predicted from at once.
         self._ticks.post(take, key=monitor, urgent=kind is ObjectStates)
+
+    def _publish_estimated(self, snapshot: Snapshot) -> None:
+        """Publish where the objects are by everything that was seen of them."""
+        seen = snapshot.inputs.seen
+        if seen is not None and self._estimated_publisher.get_subscription_count() > 0:
+            self._estimated_publisher.publish(estimated_message(seen, snapshot.estimates))
 
     def _on_parameters(self, monitor: InputMonitor, message: bytes) -> None:
         """Draw from newer θ_s beside the ticks, then have it taken over between two of them."""

@@ -3,6 +3,7 @@
 All arguments are checked before the first process is started: an error leaves nothing behind.
 """
 
+import os
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -149,6 +150,9 @@ def node(name: str, given: Mapping[str, str]) -> Node:
         renamed += inputs(given)
         if given["color"]:
             own["use_color"] = given["color"] != "false"
+    kept: dict[str, Any] = {}
+    if name == "predictor_node":
+        kept["calibration_file"] = calibration_file(given)
     respawn = as_bool("respawn", given["respawn"])
     return Node(
         package=NODES[name],
@@ -156,12 +160,21 @@ def node(name: str, given: Mapping[str, str]) -> Node:
         name=name,
         namespace=given["namespace"],
         output="screen",
-        parameters=[given["params_file"], own],
+        parameters=[kept, given["params_file"], own],
         remappings=renamed,
         respawn=respawn,
         respawn_delay=RESPAWN_DELAY,
         ros_arguments=["--log-level", given["log_level"], *enclave(name, given)],
     )
+
+
+def calibration_file(given: Mapping[str, str]) -> str:
+    """Return where the predictor keeps how well it predicts: beside the learner's database."""
+    home = Path(os.environ.get("XDG_DATA_HOME", ""))
+    if not home.is_absolute():
+        home = Path.home() / ".local" / "share"
+    folder = home / "intuitive_physics" / prefix(given).strip("/")
+    return str(folder / "calibration.json")
 
 
 def enclave(name: str, given: Mapping[str, str]) -> list[str]:

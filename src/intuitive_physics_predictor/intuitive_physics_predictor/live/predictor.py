@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from intuitive_physics_predictor.live.live_prediction import (
     NothingToPredictError,
     check_fresh,
 )
+from intuitive_physics_predictor.live.self_calibration import Factor, SelfCalibration
 from intuitive_physics_predictor.live.settings import PredictionSettings
 from intuitive_physics_predictor.noisy_newton import PreparedScene
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
@@ -32,12 +34,14 @@ class Snapshot:
     ----------
     newest : prediction; None while nothing can be predicted
     estimates : of each object of the newest states, as `SceneEstimate`; empty: of none
+    factors : on the noise of the states, as earlier predictions met what was seen
     """
 
     inputs: Inputs
     settings: PredictionSettings
     newest: LivePrediction | None = None
     estimates: tuple[WeightedStates | None, ...] = ()
+    factors: Mapping[str, Factor] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +65,18 @@ class Predictor:
     settings : how to predict
     seed : of the next prediction's noise, one more after each prediction
     inputs : default: none yet
+    calibration : what is known of how well it predicts; default: nothing yet
     """
 
     def __init__(
-        self, settings: PredictionSettings, seed: int = 0, inputs: Inputs | None = None
+        self,
+        settings: PredictionSettings,
+        seed: int = 0,
+        inputs: Inputs | None = None,
+        calibration: SelfCalibration | None = None,
     ) -> None:
-        self.snapshot = Snapshot(inputs or Inputs(), settings)
+        self.calibration = calibration or SelfCalibration()
+        self.snapshot = Snapshot(inputs or Inputs(), settings, factors=self.calibration.factors())
         self._seed = seed
         self._surroundings: Surroundings | None
         self._scene_estimate = SceneEstimate(np.random.default_rng(seed))
@@ -82,6 +92,7 @@ class Predictor:
         inputs = replace(self.snapshot.inputs, **newer)
         self.snapshot = replace(self.snapshot, inputs=inputs)
         if "seen" in newer:
+            self._compare()
             self.snapshot = replace(self.snapshot, estimates=self._estimated())
 
     def set(self, *, settings: PredictionSettings | None = None, seed: int | None = None) -> None:
@@ -126,6 +137,8 @@ class Predictor:
             self.snapshot = replace(self.snapshot, newest=None)
             raise
         self.snapshot = replace(self.snapshot, newest=made)
+        gravity = made.scene.environment.gravity
+        self.calibration.take_prediction(made.distribution, made.start, gravity)
         self._seed += 1
         return made
 
@@ -160,9 +173,26 @@ class Predictor:
         kept = self._prepared
         if kept is None or kept[0] is not scene or kept[1] is not learned:
             parameters = self._parameters(learned, scene.materials)
-            prepared = settings.prepare(scene, parameters, self.snapshot.estimates)
+            prepared = settings.prepare(
+                scene, parameters, self.snapshot.estimates, self.calibration
+            )
             self._prepared = kept = (scene, learned, prepared)
         return kept[2]
+
+    def _compare(self) -> None:
+        """Compare what is detected now with what was predicted of now."""
+        seen = self.snapshot.inputs.seen
+        if seen is None or not seen.detections:
+            return
+        for thing, detections in zip(seen.objects, seen.detections, strict=True):
+            if detections is not None:
+                self.calibration.take_detection(
+                    thing.id,
+                    float(detections.times[-1]),
+                    detections.positions[-1],
+                    detections.covariances[-1] + detections.bias,
+                )
+        self.snapshot = replace(self.snapshot, factors=self.calibration.factors())
 
     def _estimated(self) -> tuple[WeightedStates | None, ...]:
         """Take the newest states, and return what is estimated of each object from all so far."""

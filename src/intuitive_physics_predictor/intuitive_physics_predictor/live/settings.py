@@ -20,6 +20,7 @@ from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics.state import ERROR_SIZE
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
 from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
+from intuitive_physics_predictor.live.self_calibration import SelfCalibration
 from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
 from intuitive_physics_predictor.noisy_newton import (
@@ -58,6 +59,10 @@ class PredictionOptions:
         True,
         "begin where a sphere is by everything seen of it, through bounces; false: by the newest "
         "perceived state alone",
+    )
+    self_calibration: bool = other(
+        True,
+        "scale the states' standard deviations by how well earlier predictions met what was seen",
     )
     use_perceived_covariance: bool = other(
         True, "samples have the covariance the states were perceived with; false: fixed noise only"
@@ -183,19 +188,24 @@ class PredictionSettings:
         scene: Scene,
         parameters: UncertainParameters,
         estimates: tuple[WeightedStates | None, ...] = (),
+        calibration: SelfCalibration | None = None,
     ) -> PreparedScene:
         """Prepare a scene to be sampled.
 
         Parameters
         ----------
         estimates : of its objects, as `PreparedScene`
+        calibration : whose factors the noise gets; None: none
 
         Raises
         ------
         InvalidInputError, UnknownNameError
             As `PreparedScene.of`.
         """
-        return PreparedScene.of(scene, parameters, self.options.state_noise, estimates)
+        noise = self.options.state_noise
+        if calibration is not None and self.options.self_calibration:
+            noise = calibration.applied_to(noise)
+        return PreparedScene.of(scene, parameters, noise, estimates)
 
     def draw(self, prepared: PreparedScene, seed: int, sample_count: int) -> WorldBatch:
         """Draw samples; the same seed gives the same ones.

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import fields
 from functools import partial
+from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
@@ -22,10 +23,15 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.serialization import deserialize_message
 from visualization_msgs.msg import MarkerArray
 
-from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.limits import InputLimits
 from intuitive_physics_predictor.compile import warm_up
 from intuitive_physics_predictor.live.predictor import Predictor, Snapshot
+from intuitive_physics_predictor.live.self_calibration import (
+    SelfCalibration,
+    load_calibration,
+    save_calibration,
+)
 from intuitive_physics_predictor.live.settings import PredictionOptions, PredictionSettings
 from intuitive_physics_predictor.nodes.messages import (
     Arrival,
@@ -39,6 +45,7 @@ from intuitive_physics_predictor.nodes.ticks import PredictionTicks
 from intuitive_physics_ros.background import RequestLimits
 from intuitive_physics_ros.conversions import static_parameters_from_message
 from intuitive_physics_ros.conversions.standard_messages import path_to_message, poses_to_message
+from intuitive_physics_ros.diagnostics import Level, Status
 from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
 from intuitive_physics_ros.lifecycle.run_node import run_node
 from intuitive_physics_ros.markers import distribution_markers
@@ -55,6 +62,9 @@ from intuitive_physics_ros.unexpected_errors import unexpected_errors
 OPTIONS = frozenset(option.name for option in fields(PredictionOptions))
 """Names of the parameters that are options of the library."""
 
+SAVE_EVERY = 10.0
+"""s between two writes of what is known of how well is predicted."""
+
 PARAMETERS = [
     Parameter("rate", 100.0, "predictions a second", (0.1, 1000.0), read_only=False),
     Parameter(
@@ -70,6 +80,11 @@ PARAMETERS = [
         "seed of the next prediction's noise, one more each time",
         (0, 2**31 - 1),
         read_only=False,
+    ),
+    Parameter(
+        "calibration_file",
+        "",
+        "file that keeps how well was predicted, for the next start; empty: each start begins anew",
     ),
     Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0), read_only=False),
     Parameter(
@@ -99,6 +114,8 @@ class PredictorNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__("predictor_node", PARAMETERS)
+        self._calibration: Mapping[str, Any] | None = None
+        self._calibration_problem = ""
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
 
@@ -106,7 +123,9 @@ class PredictorNode(ManagedNode):
         """Load the kernels; nothing is known yet."""
         values = self.values()
         use_limits_of(values)
-        self._predictor = Predictor(settings_from_parameters(values), values["seed"])
+        calibration = self._stored_calibration()
+        settings = settings_from_parameters(values)
+        self._predictor = Predictor(settings, values["seed"], calibration=calibration)
         warm_up()
 
     def activate(self) -> None:
@@ -131,6 +150,8 @@ class PredictorNode(ManagedNode):
             )
             self.create_timer(1.0 / values["path_rate"], self._on_path_tick)
         self._subscribe()
+        self.create_timer(SAVE_EVERY, self._on_save_tick)
+        self.diagnostics.add("calibration", self._check_calibration)
         self._ticks.start()
 
     def deactivate(self) -> None:
@@ -141,6 +162,8 @@ class PredictorNode(ManagedNode):
             # Its thread still owns the predictor.
             known = self._predictor.snapshot
             self._predictor = Predictor(known.settings, self.values()["seed"], known.inputs)
+        else:
+            self._save_calibration(self._predictor.calibration.to_dict())
 
     def cleanup(self) -> None:
         """Forget the inputs."""
@@ -197,6 +220,53 @@ class PredictorNode(ManagedNode):
                 monitor.accepted()
 
         self._ticks.prepare(prepare)
+
+    def _stored_calibration(self) -> SelfCalibration:
+        """Return what was known of how well is predicted; nothing where it cannot be read."""
+        path = self.values()["calibration_file"]
+        if not path:
+            return SelfCalibration()
+        try:
+            return load_calibration(FilePath(path).expanduser())
+        except InvalidInputError as error:
+            self.get_logger().warning(f"{error}; it begins anew")
+            return SelfCalibration()
+
+    def _on_save_tick(self) -> None:
+        self._ticks.post(self._take_calibration, key="calibration")
+        if self._calibration is not None:
+            self._save_calibration(self._calibration)
+
+    def _take_calibration(self, predictor: Predictor) -> None:
+        """Copy what is to be stored, in the thread that changes it."""
+        self._calibration = predictor.calibration.to_dict()
+
+    def _save_calibration(self, data: Mapping[str, Any]) -> None:
+        path = self.values()["calibration_file"]
+        if not path:
+            return
+        try:
+            save_calibration(data, FilePath(path).expanduser())
+            self._calibration_problem = ""
+        except InvalidInputError as error:
+            if not self._calibration_problem:
+                self.get_logger().warning(str(error))
+            self._calibration_problem = str(error)
+
+    def _check_calibration(self) -> Status:
+        factors = self._ticks.snapshot.factors
+        values: dict[str, object] = {}
+        for kind, factor in factors.items():
+            values[f"{kind}: factor on standard deviations"] = f"{factor.value:.2f}"
+            values[f"{kind}: its relative error"] = f"{factor.error:.2f}"
+            values[f"{kind}: independent comparisons"] = f"{factor.comparisons:.1f}"
+        if self._calibration_problem:
+            return Status(Level.WARN, self._calibration_problem, values)
+        if not self.values()["self_calibration"]:
+            return Status(Level.OK, "switched off; the factors are measured and not used", values)
+        return Status(
+            Level.OK, ", ".join(f"{k}: {one.value:.2f}" for k, one in factors.items()), values
+        )
 
     def _on_marker_tick(self) -> None:
         made = self._ticks.snapshot.newest

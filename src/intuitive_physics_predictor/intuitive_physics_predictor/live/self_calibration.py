@@ -1,0 +1,335 @@
+"""How well was predicted? Factors on the uncertainties, by what came of earlier predictions.
+
+Each second a few predictions are kept. When an object is detected later, its position is compared
+with what those said of that instant, before anything was known of it (Dawid: Statistical theory:
+the prequential approach, 1984). For a factor s on the standard deviations, an error d from a mean
+with covariance C, detected with covariance R, has the log density
+
+    -½ log |S| - ½ (ν + 3) log(1 + dᵀ S⁻¹ d / (c ν)),    S = s² C + R,
+
+that of Student's t with ν = 5: a ball that a hand has caught must not widen what free ones get. The
+number c makes s = 1 the most likely factor of normal errors with covariance S. The sum over all
+comparisons, forgotten slowly, on a grid of log s, with a normal prior about s = 1, is a posterior
+whose mean and width are the factor and its error.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.validation import finite_array
+from intuitive_physics_predictor.distribution import TrajectoryDistribution
+from intuitive_physics_predictor.noise import StateNoise
+
+FORMAT = "intuitive_physics/self_calibration/1"
+"""Format and version that a file names."""
+
+GRID = np.linspace(np.log(0.2), np.log(5.0), 65)
+"""Logarithms of the factors that may be: none is below a fifth or above five."""
+
+PRIOR_DEVIATION = 0.35
+"""Standard deviation of the logarithm of a factor of which nothing is known yet."""
+
+FREEDOM = 5.0
+"""ν of Student's t."""
+
+MATCHED = 0.7841364725284198
+"""c, for which the expectation of (ν + 3) x / (c ν + x) is 3, with x of χ² with three degrees."""
+
+MEMORY = 200.0
+"""Independent comparisons after which earlier ones count e⁻¹: some hundred throws."""
+
+INDEPENDENT_AFTER = 0.5
+"""s after which another comparison of the same object is an independent one. Errors of one throw
+share its spin, so there are few."""
+
+HORIZONS = (0.1, 0.2, 0.4, 0.7, 1.0)
+"""s between a prediction and the detection that it is compared with."""
+
+EVERY = 0.1
+"""s between predictions that are kept."""
+
+CLOSE = 0.02
+"""s by which a comparison may miss its horizon."""
+
+FREE_FALL = 0.3
+"""Part of gravity by which the mean's acceleration may be off before a contact is predicted."""
+
+KINDS = ("state", "contact")
+"""What is compared: predictions of free flight so far, and those beyond a contact."""
+
+
+@dataclass(frozen=True)
+class Factor:
+    """One factor on standard deviations.
+
+    Parameters
+    ----------
+    value : of the factor
+    error : relative standard error
+    comparisons : independent ones that it rests on, those that are forgotten not among them
+    """
+
+    value: float
+    error: float
+    comparisons: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    """A prediction that waits for what comes of it.
+
+    Parameters
+    ----------
+    time : s, of its beginning
+    times : (n_times,) s after that
+    means, covariances : by object, (n_times, 3) m and (n_times, 3, 3) m²
+    contact : by object, s after the beginning of the first contact
+    factors : that it was made with
+    """
+
+    time: float
+    times: NDArray[np.float64]
+    means: dict[str, NDArray[np.float64]]
+    covariances: dict[str, NDArray[np.float64]]
+    contact: dict[str, float]
+    factors: dict[str, float]
+
+
+class SelfCalibration:
+    """Follows the factors, detection by detection."""
+
+    def __init__(self) -> None:
+        self._sums = {kind: np.zeros(GRID.size) for kind in KINDS}
+        self._counts = dict.fromkeys(KINDS, 0.0)
+        self._kept: deque[_Kept] = deque()
+        self._detected: dict[str, float] = {}
+
+    def factor(self, kind: str) -> Factor:
+        """Return the posterior mean of a factor, one of `KINDS`, with its error."""
+        if self._counts[kind] == 0.0:
+            return Factor(1.0, PRIOR_DEVIATION, 0.0)
+        logarithms = self._sums[kind] - 0.5 * (GRID / PRIOR_DEVIATION) ** 2
+        weights = np.exp(logarithms - logarithms.max())
+        weights /= weights.sum()
+        mean = float(weights @ GRID)
+        error = float(np.sqrt(weights @ (GRID - mean) ** 2))
+        return Factor(float(np.exp(mean)), error, self._counts[kind])
+
+    def factors(self) -> dict[str, Factor]:
+        """Return all factors by their kind."""
+        return {kind: self.factor(kind) for kind in KINDS}
+
+    def applied_to(self, noise: StateNoise) -> StateNoise:
+        """Return noise whose standard deviations are those given, times the factors.
+
+        What was learned of free flight counts for pose and velocity; what was learned of contacts,
+        whose outcome the spin decides, for the spin.
+        """
+        state, contact = (self.factor(kind).value for kind in KINDS)
+        return replace(noise, scale=noise.scale * state, spin_scale=noise.spin_scale * contact)
+
+    def take_prediction(
+        self, made: TrajectoryDistribution, time: float, gravity: NDArray[np.float64]
+    ) -> None:
+        """Keep a prediction, unless one was kept just before.
+
+        Parameters
+        ----------
+        made : with times from its beginning on
+        time : s, of its beginning, on the clock of the detections
+        gravity : (3,) m/s²
+        """
+        if self._kept and not time - self._kept[-1].time >= 0.0:
+            self._kept.clear()
+        if self._kept and time - self._kept[-1].time < EVERY:
+            return
+        until = int(np.searchsorted(made.times, HORIZONS[-1] + 2.0 * CLOSE))
+        mean, covariance = made.mean[:, :until], made.covariance[:, :until]
+        named = list(enumerate(made.object_ids))
+        self._kept.append(
+            _Kept(
+                time,
+                made.times[:until],
+                {name: mean[k] for k, name in named},
+                {name: covariance[k] for k, name in named},
+                {name: _first_contact(made.times[:until], mean[k], gravity) for k, name in named},
+                {kind: self.factor(kind).value for kind in KINDS},
+            )
+        )
+        while time - self._kept[0].time > HORIZONS[-1] + 2.0 * CLOSE:
+            self._kept.popleft()
+
+    def take_detection(
+        self,
+        object_id: str,
+        time: float,
+        position: NDArray[np.float64],
+        covariance: NDArray[np.float64],
+    ) -> None:
+        """Compare a detection with what was predicted of its instant.
+
+        Parameters
+        ----------
+        object_id : of the object
+        time : s
+        position : (3,) m
+        covariance : (3, 3) m², of its error
+        """
+        since = time - self._detected.get(object_id, -np.inf)
+        self._detected[object_id] = time
+        weight = min(max(since, 0.0), INDEPENDENT_AFTER) / INDEPENDENT_AFTER / len(HORIZONS)
+        for kept in self._kept:
+            after = time - kept.time
+            if object_id in kept.means and min(abs(after - h) for h in HORIZONS) < CLOSE:
+                self._compare(kept, object_id, after, position, covariance, weight)
+
+    def _compare(
+        self,
+        kept: _Kept,
+        object_id: str,
+        after: float,
+        position: NDArray[np.float64],
+        covariance: NDArray[np.float64],
+        weight: float,
+    ) -> None:
+        k = int(np.searchsorted(kept.times, after))
+        if not 0 < k < kept.times.size:
+            return
+        share = (after - kept.times[k - 1]) / (kept.times[k] - kept.times[k - 1])
+        means, spreads = kept.means[object_id], kept.covariances[object_id]
+        error = position - (1.0 - share) * means[k - 1] - share * means[k]
+        spread = (1.0 - share) * spreads[k - 1] + share * spreads[k]
+        kind = KINDS[after > kept.contact[object_id]]
+        self._forget(kind, weight)
+        relative = np.exp(2.0 * GRID) / kept.factors[kind] ** 2
+        self._sums[kind] += weight * _log_density(error, spread, covariance, relative)
+        self._counts[kind] += weight
+
+    def _forget(self, kind: str, weight: float) -> None:
+        left = np.exp(-weight / MEMORY)
+        self._sums[kind] *= left
+        self._counts[kind] *= left
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data that JSON holds as it is."""
+        return {
+            "format": FORMAT,
+            "grid": [float(GRID[0]), float(GRID[-1]), GRID.size],
+            **{
+                kind: {"sums": self._sums[kind].tolist(), "comparisons": self._counts[kind]}
+                for kind in KINDS
+            },
+        }
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> SelfCalibration:
+        """Read what `to_dict` wrote.
+
+        Raises
+        ------
+        InvalidInputError
+            When the format is another one, or a part is missing or not what it must be.
+        """
+        got = data.get("format") if isinstance(data, Mapping) else type(data).__name__
+        if got != FORMAT:
+            raise InvalidInputError(f"calibration has the format {got!r}; expected {FORMAT!r}")
+        made = SelfCalibration()
+        try:
+            for kind in KINDS:
+                made._sums[kind] = finite_array(data[kind]["sums"], "sums", (GRID.size,)).copy()
+                made._counts[kind] = float(data[kind]["comparisons"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise InvalidInputError(
+                f"calibration cannot be read ({error}); expected sums and comparisons of "
+                f"{' and '.join(KINDS)}"
+            ) from None
+        return made
+
+
+def load_calibration(path: Path) -> SelfCalibration:
+    """Read a file that `save_calibration` wrote; where there is none, nothing is known.
+
+    Raises
+    ------
+    InvalidInputError
+        When the file cannot be read, or is not such a file.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return SelfCalibration()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidInputError(f"calibration {path} cannot be read: {error}") from None
+    try:
+        return SelfCalibration.from_dict(json.loads(text))
+    except (json.JSONDecodeError, RecursionError):
+        raise InvalidInputError(f"calibration {path} is not JSON; expected one of ours") from None
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{path}: {error}") from None
+
+
+def save_calibration(data: Mapping[str, Any], path: Path) -> None:
+    """Write a file that appears whole or not at all, and its folder where there is none.
+
+    Parameters
+    ----------
+    data : of `SelfCalibration.to_dict`
+
+    Raises
+    ------
+    InvalidInputError
+        When it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f".{path.name}.{os.getpid()}")
+        partial.write_text(json.dumps(data), encoding="utf-8")
+        partial.replace(path)
+    except OSError as error:
+        raise InvalidInputError(
+            f"calibration cannot be written to {path}: {error.strerror}; expected a file that can "
+            "be, or an empty calibration_file"
+        ) from None
+
+
+def _first_contact(
+    times: NDArray[np.float64], means: NDArray[np.float64], gravity: NDArray[np.float64]
+) -> float:
+    """Time in s from which on a mean path (n_times, 3) m is no free flight; infinite if it is."""
+    if times.size < 3:
+        return np.inf
+    step = times[1] - times[0]
+    apart = np.linalg.norm(np.diff(means, 2, axis=0) / step**2 - gravity, axis=1)
+    met = np.flatnonzero(apart > FREE_FALL * np.linalg.norm(gravity))
+    return float(times[met[0]]) if met.size else np.inf
+
+
+def _log_density(
+    error: NDArray[np.float64],
+    spread: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    relative: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Log density of an error (3,) m for factors on the variances (n,), up to a constant.
+
+    Parameters
+    ----------
+    spread : (3, 3) m², of the prediction
+    covariance : (3, 3) m², of the detection
+    relative : (n,) on `spread`
+    """
+    whole = relative[:, None, None] * spread + covariance
+    squares = error @ np.linalg.solve(whole, np.broadcast_to(error, (len(whole), 3))[..., None])
+    tails = np.log1p(squares[:, 0] / (MATCHED * FREEDOM))
+    return np.asarray(-0.5 * np.linalg.slogdet(whole)[1] - 0.5 * (FREEDOM + 3.0) * tails)

@@ -14,8 +14,10 @@ from intuitive_physics.scene import Scene
 from intuitive_physics.simulation import Simulator, WorldStatus, make_simulator, pack_worlds
 from intuitive_physics.simulation.contact_noise import ContactNoise
 from intuitive_physics.simulation.world_batch import WorldBatch
+from intuitive_physics.state import ERROR_SIZE
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
 from intuitive_physics_predictor.noise import StateNoise, StateSpread, draw_sizes
+from intuitive_physics_predictor.outside import condition_on_outside
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 DEFAULT_SAMPLE_COUNT = 20
@@ -116,11 +118,15 @@ class PreparedScene:
         size_noise: float = 0.0,
         contact_noise: ContactNoise | None = None,
     ) -> WorldBatch:
-        """Return `count` copies, each with its own draw of all that is uncertain, as `predict`."""
+        """Return `count` copies, each with its own draw of all that is uncertain, as `predict`.
+
+        No object of a copy is inside a surface: see `outside`.
+        """
         if count < 1:
             raise InvalidInputError(f"sample count is {count}; expected at least 1")
         one = self.world
-        changes: dict[str, Any] = {"states": self.spread.draw(count, rng)}
+        normal = rng.standard_normal((count, len(self.scene.objects), ERROR_SIZE))
+        changes: dict[str, Any] = {"states": self.spread.at(normal)}
         if isinstance(self.static_parameters, UncertainParameters):
             changes["density"], changes["coefficients"] = self.static_parameters.draw(count, rng)
             changes["parameter_index"] = np.arange(count, dtype=np.int64)
@@ -133,6 +139,7 @@ class PreparedScene:
             changes["air_factors"] = one.air_factors * factors ** np.array([2.0, 3.0])
             changes["mass_centres"] = one.mass_centres * factors
         worlds = one.taken(np.zeros(count, dtype=np.int64), **changes)
+        condition_on_outside(worlds, self.spread, normal)
         return worlds.with_contact_noise(contact_noise, rng) if contact_noise else worlds
 
 

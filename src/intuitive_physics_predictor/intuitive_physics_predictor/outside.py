@@ -409,7 +409,9 @@ def _find_direction(
 ) -> Any:
     """Set slopes of a gap at a state and the direction of its noise; return its deviation (m)."""
     body, trial = body_at(world, i), room.trial
-    for k in range(6):
+    for k in range(3, 6):
+        room.slopes[k] = 0.0
+    for k in range(3 if body.kind == SPHERE else 6):
         for m in range(trial.size):
             trial[m] = state[m]
         if k < 3:

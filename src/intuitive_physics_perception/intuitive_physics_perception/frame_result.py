@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.observation import Observation
+from intuitive_physics.observation import Detections, Observation
 from intuitive_physics.scene import SceneObject
 from intuitive_physics.state import ObjectState
 from intuitive_physics_perception.detection.detections import Detection
@@ -25,11 +25,13 @@ class PerceivedObject:
     object : what it is
     state : in the environment's frame
     color : (3,) recent mean of red, green and blue, 0 to 1; None where unknown
+    detection : of this frame alone, in the environment's frame; None where it was not seen in it
     """
 
     object: SceneObject
     state: ObjectState
     color: NDArray[np.float64] | None = None
+    detection: Detections | None = None
 
 
 @dataclass(frozen=True)

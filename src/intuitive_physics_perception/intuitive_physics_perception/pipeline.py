@@ -28,6 +28,7 @@ from intuitive_physics_perception.frame_result import FrameDiagnostics, FrameRes
 from intuitive_physics_perception.scene import ModelledScene
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import Episode
+from intuitive_physics_perception.tracking.newest_detection import newest_detection
 
 
 class PerceptionPipeline:
@@ -253,6 +254,7 @@ class PerceptionPipeline:
                 track.scene_object(self.settings),
                 track.object_state(scene.model.environment, self.settings),
                 track.color,
+                newest_detection(track),
             )
             for track in alive
         )

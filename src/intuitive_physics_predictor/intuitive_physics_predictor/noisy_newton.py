@@ -16,6 +16,7 @@ from intuitive_physics.simulation.contact_noise import ContactNoise
 from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics.state import ERROR_SIZE
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
+from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
 from intuitive_physics_predictor.noise import StateNoise, StateSpread, draw_sizes
 from intuitive_physics_predictor.outside import condition_on_outside
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
@@ -84,21 +85,31 @@ class PreparedScene:
     scene : as perceived
     static_parameters : θ_s, known or drawn for each sample
     world : the scene packed, a batch of one
-    spread : of the objects' states
+    spread : of the objects' states as perceived
+    noise : on the states
+    estimates : of each object, by everything seen of it; None where its perceived state is all
+        there is; empty: of no object
     """
 
     scene: Scene
     static_parameters: StaticParameters | UncertainParameters
     world: WorldBatch
     spread: StateSpread
+    noise: StateNoise
+    estimates: tuple[WeightedStates | None, ...] = ()
 
     @staticmethod
     def of(
         scene: Scene,
         static_parameters: StaticParameters | UncertainParameters,
         noise: StateNoise,
+        estimates: tuple[WeightedStates | None, ...] = (),
     ) -> PreparedScene:
         """Prepare a scene.
+
+        Parameters
+        ----------
+        estimates : as of the class; not used where noise has nothing of what was perceived
 
         Raises
         ------
@@ -109,7 +120,9 @@ class PreparedScene:
         if isinstance(known, UncertainParameters):
             known = known.learned.parameters
         spread = StateSpread.of(scene.states, noise)
-        return PreparedScene(scene, static_parameters, pack_worlds([scene], known), spread)
+        world = pack_worlds([scene], known)
+        used = estimates if noise.perceived else ()
+        return PreparedScene(scene, static_parameters, world, spread, noise, used)
 
     def sampled(
         self,
@@ -130,6 +143,7 @@ class PreparedScene:
         if isinstance(self.static_parameters, UncertainParameters):
             changes["density"], changes["coefficients"] = self.static_parameters.draw(count, rng)
             changes["parameter_index"] = np.arange(count, dtype=np.int64)
+        self._take_estimates(changes, rng)
         if size_noise != 0.0:
             factors = draw_sizes((count, len(self.scene.objects)), size_noise, rng)[..., None]
             changes["dimensions"] = one.dimensions * factors
@@ -141,6 +155,19 @@ class PreparedScene:
         worlds = one.taken(np.zeros(count, dtype=np.int64), **changes)
         condition_on_outside(worlds, self.spread, normal)
         return worlds.with_contact_noise(contact_noise, rng) if contact_noise else worlds
+
+    def _take_estimates(self, changes: dict[str, Any], rng: np.random.Generator) -> None:
+        """Put the estimated states in the place of the perceived ones, with the θ_s of each."""
+        states = changes["states"]
+        for k, estimate in enumerate(self.estimates):
+            if estimate is None:
+                continue
+            motions, units = estimate.draw(len(states), self.noise, rng)
+            states[:, k, 0:3], states[:, k, 7:13] = motions[:, 0:3], motions[:, 3:9]
+            if "coefficients" in changes:
+                estimate.unknowns.parameters.write(
+                    units, changes["density"], changes["coefficients"]
+                )
 
 
 def predict_sampled(

@@ -64,6 +64,12 @@ class UncertainParameters:
     bounds : of the parameters by kind, where the learner gives no posterior of its own; default:
         `DEFAULT_BOUNDS`
     materials : that are drawn; default: those of `learned`
+
+    Attributes
+    ----------
+    learned : θ_s, of these materials
+    bounds : of the unit cube, by kind of parameter
+    units : (count, |θ_s|) the pool on the unit cube, without contact noise
     """
 
     def __init__(
@@ -92,7 +98,9 @@ class UncertainParameters:
         rng = np.random.default_rng(POOL_SEED)
         space = posterior.space
         count = int(np.clip(POOL_NUMBERS // space.size, SMALLEST_POOL, LARGEST_POOL))
-        self._pool = space.to_values(posterior.draw(count, rng, box))
+        self.bounds = space.bounds
+        self.units = posterior.draw(count, rng, box)
+        self._pool = space.to_values(self.units)
         if deviation > 0.0:
             _add_contact_noise(self._pool, deviation, space, rng)
         self._elements = _elements_of_coefficients(len(materials))

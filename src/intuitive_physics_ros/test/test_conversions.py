@@ -21,7 +21,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_count
-from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.observation import Detections, Observation, ObservedObject
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, Bounds
 from intuitive_physics.scene import Environment, Plane, SceneObject, StaticBox
@@ -173,6 +173,22 @@ def test_object_states_come_back(pairs):
     assert list(got_things) == things
     for got, state in zip(got_states, states, strict=True):
         assert_same_state(got, state)
+
+
+def test_detections_of_a_frame_come_back():
+    ball, state = SceneObject("ball", "rubber", Sphere(0.1)), ObjectState((0.0, 0.0, 1.0))
+    seen = Detections([12.5], [[1.0, 2.0, 3.0]], [np.diag([1.0, 2.0, 3.0])], 0.5 * np.eye(3))
+    message = over_the_wire(
+        to.object_states_to_message([ball] * 2, [state] * 2, frame_id="a", detections=[seen, None])
+    )
+    got, nothing = to.detections_from_messages(message, 12.5)
+    assert nothing is None
+    assert got.to_dict() == seen.to_dict()
+    message.detections = message.detections[:1]
+    with pytest.raises(InvalidInputError, match="1 detections of 2 objects; expected one for each"):
+        to.detections_from_messages(message, 12.5)
+    message.detections = []
+    assert to.detections_from_messages(message, 12.5) == (None, None)
 
 
 @given(environments(), OBJECTS, STATES)

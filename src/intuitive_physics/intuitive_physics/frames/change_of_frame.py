@@ -166,6 +166,16 @@ def observation_in(
     )
 
 
+def detections_in(detections: Detections, transform: RigidTransform) -> Detections:
+    """Return detections in another frame."""
+    return Detections(
+        detections.times,
+        transform.points(detections.positions),
+        transform.covariances(detections.covariances),
+        transform.covariances(detections.bias),
+    )
+
+
 def _plane(plane: Plane, transform: RigidTransform) -> Plane:
     normal = transform.directions(plane.normal)
     offset = plane.offset + float(normal @ transform.translation)
@@ -189,12 +199,5 @@ def _observed(seen: ObservedObject, transform: RigidTransform) -> ObservedObject
         seen,
         trajectory=Trajectory(trajectory.times, transform.points(trajectory.positions)),
         initial_state=state_in(seen.initial_state, transform),
-        detections=None
-        if detections is None
-        else Detections(
-            detections.times,
-            transform.points(detections.positions),
-            transform.covariances(detections.covariances),
-            transform.covariances(detections.bias),
-        ),
+        detections=None if detections is None else detections_in(detections, transform),
     )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.limits import check_limit
+from intuitive_physics.messages.detections import detections_from_message, detections_to_message
 from intuitive_physics.messages.fields import flat_array, float64_field, in_field
 from intuitive_physics.messages.geometry import (
     MakeMessage,
@@ -20,6 +21,7 @@ from intuitive_physics.messages.geometry import (
     xyz,
     xyzw,
 )
+from intuitive_physics.observation import Detections
 from intuitive_physics.scene import SceneObject
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 from intuitive_physics.state import ERROR_SIZE, ObjectState
@@ -136,6 +138,7 @@ def object_states_to_message(
     *,
     frame_id: str,
     stamp: Any = None,
+    detections: Sequence[Detections | None] = (),
 ) -> Any:
     """Return objects with their states, in the same order, as one message.
 
@@ -143,6 +146,7 @@ def object_states_to_message(
     ----------
     make : makes messages
     frame_id, stamp : the frame and the time that all states are in and at
+    detections : of each object, at this time; None where it was not seen; empty: not known
     """
     if len(scene_objects) != len(states):
         raise InvalidInputError(
@@ -154,6 +158,10 @@ def object_states_to_message(
         objects=[
             object_state_to_message(scene_object, state, make)
             for scene_object, state in zip(scene_objects, states, strict=True)
+        ],
+        detections=[
+            detections_to_message(each, float(each.times[-1]) if each else 0.0, make)
+            for each in detections
         ],
     )
 
@@ -176,6 +184,37 @@ def object_states_from_messages(
         scene_objects.append(scene_object)
         states.append(state)
     return tuple(scene_objects), tuple(states)
+
+
+def detections_from_messages(message: Any, time: float) -> tuple[Detections | None, ...]:
+    """Return what an `ObjectStates` message says was detected of each of its objects.
+
+    Parameters
+    ----------
+    time : s, of the message
+
+    Returns
+    -------
+    None for each object that was not seen, and for all where nothing is known
+
+    Raises
+    ------
+    InvalidInputError
+        When there are neither none nor as many as objects, or one is not what it must be.
+    """
+    count, expected = len(message.detections), len(message.objects)
+    if count == 0:
+        return (None,) * expected
+    if count != expected:
+        raise InvalidInputError(
+            f"{count} detections of {expected} objects; expected one for each, or none at all"
+        )
+    check_limit("most_points", sum(len(one.times) for one in message.detections), "points")
+    found = []
+    for i, one in enumerate(message.detections):
+        with in_field(f"detections[{i}]"):
+            found.append(detections_from_message(one, time))
+    return tuple(found)
 
 
 def _covariance(message: Any) -> NDArray[np.float64]:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.limits import check_limit
+from intuitive_physics.messages.detections import detections_from_message, detections_to_message
 from intuitive_physics.messages.environment import (
     environment_from_message,
     environment_to_message,
@@ -23,13 +22,7 @@ from intuitive_physics.messages.object_states import (
     object_state_from_message,
     object_state_to_message,
 )
-from intuitive_physics.observation import (
-    Detections,
-    Observation,
-    ObservedObject,
-    symmetric_matrices,
-    unique_numbers,
-)
+from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.trajectory import Trajectory
 
 
@@ -90,7 +83,7 @@ def _object_to_message(seen: ObservedObject, stamp: Any, make: MakeMessage) -> A
         initial_state=object_state_to_message(seen.object, seen.initial_state, make),
         times=float64_field(seen.trajectory.times - start_time),
         positions=float64_field(seen.trajectory.positions),
-        detections=_detections_to_message(seen.detections, start_time, make),
+        detections=detections_to_message(seen.detections, start_time, make),
     )
 
 
@@ -103,35 +96,5 @@ def _object_from_message(message: Any, start_time: float) -> ObservedObject:
     with in_field("positions"):
         positions = flat_array(message.positions, (count, 3))
     with in_field("detections"):
-        detections = _detections_from_message(getattr(message, "detections", None), start_time)
+        detections = detections_from_message(getattr(message, "detections", None), start_time)
     return ObservedObject(scene_object, Trajectory(times, positions), state, detections)
-
-
-def _detections_to_message(
-    detections: Detections | None, start_time: float, make: MakeMessage
-) -> Any:
-    made = make("intuitive_physics_msgs/msg/Detections")
-    if detections is None:
-        empty = float64_field(())
-        return made(times=empty, positions=empty, covariances=empty, bias=np.zeros(6))
-    return made(
-        times=float64_field(detections.times - start_time),
-        positions=float64_field(detections.positions),
-        covariances=float64_field(unique_numbers(detections.covariances)),
-        bias=unique_numbers(detections.bias),
-    )
-
-
-def _detections_from_message(message: Any, start_time: float) -> Detections | None:
-    if message is None or len(message.times) == 0:
-        return None
-    count = len(message.times)
-    with in_field("times"):
-        times = flat_array(message.times, (count,)) + start_time
-    with in_field("positions"):
-        positions = flat_array(message.positions, (count, 3))
-    with in_field("covariances"):
-        covariances = symmetric_matrices(flat_array(message.covariances, (count, 6)))
-    with in_field("bias"):
-        bias = symmetric_matrices(flat_array(message.bias, (6,)))
-    return Detections(times, positions, covariances, bias)

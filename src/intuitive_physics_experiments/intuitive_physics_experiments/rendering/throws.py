@@ -32,6 +32,10 @@ HIGHEST_CENTER = 1.0
 """m; a hand does not throw over the walls."""
 
 
+LITTLE_SPIN = 2.0
+"""rad/s about each axis, of a ball that a hand lets go without turning it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Throw:
     """One ball, thrown once.
@@ -86,6 +90,7 @@ def make_throws(
     pause: float,
     materials: Sequence[str] = tuple(BALL_RADII),
     fidelity: Fidelity = AS_BULLET_HAS_IT,
+    spin: float = LITTLE_SPIN,
 ) -> list[Throw]:
     """Throw balls in turn, each in view of the camera from hand to end.
 
@@ -98,11 +103,14 @@ def make_throws(
     pause : s without a ball after each
     materials : of the balls, some of `BALL_RADII`
     fidelity : of their motions to the contact laws
+    spin : rad/s, standard deviation of the initial angular velocity about each axis
     """
     throws = []
     for i in range(count):
         material = materials[i % len(materials)]
-        motion = _throw_in_view(material, camera, environment, parameters, rng, duration, fidelity)
+        motion = _throw_in_view(
+            material, camera, environment, parameters, rng, duration, fidelity, spin
+        )
         start_time = first_start + i * (duration + pause)
         throws.append(Throw(material, BALL_RADII[material], start_time, motion))
     return throws
@@ -116,13 +124,14 @@ def _throw_in_view(
     rng: np.random.Generator,
     duration: float,
     fidelity: Fidelity,
+    spin: float,
 ) -> BallMotion:
     radius = BALL_RADII[material]
     pair = parameters.pair(material, ROOM_MATERIAL)
     contact = BallContact(pair["static_friction"], pair["rolling_friction"], pair["restitution"])
     density = float(parameters.density[parameters.index(material)])
     for _ in range(MOST_ATTEMPTS):
-        start = _release(rng)
+        start = _release(rng, spin)
         motion = move_ball(
             environment, radius, density, contact, start, duration, fidelity=fidelity
         )
@@ -134,8 +143,8 @@ def _throw_in_view(
     )
 
 
-def _release(rng: np.random.Generator) -> ObjectState:
-    """Draw the initial state of a throw towards the corner, somewhat upward, with little spin."""
+def _release(rng: np.random.Generator, spin: float) -> ObjectState:
+    """Draw the initial state of a throw towards the corner, somewhat upward."""
     along, across = rng.uniform(-0.1, 0.4), rng.uniform(-0.35, 0.35)
     diagonal = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
     sideways = np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0)
@@ -145,7 +154,7 @@ def _release(rng: np.random.Generator) -> ObjectState:
     velocity = speed * (np.cos(heading) * diagonal + np.sin(heading) * sideways)
     velocity[2] = rng.uniform(-0.5, 1.6)
     return ObjectState(
-        position, linear_velocity=velocity, angular_velocity=rng.normal(0.0, 2.0, size=3)
+        position, linear_velocity=velocity, angular_velocity=rng.normal(0.0, spin, size=3)
     )
 
 

@@ -303,9 +303,12 @@ class PerceptionNode(ManagedNode):
     def _publish_states(self, header: Header, result: FrameResult) -> None:
         objects = [seen.object for seen in result.objects]
         states = [self._frame.state(seen.state) for seen in result.objects]
+        detections = [self._frame.detection(seen.detection) for seen in result.objects]
         name = self._frame.name
         self._states.publish(
-            object_states_to_message(objects, states, frame_id=name, stamp=header.stamp)
+            object_states_to_message(
+                objects, states, frame_id=name, stamp=header.stamp, detections=detections
+            )
         )
         if self._detections is not None:
             own = Header(stamp=header.stamp, frame_id=name)

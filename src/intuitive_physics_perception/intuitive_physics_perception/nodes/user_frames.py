@@ -8,11 +8,12 @@ from std_msgs.msg import Header
 
 from intuitive_physics.frames.change_of_frame import (
     RigidTransform,
+    detections_in,
     environment_in,
     observation_in,
     state_in,
 )
-from intuitive_physics.observation import Observation
+from intuitive_physics.observation import Detections, Observation
 from intuitive_physics.scene import Environment
 from intuitive_physics.state import ObjectState
 from intuitive_physics_perception.environment.environment_model import (
@@ -182,6 +183,12 @@ class PublishedFrame:
     def state(self, state: ObjectState) -> ObjectState:
         """Return a state of the newest model's environment; only where the frame is known."""
         return state_in(state, self._known().from_environment) if self._target else state
+
+    def detection(self, detection: Detections | None) -> Detections | None:
+        """Return a detection in the newest model's environment; only where the frame is known."""
+        if detection is None or not self._target:
+            return detection
+        return detections_in(detection, self._known().from_environment)
 
     def observation(self, observation: Observation) -> Observation:
         """Return an observation of any model's environment; only where the frame is known."""

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
+from intuitive_physics.observation import Detections
 from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.simulation import pack_worlds
 from intuitive_physics.simulation.rigid_bodies.overlaps import check_overlaps
@@ -48,6 +49,8 @@ class SeenStates:
     arrived : s, on a clock that never stops (`time.monotonic`)
     delay : s, their age by their stamp when they arrived
     frame_id : frame of the states
+    detections : new ones of each object, up to the stamp; None where there are none; empty: not
+        known
     """
 
     objects: tuple[SceneObject, ...]
@@ -56,6 +59,7 @@ class SeenStates:
     arrived: float
     delay: float
     frame_id: str
+    detections: tuple[Detections | None, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,10 +6,20 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation.world_batch import WorldBatch
-from intuitive_physics_predictor.live.live_prediction import Inputs, LivePrediction, check_fresh
+from intuitive_physics_predictor.estimation.object_estimate import Surroundings
+from intuitive_physics_predictor.estimation.scene_estimate import SceneEstimate
+from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
+from intuitive_physics_predictor.live.live_prediction import (
+    Inputs,
+    LivePrediction,
+    NothingToPredictError,
+    check_fresh,
+)
 from intuitive_physics_predictor.live.settings import PredictionSettings
 from intuitive_physics_predictor.noisy_newton import PreparedScene
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
@@ -22,11 +32,13 @@ class Snapshot:
     Parameters
     ----------
     newest : prediction; None while nothing can be predicted
+    estimates : of each object of the newest states, as `SceneEstimate`; empty: of none
     """
 
     inputs: Inputs
     settings: PredictionSettings
     newest: LivePrediction | None = None
+    estimates: tuple[WeightedStates | None, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +69,8 @@ class Predictor:
     ) -> None:
         self.snapshot = Snapshot(inputs or Inputs(), settings)
         self._seed = seed
+        self._surroundings: Surroundings | None
+        self._scene_estimate = SceneEstimate(np.random.default_rng(seed))
         self._uncertain: (
             tuple[LearnedParameters | None, tuple[str, ...], UncertainParameters] | None
         )
@@ -68,6 +82,8 @@ class Predictor:
         """Take over newer inputs, given by the names of the fields of `Inputs`."""
         inputs = replace(self.snapshot.inputs, **newer)
         self.snapshot = replace(self.snapshot, inputs=inputs)
+        if "seen" in newer:
+            self.snapshot = replace(self.snapshot, estimates=self._estimated())
 
     def set(self, *, settings: PredictionSettings | None = None, seed: int | None = None) -> None:
         """Set how, or with which seed, the next prediction is made."""
@@ -144,9 +160,33 @@ class Predictor:
         scene, learned = inputs.scene, inputs.learned
         kept = self._prepared
         if kept is None or kept[0] is not scene or kept[1] is not learned:
-            prepared = settings.prepare(scene, self._parameters(learned, scene.materials))
+            parameters = self._parameters(learned, scene.materials)
+            prepared = settings.prepare(scene, parameters, self.snapshot.estimates)
             self._prepared = kept = (scene, learned, prepared)
         return kept[2]
+
+    def _estimated(self) -> tuple[WeightedStates | None, ...]:
+        """Take the newest states, and return what is estimated of each object from all so far."""
+        inputs, settings = self.snapshot.inputs, self.snapshot.settings
+        seen = inputs.seen
+        if seen is None or not seen.detections or not settings.options.estimate_states:
+            return ()
+        try:
+            scene = inputs.scene
+            uncertain = self._parameters(inputs.learned, scene.materials)
+            surroundings = self._surroundings
+            if surroundings is None or (
+                surroundings.environment is not scene.environment
+                or surroundings.uncertain is not uncertain
+            ):
+                engine = settings.estimation_simulator
+                surroundings = Surroundings(scene.environment, uncertain, engine)
+                self._surroundings = surroundings
+            return self._scene_estimate.update(
+                surroundings, seen.objects, seen.states, seen.stamp, seen.detections
+            )
+        except NothingToPredictError:
+            return ()
 
     def _parameters(
         self, learned: LearnedParameters | None, materials: tuple[str, ...]
@@ -170,3 +210,4 @@ class Predictor:
     def _forget(self) -> None:
         """Drop what was made with other settings."""
         self._uncertain = self._prepared = self._drawn = None
+        self._surroundings = None

@@ -19,6 +19,7 @@ from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics.state import ERROR_SIZE
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
+from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
 from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
 from intuitive_physics_predictor.noisy_newton import (
@@ -52,6 +53,11 @@ class PredictionOptions:
     carry_forward: bool = other(
         True,
         "begin now, by the node's clock; false: at the states' stamp, which may be of another one",
+    )
+    estimate_states: bool = other(
+        True,
+        "begin where a sphere is by everything seen of it, through bounces; false: by the newest "
+        "perceived state alone",
     )
     use_perceived_covariance: bool = other(
         True, "samples have the covariance the states were perceived with; false: fixed noise only"
@@ -124,6 +130,7 @@ class PredictionSettings:
     ----------
     times : (n_times,) s, output times of a prediction
     simulator : engine with its threads
+    estimation_simulator : the same for estimating states: always the fastest that can
 
     Raises
     ------
@@ -134,6 +141,7 @@ class PredictionSettings:
     options: PredictionOptions
     times: NDArray[np.float64] = field(init=False)
     simulator: Simulator = field(init=False)
+    estimation_simulator: Simulator = field(init=False)
 
     def __post_init__(self) -> None:
         options = self.options
@@ -142,11 +150,13 @@ class PredictionSettings:
         times.flags.writeable = False
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "simulator", make_simulator(options.simulator, options.threads))
+        object.__setattr__(self, "estimation_simulator", make_simulator("auto", options.threads))
 
     def stopped_by(self, flag: StopFlag) -> PredictionSettings:
         """Return the same settings whose simulations end once the flag is set."""
         made = copy(self)
-        object.__setattr__(made, "simulator", self.simulator.stopped_by(flag))
+        for name in ("simulator", "estimation_simulator"):
+            object.__setattr__(made, name, getattr(self, name).stopped_by(flag))
         return made
 
     def uncertain_parameters(
@@ -168,15 +178,24 @@ class PredictionSettings:
         check_limit("most_materials", len(union), "materials, learned and in the scene")
         return self.options.noise_scales.parameters(known.extended(union))
 
-    def prepare(self, scene: Scene, parameters: UncertainParameters) -> PreparedScene:
+    def prepare(
+        self,
+        scene: Scene,
+        parameters: UncertainParameters,
+        estimates: tuple[WeightedStates | None, ...] = (),
+    ) -> PreparedScene:
         """Prepare a scene to be sampled.
+
+        Parameters
+        ----------
+        estimates : of its objects, as `PreparedScene`
 
         Raises
         ------
         InvalidInputError, UnknownNameError
             As `PreparedScene.of`.
         """
-        return PreparedScene.of(scene, parameters, self.options.state_noise)
+        return PreparedScene.of(scene, parameters, self.options.state_noise, estimates)
 
     def draw(self, prepared: PreparedScene, seed: int, sample_count: int) -> WorldBatch:
         """Draw samples; the same seed gives the same ones.

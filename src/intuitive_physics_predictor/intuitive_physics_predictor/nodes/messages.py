@@ -14,6 +14,7 @@ from intuitive_physics_predictor.live.live_prediction import LivePrediction, See
 from intuitive_physics_ros.conversions import (
     DistributionFields,
     DistributionWriter,
+    detections_from_messages,
     environment_from_message,
     object_states_from_messages,
     seconds_from_stamp,
@@ -54,6 +55,7 @@ def states_inputs(message: ObjectStates, arrival: Arrival) -> dict[str, Any]:
         arrived=arrival.monotonic,
         delay=arrival.stamp - stamp,
         frame_id=message.header.frame_id,
+        detections=detections_from_messages(message, stamp),
     )
     return {"seen": seen}
 

@@ -12,6 +12,7 @@ from intuitive_physics.messages.fields import (
 )
 from intuitive_physics.messages.geometry import seconds_from_stamp
 from intuitive_physics.messages.object_states import (
+    detections_from_messages,
     object_state_from_message,
     object_states_from_messages,
     shape_from_message,
@@ -46,6 +47,7 @@ __all__ = [
     "InvalidFieldError",
     "bounds_from_messages",
     "bounds_to_messages",
+    "detections_from_messages",
     "environment_from_message",
     "environment_to_message",
     "float32_field",

@@ -19,7 +19,7 @@ from intuitive_physics.messages import object_states
 from intuitive_physics.messages import observation as observations
 from intuitive_physics.messages.fields import in_field
 from intuitive_physics.messages.geometry import xyz, xyzw
-from intuitive_physics.observation import Observation
+from intuitive_physics.observation import Detections, Observation
 from intuitive_physics.regions import BallRegion, BoxRegion, HalfSpaceRegion, Region
 from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.shapes import Shape
@@ -70,15 +70,22 @@ def object_states_to_message(
     *,
     frame_id: str,
     stamp: Time | None = None,
+    detections: Sequence[Detections | None] = (),
 ) -> ObjectStates:
     """Return objects with their states, in the same order, as one message.
 
     Parameters
     ----------
     frame_id, stamp : the frame and the time that all states are in and at
+    detections : of each object, at this time; None where it was not seen; empty: not known
     """
     return object_states.object_states_to_message(
-        scene_objects, states, make_message, frame_id=frame_id, stamp=stamp
+        scene_objects,
+        states,
+        make_message,
+        frame_id=frame_id,
+        stamp=stamp,
+        detections=detections,
     )
 
 

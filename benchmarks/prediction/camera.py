@@ -1,0 +1,190 @@
+"""How well are balls predicted that a rendered camera sees, while they fly?
+
+In each of three worlds balls are thrown with another spin, which the suite does not know. θ_s is
+learned from the first half of the throws; the second half is predicted: in the first flight, after
+the first bounce and after the second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.prediction.camera_world import SeenThrow, Sighting, World, bounces
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.scene import Scene
+from intuitive_physics.simulation import Simulator, make_simulator
+from intuitive_physics.state import ANGULAR_VELOCITY, ObjectState
+from intuitive_physics_learner.learning_session import LearningOptions, learn
+from intuitive_physics_learner.search.convergence import ConvergenceCriteria
+from intuitive_physics_predictor.estimation.object_estimate import Surroundings
+from intuitive_physics_predictor.estimation.scene_estimate import SceneEstimate
+from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
+from intuitive_physics_predictor.noise import StateNoise
+from intuitive_physics_predictor.noise_scales import NoiseScales
+from intuitive_physics_predictor.noisy_newton import PreparedScene, predict_sampled
+from intuitive_physics_predictor.scores.highest_density import highest_density_levels
+from intuitive_physics_predictor.scores.proper_scores import energy_scores
+
+AHEAD = (0.2, 0.5, 1.0, 1.5, 2.0)
+"""s after the moment of a prediction at which it is judged."""
+
+SAMPLES = 200
+"""Simulations of each prediction: the error of their mean adds little to what is measured."""
+
+AFTER_BOUNCE = 6
+"""Frames from a bounce to the prediction after it."""
+
+MOMENTS = ("first_flight", "after_first_bounce", "after_second_bounce")
+"""When predictions begin."""
+
+
+LEARNING_TIME = 20.0
+"""s of learning at most, in each world."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """One prediction, three ways, held against the truth.
+
+    Parameters
+    ----------
+    errors : (5,) m of the mean of the estimate's prediction, at `AHEAD`; NaN beyond the throw
+    known_spin, guess : the same from the perceived state with the true spin, and as it is
+    spin_error : rad/s
+    spin_nees : squared error of the spin in variances, of 3 degrees of freedom
+    levels : (5, 2) as `highest_density_levels`, NaN beyond the throw
+    scores, scores_of_guess : (5,) m, energy scores of both predictions
+    """
+
+    errors: NDArray[np.float64]
+    known_spin: NDArray[np.float64]
+    guess: NDArray[np.float64]
+    spin_error: float
+    spin_nees: float
+    levels: NDArray[np.float64]
+    scores: NDArray[np.float64]
+    scores_of_guess: NDArray[np.float64]
+
+
+def learn_first_half(world: World, simulator: Simulator) -> LearnedParameters:
+    """Learn θ_s, as the learner does by default, from the first half of a world's throws."""
+    middle = world.throws[len(world.throws) // 2].throw.start_time
+    earlier = [seen for seen in world.observations if seen.start_time < middle]
+    options = LearningOptions(criteria=ConvergenceCriteria(time_limit=LEARNING_TIME))
+    return learn(earlier, simulator, options).learned
+
+
+def judge_throw(
+    world: World, seen: SeenThrow, learned: LearnedParameters, rng: np.random.Generator
+) -> Iterator[tuple[str, Judged]]:
+    """Follow a ball frame by frame, and judge the prediction of each moment.
+
+    Yields
+    ------
+    the moment, one of `MOMENTS`, and what was found
+    """
+    simulator = make_simulator("auto")
+    uncertain = NoiseScales().parameters(learned)
+    surroundings = Surroundings(world.model.environment, uncertain, simulator)
+    estimate = SceneEstimate(rng)
+    moments = _moments(seen)
+    for sighting in seen.sightings:
+        found = sighting.seen
+        (states,) = estimate.update(
+            surroundings, [found.object], [found.state], sighting.time, [found.detection]
+        )
+        if sighting.time in moments:
+            scene = Scene(world.model.environment, (found.object,), (found.state,))
+            prepared = PreparedScene.of(scene, uncertain, StateNoise(), (states,))
+            judged = _judged(world, seen, sighting, prepared, rng)
+            yield moments[sighting.time], judged
+
+
+def _moments(seen: SeenThrow) -> dict[float, str]:
+    """Return the times at which predictions are judged, with their names."""
+    times = np.array([sighting.time for sighting in seen.sightings])
+    hits = bounces(seen.throw)
+    found: dict[float, str] = {}
+    for name, frames, hit in zip(
+        MOMENTS, (-1, AFTER_BOUNCE - 1, AFTER_BOUNCE - 1), (0, 0, 1), strict=True
+    ):
+        if hit >= len(hits) or not times.size:
+            continue
+        k = int(np.searchsorted(times, hits[hit])) + frames
+        free = (
+            hit + 1 >= len(hits)
+            or name == MOMENTS[0]
+            or times[min(k, len(times) - 1)] < (hits[hit + 1])
+        )
+        if 2 <= k < len(times) and free:
+            found[float(times[k])] = name
+    return found
+
+
+def _judged(
+    world: World,
+    seen: SeenThrow,
+    sighting: Sighting,
+    prepared: PreparedScene,
+    rng: np.random.Generator,
+) -> Judged:
+    throw, motion = seen.throw, seen.throw.motion
+    since = sighting.time - throw.start_time
+    spin = world.perceived_direction(
+        np.array([np.interp(since, motion.times, v) for v in motion.angular_velocities.T])
+    )
+    times = np.array(AHEAD)
+    there = since + times <= motion.times[-1]
+    truth = np.full((len(times), 3), np.nan)
+    truth[there] = world.perceived_point(throw.positions_at(sighting.time + times[there]))
+    own = _samples(prepared, times, rng)
+    guess = _samples(replace(prepared, estimates=()), times, rng)
+    known = _samples(_with_spin(prepared, spin), times, rng)
+    (states,) = prepared.estimates
+    error, nees = _spin_error(states, sighting.seen.state, spin)
+    levels = np.full((len(times), 2), np.nan)
+    for k in np.flatnonzero(there):
+        levels[k] = highest_density_levels(own[:, k], truth[k])
+    return Judged(
+        np.linalg.norm(own.mean(axis=0) - truth, axis=-1),
+        np.linalg.norm(known.mean(axis=0) - truth, axis=-1),
+        np.linalg.norm(guess.mean(axis=0) - truth, axis=-1),
+        error,
+        nees,
+        levels,
+        energy_scores(own, np.nan_to_num(truth)) + 0.0 * truth[:, 0],
+        energy_scores(guess, np.nan_to_num(truth)) + 0.0 * truth[:, 0],
+    )
+
+
+def _samples(
+    prepared: PreparedScene, times: NDArray[np.float64], rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Positions (SAMPLES, n_times, 3) m of the ball."""
+    worlds = prepared.sampled(SAMPLES, rng)
+    simulator = make_simulator("auto")
+    return predict_sampled(prepared.scene, worlds, times, simulator=simulator).positions[:, 0]
+
+
+def _with_spin(prepared: PreparedScene, spin: NDArray[np.float64]) -> PreparedScene:
+    """Return the scene as perceived, with a spin (3,) rad/s that is known."""
+    (state,) = prepared.scene.states
+    covariance = state.covariance.copy()
+    covariance[ANGULAR_VELOCITY] = covariance[:, ANGULAR_VELOCITY] = 0.0
+    known = ObjectState(state.position, state.orientation, state.linear_velocity, spin, covariance)
+    scene = replace(prepared.scene, states=(known,))
+    return PreparedScene.of(scene, prepared.static_parameters, prepared.noise)
+
+
+def _spin_error(
+    states: WeightedStates | None, perceived: ObjectState, spin: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Error of the spin in rad/s, and squared in variances."""
+    state = perceived if states is None else states.state(perceived.orientation)
+    apart = state.angular_velocity - spin
+    covariance = state.covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY]
+    return float(np.linalg.norm(apart)), float(apart @ np.linalg.solve(covariance, apart))

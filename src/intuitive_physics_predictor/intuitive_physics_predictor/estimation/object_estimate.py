@@ -1,0 +1,226 @@
+"""The state of one sphere by everything seen of it since it began to move as simulated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.observation import Detections
+from intuitive_physics.scene import Environment, Scene, SceneObject
+from intuitive_physics.simulation import Simulator, pack_worlds
+from intuitive_physics.simulation.world_batch import WorldBatch
+from intuitive_physics.state import LINEAR_VELOCITY, ObjectState
+from intuitive_physics_predictor.estimation.modes import (
+    FIRST_STEP,
+    Modes,
+    derivative_steps,
+    find_modes,
+    misfit,
+)
+from intuitive_physics_predictor.estimation.pair_knowledge import PairKnowledge
+from intuitive_physics_predictor.estimation.trajectory_fit import TrajectoryFit
+from intuitive_physics_predictor.estimation.unknowns import SPIN, Unknowns
+from intuitive_physics_predictor.estimation.weighted_states import WeightedStates, draw_weighted
+from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
+
+SAMPLES = 200
+"""Samples of a posterior: many times those of a prediction."""
+
+EXPLORED = 64
+"""Spins, drawn from their prior, among which another explanation is looked for."""
+
+MOST_STARTS = 2
+"""Of them the best ones are followed …"""
+
+EXPLORATIONS = 8
+"""… for so many detections after the spin has begun to matter, and whenever the newest detections
+fit badly."""
+
+MATTERS = 0.5
+"""Difference in misfit between spins from which on they matter."""
+
+DOUBTFUL_MISFIT = 15.0
+"""χ² of the newest detections from which on another explanation is looked for."""
+
+LONGEST = 1.0
+"""s after which a fit begins again from its own posterior, so that its time is bounded and small
+errors of the model are forgotten."""
+
+NEWEST = 4
+"""Detections whose misfit says whether the motion is still the simulated one …"""
+
+LARGEST_MISFIT = 40.0
+"""… and χ² of their 12 coordinates from which on it is not: of noise, 7 in 100,000 are larger."""
+
+RESTING_SPEED = 0.05
+"""m/s. What is slower moves too little to say more than perception has said."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What the motion of an object is simulated with.
+
+    Parameters
+    ----------
+    environment : Ω_e
+    uncertain : θ_s
+    simulator : the model of the motion
+    """
+
+    environment: Environment
+    uncertain: UncertainParameters
+    simulator: Simulator
+
+
+class ObjectEstimate:
+    """Follows one sphere, detection by detection.
+
+    A fit begins with a perceived state and takes every detection after it, through bounces, slides
+    and rolls. Where the newest detections do not fit any more (a hand, another object), it begins
+    again with what is perceived then; after `LONGEST`, with the moments of its own posterior.
+
+    Parameters
+    ----------
+    rng : of the samples
+    """
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._fit: TrajectoryFit | None = None
+        self._modes: Modes | None = None
+        self._bias = np.zeros((3, 3))
+        self._time = -np.inf
+        self._explorations = 0
+        self.states: WeightedStates | None = None
+
+    def update(
+        self,
+        surroundings: Surroundings,
+        thing: SceneObject,
+        state: ObjectState,
+        time: float,
+        detections: Detections | None,
+    ) -> None:
+        """Take what a frame shows; `states` are then those at its time.
+
+        Parameters
+        ----------
+        surroundings : that the object moves in
+        thing : what it is
+        state : as perceived at `time`
+        time : s, later than before; else all is forgotten
+        detections : new ones, at most up to `time`; None: nothing is known of them
+        """
+        if time <= self._time or detections is None or _rests(state):
+            self._forget()
+        self._time = time
+        if detections is None or _rests(state):
+            return
+        self._bias = detections.bias
+        fit = self._fit
+        if fit is None:
+            self._begin(surroundings, thing, state, time)
+            return
+        new = detections.times > fit.last
+        if new.any():
+            self._take(fit, detections, new)
+        if self._modes is None:
+            return
+        if _newest_misfit(self._modes) > LARGEST_MISFIT:
+            self._begin(surroundings, thing, state, time)
+            return
+        self.states = draw_weighted(fit, self._modes, SAMPLES, time, self._rng)
+        if time - fit.begin > LONGEST and len(self._modes.misfits) == 1:
+            self._go_on(surroundings, thing, self.states, time)
+
+    def renew(self, surroundings: Surroundings, thing: SceneObject) -> None:
+        """Go on in other surroundings, or with other knowledge of them."""
+        if self.states is not None:
+            self._go_on(surroundings, thing, self.states, self._time)
+        else:
+            self._forget()
+
+    def _begin(
+        self, surroundings: Surroundings, thing: SceneObject, state: ObjectState, time: float
+    ) -> None:
+        world, parameters = _world_of(surroundings, thing)
+        self._start(Unknowns.of_state(state, self._bias, parameters), world, time, surroundings)
+        self.states = None
+
+    def _go_on(
+        self, surroundings: Surroundings, thing: SceneObject, states: WeightedStates, time: float
+    ) -> None:
+        world, parameters = _world_of(surroundings, thing)
+        unknowns = Unknowns.of_moments(*states.moments, parameters)
+        self._start(unknowns, world, time, surroundings)
+
+    def _start(
+        self, unknowns: Unknowns, world: WorldBatch, time: float, surroundings: Surroundings
+    ) -> None:
+        self._fit = TrajectoryFit(unknowns, world, time, surroundings.simulator)
+        self._modes = None
+        self._explorations = 0
+
+    def _take(self, fit: TrajectoryFit, detections: Detections, new: NDArray[np.bool_]) -> None:
+        for time, position, covariance in zip(
+            detections.times[new],
+            detections.positions[new],
+            detections.covariances[new],
+            strict=True,
+        ):
+            fit.add(float(time), position, covariance)
+        self._modes = find_modes(fit, *self._starts(fit))
+
+    def _starts(self, fit: TrajectoryFit) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where to look for modes, (m, n), and by what to take derivatives there, (m, n)."""
+        size = fit.unknowns.size
+        if self._modes is None:
+            centres, steps = np.zeros((1, size)), np.full((1, size), FIRST_STEP)
+        else:
+            centres, steps = self._modes.centres, derivative_steps(self._modes.information)
+        others = self._other_spins(fit, centres[0])
+        steps = np.concatenate([steps, np.repeat(steps[:1], len(others), axis=0)])
+        return np.concatenate([centres, others]), steps
+
+    def _other_spins(self, fit: TrajectoryFit, centre: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the best (m, n) of many spins, all else as in an explanation (n,)."""
+        doubtful = self._modes is not None and _newest_misfit(self._modes) > DOUBTFUL_MISFIT
+        if self._explorations >= EXPLORATIONS and not doubtful:
+            return np.empty((0, len(centre)))
+        spins = fit.unknowns.root[SPIN]
+        along = np.linalg.pinv(spins) @ spins
+        drawn = self._rng.standard_normal((EXPLORED, len(centre)))
+        others = centre + (drawn - centre) @ along
+        misfits = misfit(others, fit.residuals(others))
+        prior = 0.5 * (others**2).sum(axis=1)
+        if np.ptp(misfits - prior) < MATTERS:
+            return np.empty((0, len(centre)))
+        self._explorations += 1
+        return np.asarray(others[np.argsort(misfits)[:MOST_STARTS]])
+
+    def _forget(self) -> None:
+        self._fit = self._modes = self.states = None
+
+
+def _newest_misfit(modes: Modes) -> float:
+    """χ² of the newest detections in the best explanation."""
+    newest = modes.residuals[0, -3 * NEWEST :]
+    return float(newest @ newest)
+
+
+def _rests(state: ObjectState) -> bool:
+    """Whether an object is at rest, as far as perception can tell."""
+    return bool(np.linalg.norm(state.linear_velocity) < RESTING_SPEED) and bool(
+        np.trace(state.covariance[LINEAR_VELOCITY, LINEAR_VELOCITY]) < RESTING_SPEED**2
+    )
+
+
+def _world_of(surroundings: Surroundings, thing: SceneObject) -> tuple[WorldBatch, PairKnowledge]:
+    """Return the world of one object, and what is known of the parameters it depends on."""
+    scene = Scene(surroundings.environment, (thing,), (ObjectState(np.zeros(3)),))
+    parameters: StaticParameters = surroundings.uncertain.learned.parameters
+    world = pack_worlds([scene], parameters)
+    return world, PairKnowledge.of(surroundings.uncertain, world)

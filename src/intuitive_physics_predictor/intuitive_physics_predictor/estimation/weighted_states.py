@@ -1,0 +1,158 @@
+"""Samples of a posterior with more than one mode, by importance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.state import (
+    ANGULAR_VELOCITY,
+    ERROR_SIZE,
+    LINEAR_VELOCITY,
+    POSITION,
+    ObjectState,
+)
+from intuitive_physics_predictor.estimation.modes import Modes, misfit
+from intuitive_physics_predictor.estimation.trajectory_fit import TrajectoryFit
+from intuitive_physics_predictor.estimation.unknowns import (
+    KINEMATIC,
+    MOTION,
+    PLACE,
+    SPIN,
+    VELOCITY,
+    Unknowns,
+)
+from intuitive_physics_predictor.noise import StateNoise
+
+WIDENING = 1.1
+"""Factor on the standard deviations of the modes that samples are drawn from: tails that are too
+thin would give single samples large weights."""
+
+LEAST_SHARE = 0.05
+"""Share of the samples that each mode has at least."""
+
+
+LEAST_EFFECTIVE = 0.15
+"""Share of the samples that has to count."""
+
+MOST_HALVINGS = 8
+"""Halvings of the logarithms: by then all weights are alike."""
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedStates:
+    """Samples of an object's unknowns at one time.
+
+    Parameters
+    ----------
+    values : (count, 12 + p) as `Unknowns.values`
+    weights : (count,), summing to one
+    unknowns : what the columns are
+    """
+
+    values: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    unknowns: Unknowns
+
+    @property
+    def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean (12,) and covariance (12, 12) of x, v, ω and b."""
+        own = self.values[:, :KINEMATIC]
+        mean = self.weights @ own
+        apart = own - mean
+        return mean, (self.weights[:, None] * apart).T @ apart
+
+    @property
+    def effective_count(self) -> float:
+        """Independent samples that would say as much, 1 / Σ w²."""
+        return float(1.0 / (self.weights @ self.weights))
+
+    def choose(self, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+        """Return indices (count,) of samples, each as often as its weight says, in random order."""
+        places = (np.arange(count) + rng.random()) / count
+        chosen = np.searchsorted(np.cumsum(self.weights), places).clip(max=len(self.weights) - 1)
+        return np.asarray(rng.permutation(chosen))
+
+    def draw(
+        self, count: int, noise: StateNoise, rng: np.random.Generator
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Draw motions, and the parameters that go with each.
+
+        Parameters
+        ----------
+        count : samples
+        noise : whose factors stretch the samples about their mean, and whose fixed part is added
+        rng : of the draws
+
+        Returns
+        -------
+        motions : (count, 9) position, velocity and spin
+        units : (count, p) parameters on the unit cube
+        """
+        chosen = self.choose(count, rng)
+        own = self.values[:, MOTION]
+        mean = self.weights @ own
+        factors = np.repeat([noise.scale, noise.scale, noise.spin_scale], 3)
+        motions = mean + factors * (own[chosen] - mean)
+        fixed = np.repeat([noise.position, noise.linear_velocity, noise.angular_velocity], 3)
+        if fixed.any():
+            motions += fixed * rng.standard_normal(motions.shape)
+        return motions, self.values[chosen, KINEMATIC:]
+
+    def state(self, orientation: NDArray[np.float64]) -> ObjectState:
+        """Return the mean state with the covariance of the samples, and an orientation as given."""
+        mean, covariance = self.moments
+        rows = np.r_[POSITION, LINEAR_VELOCITY, ANGULAR_VELOCITY]
+        whole = np.zeros((ERROR_SIZE, ERROR_SIZE))
+        whole[np.ix_(rows, rows)] = covariance[MOTION, MOTION]
+        return ObjectState(mean[PLACE], orientation, mean[VELOCITY], mean[SPIN], whole)
+
+
+def draw_weighted(
+    fit: TrajectoryFit, modes: Modes, count: int, time: float, rng: np.random.Generator
+) -> WeightedStates:
+    """Draw samples of the posterior, and carry them on to a time.
+
+    They are drawn from normal distributions about the modes, each weighed by its posterior density
+    over that of what it was drawn from.
+
+    Parameters
+    ----------
+    fit : the posterior
+    modes : its modes
+    count : samples
+    time : s
+    rng : of the draws
+    """
+    covariances = WIDENING**2 * np.linalg.inv(modes.information)
+    volumes = np.linalg.slogdet(covariances)[1]
+    shares = np.exp(0.5 * volumes - modes.misfits - (0.5 * volumes - modes.misfits).max())
+    shares = np.maximum(shares / shares.sum(), LEAST_SHARE)
+    shares /= shares.sum()
+    roots = np.linalg.cholesky(covariances)
+    mode = np.repeat(np.arange(len(shares)), rng.multinomial(count, shares))
+    normal = rng.standard_normal((count, modes.centres.shape[1]))
+    drawn = modes.centres[mode] + (roots[mode] @ normal[..., None])[..., 0]
+    apart = drawn[:, None] - modes.centres
+    squares = np.einsum("smi,mij,smj->sm", apart, modes.information, apart) / WIDENING**2
+    drawn_from = np.logaddexp.reduce(np.log(shares) - 0.5 * (squares + volumes), axis=1)
+    residuals, states = fit.residuals_and_states(drawn, time)
+    logarithms = -misfit(drawn, residuals) - drawn_from
+    return WeightedStates(states, _weights(logarithms), fit.unknowns)
+
+
+def _weights(logarithms: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Weights (count,) of samples from their logarithms, tempered where few would have them all.
+
+    Where a contact makes the posterior far from normal, its modes miss some of it; the logarithms
+    are then taken by halves until `LEAST_EFFECTIVE` of the samples count.
+    """
+    for _ in range(MOST_HALVINGS):
+        weights = np.exp(logarithms - logarithms.max())
+        weights /= weights.sum()
+        if 1.0 / (weights @ weights) >= LEAST_EFFECTIVE * len(weights):
+            break
+        logarithms = 0.5 * logarithms
+    return np.asarray(weights)

@@ -1,0 +1,401 @@
+"""States by everything that was seen: what bounces say of the spin, and how surely."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import chi2
+
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import StaticParameters, parameter_names
+from intuitive_physics.observation import Detections
+from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
+from intuitive_physics.shapes import Box, Sphere
+from intuitive_physics.simulation import make_simulator, pack_worlds
+from intuitive_physics.state import ANGULAR_VELOCITY, LINEAR_VELOCITY, POSITION, ObjectState
+from intuitive_physics_predictor.estimation import trajectory_fit
+from intuitive_physics_predictor.estimation.modes import derivative_steps, find_modes
+from intuitive_physics_predictor.estimation.object_estimate import ObjectEstimate, Surroundings
+from intuitive_physics_predictor.estimation.pair_knowledge import PairKnowledge
+from intuitive_physics_predictor.estimation.scene_estimate import SceneEstimate
+from intuitive_physics_predictor.estimation.weighted_states import WeightedStates, draw_weighted
+from intuitive_physics_predictor.live.live_prediction import Inputs, SeenStates
+from intuitive_physics_predictor.live.predictor import Predictor
+from intuitive_physics_predictor.live.settings import PredictionOptions, PredictionSettings
+from intuitive_physics_predictor.noise import StateNoise
+from intuitive_physics_predictor.noisy_newton import PreparedScene
+from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
+
+RADIUS = 0.05
+BALL = SceneObject("ball", "rubber", Sphere(RADIUS))
+ROOM = Environment([Plane("floor", "room", (0, 0, 1), 0.0)], frame_id="room")
+MATERIALS = ("rubber", "room")
+SIMULATOR = make_simulator("auto")
+NOISE = 0.002
+"""m, of each coordinate of a detection."""
+STEP = 1.0 / 30.0
+"""s between detections."""
+PRIOR_SPIN = 10.0
+"""rad/s about each axis."""
+
+
+def learned(friction=0.5, restitution=0.7):
+    parameters = StaticParameters.uniform(
+        MATERIALS,
+        static_friction=friction,
+        dynamic_friction=friction,
+        rolling_friction=0.01,
+        restitution=restitution,
+    )
+    count = len(parameter_names(MATERIALS))
+    return LearnedParameters(
+        parameters, np.full(count, 1e-4), np.ones(count, dtype=bool), 1, 0.001, 10, "cma_es"
+    )
+
+
+def surroundings(environment=ROOM, **coefficients):
+    return Surroundings(environment, UncertainParameters(learned(**coefficients)), SIMULATOR)
+
+
+def world_of(around):
+    scene = Scene(around.environment, (BALL,), (ObjectState((0, 0, 1)),))
+    return pack_worlds([scene], around.uncertain.learned.parameters)
+
+
+def path_of(around, state, times):
+    """True positions (n, 3), m."""
+    worlds = world_of(around).repeated(state.to_vector()[None, None])
+    return SIMULATOR.rollout_batch(worlds, times, orientations=False).positions[0, 0]
+
+
+def uncertain(state, spin=PRIOR_SPIN, rng=None):
+    """A state as it is perceived: 1 mm and 4 mm/s off, the spin unknown."""
+    variances = np.zeros(12)
+    variances[POSITION], variances[LINEAR_VELOCITY] = 1e-6, 16e-6
+    variances[ANGULAR_VELOCITY] = spin**2
+    errors = np.zeros(6) if rng is None else rng.standard_normal(6)
+    return ObjectState(
+        state.position + 1e-3 * errors[:3],
+        linear_velocity=state.linear_velocity + 4e-3 * errors[3:],
+        covariance=np.diag(variances),
+    )
+
+
+def seen_flight(around, start, count):
+    """Yield time, perceived state and detection of each frame of an exact flight."""
+    times = STEP * np.arange(count)
+    path = path_of(around, start, np.sort([*times, *(times + 1e-4)])).reshape(count, 2, 3)
+    for time, (place, next_place) in zip(times, path, strict=True):
+        state = ObjectState(place, linear_velocity=(next_place - place) / 1e-4)
+        yield time, uncertain(state), detection(time, place)
+
+
+def detection(time, position, bias=0.0):
+    return Detections([time], position[None], NOISE**2 * np.eye(3)[None], bias**2 * np.eye(3))
+
+
+NOTHING = Detections([-1.0], np.zeros((1, 3)), np.eye(3)[None], np.zeros((3, 3)))
+"""Of before the beginning."""
+
+
+def followed(around, state, duration, rng, spin=PRIOR_SPIN):
+    """Follow a ball from `state` on for `duration` s; return the states at the end, and when."""
+    times = STEP * np.arange(1, round(duration / STEP) + 1)
+    seen = path_of(around, state, times) + NOISE * rng.standard_normal((len(times), 3))
+    estimate = ObjectEstimate(np.random.default_rng(3))
+    estimate.update(around, BALL, uncertain(state, spin, rng), 0.0, NOTHING)
+    for time, place in zip(times, seen, strict=True):
+        estimate.update(around, BALL, uncertain(state, spin), time, detection(time, place))
+    return estimate.states, float(times[-1])
+
+
+def test_a_bounce_that_sticks_gives_the_spin_along_its_plane():
+    # A solid ball (κ = 2/5) that sticks leaves with v' = (v + κ r ω × n …) / (1 + κ), rolling:
+    # ω' = n × v' / r. The spin after the bounce is known as well as v': to 0.1 m/s / r here.
+    around = surroundings(friction=1.0)
+    start = ObjectState((0, 0, 0.4), linear_velocity=(0.6, 0.2, -1.0), angular_velocity=(4, -7, 2))
+    states, _ = followed(around, start, 0.5, np.random.default_rng(1))
+    mean, covariance = states.moments
+    rolling = np.cross([0, 0, 1], mean[3:6]) / RADIUS
+    np.testing.assert_allclose(mean[6:8], rolling[:2], atol=0.02)
+    assert np.sqrt(covariance[[6, 7], [6, 7]]).max() < 0.1 / RADIUS * 0.5
+    # About the normal nothing acts: what was not known before is not known now.
+    assert np.sqrt(covariance[8, 8]) == pytest.approx(PRIOR_SPIN, rel=0.3)
+
+
+def test_a_bounce_that_slips_gives_the_direction_of_the_slip_only():
+    # Friction is μ (1 + e) v_n along the slip, whatever its speed: along it the spin stays as
+    # unknown as it was, across it the direction of the slip tells it.
+    around = surroundings(friction=0.05)
+    start = ObjectState((0, 0, 0.4), linear_velocity=(2.0, 0.0, -1.0), angular_velocity=(3, 5, 0))
+    states, _ = followed(around, start, 0.5, np.random.default_rng(2))
+    _, covariance = states.moments
+    # The slip is along x: the spin about y moves the point of contact along x.
+    assert np.sqrt(covariance[7, 7]) > 0.6 * PRIOR_SPIN
+
+
+@pytest.mark.parametrize("spin", [2.0, 10.0, 40.0])
+def test_the_spin_is_within_its_uncertainty(spin):
+    # Squared error of the spin in variances: χ² of 3 degrees of freedom, here no larger than that
+    # of 99.9 % for the sum of all throws; `CORRELATION` makes it smaller.
+    rng = np.random.default_rng(4)
+    around = surroundings()
+    squares, count = 0.0, 12
+    for _ in range(count):
+        start = ObjectState(
+            (*rng.uniform(-0.3, 0.3, 2), rng.uniform(0.4, 0.7)),
+            linear_velocity=(*rng.uniform(-1.0, 1.0, 2), rng.uniform(-0.5, 0.5)),
+            angular_velocity=spin * rng.standard_normal(3),
+        )
+        states, time = followed(around, start, 0.7, rng, spin)
+        mean, covariance = states.moments
+        apart = mean[6:9] - spin_at(around, start, time)
+        squares += apart @ np.linalg.solve(covariance[6:9, 6:9] + 1e-4 * np.eye(3), apart)
+    assert squares < chi2.ppf(0.999, 3 * count)
+
+
+def spin_at(around, state, time):
+    """True spin (3,) rad/s after `time` s, from how the ball turns in 0.1 ms."""
+    worlds = world_of(around).repeated(state.to_vector()[None, None])
+    turns = SIMULATOR.rollout_batch(worlds, [time, time + 1e-4, time + 2e-4]).orientations[:, 0]
+    return trajectory_fit._turn(turns[:, 0], turns[:, 1])[0] / 1e-4
+
+
+def test_an_estimate_is_better_than_the_perceived_state_after_a_bounce():
+    around = surroundings()
+    rng = np.random.default_rng(5)
+    start = ObjectState((0, 0, 0.5), linear_velocity=(1, 0.5, 0), angular_velocity=(6, -9, 4))
+    states, time = followed(around, start, 0.6, rng)
+    mean, covariance = states.moments
+    true = path_of(around, start, [time, time + 0.5])
+    after = ObjectState(mean[:3], linear_velocity=mean[3:6], angular_velocity=mean[6:9])
+    ahead = path_of(around, after, [0.5])[0]
+    without = ObjectState(mean[:3], linear_velocity=mean[3:6])
+    assert np.linalg.norm(mean[:3] - true[0]) < 3.0 * np.sqrt(np.trace(covariance[:3, :3]))
+    assert np.linalg.norm(ahead - true[1]) < 0.5 * np.linalg.norm(
+        path_of(around, without, [0.5])[0] - true[1]
+    )
+
+
+def test_a_hand_begins_a_new_estimate():
+    # Held still in the air: no free flight explains it, and what is perceived is all there is.
+    around = surroundings()
+    estimate = ObjectEstimate(np.random.default_rng(0))
+    place = np.array([0.0, 0.0, 1.0])
+    moving = ObjectState(place, linear_velocity=(0.2, 0, 0), covariance=1e-4 * np.eye(12))
+    without = 0
+    for k in range(30):
+        estimate.update(around, BALL, moving, k * STEP, detection(k * STEP, place))
+        without += estimate.states is None
+    assert without >= 6
+
+
+FLYING = ObjectState((0, 0, 1.0), linear_velocity=(1, 0, 0))
+
+
+def test_what_rests_or_is_not_detected_is_left_to_perception():
+    around = surroundings()
+    estimate = ObjectEstimate(np.random.default_rng(0))
+    for time, state, seen in seen_flight(around, FLYING, 6):
+        estimate.update(around, BALL, state, time, seen)
+    assert estimate.states is not None
+    estimate.update(around, BALL, state, 7 * STEP, None)
+    assert estimate.states is None
+    still = ObjectState((0, 0, RADIUS), covariance=1e-6 * np.eye(12))
+    estimate.update(around, BALL, still, 8 * STEP, detection(8 * STEP, still.position))
+    assert estimate.states is None
+
+
+def test_time_that_goes_back_forgets():
+    around = surroundings()
+    estimate = ObjectEstimate(np.random.default_rng(0))
+    frames = list(seen_flight(around, FLYING, 6))
+    for time, state, seen in frames:
+        estimate.update(around, BALL, state, time, seen)
+    assert estimate.states is not None
+    time, state, seen = frames[1]
+    estimate.update(around, BALL, state, time, seen)
+    assert estimate.states is None
+
+
+def test_other_surroundings_keep_what_is_known():
+    around = surroundings()
+    scene_estimate = SceneEstimate(np.random.default_rng(0))
+    for k, (time, state, seen) in enumerate(seen_flight(around, FLYING, 9)):
+        if k == 6:
+            around = surroundings(restitution=0.6)
+        (states,) = scene_estimate.update(around, [BALL], [state], time, [seen])
+    # In free flight nothing depends on θ_s: the speed is known better than one frame says.
+    assert np.sqrt(states.moments[1][3, 3]) < 0.004
+
+
+def test_boxes_are_left_to_perception():
+    box = SceneObject("box", "rubber", Box((0.1, 0.1, 0.1)))
+    state = ObjectState((0, 0, 1.0), linear_velocity=(1, 0, 0))
+    estimate = SceneEstimate(np.random.default_rng(0))
+    found = estimate.update(surroundings(), [box], [state], 0.0, [detection(0.0, state.position)])
+    assert found == (None,)
+
+
+class TwoMinima:
+    """Residuals (ξ₀² - 1) / 0.1: as likely at ξ₀ = 1 as at -1."""
+
+    def __init__(self, unknowns):
+        self.unknowns = unknowns
+
+    def residuals(self, standard):
+        return (standard[:, :1] ** 2 - 1.0) / 0.1
+
+    def residuals_and_states(self, standard, time):
+        return self.residuals(standard), self.unknowns.values(standard)
+
+
+def test_two_explanations_stay_two():
+    knowledge = PairKnowledge(np.empty(0), np.empty((0, 0)), 0, np.empty(0, dtype=int), False, {})
+    unknowns = trajectory_fit.Unknowns.of_moments(np.zeros(12), np.eye(12), knowledge)
+    fit = TwoMinima(unknowns)
+    starts = np.zeros((2, 12))
+    starts[:, 0] = (0.6, -0.7)
+    modes = find_modes(fit, starts, np.full((2, 12), 0.01))
+    assert sorted(modes.centres[:, 0].round(2).tolist()) == [-1.0, 1.0]
+    states = draw_weighted(fit, modes, 4000, 0.0, np.random.default_rng(0))
+    first = states.values @ np.linalg.inv(unknowns.root).T
+    share = states.weights[first[:, 0] > 0.0].sum()
+    # Half of them, with the standard error of the effective number of samples.
+    assert share == pytest.approx(0.5, abs=4.0 * 0.5 / np.sqrt(states.effective_count))
+    # About each, the density is normal with the variance 1 / (1 + 20²).
+    apart = np.abs(first[:, 0]) - 1.0
+    assert np.sqrt(states.weights @ apart**2) == pytest.approx(1.0 / np.sqrt(401.0), rel=0.1)
+
+
+def test_derivative_steps_follow_the_information():
+    information = np.diag([4.0, 100.0])[None]
+    np.testing.assert_allclose(derivative_steps(information), 0.3 / np.array([[2.0, 10.0]]))
+
+
+@given(st.tuples(*[st.floats(-300.0, 300.0)] * 3))
+def test_a_spin_is_read_from_three_orientations(spin):
+    # A free sphere turns about a fixed axis: q(t) = exp(ω t / 2).
+    spin = np.array(spin)
+    rate = np.linalg.norm(spin)
+    angles = 0.5 * rate * trajectory_fit.INSTANT * np.arange(3.0)
+    axis = spin / rate if rate > 0.0 else np.zeros(3)
+    turns = np.column_stack([np.sin(angles)[:, None] * axis, np.cos(angles)])
+    found = trajectory_fit._spins(turns[None])[0]
+    # Rounding of a quaternion, over an instant.
+    np.testing.assert_allclose(found, spin, atol=1e-15 / trajectory_fit.INSTANT * 20.0)
+
+
+@given(st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4))
+def test_pairs_are_written_as_the_space_has_them(units):
+    around = surroundings()
+    world = world_of(around)
+    knowledge = PairKnowledge.of(around.uncertain, world)
+    tables = knowledge.tables(world, np.array([units]))
+    posterior = around.uncertain.learned.whole_posterior()
+    unit = posterior.mean.copy()
+    names = parameter_names(MATERIALS)
+    pair = [k for k, name in enumerate(names) if "rubber" in name and "room" in name]
+    unit[pair] = units
+    expected = posterior.space.to_parameters(unit).pair("rubber", "room")
+    found = tables["coefficients"][0, :, 0, 1]
+    assert found.tolist() == pytest.approx(list(expected.values()), rel=1e-12, abs=1e-12)
+    np.testing.assert_array_equal(tables["coefficients"][0, :, 1, 0], found)
+
+
+def weighted(motion, spread=0.0, count=50):
+    """States of a ball about a motion (9,), all equally likely."""
+    around = surroundings()
+    knowledge = PairKnowledge.of(around.uncertain, world_of(around))
+    unknowns = trajectory_fit.Unknowns.of_moments(np.zeros(12), np.eye(12), knowledge)
+    rng = np.random.default_rng(0)
+    values = np.zeros((count, 12 + len(knowledge.mean)))
+    values[:, :9] = motion + spread * rng.standard_normal((count, 9))
+    values[:, 12:] = knowledge.mean
+    return WeightedStates(values, np.full(count, 1.0 / count), unknowns)
+
+
+def test_samples_begin_at_the_estimate_with_its_parameters():
+    motion = np.array([0, 0, 1.0, 1, 2, 3, 4, 5, 6])
+    estimate = weighted(motion, spread=0.1)
+    scene = Scene(ROOM, (BALL,), (ObjectState((9, 9, 9)),))
+    prepared = PreparedScene.of(
+        scene, UncertainParameters(learned(restitution=0.2)), StateNoise(), (estimate,)
+    )
+    worlds = prepared.sampled(50, np.random.default_rng(1))
+    found = worlds.states[:, 0][:, [0, 1, 2, 7, 8, 9, 10, 11, 12]]
+    # Every sample of equal weight once.
+    order, own = (rows[np.argsort(rows[:, 0])] for rows in (found, estimate.values[:, :9]))
+    np.testing.assert_allclose(order, own, atol=1e-12)
+    # Restitution is what the estimate goes with, not what others were drawn with.
+    np.testing.assert_allclose(worlds.coefficients[:, 3, 0, 1], 0.7, atol=1e-3)
+
+
+def test_noise_scales_stretch_the_estimate_and_fixed_noise_alone_leaves_it_out():
+    motion = np.array([0, 0, 1.0, 1, 2, 3, 4, 5, 6])
+    estimate = weighted(motion, spread=0.1)
+    mean = estimate.moments[0][:9]
+    scene = Scene(ROOM, (BALL,), (ObjectState((9, 9, 9)),))
+    known = StateNoise(scale=0.0, spin_scale=0.0)
+    prepared = PreparedScene.of(scene, learned().parameters, known, (estimate,))
+    states = prepared.sampled(5, np.random.default_rng(1)).states[:, 0]
+    np.testing.assert_allclose(states[:, :3], np.tile(mean[:3], (5, 1)), atol=1e-12)
+    np.testing.assert_allclose(states[:, 10:], np.tile(mean[6:], (5, 1)), atol=1e-12)
+    fixed = StateNoise(perceived=False)
+    states = PreparedScene.of(scene, learned().parameters, fixed, (estimate,)).sampled(
+        5, np.random.default_rng(1)
+    )
+    np.testing.assert_array_equal(states.states[:, 0, :3], 9.0)
+
+
+def test_chosen_samples_are_as_frequent_as_their_weights():
+    estimate = replace(weighted(np.zeros(9), count=3), weights=np.array([0.5, 0.3, 0.2]))
+    chosen = estimate.choose(100, np.random.default_rng(0))
+    # Systematic: the counts are off by less than one.
+    np.testing.assert_allclose(np.bincount(chosen), [50, 30, 20], atol=1.0)
+
+
+def test_the_state_has_the_moments():
+    estimate = weighted(np.array([0, 0, 1.0, 1, 2, 3, 4, 5, 6]), spread=0.2, count=20_000)
+    state = estimate.state(np.array([0.0, 0.0, 0.0, 1.0]))
+    np.testing.assert_allclose(state.angular_velocity, [4, 5, 6], atol=0.01)
+    rows = np.r_[POSITION, LINEAR_VELOCITY, ANGULAR_VELOCITY]
+    np.testing.assert_allclose(state.covariance[np.ix_(rows, rows)], 0.04 * np.eye(9), atol=0.003)
+
+
+def test_a_predictor_begins_where_the_estimate_is():
+    around = surroundings()
+    start = ObjectState((0, 0, 0.4), linear_velocity=(0.5, 0, -1), angular_velocity=(0, -8, 0))
+    options = PredictionOptions(horizon=0.5, sample_count=20)
+    inputs = Inputs(ROOM, 1, learned(), None)
+    frames = list(seen_flight(around, start, 13))
+
+    def fed(estimate_states):
+        predictor = Predictor(
+            PredictionSettings(replace(options, estimate_states=estimate_states)), 0, inputs
+        )
+        for time, state, detected in frames:
+            seen = SeenStates((BALL,), (state,), time, 50.0 + time, 0.0, "room", (detected,))
+            predictor.take(seen=seen)
+        return predictor
+
+    predictor = fed(True)
+    (states,) = predictor.snapshot.estimates
+    now = frames[-1][0]
+    made = predictor.predict(now=now, monotonic=50.0 + now)
+    ahead = path_of(around, start, [now + 0.5])[0]
+    assert np.linalg.norm(made.distribution.mean[0, -1] - ahead) < 0.03
+    assert made.prepared.estimates == (states,)
+    assert fed(False).snapshot.estimates == ()
+
+
+def test_an_estimate_depends_on_the_seed_alone():
+    around = surroundings()
+    start = ObjectState((0, 0, 0.4), linear_velocity=(0.5, 0, -1), angular_velocity=(0, -8, 0))
+    one, two = (followed(around, start, 0.4, np.random.default_rng(7))[0] for _ in range(2))
+    np.testing.assert_array_equal(one.values, two.values)
+    np.testing.assert_array_equal(one.weights, two.weights)

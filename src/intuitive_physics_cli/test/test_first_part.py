@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from intuitive_physics.observation import Detections, Observation, ObservedObject
 from intuitive_physics.shapes import Box
 from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION
-from intuitive_physics_cli.evaluation.first_part import (
+from intuitive_physics_cli.evaluation.prequential import (
     FIRST_PART,
     after_first_part,
     after_first_parts,

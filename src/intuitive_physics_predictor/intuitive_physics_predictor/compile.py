@@ -13,6 +13,7 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics_predictor.moments import weighted_moments
 from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noisy_newton import PreparedScene
+from intuitive_physics_predictor.outside import objects_inside
 
 
 def warm_up() -> None:
@@ -28,6 +29,7 @@ def warm_up_samples() -> None:
     scene = Scene(Environment(), (ball,), (ObjectState((0.0, 0.0, 0.0)),))
     prepared = PreparedScene.of(scene, StaticParameters.uniform(["any"]), StateNoise())
     prepared.sampled(1, np.random.default_rng(0))
+    objects_inside(prepared.world, prepared.spread.means)
 
 
 WARM_UPS: tuple[WarmUp, ...] = (warm_up_samples,)

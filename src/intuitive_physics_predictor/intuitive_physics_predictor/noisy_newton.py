@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,10 @@ from intuitive_physics.simulation.contact_noise import ContactNoise
 from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics.state import ERROR_SIZE
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
+from intuitive_physics_predictor.estimation.unknowns import PLACE
 from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
 from intuitive_physics_predictor.noise import StateNoise, StateSpread, draw_sizes
-from intuitive_physics_predictor.outside import condition_on_outside
+from intuitive_physics_predictor.outside import condition_on_outside, objects_inside
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 DEFAULT_SAMPLE_COUNT = 20
@@ -153,13 +155,39 @@ class PreparedScene:
             changes["air_factors"] = one.air_factors * factors ** np.array([2.0, 3.0])
             changes["mass_centres"] = one.mass_centres * factors
         worlds = one.taken(np.zeros(count, dtype=np.int64), **changes)
-        condition_on_outside(worlds, self.spread, normal)
+        condition_on_outside(worlds, self._estimated_spread, normal)
         return worlds.with_contact_noise(contact_noise, rng) if contact_noise else worlds
+
+    @cached_property
+    def _estimated_spread(self) -> StateSpread:
+        """Normal distribution of the states, as estimated where they are, else as perceived."""
+        if all(estimate is None for estimate in self.estimates):
+            return self.spread
+        states = list(self.scene.states)
+        for k, estimate in enumerate(self.estimates):
+            if estimate is not None:
+                states[k] = estimate.state(states[k].orientation)
+        return StateSpread.of(states, self.noise)
+
+    @cached_property
+    def _possible_estimates(self) -> tuple[WeightedStates | None, ...]:
+        """The estimates given that no object is inside a surface."""
+        means = self._estimated_spread.means
+        found: list[WeightedStates | None] = []
+        for k, estimate in enumerate(self.estimates):
+            if estimate is not None:
+                count = len(estimate.values)
+                states = np.repeat(means[None], count, axis=0)
+                states[:, k, 0:3] = estimate.values[:, PLACE]
+                worlds = self.world.taken(np.zeros(count, dtype=np.int64), states=states)
+                estimate = estimate.where(~objects_inside(worlds, means)[:, k])
+            found.append(estimate)
+        return tuple(found)
 
     def _take_estimates(self, changes: dict[str, Any], rng: np.random.Generator) -> None:
         """Put the estimated states in the place of the perceived ones, with the θ_s of each."""
         states = changes["states"]
-        for k, estimate in enumerate(self.estimates):
+        for k, estimate in enumerate(self._possible_estimates):
             if estimate is None:
                 continue
             motions, units = estimate.draw(len(states), self.noise, rng)

@@ -17,6 +17,9 @@ with one side: an object over it is above it; one whose mean lies under it stays
 - A sample whose objects overlap is drawn again as a whole, up to `PAIR_REDRAWS` times, then parted
   in the same way; what no room is found for is left, and engines part it.
 
+Of an object whose state is estimated by samples, those that are outside are used
+(`WeightedStates.where`); what is drawn again all the same has the moments of the estimate.
+
 Numbers for all this are hashes of the sample's first normal deviate: the generator goes on as if
 there were no surfaces.
 """
@@ -108,9 +111,9 @@ def condition_on_outside(
 
     Parameters
     ----------
-    worlds : samples of one scene, with states `spread.at(normal)`, which are changed in place
-    spread : of the states
-    normal : (n_samples, n_objects, 12) that they were drawn from; changed in place
+    worlds : samples of one scene, with states that are changed in place
+    spread : that states are drawn from again
+    normal : (n_samples, n_objects, 12) normal deviates of the samples; changed in place
     """
     scratch = Scratch(*scratch_sizes(worlds), contacts_a_body=0)
     work = np.zeros(1, WORK)
@@ -125,8 +128,25 @@ def count_samples_inside(worlds: WorldBatch, means: NDArray[np.float64]) -> int:
     worlds : samples of one scene
     means : (n_objects, 13) states that were perceived; what lies under a bounded plane may do so
     """
+    return int(objects_inside(worlds, means).any(axis=1).sum())
+
+
+def objects_inside(worlds: WorldBatch, means: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which objects are inside a static box or below the surface of a plane.
+
+    Parameters
+    ----------
+    worlds : samples of one scene
+    means : (n_objects, 13) as in `count_samples_inside`
+
+    Returns
+    -------
+    (n_samples, n_objects)
+    """
     scratch = Scratch(*scratch_sizes(worlds), contacts_a_body=0)
-    return int(count_inside(worlds.arrays, scratch.world, means))
+    inside = np.zeros((worlds.size, len(means)), dtype=bool)
+    find_inside(worlds.arrays, scratch.world, means, inside)
+    return inside
 
 
 @entry
@@ -156,25 +176,22 @@ def condition_samples(
 
 
 @entry
-def count_inside(batch: Any, scratch: Any, means: Any) -> Any:
-    """See `count_samples_inside`.
+def find_inside(batch: Any, scratch: Any, means: Any, inside: Any) -> None:
+    """See `objects_inside`.
 
     Parameters
     ----------
     batch : `WorldBatch.arrays`
     scratch : (1,) WORLD with room for each of the worlds
+    inside : (W, O) bool to be filled
     """
     worlds: Any = WorldArrays(*batch)
     world = scratch[0]
-    found = 0
     for s in range(worlds.object_counts.size):
         _place_sample(world, worlds, s)
-        least = inf
         for i in range(world.moving):
             gap, _ = _deepest(world, i, means[i], world.moving)
-            least = min(least, gap)
-        found += least < -TOUCHING
-    return found
+            inside[s, i] = gap < -TOUCHING
 
 
 @kernel

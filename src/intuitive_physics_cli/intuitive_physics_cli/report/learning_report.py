@@ -13,12 +13,6 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_cli.evaluation.evaluation import Evaluation, evaluate
-from intuitive_physics_cli.evaluation.first_part import (
-    FIRST_PART,
-    LONGEST_FIRST_PART,
-    FirstParts,
-    after_first_parts,
-)
 from intuitive_physics_cli.evaluation.prediction_case import (
     LEVELS,
     PredictionCase,
@@ -26,6 +20,12 @@ from intuitive_physics_cli.evaluation.prediction_case import (
     horizon_coverage,
     predict_cases,
     region_coverage,
+)
+from intuitive_physics_cli.evaluation.prequential import (
+    FIRST_PART,
+    LONGEST_FIRST_PART,
+    FirstParts,
+    after_first_parts,
 )
 from intuitive_physics_cli.report.report_page import (
     footer,

@@ -12,8 +12,8 @@ import numpy as np
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import PAIR_COEFFICIENTS
-from intuitive_physics_cli.evaluation.first_part import FIRST_PART
 from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
+from intuitive_physics_cli.evaluation.prequential import FIRST_PART
 from intuitive_physics_cli.report.figure_style import legend_below
 from intuitive_physics_cli.report.learning_report import prediction_sections
 from intuitive_physics_cli.report.report_page import (

@@ -15,6 +15,7 @@ from benchmarks.prediction.feed import SCENES, Feed
 from benchmarks.prediction.node import MOST_PUBLISHED, NodeUnderTest, largest_sample_count
 from benchmarks.prediction.peers import peer_times
 from benchmarks.prediction.report import Results, complaints, key_figures, tables
+from benchmarks.prediction.surfaces import samples_below_a_surface
 from benchmarks.prediction.truth import truth
 from benchmarks.steady_loop import watch_loops
 from intuitive_physics_experiments.calibration.paper_calibration import PaperCalibrationOptions
@@ -86,8 +87,10 @@ def measure(effort: Effort) -> Results:
     loops.append(watch_loops("nothing, after", effort.loop, cores))
     report_progress("other engines alone")
     peers = peer_times(SCENES)
+    report_progress("samples below a surface")
+    below = samples_below_a_surface()
     report_progress("coverage and scores")
-    return Results(runs, most, loops, peers, truth(effort.truth))
+    return Results(runs, most, loops, peers, truth(effort.truth), below)
 
 
 if __name__ == "__main__":

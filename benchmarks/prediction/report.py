@@ -7,6 +7,7 @@ from typing import Any
 
 from benchmarks.prediction.node import HOLDS, MOST_PUBLISHED, Run
 from benchmarks.prediction.peers import PeerTime
+from benchmarks.prediction.surfaces import PREDICTIONS
 from benchmarks.prediction.truth import Truth
 from benchmarks.results.result import Cell, Column, Table
 from benchmarks.steady_loop import RATE, WORK, Lateness
@@ -35,6 +36,7 @@ class Results:
     loops : of constant work on both cores, with nothing beside it
     peers : times of a prediction by ODE and PyBullet, the paper's way, and by ours
     truth : coverage and scores of what is predicted
+    below : samples of predictions of resting balls that are below a surface
     """
 
     runs: dict[str, Run]
@@ -42,6 +44,7 @@ class Results:
     loops: list[Lateness]
     peers: dict[str, list[PeerTime]]
     truth: Truth
+    below: int
 
 
 def tables(results: Results) -> list[Table]:
@@ -51,7 +54,7 @@ def tables(results: Results) -> list[Table]:
         _most_table(results.most_samples),
         _loops_table(results.loops),
         _peers_table(results.peers),
-        _truth_table(results.truth),
+        _truth_table(results),
     ]
 
 
@@ -73,6 +76,8 @@ def complaints(results: Results) -> list[str]:
             found.append(f"90 % regions hold {100 * share:.0f} % after {horizon} s")
     if not results.truth.score_ratio < 1.0:
         found.append(f"energy score is {results.truth.score_ratio:.2f} of the best baseline's")
+    if results.below:
+        found.append(f"{results.below} samples are below a surface; expected none")
     return found
 
 
@@ -85,6 +90,7 @@ def key_figures(results: Results) -> dict[str, Any]:
         "max_samples_at_100hz": results.most_samples,
         "coverage_90": {h: round(c, 3) for h, c in results.truth.coverage_90.items()},
         "energy_score_vs_best_baseline": round(results.truth.score_ratio, 3),
+        "samples_below_a_surface": results.below,
     }
 
 
@@ -160,13 +166,16 @@ def _peers_table(peers: dict[str, list[PeerTime]]) -> Table:
     )
 
 
-def _truth_table(truth: Truth) -> Table:
+def _truth_table(results: Results) -> Table:
+    truth = results.truth
     return Table(
         title=f"True of the paper's synthetic set, {truth.samples} samples an object",
         columns=[Column("s ahead", "s"), Column("% in the 90 % region", "%", ".1f")],
         rows=[[horizon, 100 * share] for horizon, share in truth.coverage_90.items()],
         remarks=[
             "Energy score over that of the best baseline, at the horizon where it is worst: "
-            f"{truth.score_ratio:.3f}"
+            f"{truth.score_ratio:.3f}",
+            f"Samples below a surface, of {PREDICTIONS} predictions of balls that rest on or lie "
+            f"next to one: {results.below}",
         ],
     )

@@ -34,6 +34,7 @@ def test_predictions_and_what_was_seen_are_recorded(tmp_path: Path) -> None:
         path.times,
         np.repeat(path.positions[None], 5, axis=0),
         path.positions,
+        np.zeros((len(path), 3, 3)),
     )
     file = tmp_path / "new" / "out.rrd"
     with RerunRecording(file) as recording:

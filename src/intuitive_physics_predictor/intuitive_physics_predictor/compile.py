@@ -5,10 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from intuitive_physics.kernels.warm_up import WarmUp
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.scene import Environment, Scene, SceneObject
+from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation.compile import warm_up as warm_up_simulation
 from intuitive_physics.state import ObjectState
 from intuitive_physics_predictor.moments import weighted_moments
-from intuitive_physics_predictor.noise import StateNoise, StateSpread
+from intuitive_physics_predictor.noise import StateNoise
+from intuitive_physics_predictor.noisy_newton import PreparedScene
+from intuitive_physics_predictor.outside import objects_inside
 
 
 def warm_up() -> None:
@@ -20,7 +25,11 @@ def warm_up() -> None:
 def warm_up_samples() -> None:
     """Compile what draws samples and sums them up, or load it from the cache."""
     weighted_moments(np.zeros((2, 1, 3)), np.full(2, 0.5))
-    StateSpread.of([ObjectState((0.0, 0.0, 0.0))], StateNoise()).draw(1, np.random.default_rng(0))
+    ball = SceneObject("ball", "any", Sphere(1.0))
+    scene = Scene(Environment(), (ball,), (ObjectState((0.0, 0.0, 0.0)),))
+    prepared = PreparedScene.of(scene, StaticParameters.uniform(["any"]), StateNoise())
+    prepared.sampled(1, np.random.default_rng(0))
+    objects_inside(prepared.world, prepared.spread.means)
 
 
 WARM_UPS: tuple[WarmUp, ...] = (warm_up_samples,)

@@ -15,7 +15,7 @@ from intuitive_physics.geometry.quaternions import (
     turned_by,
 )
 from intuitive_physics.geometry.vectors import add, load, store
-from intuitive_physics.kernels import entry, inlined
+from intuitive_physics.kernels import entry, inlined, kernel
 from intuitive_physics.state import (
     ANGULAR_VELOCITY,
     ERROR_SIZE,
@@ -97,8 +97,16 @@ class StateSpread:
 
     def draw(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Draw states (count, n_objects, 13)."""
-        normal = rng.standard_normal((count, len(self.means), ERROR_SIZE))
-        drawn = np.empty((count, *self.means.shape))
+        return self.at(rng.standard_normal((count, len(self.means), ERROR_SIZE)))
+
+    def at(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the states at normal deviates, (count, n_objects, 13).
+
+        Parameters
+        ----------
+        normal : (count, n_objects, 12)
+        """
+        drawn = np.empty((len(normal), *self.means.shape))
         _add_errors(self.means, self.roots, normal, drawn)
         return drawn
 
@@ -125,12 +133,17 @@ def _add_errors(means: Any, roots: Any, normal: Any, states: Any) -> None:
     """Write states (count, n_objects, 13): the mean ones, and on them R times what is normal."""
     for s in range(states.shape[0]):
         for k in range(states.shape[1]):
-            mean, root, drawn, state = means[k], roots[k], normal[s, k], states[s, k]
-            store(state[0:3], add(load(mean[0:3]), _error(root, drawn, POSITION.start)))
-            turn = _error(root, drawn, ROTATION.start)
-            store_quaternion(state[3:7], turned_by(load_quaternion(mean[3:7]), turn))
-            store(state[7:10], add(load(mean[7:10]), _error(root, drawn, LINEAR_VELOCITY.start)))
-            store(state[10:13], add(load(mean[10:13]), _error(root, drawn, ANGULAR_VELOCITY.start)))
+            add_error(means[k], roots[k], normal[s, k], states[s, k])
+
+
+@kernel
+def add_error(mean: Any, root: Any, normal: Any, state: Any) -> None:
+    """Write a state (13,): the mean one, and on it R times what is normal (12,)."""
+    store(state[0:3], add(load(mean[0:3]), _error(root, normal, POSITION.start)))
+    turn = _error(root, normal, ROTATION.start)
+    store_quaternion(state[3:7], turned_by(load_quaternion(mean[3:7]), turn))
+    store(state[7:10], add(load(mean[7:10]), _error(root, normal, LINEAR_VELOCITY.start)))
+    store(state[10:13], add(load(mean[10:13]), _error(root, normal, ANGULAR_VELOCITY.start)))
 
 
 @inlined

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,12 @@ from intuitive_physics.scene import Scene
 from intuitive_physics.simulation import Simulator, WorldStatus, make_simulator, pack_worlds
 from intuitive_physics.simulation.contact_noise import ContactNoise
 from intuitive_physics.simulation.world_batch import WorldBatch
+from intuitive_physics.state import ERROR_SIZE
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
+from intuitive_physics_predictor.estimation.unknowns import PLACE
 from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
 from intuitive_physics_predictor.noise import StateNoise, StateSpread, draw_sizes
+from intuitive_physics_predictor.outside import condition_on_outside, objects_inside
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 DEFAULT_SAMPLE_COUNT = 20
@@ -129,11 +133,15 @@ class PreparedScene:
         size_noise: float = 0.0,
         contact_noise: ContactNoise | None = None,
     ) -> WorldBatch:
-        """Return `count` copies, each with its own draw of all that is uncertain, as `predict`."""
+        """Return `count` copies, each with its own draw of all that is uncertain, as `predict`.
+
+        No object of a copy is inside a surface: see `outside`.
+        """
         if count < 1:
             raise InvalidInputError(f"sample count is {count}; expected at least 1")
         one = self.world
-        changes: dict[str, Any] = {"states": self.spread.draw(count, rng)}
+        normal = rng.standard_normal((count, len(self.scene.objects), ERROR_SIZE))
+        changes: dict[str, Any] = {"states": self.spread.at(normal)}
         if isinstance(self.static_parameters, UncertainParameters):
             changes["density"], changes["coefficients"] = self.static_parameters.draw(count, rng)
             changes["parameter_index"] = np.arange(count, dtype=np.int64)
@@ -147,12 +155,39 @@ class PreparedScene:
             changes["air_factors"] = one.air_factors * factors ** np.array([2.0, 3.0])
             changes["mass_centres"] = one.mass_centres * factors
         worlds = one.taken(np.zeros(count, dtype=np.int64), **changes)
+        condition_on_outside(worlds, self._estimated_spread, normal)
         return worlds.with_contact_noise(contact_noise, rng) if contact_noise else worlds
+
+    @cached_property
+    def _estimated_spread(self) -> StateSpread:
+        """Normal distribution of the states, as estimated where they are, else as perceived."""
+        if all(estimate is None for estimate in self.estimates):
+            return self.spread
+        states = list(self.scene.states)
+        for k, estimate in enumerate(self.estimates):
+            if estimate is not None:
+                states[k] = estimate.state(states[k].orientation)
+        return StateSpread.of(states, self.noise)
+
+    @cached_property
+    def _possible_estimates(self) -> tuple[WeightedStates | None, ...]:
+        """The estimates given that no object is inside a surface."""
+        means = self._estimated_spread.means
+        found: list[WeightedStates | None] = []
+        for k, estimate in enumerate(self.estimates):
+            if estimate is not None:
+                count = len(estimate.values)
+                states = np.repeat(means[None], count, axis=0)
+                states[:, k, 0:3] = estimate.values[:, PLACE]
+                worlds = self.world.taken(np.zeros(count, dtype=np.int64), states=states)
+                estimate = estimate.where(~objects_inside(worlds, means)[:, k])
+            found.append(estimate)
+        return tuple(found)
 
     def _take_estimates(self, changes: dict[str, Any], rng: np.random.Generator) -> None:
         """Put the estimated states in the place of the perceived ones, with the θ_s of each."""
         states = changes["states"]
-        for k, estimate in enumerate(self.estimates):
+        for k, estimate in enumerate(self._possible_estimates):
             if estimate is None:
                 continue
             motions, units = estimate.draw(len(states), self.noise, rng)

@@ -402,3 +402,39 @@ def test_an_estimate_depends_on_the_seed_alone():
     one, two = (followed(around, start, 0.4, np.random.default_rng(7))[0] for _ in range(2))
     np.testing.assert_array_equal(one.values, two.values)
     np.testing.assert_array_equal(one.weights, two.weights)
+
+
+def touching(spread=1e-3, count=200, depth=0.0):
+    """A scene of a ball that touches the floor by its estimate, and the estimate."""
+    motion = np.array([0, 0, RADIUS - depth, 1, 2, 3, 4, 5, 6])
+    scene = Scene(ROOM, (BALL,), (ObjectState((0, 0, RADIUS)),))
+    return scene, weighted(motion, spread, count)
+
+
+def test_of_an_estimate_the_samples_outside_of_surfaces_are_used():
+    scene, estimate = touching()
+    prepared = PreparedScene.of(scene, UncertainParameters(learned()), StateNoise(), (estimate,))
+    states = prepared.sampled(100, np.random.default_rng(1)).states[:, 0]
+    assert states[:, 2].min() >= RADIUS - 1e-9
+    outside = estimate.values[estimate.values[:, 2] >= RADIUS - 1e-9, 2]
+    assert np.isin(states[:, 2], outside).all()
+    # About half of 200 can be, each once.
+    assert len(np.unique(states[:, 2])) >= 0.9 * min(len(outside), 100)
+
+
+def test_where_an_estimate_is_inside_draws_of_its_moments_are_not():
+    scene, estimate = touching(depth=0.004)
+    prepared = PreparedScene.of(scene, UncertainParameters(learned()), StateNoise(), (estimate,))
+    states = prepared.sampled(100, np.random.default_rng(1)).states[:, 0]
+    assert states[:, 2].min() >= RADIUS - 1e-9
+    # What four standard deviations leave of a normal distribution lies within a quarter of one.
+    assert np.mean(states[:, 2]) < RADIUS + 0.5e-3
+    np.testing.assert_allclose(states[:, 7:13].mean(axis=0), [1, 2, 3, 4, 5, 6], atol=1e-3)
+
+
+def test_too_few_possible_samples_are_not_all_there_is():
+    estimate = weighted(np.zeros(9), spread=1.0, count=50)
+    possible = np.arange(50) < 5
+    assert estimate.where(possible) is estimate
+    half = estimate.where(np.arange(50) < 25)
+    np.testing.assert_allclose(half.weights, np.where(np.arange(50) < 25, 1 / 25, 0.0))

@@ -85,7 +85,7 @@ def _record(report: Any, path: Path) -> None:
     cases = iter(report.cases)
     with RerunRecording(path) as recording:
         start = 0.0
-        for seen in report.evaluation.test:
+        for seen in report.predicted.observations:
             recording.environment(seen.environment)
             for _ in seen.objects:
                 recording.prediction(next(cases), start)

@@ -12,6 +12,8 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Environment
 from intuitive_physics.simulation import Simulator
+from intuitive_physics_learner.joint_estimation.point_noise import TrackNoise, track_noises
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_predictor.noisy_newton import predict
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 from intuitive_physics_predictor.scores.highest_density import coverage, highest_density_levels
@@ -32,6 +34,7 @@ class PredictionCase:
     times : (n_times,) s after the initial state, those at which the object was seen
     samples : (n_samples, n_times, 3) m
     observed : (n_times, 3) m
+    covariances : (n_times, 3, 3) m², of the error that each point observed has of its own
     """
 
     name: str
@@ -40,6 +43,7 @@ class PredictionCase:
     times: NDArray[np.float64]
     samples: NDArray[np.float64]
     observed: NDArray[np.float64]
+    covariances: NDArray[np.float64]
 
     @property
     def mean(self) -> NDArray[np.float64]:
@@ -79,15 +83,27 @@ def predict_cases(
     sample_count : simulations of each observation
     on_progress : called with the observations done and the observations in all
     """
+    noises = track_noises(observations, JointEstimationSettings())
     cases = []
-    for done, seen in enumerate(observations):
-        cases += _cases_of(seen, parameters, simulator, rng, sample_count)
+    for done, (seen, own) in enumerate(zip(observations, noises, strict=True)):
+        covariances = [_covariances(noise) for noise in own]
+        cases += _cases_of(seen, covariances, parameters, simulator, rng, sample_count)
         on_progress(done + 1, len(observations))
     return cases
 
 
+def _covariances(noise: TrackNoise) -> NDArray[np.float64]:
+    """Covariances (n, 3, 3), m², of the error that each point of a track has of its own.
+
+    Initial states are estimated from points with the same shared error, and count it already.
+    """
+    roots = np.linalg.inv(noise.whitening)
+    return np.asarray(roots @ roots.swapaxes(1, 2))
+
+
 def _cases_of(
     seen: Observation,
+    covariances: Sequence[NDArray[np.float64]],
     parameters: StaticParameters | UncertainParameters,
     simulator: Simulator,
     rng: np.random.Generator,
@@ -115,9 +131,10 @@ def _cases_of(
             times=times,
             samples=distribution.positions[:, j][:, np.searchsorted(instants, times)],
             observed=observed_object.trajectory.positions[later],
+            covariances=noise[later],
         )
-        for j, (observed_object, times, later) in enumerate(
-            zip(seen.objects, since, after, strict=True)
+        for j, (observed_object, times, later, noise) in enumerate(
+            zip(seen.objects, since, after, covariances, strict=True)
         )
     ]
 
@@ -135,7 +152,7 @@ POINTS_JUDGED = 30
 
 
 def region_coverage(
-    cases: Sequence[PredictionCase], noise: float, rng: np.random.Generator
+    cases: Sequence[PredictionCase], rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """Share of points inside the highest-density region of each of `LEVELS`, shape (19,).
 
@@ -144,17 +161,65 @@ def region_coverage(
     Parameters
     ----------
     cases : at least one
-    noise : m, standard deviation of a point that was seen, which its prediction does not have
+    rng : of the errors of what was observed, which samples are given too
     """
     shares = []
     for case in cases:
         count = case.times.size
         judged = np.unique(np.linspace(0, count - 1, POINTS_JUDGED).round().astype(int))
-        samples = case.samples[:, judged]
-        samples = samples + rng.normal(0.0, noise, samples.shape)
-        levels = [
-            highest_density_levels(samples[:, k], case.observed[point])
-            for k, point in enumerate(judged)
-        ]
+        levels = [_levels_at(case, point, rng) for point in judged]
         shares.append([coverage(levels, level) for level in LEVELS])
     return np.asarray(np.mean(shares, axis=0))
+
+
+HORIZONS = (0.2, 0.5, 1.0, 1.5, 2.0)
+"""s ahead at which single points are judged."""
+
+NEAR_HORIZON = 0.05
+"""s from a horizon within which a point counts as at it."""
+
+
+@dataclass(frozen=True)
+class HorizonCoverage:
+    """How often regions held what was seen at one time ahead, at one point of each case.
+
+    Parameters
+    ----------
+    horizon : s
+    count : cases that were seen then
+    shares : of these, inside the regions of the probabilities asked for
+    """
+
+    horizon: float
+    count: int
+    shares: tuple[float, ...]
+
+
+def horizon_coverage(
+    cases: Sequence[PredictionCase], probabilities: Sequence[float], rng: np.random.Generator
+) -> list[HorizonCoverage]:
+    """Judge each case at its point nearest to each of `HORIZONS`, where some was seen then."""
+    found = []
+    for horizon in HORIZONS:
+        nearest = [int(np.abs(case.times - horizon).argmin()) for case in cases]
+        levels = [
+            _levels_at(case, point, rng)
+            for case, point in zip(cases, nearest, strict=True)
+            if abs(case.times[point] - horizon) <= NEAR_HORIZON
+        ]
+        if levels:
+            shares = tuple(coverage(levels, probability) for probability in probabilities)
+            found.append(HorizonCoverage(horizon, len(levels), shares))
+    return found
+
+
+def binomial_error(probability: float, count: int) -> float:
+    """Standard error of the share of `count` independent cases that have this probability."""
+    return float(np.sqrt(probability * (1.0 - probability) / count))
+
+
+def _levels_at(case: PredictionCase, point: int, rng: np.random.Generator) -> tuple[float, float]:
+    """Levels of what was seen at one point among samples with errors as it has."""
+    samples = case.samples[:, point]
+    errors = rng.multivariate_normal(np.zeros(3), case.covariances[point], len(samples))
+    return highest_density_levels(samples + errors, case.observed[point])

@@ -10,14 +10,22 @@ from pathlib import Path
 import numpy as np
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.observation import Observation
+from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_cli.evaluation.evaluation import Evaluation, evaluate
 from intuitive_physics_cli.evaluation.prediction_case import (
     LEVELS,
     PredictionCase,
+    binomial_error,
+    horizon_coverage,
     predict_cases,
     region_coverage,
+)
+from intuitive_physics_cli.evaluation.prequential import (
+    FIRST_PART,
+    LONGEST_FIRST_PART,
+    FirstParts,
+    after_first_parts,
 )
 from intuitive_physics_cli.report.report_page import (
     footer,
@@ -37,6 +45,7 @@ from intuitive_physics_cli.report.report_plots import (
 )
 from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.search.parameter_search import SearchProgress
+from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 MOST_SHOWN = 6
 """Cases with a plot of their own."""
@@ -45,13 +54,16 @@ SUMMARY_LEVELS = (0.5, 0.9)
 """Regions whose coverage the text states."""
 
 
-def prediction_sections(cases: Sequence[PredictionCase], noise: float, title: str) -> list[str]:
+def prediction_sections(
+    cases: Sequence[PredictionCase], title: str, known: str, left_out: int
+) -> list[str]:
     """Return sections of the worst cases, of all cases, and of calibration; none without cases.
 
     Parameters
     ----------
-    noise : m, standard deviation of a point that was seen
     title : what the cases are, plain text
+    known : sentences on what the predictions knew, plain text
+    left_out : observations that could not be predicted
     """
     if not cases:
         return []
@@ -69,7 +81,7 @@ def prediction_sections(cases: Sequence[PredictionCase], noise: float, title: st
             introduction=f"The {len(shown)} worst of {len(cases)}; the number is the mean distance "
             "between the mean of the prediction and what was seen. Drag to turn, scroll to zoom.",
         ),
-        _calibration(cases, noise),
+        _calibration(cases, known + _left_out(left_out)),
     ]
 
 
@@ -88,19 +100,53 @@ def _all_cases(worst: Sequence[PredictionCase]) -> str:
     return table(header, rows)
 
 
-def _calibration(cases: Sequence[PredictionCase], noise: float) -> str:
-    shares = region_coverage(cases, noise, np.random.default_rng(0))
+def _left_out(count: int) -> str:
+    if count == 0:
+        return ""
+    return (
+        f" Left out: {count}, of which the state was not known within {LONGEST_FIRST_PART:g} s or "
+        "nothing was seen later."
+    )
+
+
+def _calibration(cases: Sequence[PredictionCase], known: str) -> str:
+    count = len(cases)
+    shares = region_coverage(cases, np.random.default_rng(0))
     claims = ", ".join(
         f"those that claim {100.0 * level:.0f} % hold "
-        f"{100.0 * shares[int(np.abs(LEVELS - level).argmin())]:.0f} %"
+        + _share(shares[int(np.abs(LEVELS - level).argmin())], level, count)
         for level in SUMMARY_LEVELS
     )
     return section(
         "Is the spread honest?",
-        coverage_plot("coverage", shares),
-        introduction="How many of the points that were seen lie in the regions of the predictions: "
-        f"{claims}. Below the dashed line predictions are too confident, above it too cautious.",
+        side_by_side([coverage_plot("coverage", shares, count), _horizon_table(cases)]),
+        introduction=f"{html.escape(known)} How many of the points that were seen after that lie "
+        f"in the regions of the predictions of {count} motions: {claims}. ± is the binomial "
+        "standard error of as many motions, as the points of one go together; the band in the plot "
+        "is as wide. Below the band predictions are too confident, above it too cautious.",
     )
+
+
+def _horizon_table(cases: Sequence[PredictionCase]) -> str:
+    """One point of each motion at each time ahead, so that all are independent."""
+    rows = [
+        (
+            f"{found.horizon:g}",
+            f"{found.count}",
+            *(
+                _share(share, level, found.count)
+                for share, level in zip(found.shares, SUMMARY_LEVELS, strict=True)
+            ),
+        )
+        for found in horizon_coverage(cases, SUMMARY_LEVELS, np.random.default_rng(0))
+    ]
+    regions = (f"in the {100.0 * level:.0f} % region" for level in SUMMARY_LEVELS)
+    return table(("s ahead", "motions seen then", *regions), rows)
+
+
+def _share(share: float, claimed: float, count: int) -> str:
+    """A share of `count` motions, with its standard error if the claim is true."""
+    return f"{100.0 * share:.0f} ± {100.0 * binomial_error(claimed, count):.0f} %"
 
 
 SAMPLE_COUNT = 100
@@ -115,15 +161,15 @@ class LearningReport:
     ----------
     title : of the observations, plain text
     evaluation : what was learned, and errors
-    cases : predictions of the observations that were not learned from
-    noise : m, standard deviation of a point that was seen
+    predicted : the observations that were not learned from, after their first part
+    cases : predictions of them
     about : how it was made
     """
 
     title: str
     evaluation: Evaluation
+    predicted: FirstParts
     cases: tuple[PredictionCase, ...]
-    noise: float
     about: Mapping[str, str]
 
 
@@ -135,7 +181,7 @@ def make_learning_report(
     engine: str,
     on_progress: Callable[[SearchProgress], None] | None = None,
 ) -> LearningReport:
-    """Learn from a part of the observations and predict the others by noisy Newton.
+    """Learn from a part of the observations and predict the others from what was seen first.
 
     Raises
     ------
@@ -143,9 +189,11 @@ def make_learning_report(
         As `evaluation.evaluate`.
     """
     evaluation = evaluate(observations, options, train_fraction, engine, on_progress)
+    predicted = after_first_parts(evaluation.test)
+    learned = evaluation.result.learned.extended(observation_materials(observations))
     cases = predict_cases(
-        evaluation.test,
-        evaluation.result.learned.parameters,
+        predicted.observations,
+        UncertainParameters(learned),
         make_simulator(engine),
         np.random.default_rng(options.seed),
         SAMPLE_COUNT,
@@ -157,8 +205,7 @@ def make_learning_report(
         "engine": engine,
         "seed": str(options.seed),
     }
-    noise = _point_noise(evaluation.test)
-    return LearningReport(title, evaluation, tuple(cases), noise, about)
+    return LearningReport(title, evaluation, predicted, tuple(cases), about)
 
 
 def write_learning_report(report: LearningReport, path: Path) -> None:
@@ -188,7 +235,7 @@ def _page(report: LearningReport) -> str:
     introduction = (
         f"From {len(evaluation.training)} observations the material parameters were learned that "
         f"make a simulation do the same; the other {len(evaluation.test)} were predicted from "
-        "their initial states."
+        "what was seen of them first."
     )
     sections = [
         section("What was learned", parameter_section(evaluation.result.learned)),
@@ -204,7 +251,12 @@ def _page(report: LearningReport) -> str:
             "the observations learned from.",
         ),
         *prediction_sections(
-            report.cases, report.noise, "Predictions of what was not learned from"
+            report.cases,
+            "Predictions of what was not learned from",
+            f"The parameters were learned from the {len(evaluation.training)} other observations. "
+            f"The state of each object is what perception knew from its first {FIRST_PART:g} s "
+            "alone; where there are no detections, the initial state that came with it.",
+            report.predicted.left_out,
         ),
     ]
     head = heading(report.title, introduction, numbers)
@@ -225,13 +277,3 @@ def _error_table(evaluation: Evaluation) -> str:
         "last point",
     )
     return table(header, rows)
-
-
-def _point_noise(observations: Sequence[Observation]) -> float:
-    """Noise of a point from the covariances of the initial states, m on each axis."""
-    deviations = [
-        np.sqrt(np.trace(observed_object.initial_state.covariance[:3, :3]) / 3.0)
-        for seen in observations
-        for observed_object in seen.objects
-    ]
-    return float(np.median(deviations))

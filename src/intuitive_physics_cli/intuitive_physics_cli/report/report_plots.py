@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.geometry.polygons import clip_polygon, plane_square
-from intuitive_physics_cli.evaluation.prediction_case import LEVELS, PredictionCase
+from intuitive_physics_cli.evaluation.prediction_case import LEVELS, PredictionCase, binomial_error
 from intuitive_physics_cli.report.figure_style import (
     DEFAULT,
     GRAVITY,
@@ -39,6 +39,9 @@ LAYOUT: dict[str, Any] = {
     "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0.0},
 }
 """Layout that all plots share."""
+
+BAND = "rgba(156, 163, 175, 0.25)"
+"""Grey that shows what is behind it."""
 
 GRID = {"gridcolor": "#e5e7eb", "zerolinecolor": "#e5e7eb"}
 """Look of an axis."""
@@ -142,15 +145,27 @@ def cost_plot(name: str, history: NDArray[np.float64], levels: dict[str, float])
     return plot(name, data, axes, SMALL_PLOT)
 
 
-def coverage_plot(name: str, shares: NDArray[np.float64]) -> str:
+def coverage_plot(name: str, shares: NDArray[np.float64], count: int) -> str:
     """Share of points inside each region against the share the region claims.
 
     Parameters
     ----------
     name : unique on the page; letters, digits and hyphens
     shares : (n_levels,) of `LEVELS`
+    count : motions that the points are of; a band has their binomial standard error
     """
+    claimed = np.linspace(0.0, 1.0, 41)
+    error = np.array([binomial_error(share, count) for share in claimed])
+    edge = {"x": claimed.tolist(), "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
     data = [
+        {**edge, "y": (claimed - error).tolist(), "showlegend": False},
+        {
+            **edge,
+            "y": (claimed + error).tolist(),
+            "name": "its standard error",
+            "fill": "tonexty",
+            "fillcolor": BAND,
+        },
         {
             "x": [0, 1],
             "y": [0, 1],

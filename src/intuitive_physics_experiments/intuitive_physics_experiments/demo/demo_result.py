@@ -132,8 +132,8 @@ class DemoResult:
     learning : what was learned
     throws : one entry a throw
     prediction : the throw that was predicted
-    cases : the throws that were learned from, each predicted from its initial state
-    point_noise : m, standard deviation on each axis of where a ball was seen
+    cases : the throws, each predicted before it was learned from
+    left_out : throws that could not be predicted so
     summary : the numbers the demo ends with, by name
     about : how it was made (seed, versions, times …), shown as text
     """
@@ -143,7 +143,7 @@ class DemoResult:
     throws: tuple[ThrowErrors, ...]
     prediction: PredictionOutcome
     cases: tuple[PredictionCase, ...] = ()
-    point_noise: float = 0.0
+    left_out: int = 0
     summary: Mapping[str, float] = field(default_factory=dict)
     about: Mapping[str, str] = field(default_factory=dict)
 

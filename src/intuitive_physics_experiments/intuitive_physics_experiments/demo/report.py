@@ -13,6 +13,7 @@ import numpy as np
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import PAIR_COEFFICIENTS
 from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
+from intuitive_physics_cli.evaluation.prequential import FIRST_PART
 from intuitive_physics_cli.report.figure_style import legend_below
 from intuitive_physics_cli.report.learning_report import prediction_sections
 from intuitive_physics_cli.report.report_page import (
@@ -126,8 +127,11 @@ def _page(result: DemoResult) -> str:
         ),
         *prediction_sections(
             result.cases,
-            result.point_noise,
-            "Throws that were learned from, each simulated from its initial state",
+            "Throws, each predicted before it was learned from",
+            "Each throw was predicted with what the throws before it had taught, of which the "
+            "parameters were learned after 1, 2, 4, 8 … of them; nothing of them was known of the "
+            f"first. Its state is what perception knew from its first {FIRST_PART:g} s alone.",
+            result.left_out,
         ),
         section("Every throw", _throw_table(result.throws)),
     ]
@@ -181,6 +185,7 @@ def _as_case(prediction: PredictionOutcome) -> PredictionCase:
         times=seen_at[inside],
         samples=samples,
         observed=prediction.observed[inside],
+        covariances=np.zeros((int(inside.sum()), 3, 3)),
     )
 
 

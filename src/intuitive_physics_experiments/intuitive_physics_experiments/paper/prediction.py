@@ -28,7 +28,6 @@ from intuitive_physics_experiments.paper.outcome import (
     write_page,
 )
 from intuitive_physics_experiments.paper.paper_dataset import (
-    POSITION_NOISE,
     TRAINING_SHARE,
     make_paper_dataset,
 )
@@ -127,7 +126,7 @@ def run_prediction(
         np.random.default_rng([settings.seed, 1]),
         settings.sample_count,
     )
-    shares = region_coverage(cases, POSITION_NOISE, np.random.default_rng([settings.seed, 2]))
+    shares = region_coverage(cases, np.random.default_rng([settings.seed, 2]))
     rows = [_row(case) for case in cases]
     write_csv(folder / "predictions.csv", rows)
     write_csv(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,10 @@ MOST_HALVINGS = 8
 """Halvings of the logarithms: by then all weights are alike."""
 
 
+LEAST_POSSIBLE = 10.0
+"""Independent samples that have to be possible: of fewer a prediction would repeat some."""
+
+
 @dataclass(frozen=True, eq=False)
 class WeightedStates:
     """Samples of an object's unknowns at one time.
@@ -68,6 +72,19 @@ class WeightedStates:
     def effective_count(self) -> float:
         """Independent samples that would say as much, 1 / Σ w²."""
         return float(1.0 / (self.weights @ self.weights))
+
+    def where(self, possible: NDArray[np.bool_]) -> WeightedStates:
+        """Return the distribution given that only some of the samples can be.
+
+        Parameters
+        ----------
+        possible : (count,) which; with too few of them the distribution is as it was
+        """
+        weights = self.weights * possible
+        total = weights.sum()
+        if total * total < LEAST_POSSIBLE * (weights @ weights) or total == 0.0:
+            return self
+        return replace(self, weights=weights / total)
 
     def choose(self, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
         """Return indices (count,) of samples, each as often as its weight says, in random order."""

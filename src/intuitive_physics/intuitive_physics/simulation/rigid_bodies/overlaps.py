@@ -71,7 +71,7 @@ def _write_first_overlap(world, i, share, overlap):
     body = body_at(world, i)
     for p in range(world.plane_count):
         limit = share * body.thinness
-        gap = _gap_to_plane(world, i, p, -limit)
+        gap = gap_to_plane(world, i, p, -limit)
         if gap < -limit:
             _write(overlap, i, -1 - p, gap, limit)
             return True
@@ -90,7 +90,7 @@ def _write_first_overlap(world, i, share, overlap):
 
 
 @kernel
-def _gap_to_plane(world, i, p, margin):
+def gap_to_plane(world, i, p, margin):
     """Gap (m) as `meet_plane` has it, but of what pierces a bounded plane its whole depth.
 
     No contact is made with that: it has passed the plane by. At the start it is a mistake where
@@ -98,7 +98,9 @@ def _gap_to_plane(world, i, p, margin):
     """
     body, plane = body_at(world, i), plane_at(world, p)
     depth = body.thinness
-    if plane.corners > 0 and _is_over(body, plane):
+    n = load(plane.normal)
+    above = dot(n, load(body.position)) > plane.offset
+    if plane.corners > 0 and above and is_on_sheet(body, plane):
         if body.kind == CAPSULE:
             lowest = _lowest_over(body, plane)
             if lowest < 0.0:
@@ -109,10 +111,11 @@ def _gap_to_plane(world, i, p, margin):
 
 
 @kernel
-def _is_over(body, plane):
+def is_on_sheet(body, plane):
+    """Whether a body's centre, projected onto a bounded plane, is within its edges."""
     centre, n = load(body.position), load(plane.normal)
     low, high = part_over_polygon(centre, (0.0, 0.0, 0.0), plane.boundary, plane.corners, n)
-    return low < high and dot(n, centre) > plane.offset
+    return low < high
 
 
 @kernel

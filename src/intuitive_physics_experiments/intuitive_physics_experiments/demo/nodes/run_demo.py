@@ -18,7 +18,8 @@ from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.observation import Observation
 from intuitive_physics.processes import guard_run
 from intuitive_physics.simulation import make_simulator
-from intuitive_physics_cli.evaluation.prediction_case import predict_cases
+from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
+from intuitive_physics_cli.evaluation.prequential import predict_before_learning
 from intuitive_physics_experiments.demo.demo_result import (
     DemoResult,
     LearningOutcome,
@@ -45,7 +46,9 @@ from intuitive_physics_experiments.demo.report import write_report
 from intuitive_physics_experiments.paper.outcome import source_commit
 from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, reuse_or_render_bag
+from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.methods import DEFAULT_METHOD
+from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 from intuitive_physics_ros.conversions import (
     observation_from_message,
     seconds_from_stamp,
@@ -159,8 +162,12 @@ def run(options: Options, progress: Progress) -> dict[str, float]:
         unseen = _understood(heard, unseen_truth)
         prediction = _prediction(heard, unseen)
 
+    progress.stage("predicting each throw with what those before it taught")
+    cases, left_out = _predicted_before_learning(options, seen, progress)
     progress.stage("comparing with the truth and writing the report")
-    result = _result(options, truth, seen, learned, prediction, bags / "throws")
+    result = replace(
+        _result(truth, seen, learned, prediction, bags / "throws"), cases=cases, left_out=left_out
+    )
     numbers = dict(result.summary) | {"prediction_rate_hz": round(_rate(heard), 1)}
     _check(result, numbers)
     about = {
@@ -213,8 +220,22 @@ def _rate(heard: Heard) -> float:
     return float((arrivals.size - 1) / max(np.ptp(arrivals), 1e-6))
 
 
+def _predicted_before_learning(
+    options: Options, seen: Seen, progress: Progress
+) -> tuple[tuple[PredictionCase, ...], int]:
+    """Return the prediction of each throw, and how many throws were left out."""
+    criteria = ConvergenceCriteria(max_iterations=options.iterations)
+    cases, left_out = predict_before_learning(
+        seen.observations,
+        LearningOptions(method=options.method, criteria=criteria, seed=options.seed),
+        make_simulator("auto"),
+        np.random.default_rng(options.seed),
+        on_progress=progress.bar,
+    )
+    return tuple(cases), left_out
+
+
 def _result(
-    options: Options,
     truth: GroundTruth,
     seen: Seen,
     learned: Learned,
@@ -224,12 +245,6 @@ def _result(
     costs = explain_costs(seen.observations, learned.parameters.parameters, truth.static_parameters)
     throws = throw_errors(seen.observations, costs, seen.frame)
     learned_cost, oracle_cost, default_cost = costs.mean(axis=1)
-    cases = predict_cases(
-        seen.observations,
-        learned.parameters.parameters,
-        make_simulator("auto"),
-        np.random.default_rng(options.seed),
-    )
     return DemoResult(
         example=example_frame(
             bag,
@@ -247,9 +262,6 @@ def _result(
         ),
         throws=throws,
         prediction=prediction,
-        cases=tuple(cases),
-        # Of a distance in space each axis has a third.
-        point_noise=perception_rmse(throws) / np.sqrt(3.0),
         summary={
             "perception_rmse_mm": round(1e3 * perception_rmse(throws), 2),
             "learned_J_m": round(float(learned_cost), 5),

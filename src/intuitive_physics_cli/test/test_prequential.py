@@ -1,0 +1,50 @@
+"""Predictions know only what was learned from observations before theirs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from intuitive_physics.simulation import make_simulator
+from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
+from intuitive_physics_cli.evaluation.prequential import predict_before_learning
+from intuitive_physics_learner.learning_session import LearningOptions
+from intuitive_physics_learner.search.convergence import ConvergenceCriteria
+
+from .thrown_balls import thrown_balls
+
+OPTIONS = LearningOptions(criteria=ConvergenceCriteria(max_iterations=150))
+BALLS = thrown_balls(5, np.random.default_rng(0))
+
+
+def predicted(balls) -> list[PredictionCase]:
+    rng = np.random.default_rng(1)
+    cases, left_out = predict_before_learning(balls, OPTIONS, make_simulator("auto"), rng, 30)
+    assert left_out == 0
+    return cases
+
+
+@pytest.fixture(scope="module")
+def cases() -> list[PredictionCase]:
+    return predicted(BALLS)
+
+
+def test_later_observations_change_nothing(cases: list[PredictionCase]) -> None:
+    # The second is predicted with what the first taught, the third and fourth with the first two.
+    other = thrown_balls(5, np.random.default_rng(7))
+    for count in (1, 2, 4):
+        again = predicted([*BALLS[:count], *other[count:]])
+        for ours, theirs in zip(cases[:count], again[:count], strict=True):
+            np.testing.assert_array_equal(ours.samples, theirs.samples)
+
+
+def test_the_order_of_time_counts(cases: list[PredictionCase]) -> None:
+    again = predicted(BALLS[::-1])
+    assert [case.name for case in cases] == [case.name for case in again]
+    np.testing.assert_array_equal(cases[-1].samples, again[-1].samples)
+
+
+def test_what_was_learned_makes_predictions_sharper(cases: list[PredictionCase]) -> None:
+    # Of the first ball's restitution nothing is known; the spin stays unknown of all.
+    last = [case.spread[case.times < 1.0][-1] for case in cases]
+    assert max(last[2:]) < 0.7 * last[0]

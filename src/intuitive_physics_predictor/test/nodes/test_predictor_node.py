@@ -165,8 +165,8 @@ def test_it_carries_what_it_is_fed_forward_to_now(peer, inputs):
     assert got.simulated_count == 20
     assert (got.times[0], got.times[-1]) == (0.0, pytest.approx(1.0))
     age = age_of(min(heard, key=age_of))
-    # A tick that is late counts from when it was due, a period ago at most.
-    assert AGE - 0.011 < age < AGE + 0.2
+    # A tick that is late, as on a busy machine, counts from when it was due.
+    assert AGE - 0.1 < age < AGE + 0.2
     # Each has noise of its own; one or another may be lost on the way.
     assert all(a.seed < b.seed for a, b in pairwise(heard))
     flying = age + got.times < 0.42
@@ -236,7 +236,9 @@ def test_everything_may_be_set_while_it_runs(peer, inputs):
     assert {"rate", "horizon", "sample_count", "stale_after", "marker_rate"} <= set(own)
     for one in described:
         assert one.description, one.name
-        assert one.read_only is (one.name in ("autostart", "path_rate", "publish_path")), one.name
+        assert one.read_only is (
+            one.name in ("autostart", "calibration_file", "path_rate", "publish_path")
+        ), one.name
         number = one.type in (Parameter.Type.INTEGER.value, Parameter.Type.DOUBLE.value)
         assert number == bool(one.integer_range or one.floating_point_range), one.name
 

@@ -15,7 +15,12 @@ from intuitive_physics.simulation import Simulator, WorldStatus, make_simulator,
 from intuitive_physics.simulation.contact_noise import ContactNoise
 from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
-from intuitive_physics_predictor.noise import StateNoise, StateSpread, draw_sizes
+from intuitive_physics_predictor.noise import (
+    StateNoise,
+    StateSpread,
+    draw_sizes,
+    with_spin_prior,
+)
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 DEFAULT_SAMPLE_COUNT = 20
@@ -103,10 +108,15 @@ class PreparedScene:
         InvalidInputError, UnknownNameError
             As `pack_worlds`.
         """
-        known = static_parameters
+        known, learned = static_parameters, None
         if isinstance(known, UncertainParameters):
-            known = known.learned.parameters
-        spread = StateSpread.of(scene.states, noise)
+            learned = known.learned
+            known = learned.parameters
+        states = [
+            with_spin_prior(state, scene_object, learned, noise.spin_prior)
+            for state, scene_object in zip(scene.states, scene.objects, strict=True)
+        ]
+        spread = StateSpread.of(states, noise)
         return PreparedScene(scene, static_parameters, pack_worlds([scene], known), spread)
 
     def sampled(

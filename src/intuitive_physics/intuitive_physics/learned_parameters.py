@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.initial_spins import InitialSpins
 from intuitive_physics.limits import check_limit
 from intuitive_physics.materials import (
     StaticParameters,
@@ -20,6 +19,7 @@ from intuitive_physics.materials import (
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.parameter_space import Bounds
 from intuitive_physics.prior_knowledge import GivenKnowledge
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 
 FORMAT = "intuitive_physics/learned_parameters/2"
 """Format of files, which every file names."""

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.initial_spins import InitialSpins, SpinSpread, unknown_spin
 from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins, SpinSpread, unknown_spin
 from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.state import ObjectState
 

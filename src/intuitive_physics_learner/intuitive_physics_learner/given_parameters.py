@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
-from intuitive_physics.initial_spins import InitialSpins
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import (
     StaticParameters,
@@ -23,6 +22,7 @@ from intuitive_physics.parameter_posterior import (
 )
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, Bounds, parameter_vector
 from intuitive_physics.prior_knowledge import GivenKnowledge
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 
 PRIOR = "prior"

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.initial_spins import InitialSpins, SpinSpread
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins, SpinSpread
 
 
 @st.composite

@@ -16,9 +16,9 @@ from intuitive_physics.geometry.quaternions import (
     turned_by,
 )
 from intuitive_physics.geometry.vectors import add, load, store
-from intuitive_physics.initial_spins import EQUAL, unknown_spin
 from intuitive_physics.kernels import entry, inlined
 from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.prior_knowledge.initial_spins import EQUAL, unknown_spin
 from intuitive_physics.scene import SceneObject
 from intuitive_physics.state import (
     ANGULAR_VELOCITY,

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.special import ndtri
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError, UnsupportedSceneError
-from intuitive_physics.initial_spins import InitialSpins, SpinSpread
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_count
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins, SpinSpread
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.simulation import WorldStatus, make_simulator

@@ -19,12 +19,12 @@ from intuitive_physics_msgs.msg import Shape as ShapeMessage
 from rclpy.serialization import deserialize_message, serialize_message
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.initial_spins import InitialSpins, SpinSpread
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_count
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, Bounds
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins, SpinSpread
 from intuitive_physics.scene import Environment, Plane, SceneObject, StaticBox
 from intuitive_physics.shapes import Box, Capsule, Sphere
 from intuitive_physics.state import ObjectState

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.initial_spins import InitialSpins
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import compatible_moves
 from intuitive_physics_learner.joint_estimation.fit_horizons import (

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.initial_spins import InitialSpins
 from intuitive_physics.materials import StaticParameters
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.cost_descent import CostDescent
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit

@@ -26,14 +26,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.initial_spins import (
+from intuitive_physics.observation import Observation
+from intuitive_physics.prior_knowledge.initial_spins import (
     PRIOR_THROWS,
     SPIN_AXES,
     InitialSpins,
     SpinSpread,
     unknown_spin,
 )
-from intuitive_physics.observation import Observation
 from intuitive_physics.state import ANGULAR_VELOCITY, ERROR_SIZE
 
 GRID = np.linspace(np.log(0.01), np.log(1e4), 141)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from intuitive_physics.initial_spins import InitialSpins
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
     ScanCandidates,

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import UnsupportedSceneError
-from intuitive_physics.initial_spins import InitialSpins
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import (
     PAIR_COEFFICIENTS,
@@ -21,6 +20,7 @@ from intuitive_physics.parameter_posterior import (
     UNIFORM_PRECISION,
     ParameterPosterior,
 )
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.initial_spins import InitialSpins
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_places
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, ParameterSpace, parameter_vector
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.joint_estimation.joint_fit import ObservationFit
 from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
 from intuitive_physics_learner.joint_estimation.spin_evidence import SpinEvidence, SpinLikelihood

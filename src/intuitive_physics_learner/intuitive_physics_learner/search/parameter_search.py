@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.initial_spins import InitialSpins
 from intuitive_physics.materials import StaticParameters
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.cost.cancellation import LARGEST_BATCH
 from intuitive_physics_learner.search.convergence import (
     ConvergenceCriteria,

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from std_msgs.msg import Header
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.initial_spins import InitialSpins, SpinSpread
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.limits import check_limit
 from intuitive_physics.materials import (
@@ -26,6 +25,7 @@ from intuitive_physics.materials import (
 from intuitive_physics.messages.fields import flat_array, float64_field, in_field
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, Bounds, parameter_vector
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins, SpinSpread
 from intuitive_physics.validation import name_string
 
 SCALES = {ParameterBounds.LINEAR: "linear", ParameterBounds.LOGARITHMIC: "logarithmic"}

@@ -18,6 +18,7 @@ from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, learn
+from intuitive_physics_learner.given_parameters import given_parameters
 from intuitive_physics_learner.joint_estimation.spin_evidence import (
     GRID,
     SpinEvidence,
@@ -28,9 +29,12 @@ from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.online import OnlineOptions
 from intuitive_physics_learner.online.online_learner import OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
+from intuitive_physics_learner.store import ObservationStore
 
 STATED = 10.0
 """rad/s, the guess of perception."""
+
+KNOWN = InitialSpins({"ball": SpinSpread(2.5, 6.0, STATED)})
 
 MATERIALS = ["ball", "floor"]
 RUBBER = StaticParameters.uniform(
@@ -225,10 +229,9 @@ def test_learned_in_batch_and_on_line_alike(event_driven, sigma):
 def test_a_search_that_knows_nothing_of_spins_leaves_what_was_known(event_driven):
     observed = throws(event_driven, 2, 0, 2.0, frames=15)
     first = learn(observed, event_driven, OPTIONS).learned
-    known = InitialSpins({"ball": SpinSpread(3.0, 5.0, STATED)})
     rule = LearningOptions("random", ConvergenceCriteria(5))
-    after = learn(observed, event_driven, rule, previous=replace(first, initial_spins=known))
-    assert after.learned.initial_spins == known
+    after = learn(observed, event_driven, rule, previous=replace(first, initial_spins=KNOWN))
+    assert after.learned.initial_spins == KNOWN
     # A spin that was measured is none of which balls are thrown with unseen.
     seen = throws(event_driven, 2, 0, 2.0, frames=15, known_spin=True)
     assert not learn(seen, event_driven, OPTIONS).learned.initial_spins
@@ -254,3 +257,25 @@ def test_adopted_spins_are_kept_and_later_throws_add_to_them(count):
     assert spread.deviation == pytest.approx(2.5, rel=1e-3)
     learner.adopt(from_others, informed=False)
     assert not learner.state.initial_spins()
+
+
+def test_a_version_keeps_them_in_the_store(tmp_path):
+    learned = replace(LearnedParameters.defaults(MATERIALS), initial_spins=KNOWN)
+    with ObservationStore(tmp_path / "store.db") as store:
+        store.add_parameters(learned)
+    with ObservationStore(tmp_path / "store.db") as store:
+        assert store.newest_parameters().initial_spins == KNOWN
+
+
+def test_values_that_a_user_gives_leave_them_unless_he_gives_others():
+    defaults = LearnedParameters.defaults(MATERIALS)
+    newest = replace(defaults, initial_spins=KNOWN)
+    assert given_parameters(defaults, newest=newest).initial_spins == KNOWN
+    others = InitialSpins({"floor": SpinSpread(7.0, 1.0, STATED)})
+    given = replace(defaults, initial_spins=others)
+    both = given_parameters(given, newest=newest).initial_spins
+    assert both == KNOWN.updated(others)
+    # Single parameters say nothing of throws.
+    named = given_parameters(given, names=["density[ball]"], newest=newest)
+    assert named.initial_spins == KNOWN
+    assert given_parameters(given).initial_spins == others

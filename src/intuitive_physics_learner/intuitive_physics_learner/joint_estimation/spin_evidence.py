@@ -229,7 +229,7 @@ class SpinEvidence:
         """Add the throws of one observation, times its weight."""
         for one in likelihoods:
             throw = _ThrowSum(1.0, float(np.log(one.stated)), *one.on_grid())
-            known = self._sums.get(one.material, _ThrowSum.nothing())
+            known = self._sums.get(one.material) or _ThrowSum.nothing()
             self._sums[one.material] = known.plus(throw, weight)
 
     def discount(self, factor: float) -> None:

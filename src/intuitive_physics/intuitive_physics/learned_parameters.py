@@ -19,6 +19,7 @@ from intuitive_physics.materials import (
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.parameter_space import Bounds
 from intuitive_physics.prior_knowledge import GivenKnowledge
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 
 FORMAT = "intuitive_physics/learned_parameters/2"
 """Format of files, which every file names."""
@@ -50,6 +51,7 @@ class LearnedParameters:
         bound less to one side than the standard deviation says; NaN for all others
     posterior : of all parameters together; None: what the fields above say of each by itself
     given : what a user gave apart from the observations, for every search; None: nothing
+    initial_spins : how balls of its materials are thrown; without any nothing is known of that
     """
 
     parameters: StaticParameters
@@ -62,6 +64,7 @@ class LearnedParameters:
     intervals: NDArray[np.float64]
     posterior: ParameterPosterior | None
     given: GivenKnowledge | None
+    initial_spins: InitialSpins
 
     def __init__(
         self,
@@ -75,6 +78,7 @@ class LearnedParameters:
         intervals: ArrayLike | None = None,
         posterior: ParameterPosterior | None = None,
         given: GivenKnowledge | None = None,
+        initial_spins: InitialSpins | None = None,
     ) -> None:
         size = len(parameter_names(parameters.materials))
         deviations = _vector(standard_deviations, "standard deviations", size, np.float64)
@@ -95,6 +99,9 @@ class LearnedParameters:
         object.__setattr__(self, "intervals", _intervals(intervals, size))
         object.__setattr__(self, "posterior", _of_materials(posterior, parameters.materials))
         object.__setattr__(self, "given", _of_materials(given, parameters.materials))
+        spins = initial_spins or InitialSpins()
+        spins.check_materials(parameters.materials)
+        object.__setattr__(self, "initial_spins", spins)
 
     @staticmethod
     def defaults(materials: Sequence[str]) -> LearnedParameters:
@@ -150,6 +157,7 @@ class LearnedParameters:
             intervals,
             None if self.posterior is None else self.posterior.extended(materials),
             None if self.given is None else self.given.extended(materials),
+            self.initial_spins.among(materials),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -175,6 +183,7 @@ class LearnedParameters:
             },
             "posterior": None if self.posterior is None else self.posterior.to_dict(),
             "given": None if self.given is None else self.given.to_dict(),
+            "initial_spins": self.initial_spins.to_dict(),
         }
 
     @staticmethod
@@ -215,6 +224,7 @@ class LearnedParameters:
                 [ends.get(name, [np.nan, np.nan]) for name in names],
                 None if posterior is None else ParameterPosterior.from_dict(posterior),
                 None if given is None else GivenKnowledge.from_dict(given),
+                InitialSpins.from_dict(data.get("initial_spins", {})),
             )
         except (KeyError, TypeError) as error:
             raise InvalidInputError(

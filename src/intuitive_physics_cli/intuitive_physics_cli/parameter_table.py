@@ -19,7 +19,7 @@ NEAR_BOUND = 0.01
 
 
 def parameter_table(learned: LearnedParameters) -> str:
-    """Return a table of the identified parameters, and a line that names the others."""
+    """Return a table of the identified parameters, and lines: the others, and how balls spin."""
     names = parameter_names(learned.materials)
     values = parameter_vector(learned.parameters)
     defaults = parameter_vector(StaticParameters.uniform(learned.materials))
@@ -36,8 +36,21 @@ def parameter_table(learned: LearnedParameters) -> str:
         if learned.identified[i]
     ]
     table = format_table(["identified parameter", "learned", "± σ", "default", ""], rows)
-    unknown = unidentified(learned)
-    return f"{table}\nnot identified: {'; '.join(unknown)}" if unknown else table
+    lines = [table]
+    if unknown := unidentified(learned):
+        lines.append(f"not identified: {'; '.join(unknown)}")
+    if thrown := initial_spins(learned):
+        lines.append(f"initial spins: {'; '.join(thrown)}")
+    return "\n".join(lines)
+
+
+def initial_spins(learned: LearnedParameters) -> list[str]:
+    """Return how the balls of each material are thrown, where that is known."""
+    return [
+        f"{material} {own.deviation:.2g} ± {own.deviation * own.relative_error:.1g} rad/s on each "
+        f"axis (from about {own.count:.0f} throws)"
+        for material, own in learned.initial_spins.by_material.items()
+    ]
 
 
 def parameter_notes(learned: LearnedParameters) -> list[str]:

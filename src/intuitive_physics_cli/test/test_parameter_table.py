@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_names
+from intuitive_physics.prior_knowledge import InitialSpins, SpinSpread
 from intuitive_physics_cli.parameter_table import parameter_table, unidentified
 
 MATERIALS = ("ball", "table")
@@ -30,6 +33,13 @@ def test_what_is_known_is_a_row_and_a_bound_is_told() -> None:
 def test_ends_are_told_beside_the_deviation() -> None:
     table = parameter_table(learned("dynamic_friction[ball, table]")).splitlines()
     assert table[2].endswith("as good: 0.35 to 1")
+
+
+def test_how_balls_are_thrown_has_a_line() -> None:
+    spins = InitialSpins({"ball": SpinSpread(2.0, 16.4, 10.0)})
+    table = parameter_table(replace(learned(), initial_spins=spins)).splitlines()
+    expected = "initial spins: ball 2 ± 0.2 rad/s on each axis (from about 16 throws)"
+    assert table[-1] == expected
 
 
 def test_what_is_not_known_is_named_once() -> None:

@@ -22,6 +22,7 @@ from intuitive_physics.parameter_posterior import (
 )
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, Bounds, parameter_vector
 from intuitive_physics.prior_knowledge import GivenKnowledge
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 
 PRIOR = "prior"
@@ -85,7 +86,8 @@ def given_parameters(
     as_what : one of `GIVEN_AS`. Of priors, one that is identified with a standard deviation of
         zero is held, and one without a standard deviation is a start.
     names : of the parameters that are given, as `parameter_names`, a pair's materials in any order;
-        all others stay as they are in `newest`. None: all of `given`, and nothing stays.
+        all others stay as they are in `newest`. None: all of `given`, and nothing stays but what is
+        known of initial spins and not given.
     newest : version that is there; None: none
     bounds : that the values must lie within, by kind; what is left out has that of the posterior
         that is given, else its default
@@ -127,6 +129,7 @@ def given_parameters(
         base.observation_count,
         base.method,
         intervals,
+        initial_spins=_spins(given, newest, names).among(base.materials),
     )
     chosen = np.zeros(values.size, dtype=bool)
     chosen[new] = True
@@ -134,6 +137,14 @@ def given_parameters(
     if not names and given.posterior is not None:
         whole = _checked_posterior(given.posterior, given.parameters)
     return _with_knowledge(merged, base, chosen, as_what, whole, bounds)
+
+
+def _spins(
+    given: LearnedParameters, newest: LearnedParameters | None, names: Sequence[str]
+) -> InitialSpins:
+    """How balls are thrown: no parameter of θ_s, so single ones leave it as it is."""
+    known = InitialSpins() if newest is None else newest.initial_spins
+    return known if names else known.updated(given.initial_spins)
 
 
 def _checked_posterior(
@@ -242,6 +253,7 @@ def _with_knowledge(
         merged.intervals,
         posterior if posterior.factor.size else None,
         knowledge if knowledge.fixed.any() or knowledge.prior.factor.size else None,
+        merged.initial_spins,
     )
 
 

@@ -183,6 +183,8 @@ def learn(
     learned = _merged(
         previous, task.space, parameters, identifiability, cost, len(observations), options.method
     )
+    spins = previous.initial_spins.updated(search.initial_spins())
+    learned = replace(learned, initial_spins=spins)
     assessments, beyond = seen.assessments, search.lengths_beyond()
     if beyond is not None:
         assessments = reassessed(assessments, *beyond, trusted=options.trusted_ids)

@@ -119,8 +119,8 @@ def test_eliminating_initial_states_is_the_inverse_of_the_whole_matrix(gliding_t
     inverse = np.linalg.inv(whole)
     posterior = Posterior.of([eliminated], UNIFORM_PRECISION * np.eye(4))
     np.testing.assert_allclose(posterior.covariance, inverse[3:, 3:], rtol=1e-9, atol=1e-12)
-    got = posterior.state_deviations(equations, eliminated)[0]
-    np.testing.assert_allclose(got, np.sqrt(np.diag(inverse))[:3], rtol=1e-9)
+    got = posterior.state_covariances(equations, eliminated)[0]
+    np.testing.assert_allclose(got, inverse[:3, :3], rtol=1e-9, atol=1e-12)
     jacobian = slopes[0].reshape(7, -1)
     variances = np.einsum("ip,ij,jp->p", jacobian, inverse, jacobian).reshape(points, 3)
     spreads = posterior.spreads(linear, equations, eliminated)[0]

@@ -12,6 +12,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins, SpinSpread
 
 
 @st.composite
@@ -32,6 +33,9 @@ def learned_parameters(draw):
         draw(st.integers(0, 100)),
         draw(st.sampled_from(["", "cma_es"])),
         intervals,
+        initial_spins=InitialSpins(
+            {name: SpinSpread(*generator.uniform(0.1, 50.0, 3)) for name in materials[1:]}
+        ),
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.errors import UnknownNameError
 from intuitive_physics.geometry.quaternions import (
     load_quaternion,
     store_quaternion,
@@ -16,6 +17,9 @@ from intuitive_physics.geometry.quaternions import (
 )
 from intuitive_physics.geometry.vectors import add, load, store
 from intuitive_physics.kernels import entry, inlined, kernel
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.prior_knowledge.initial_spins import EQUAL, unknown_spin
+from intuitive_physics.scene import SceneObject
 from intuitive_physics.state import (
     ANGULAR_VELOCITY,
     ERROR_SIZE,
@@ -25,6 +29,19 @@ from intuitive_physics.state import (
     ObjectState,
 )
 from intuitive_physics.validation import non_negative_float
+
+LEARNED = "learned"
+"""A spin that is a guess has the spread with which balls of its material are thrown here, where
+that was learned, else as perceived."""
+
+PERCEIVED = "perceived"
+"""A spin that is a guess has the covariance it was perceived with."""
+
+FIXED = "fixed"
+"""A spin that is a guess has the fixed noise alone."""
+
+SPIN_PRIORS = (LEARNED, PERCEIVED, FIXED)
+"""What a spin that perception could not see is drawn from."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +61,7 @@ class StateNoise:
     angular_velocity : rad/s
     scale : factor on the perceived standard deviations of pose and linear velocity
     spin_scale : factor on those of the angular velocity, which is often a guess
+    spin_prior : of spins that are a guess, one of `SPIN_PRIORS`
     """
 
     perceived: bool = True
@@ -53,8 +71,13 @@ class StateNoise:
     angular_velocity: float = 0.0
     scale: float = 1.0
     spin_scale: float = 1.0
+    spin_prior: str = LEARNED
 
     def __post_init__(self) -> None:
+        if self.spin_prior not in SPIN_PRIORS:
+            raise UnknownNameError(
+                f"spin prior is {self.spin_prior!r}; expected one of {', '.join(SPIN_PRIORS)}"
+            )
         for name in ("position", "rotation", "linear_velocity", "angular_velocity"):
             non_negative_float(getattr(self, name), f"{name} noise")
         for name in ("scale", "spin_scale"):
@@ -73,6 +96,45 @@ class StateNoise:
         factors = np.full(ERROR_SIZE, self.scale)
         factors[ANGULAR_VELOCITY] = self.spin_scale
         return fixed + factors[:, None] * state.covariance * factors
+
+
+def spin_deviation(learned: LearnedParameters | None, material: str) -> float | None:
+    """Return the learned spread of initial spins, rad/s on each axis; None where it is unknown."""
+    spread = None if learned is None else learned.initial_spins.by_material.get(material)
+    return None if spread is None else spread.deviation
+
+
+def with_spin_prior(
+    state: ObjectState,
+    scene_object: SceneObject,
+    learned: LearnedParameters | None,
+    spin_prior: str = LEARNED,
+) -> ObjectState:
+    """Return a state whose spin, where it is a guess, has the prior that was asked for.
+
+    Parameters
+    ----------
+    state : as perceived
+    scene_object : whose state it is
+    learned : θ_s and how balls are thrown; None: nothing was learned
+    spin_prior : one of `SPIN_PRIORS`
+    """
+    guess = unknown_spin(scene_object.shape, state)
+    if guess is None or spin_prior == PERCEIVED:
+        return state
+    deviation = 0.0
+    if spin_prior == LEARNED:
+        known = spin_deviation(learned, scene_object.material)
+        if learned is None or known is None:
+            return state
+        deviation = known
+        # A ball that is seen to be at rest has a spin of about zero too, and is surer of it.
+        stated = learned.initial_spins.by_material[scene_object.material].stated
+        if guess < stated * (1.0 - EQUAL):
+            return state
+    covariance = state.covariance.copy()
+    covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = deviation**2 * np.eye(3)
+    return state.with_covariance(covariance)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,12 @@ from intuitive_physics.state import ERROR_SIZE
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
 from intuitive_physics_predictor.estimation.unknowns import PLACE
 from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
-from intuitive_physics_predictor.noise import StateNoise, StateSpread, draw_sizes
+from intuitive_physics_predictor.noise import (
+    StateNoise,
+    StateSpread,
+    draw_sizes,
+    with_spin_prior,
+)
 from intuitive_physics_predictor.outside import condition_on_outside, objects_inside
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
@@ -118,10 +123,15 @@ class PreparedScene:
         InvalidInputError, UnknownNameError
             As `pack_worlds`.
         """
-        known = static_parameters
+        known, learned = static_parameters, None
         if isinstance(known, UncertainParameters):
-            known = known.learned.parameters
-        spread = StateSpread.of(scene.states, noise)
+            learned = known.learned
+            known = learned.parameters
+        states = [
+            with_spin_prior(state, scene_object, learned, noise.spin_prior)
+            for state, scene_object in zip(scene.states, scene.objects, strict=True)
+        ]
+        spread = StateSpread.of(states, noise)
         world = pack_worlds([scene], known)
         used = estimates if noise.perceived else ()
         return PreparedScene(scene, static_parameters, world, spread, noise, used)

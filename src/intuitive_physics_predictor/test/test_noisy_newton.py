@@ -13,13 +13,23 @@ from scipy.special import ndtri
 from intuitive_physics.errors import InvalidInputError, UnknownNameError, UnsupportedSceneError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_count
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins, SpinSpread
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.simulation import WorldStatus, make_simulator
 from intuitive_physics.simulation.contact_noise import ContactNoise
 from intuitive_physics.state import ObjectState
-from intuitive_physics_predictor.noise import StateNoise, StateSpread
-from intuitive_physics_predictor.noisy_newton import PredictionFailedError, predict
+from intuitive_physics_predictor.noise import (
+    StateNoise,
+    StateSpread,
+    spin_deviation,
+    with_spin_prior,
+)
+from intuitive_physics_predictor.noisy_newton import (
+    PredictionFailedError,
+    PreparedScene,
+    predict,
+)
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 G = 9.81
@@ -66,6 +76,56 @@ def test_fixed_noise_is_the_papers_option():
     spread = drawn.std(axis=0)
     truth = [0.1] * 3 + [0.01] * 3 + [0.3] * 3 + [0.4] * 3
     np.testing.assert_allclose(spread[[*range(6), *range(7, 13)]], truth, rtol=0.03)
+
+
+def spin_scene(guess):
+    covariance = np.diag(np.repeat([1e-6, 0.0, 1e-4, guess**2], 3))
+    return flying_scene(covariance)
+
+
+def thrown_with(deviation, material="ball"):
+    spins = InitialSpins({material: SpinSpread(deviation, 12.0, 10.0)})
+    return replace(LearnedParameters.defaults(["ball", "floor"]), initial_spins=spins)
+
+
+@pytest.mark.parametrize(
+    ("prior", "guess", "learned", "drawn"),
+    [
+        ("learned", 10.0, thrown_with(2.0), 2.0),
+        ("learned", 10.0, thrown_with(40.0), 40.0),
+        # Nothing is known of this material, or of any, or the spin was seen to be about zero.
+        ("learned", 10.0, thrown_with(2.0, "floor"), 10.0),
+        ("learned", 10.0, LearnedParameters.defaults(["ball", "floor"]), 10.0),
+        ("learned", 0.5, thrown_with(2.0), 0.5),
+        ("perceived", 10.0, thrown_with(2.0), 10.0),
+        ("fixed", 10.0, thrown_with(2.0), 0.0),
+    ],
+)
+def test_an_unseen_spin_is_drawn_as_balls_are_thrown(prior, guess, learned, drawn):
+    scene = spin_scene(guess)
+    noise = StateNoise(angular_velocity=3.0, spin_prior=prior)
+    prepared = PreparedScene.of(scene, UncertainParameters(learned), noise)
+    states = prepared.spread.draw(4000, np.random.default_rng(0))[:, 0]
+    expected = [0.001] * 3 + [0.01] * 3 + [np.hypot(drawn, 3.0)] * 3
+    np.testing.assert_allclose(states[:, [0, 1, 2, *range(7, 13)]].std(axis=0), expected, rtol=0.05)
+    assert prepared.scene is scene
+
+
+def test_learned_spins_are_for_unseen_spins_alone():
+    scene, learned = spin_scene(10.0), thrown_with(2.0)
+    (state,), (ball,) = scene.states, scene.objects
+    rolling = state.covariance.copy()
+    rolling[9, 9] = 1.0
+    seen = state.with_covariance(rolling)
+    assert with_spin_prior(seen, ball, learned) is seen
+    assert spin_deviation(learned, "ball") == 2.0
+    assert spin_deviation(learned, "floor") is None
+    assert spin_deviation(None, "ball") is None
+
+
+def test_wrong_spin_prior():
+    with pytest.raises(UnknownNameError, match="spin prior is 'guess'; expected one of learned,"):
+        StateNoise(spin_prior="guess")
 
 
 @given(st.integers(0, 2**31), st.integers(1, 3), st.integers(1, 5))

@@ -24,6 +24,7 @@ from intuitive_physics.materials import StaticParameters, parameter_count
 from intuitive_physics.observation import Detections, Observation, ObservedObject
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, Bounds
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins, SpinSpread
 from intuitive_physics.scene import Environment, Plane, SceneObject, StaticBox
 from intuitive_physics.shapes import Box, Capsule, Sphere
 from intuitive_physics.state import ObjectState
@@ -57,6 +58,7 @@ OBJECTS = st.builds(SceneObject, NAMES, NAMES, SHAPES)
 PLANES = st.builds(
     Plane, NAMES, NAMES, DIRECTIONS, NUMBERS, st.one_of(st.none(), vectors((4, 3)), vectors((3, 3)))
 )
+SPIN_SPREADS = st.builds(SpinSpread, LENGTHS, st.floats(0.0, 1e6), LENGTHS)
 BOXES = st.builds(StaticBox, NAMES, NAMES, vectors(), QUATERNIONS, vectors(3, LENGTHS))
 
 
@@ -106,6 +108,9 @@ def learned_parameters(draw):
         draw(st.text(st.characters(codec="utf-8", exclude_characters="\0"))),
         [draw(st.sampled_from([(math.nan, math.nan), (0.25, 1.0)])) for _ in range(size)],
         draw(st.one_of(st.none(), posteriors(materials))),
+        initial_spins=InitialSpins(
+            draw(st.dictionaries(st.sampled_from(materials), SPIN_SPREADS, max_size=m))
+        ),
     )
 
 
@@ -239,6 +244,7 @@ def assert_same_parameters(a, b):
     np.testing.assert_array_equal(a.intervals, b.intervals)
     np.testing.assert_array_equal(a.identified, b.identified)
     np.testing.assert_equal(a.cost, b.cost)
+    assert a.initial_spins == b.initial_spins
     assert (a.posterior is None) == (b.posterior is None)
     if a.posterior is not None:
         np.testing.assert_array_equal(a.posterior.mean, b.posterior.mean)
@@ -476,6 +482,24 @@ def test_wrong_posterior(path, value, complaint):
     defaults = LearnedParameters.defaults(["a", "b"])
     posterior = ParameterPosterior(["a", "b"], np.full(14, 0.5), factor)
     message = to.static_parameters_to_message(replace(defaults, posterior=posterior))
+    spoil(message, path, value)
+    with pytest.raises(InvalidInputError, match=complaint):
+        to.static_parameters_from_message(message)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "complaint"),
+    [
+        ("spin_deviations", [2.0], "spin_deviations: has 1 elements; expected 2"),
+        ("stated_spin_deviations", [], "stated_spin_deviations: has 0 elements; expected 2"),
+        ("spin_deviations", [0.0, 1.0], "initial spins of a: standard deviation .* is 0"),
+        ("spin_counts", [-1.0, math.nan], "initial spins of a: effective number of throws is -1"),
+    ],
+)
+def test_wrong_initial_spins(path, value, complaint):
+    spins = InitialSpins({"a": SpinSpread(2.0, 5.0, 10.0)})
+    defaults = replace(LearnedParameters.defaults(["a", "b"]), initial_spins=spins)
+    message = to.static_parameters_to_message(defaults)
     spoil(message, path, value)
     with pytest.raises(InvalidInputError, match=complaint):
         to.static_parameters_from_message(message)

@@ -41,9 +41,12 @@ def run(options: argparse.Namespace) -> None:
     from intuitive_physics_recordings.parameter_files import SUFFIXES, load_parameters
 
     if options.input.suffix in SUFFIXES:
-        learned = given_parameters(load_parameters(options.input), options.given_as)
+        learned = load_parameters(options.input)
         with open_database(options.database, new=True) as store:
-            stored = store.add_parameters(learned)
+            newest = store.newest_parameters()
+            stored = store.add_parameters(
+                given_parameters(learned, options.given_as, newest=newest)
+            )
         print(f"version {stored.version} of the static parameters in {options.database}")
         return
     _, observations = read_observations(options.input)

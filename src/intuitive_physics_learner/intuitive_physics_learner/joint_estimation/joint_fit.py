@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import compatible_moves
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
@@ -27,6 +28,7 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
     bounded_step,
 )
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.spin_evidence import SpinEvidence
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
 from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.search_space import SearchSpace
@@ -155,6 +157,14 @@ class JointFit:
         """Return the likelihood of θ_s near the estimate, of each observation."""
         return local_likelihoods(self._model, self._estimate)
 
+    def spin_evidence(self) -> SpinEvidence:
+        """Return what all observations say of how balls are thrown, each by its weight."""
+        evidence, likelihoods = SpinEvidence(), self.likelihoods()
+        for block, part in zip(self._model.blocks, self._estimate.fits, strict=True):
+            for member, weight in zip(block.members, part.weights, strict=True):
+                evidence.add_all(likelihoods[member].spins, float(weight))
+        return evidence
+
     def observation_fits(self) -> list[ObservationFit]:
         """Return what was found for each observation."""
         found = {
@@ -265,8 +275,10 @@ class JointFit:
         self.steps += 1
         equations = self._weighed(self._model.equations(self._estimate, linear))
         self._note_responses(linear)
-        goals = self._predict(linear, equations)
+        goals, evidence = self._predict(linear, equations)
         self._move(equations, goals)
+        if self.settings.widens_spins:
+            self._model.widen_spins(evidence.initial_spins())
 
     def state(self) -> dict[str, Any]:
         """Return plain data from which a fit to the same observations continues exactly."""
@@ -279,6 +291,7 @@ class JointFit:
             "misfits": self.misfits,
             "steps": self.steps,
             "responsive": self.responsive.tolist(),
+            "spins": self._model.spins.to_dict(),
             "fits": [part.state() for part in self._estimate.fits],
         }
 
@@ -292,6 +305,7 @@ class JointFit:
         self.misfits = state["misfits"]
         self.steps = state["steps"]
         self.responsive = np.array(state["responsive"])
+        self._model.widen_spins(InitialSpins.from_dict(state.get("spins", {})))
         for part, saved in zip(self._estimate.fits, state["fits"], strict=True):
             part.load_state(saved)
 
@@ -322,18 +336,28 @@ class JointFit:
 
     def _predict(
         self, linear: Sequence[Linearisation], equations: Sequence[NormalEquations]
-    ) -> list[NDArray[np.float64]]:
-        """Take over the posterior's deviations; return how far each block's horizons may go."""
+    ) -> tuple[list[NDArray[np.float64]], SpinEvidence]:
+        """Take over the posterior's deviations.
+
+        Returns
+        -------
+        goals : of each block, (W,) s, how far its horizons may go
+        evidence : of how balls are thrown
+        """
         posterior, eliminated = self._model.posterior(equations)
         self._estimate.deviations = posterior.deviations
-        goals = []
+        goals, evidence = [], SpinEvidence()
         for (block, part), slopes, own, left in zip(
             self._model.parts(self._estimate), linear, equations, eliminated, strict=True
         ):
-            part.deviations = posterior.state_deviations(own, left)
+            covariances = posterior.state_covariances(own, left)
+            spins = self._model.spin_likelihoods(block, part, covariances)
+            for one, weight in zip(spins, part.weights, strict=True):
+                evidence.add_all(one, float(weight))
+            part.deviations = np.sqrt(np.einsum("wdd->wd", covariances))
             spreads = posterior.spreads(slopes, own, left)
             goals.append(advanced_horizons(block, slopes, spreads, part.horizons, self.settings))
-        return goals
+        return goals, evidence
 
     def _move(self, equations: Sequence[NormalEquations], goals: list[NDArray[np.float64]]) -> None:
         """Take the best of several damped steps, each initial state its own, and move horizons."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.cost_descent import CostDescent
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
@@ -124,6 +125,10 @@ class JointSearch(Search):
         if task.start_was_learned:
             judged += self.fit.held_simulations
         return seconds * (1.0 + judged / simulations)
+
+    def initial_spins(self) -> InitialSpins:
+        """From the posterior of each initial spin; unknown where J was lowered instead."""
+        return InitialSpins() if self.lowers_cost else self.fit.spin_evidence().initial_spins()
 
     def lengths_beyond(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Return what `JointFit.lengths_beyond` does.

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics_learner.joint_estimation.spin_evidence import SpinLikelihood
 from intuitive_physics_learner.joint_estimation.trajectory_model import Estimate, TrajectoryModel
 
 
@@ -31,6 +32,8 @@ class LocalLikelihood:
     information : (q, q) Λ, per width²
     scores : (q,) g, per width
     loss : l(û), without a unit
+    spins : what the observation says of each initial spin that was a guess, θ_s and all else
+        integrated out
     """
 
     parameters: NDArray[np.int64]
@@ -38,6 +41,7 @@ class LocalLikelihood:
     information: NDArray[np.float64]
     scores: NDArray[np.float64]
     loss: float
+    spins: tuple[SpinLikelihood, ...] = ()
 
 
 def local_likelihoods(model: TrajectoryModel, estimate: Estimate) -> list[LocalLikelihood]:
@@ -54,7 +58,11 @@ def local_likelihoods(model: TrajectoryModel, estimate: Estimate) -> list[LocalL
     found: dict[int, LocalLikelihood] = {}
     linear = model.linearised(estimate)
     equations = model.equations(estimate, linear)
-    for (block, part), slopes, own in zip(model.parts(estimate), linear, equations, strict=True):
+    posterior, together = model.posterior(equations)
+    for (block, part), slopes, own, left in zip(
+        model.parts(estimate), linear, equations, together, strict=True
+    ):
+        spins = model.spin_likelihoods(block, part, posterior.state_covariances(own, left))
         eliminated = replace(own, weights=np.ones_like(own.weights)).eliminated()
         present = part.estimate[None], slopes.residuals[None]
         losses = part.losses(block, *present, model.settings)[0]
@@ -69,5 +77,6 @@ def local_likelihoods(model: TrajectoryModel, estimate: Estimate) -> list[LocalL
                 eliminated.information[row],
                 eliminated.scores[row],
                 float(losses[row]),
+                spins[row],
             )
     return [found[member] for member in range(len(found))]

@@ -299,14 +299,13 @@ class Posterior:
         """Standard deviation (n,) of each parameter, in widths."""
         return np.sqrt(np.diag(self.covariance))
 
-    def state_deviations(
+    def state_covariances(
         self, equations: NormalEquations, eliminated: Elimination
     ) -> NDArray[np.float64]:
-        """Standard deviation (W, d) of each component of a block's initial states, in SI units."""
+        """Covariance (W, d, d) of a block's initial states, in SI units, whatever θ_s is."""
         own = self._own_covariance(eliminated)
-        variances = np.einsum("wdd->wd", _state_covariance(equations)).copy()
-        variances += ((eliminated.gains @ own) * eliminated.gains).sum(axis=2)
-        return np.sqrt(variances)
+        by_parameters = eliminated.gains @ own @ eliminated.gains.swapaxes(1, 2)
+        return _state_covariance(equations) + by_parameters
 
     def spreads(
         self, linear: Linearisation, equations: NormalEquations, eliminated: Elimination

@@ -56,6 +56,12 @@ class JointEstimationSettings:
         "must not count twice",
     )
 
+    widens_spins: bool = other(
+        True,
+        "after each step, the prior of initial spins that were guesses is as wide as the spread "
+        "that the observations show, where that is wider than the guess; false: it stays as it is",
+    )
+
     difference_step: float = _hand_set(
         0.5,
         1e-3,
@@ -319,7 +325,13 @@ class JointEstimationSettings:
 
     def with_fixed_horizons(self) -> JointEstimationSettings:
         """Return the settings of a fit whose horizons stay, and that scans nothing."""
-        return replace(self, largest_advance=0.0, misfit_patience=ENDLESS_PATIENCE, scan_steps=())
+        return replace(
+            self,
+            largest_advance=0.0,
+            misfit_patience=ENDLESS_PATIENCE,
+            scan_steps=(),
+            widens_spins=False,
+        )
 
     def difference_steps(self, deviations: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the steps (...,) of finite differences, in the unit of each deviation.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
     ScanCandidates,
@@ -33,6 +34,10 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     observation_blocks,
 )
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.spin_evidence import (
+    SpinLikelihood,
+    unknown_spins,
+)
 from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
 from intuitive_physics_learner.search.search_space import SearchSpace
 
@@ -71,6 +76,7 @@ class TrajectoryModel:
     ----------
     prior : as given
     blocks : the observations
+    spins : spreads of initial spins by which the priors of those that were guesses are widened
     simulations : of single observations, so far
     """
 
@@ -88,7 +94,15 @@ class TrajectoryModel:
         self.prior = prior
         self.settings = settings
         self.simulations = 0
-        self.blocks = observation_blocks(cost.observations, influence, settings)
+        self.blocks = self._stated = observation_blocks(cost.observations, influence, settings)
+        self.spins = InitialSpins()
+        self._unknown_spins = {
+            int(member): unknown_spins(cost.observations[member], components)
+            for block in self.blocks
+            for member, components in zip(
+                block.members, block.initial_states.components, strict=True
+            )
+        }
         self._groups = separate_groups(influence)
 
     def initial_estimate(self) -> Estimate:
@@ -100,6 +114,47 @@ class TrajectoryModel:
         """Yield blocks, with the points that horizons can reach in one step, and their fits."""
         for block, fit in zip(self.blocks, estimate.fits, strict=True):
             yield block.shortened(fit.horizons + self.settings.largest_advance), fit
+
+    def widen_spins(self, spins: InitialSpins) -> None:
+        """Widen the prior of each initial spin that was a guess to the spread of its material.
+
+        The guess stays where it is wider: of throws unlike the others nothing is forbidden.
+        """
+        if not spins and not self.spins:
+            return
+        self.spins, self.blocks = spins, []
+        for block in self._stated:
+            deviations = block.prior_deviations.copy()
+            for own, member in zip(deviations, block.members, strict=True):
+                for spin in self._unknown_spins[int(member)]:
+                    known = spins.by_material.get(spin.material)
+                    if known is not None:
+                        own[spin.places] = max(spin.stated, known.deviation)
+            self.blocks.append(replace(block, prior_deviations=deviations))
+
+    def spin_likelihoods(
+        self, block: ObservationBlock, fits: TrajectoryFits, covariances: NDArray[np.float64]
+    ) -> list[tuple[SpinLikelihood, ...]]:
+        """Return what each of a block's W observations says of its initial spins.
+
+        Parameters
+        ----------
+        block : with the priors that the fits had
+        fits : to it
+        covariances : (W, d, d) of the nuisance parameters, whatever θ_s is
+        """
+        return [
+            tuple(
+                SpinLikelihood.of(
+                    spin,
+                    fits.estimate[row, spin.places],
+                    covariances[row][np.ix_(spin.places, spin.places)],
+                    float(block.prior_deviations[row, spin.places[0]]),
+                )
+                for spin in self._unknown_spins[int(member)]
+            )
+            for row, member in enumerate(block.members)
+        ]
 
     def linearised(self, estimate: Estimate, widening: float = 1.0) -> list[Linearisation]:
         """Take slopes over `widening` times the usual steps."""

@@ -20,11 +20,13 @@ from intuitive_physics.parameter_posterior import (
     UNIFORM_PRECISION,
     ParameterPosterior,
 )
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.point_noise import detected
+from intuitive_physics_learner.joint_estimation.spin_evidence import SpinEvidence
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.online.change_point import find_change
 from intuitive_physics_learner.online.fits import LoneFit, WindowProblem, run
@@ -154,6 +156,9 @@ class OnlineLearner:
         state.retired = known if informed else self.state.given()
         state.posterior = state.retired.copy()
         state.window, state.doubtful = [], []
+        state.retired_spins = SpinEvidence.about(
+            whole.initial_spins if informed else InitialSpins()
+        )
         state.published_information = known.copy()
         state.score, state.compared = 0.0, 0
         state.moves[:], state.narrowings[:] = 0.0, 0.0
@@ -318,6 +323,7 @@ class OnlineLearner:
             for known in (state.retired, state.posterior):
                 known.discount(factor)
                 known.join(given, 1.0 - factor)
+            state.retired_spins.discount(factor)
 
     def _age_weight(self, member: Member) -> float:
         """Weight of an observation by its age, 0 to 1."""
@@ -430,6 +436,7 @@ class OnlineLearner:
     def _retire_member(self, member: Member) -> None:
         state = self.state
         state.retired.add(member.likelihood, member.weight)
+        state.retired_spins.add_all(member.likelihood.spins, member.weight)
         state.window = [one for one in state.window if one is not member]
 
     def _notice_change(self, seconds_left: Callable[[], float]) -> None:
@@ -506,7 +513,20 @@ class OnlineLearner:
         deviations = self.state.prior.deviations
         moved = np.abs(state.unit - published.mean) > settings.smallest_move * deviations
         changed = np.abs(deviations / published.deviations - 1.0) > settings.smallest_narrowing
-        return bool((moved | changed).any())
+        return bool((moved | changed).any()) or self._spins_say_something_new()
+
+    def _spins_say_something_new(self) -> bool:
+        """Whether how balls are thrown is worth a new version, as the parameters are."""
+        state, settings = self.state, self._settings
+        before = {} if state.published is None else state.published.initial_spins.by_material
+        for material, now in state.initial_spins().by_material.items():
+            if material not in before:
+                return True
+            old, error = before[material], now.relative_error
+            moved = abs(np.log(now.deviation / old.deviation)) > settings.smallest_move * error
+            if moved or abs(error / old.relative_error - 1.0) > settings.smallest_narrowing:
+                return True
+        return False
 
     def _learned(self) -> LearnedParameters:
         """Return the candidate as the next version of θ_s."""
@@ -538,6 +558,7 @@ class OnlineLearner:
             JOINT_METHOD,
             posterior=posterior,
             given=given,
+            initial_spins=state.initial_spins(),
         )
 
     def _jackknife_deviations(self) -> NDArray[np.float64]:

@@ -14,8 +14,10 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_places
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, ParameterSpace, parameter_vector
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.joint_estimation.joint_fit import ObservationFit
 from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
+from intuitive_physics_learner.joint_estimation.spin_evidence import SpinEvidence, SpinLikelihood
 from intuitive_physics_learner.online.change_point import ChangePoint
 from intuitive_physics_learner.online.information import (
     Information,
@@ -82,6 +84,7 @@ class OnlineState:
     time : s, the latest start time of an observation
     position : revision of the store up to which observations are known
     spare_seconds : CPU time in s that earlier observations have left over
+    retired_spins : what throws from before the window say of how balls are thrown
     """
 
     materials: tuple[str, ...]
@@ -105,6 +108,14 @@ class OnlineState:
     time: float | None = None
     position: int = 0
     spare_seconds: float = 0.0
+    retired_spins: SpinEvidence = field(default_factory=SpinEvidence)
+
+    def initial_spins(self) -> InitialSpins:
+        """Return how balls are thrown, by all throws."""
+        evidence = self.retired_spins.copy()
+        for member in self.window:
+            evidence.add_all(member.likelihood.spins, member.weight)
+        return evidence.initial_spins()
 
     @property
     def space(self) -> ParameterSpace:
@@ -186,6 +197,7 @@ class OnlineState:
                 name: [_member_data(one) for one in getattr(self, name)]
                 for name in ("window", "doubtful")
             },
+            "retired_spins": self.retired_spins.to_dict(),
             "changes": [{**asdict(change), "before": before} for change, before in self.changes],
             "published": None if self.published is None else self.published.to_dict(),
         }
@@ -213,6 +225,7 @@ class OnlineState:
                     **{name: data[name] for name in _PLAIN},
                     # Older texts have none.
                     "spare_seconds": data.get("spare_seconds", 0.0),
+                    "retired_spins": SpinEvidence.from_dict(data.get("retired_spins", {})),
                     "materials": tuple(data["materials"]),
                     **{name: decode_array(data[name]) for name in _ARRAYS},
                     **{name: _read_information(data[name]) for name in _INFORMATION},
@@ -276,6 +289,7 @@ def _member_data(member: Member) -> dict[str, Any]:
         "information": encode_array(likelihood.information),
         "scores": encode_array(likelihood.scores),
         "loss": likelihood.loss,
+        "spins": [one.to_dict() for one in likelihood.spins],
     }
 
 
@@ -293,6 +307,7 @@ def _read_member(data: Mapping[str, Any]) -> Member:
             decode_array(data["information"]),
             decode_array(data["scores"]),
             data["loss"],
+            tuple(SpinLikelihood.from_dict(one) for one in data.get("spins", [])),
         ),
         data["weight"],
     )

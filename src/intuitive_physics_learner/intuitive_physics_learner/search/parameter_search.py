@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import StaticParameters
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.cost.cancellation import LARGEST_BATCH
 from intuitive_physics_learner.search.convergence import (
     ConvergenceCriteria,
@@ -79,6 +80,10 @@ class Search(ABC):
         bool
             Whether the start is better than what was found.
         """
+
+    def initial_spins(self) -> InitialSpins:
+        """Return how balls were thrown in the observations; what is not known is left out."""
+        return InitialSpins()
 
     @abstractmethod
     def step(self, limit: int, relative_gain: float = 0.0) -> int:

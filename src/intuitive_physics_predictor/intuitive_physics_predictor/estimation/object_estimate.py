@@ -26,6 +26,7 @@ from intuitive_physics_predictor.estimation.pair_knowledge import PairKnowledge
 from intuitive_physics_predictor.estimation.trajectory_fit import TrajectoryFit
 from intuitive_physics_predictor.estimation.unknowns import SPIN, Unknowns
 from intuitive_physics_predictor.estimation.weighted_states import WeightedStates, draw_weighted
+from intuitive_physics_predictor.noise import LEARNED, with_spin_prior
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 SAMPLES = 200
@@ -70,11 +71,13 @@ class Surroundings:
     environment : Ω_e
     uncertain : θ_s
     simulator : the model of the motion
+    spin_prior : of spins that are a guess, one of `SPIN_PRIORS`
     """
 
     environment: Environment
     uncertain: UncertainParameters
     simulator: Simulator
+    spin_prior: str = LEARNED
 
 
 class ObjectEstimate:
@@ -149,7 +152,9 @@ class ObjectEstimate:
         self, surroundings: Surroundings, thing: SceneObject, state: ObjectState, time: float
     ) -> None:
         world, parameters = _world_of(surroundings, thing)
-        self._start(Unknowns.of_state(state, self._bias, parameters), world, time, surroundings)
+        learned = surroundings.uncertain.learned
+        thrown = with_spin_prior(state, thing, learned, surroundings.spin_prior)
+        self._start(Unknowns.of_state(thrown, self._bias, parameters), world, time, surroundings)
         self.states = None
 
     def _go_on(

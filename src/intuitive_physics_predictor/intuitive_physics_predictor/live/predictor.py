@@ -209,7 +209,9 @@ class Predictor:
                 or surroundings.uncertain is not uncertain
             ):
                 engine = settings.estimation_simulator
-                surroundings = Surroundings(scene.environment, uncertain, engine)
+                surroundings = Surroundings(
+                    scene.environment, uncertain, engine, settings.options.spin_prior
+                )
                 self._surroundings = surroundings
             return self._scene_estimate.update(
                 surroundings, seen.objects, seen.states, seen.stamp, seen.detections

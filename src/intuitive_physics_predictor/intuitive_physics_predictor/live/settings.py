@@ -21,7 +21,7 @@ from intuitive_physics.state import ERROR_SIZE
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
 from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
 from intuitive_physics_predictor.live.self_calibration import SelfCalibration
-from intuitive_physics_predictor.noise import StateNoise
+from intuitive_physics_predictor.noise import LEARNED, SPIN_PRIORS, StateNoise
 from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
 from intuitive_physics_predictor.noisy_newton import (
     DEFAULT_SAMPLE_COUNT,
@@ -77,6 +77,12 @@ class PredictionOptions:
     spin_scale: float = number(
         1.0, 0.0, 1000.0, "factor on the perceived standard deviations of the spin"
     )
+    spin_prior: str = choice(
+        LEARNED,
+        SPIN_PRIORS,
+        "what a spin is drawn from that was not seen: the spread with which balls of its material "
+        "are thrown here, as learned; the covariance it was perceived with; or spin_noise alone",
+    )
     static_parameters_scale: float = number(
         1.0, 0.0, 1000.0, "factor on the standard deviations of learned static parameters"
     )
@@ -120,6 +126,7 @@ class PredictionOptions:
             angular_velocity=self.spin_noise,
             scale=self.state_scale,
             spin_scale=self.spin_scale,
+            spin_prior=self.spin_prior,
         )
 
 

@@ -25,10 +25,18 @@ from intuitive_physics.materials import (
 from intuitive_physics.messages.fields import flat_array, float64_field, in_field
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, Bounds, parameter_vector
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins, SpinSpread
 from intuitive_physics.validation import name_string
 
 SCALES = {ParameterBounds.LINEAR: "linear", ParameterBounds.LOGARITHMIC: "logarithmic"}
 """Names of the scales by their code in a message."""
+
+SPIN_FIELDS = {
+    "spin_deviations": "deviation",
+    "spin_counts": "count",
+    "stated_spin_deviations": "stated",
+}
+"""Fields of a message with the fields of a `SpinSpread`, in the order of these."""
 
 
 def static_parameters_to_message(
@@ -70,8 +78,20 @@ def static_parameters_to_message(
         cost=learned.cost,
         observation_count=learned.observation_count,
         method=learned.method,
+        **_spin_fields(learned),
         **_posterior_fields(learned.posterior),
     )
+
+
+def _spin_fields(learned: LearnedParameters) -> dict[str, Any]:
+    known = learned.initial_spins.by_material
+    if not known:
+        return {}
+    spreads = [known.get(name) for name in learned.materials]
+    return {
+        field: float64_field([np.nan if own is None else getattr(own, name) for own in spreads])
+        for field, name in SPIN_FIELDS.items()
+    }
 
 
 def _posterior_fields(posterior: ParameterPosterior | None) -> dict[str, Any]:
@@ -122,7 +142,21 @@ def static_parameters_from_message(message: StaticParametersMessage) -> LearnedP
         message.method,
         _intervals(message, pairs),
         _posterior(message),
+        initial_spins=_initial_spins(message),
     )
+
+
+def _initial_spins(message: StaticParametersMessage) -> InitialSpins:
+    m = len(message.materials)
+    if not any(len(getattr(message, field)) for field in SPIN_FIELDS):
+        return InitialSpins()
+    columns = [_one_each(getattr(message, field), field, m) for field in SPIN_FIELDS]
+    spreads = {}
+    for material, own in zip(message.materials, np.stack(columns, axis=1).tolist(), strict=True):
+        if not np.isnan(own).all():
+            with in_field(f"initial spins of {material}"):
+                spreads[material] = SpinSpread(*own)
+    return InitialSpins(spreads)
 
 
 def _posterior(message: StaticParametersMessage) -> ParameterPosterior | None:

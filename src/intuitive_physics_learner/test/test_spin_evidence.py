@@ -1,0 +1,281 @@
+"""How balls are thrown is recovered with its stated error, alike in batch and on-line."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
+
+from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.observation import Observation, ObservedObject
+from intuitive_physics.prior_knowledge.initial_spins import InitialSpins, SpinSpread
+from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
+from intuitive_physics.shapes import Sphere
+from intuitive_physics.state import ObjectState
+from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, learn
+from intuitive_physics_learner.given_parameters import given_parameters
+from intuitive_physics_learner.joint_estimation.spin_evidence import (
+    GRID,
+    SpinEvidence,
+    SpinLikelihood,
+    UnknownSpin,
+)
+from intuitive_physics_learner.methods import JOINT_METHOD
+from intuitive_physics_learner.online import OnlineOptions
+from intuitive_physics_learner.online.online_learner import OnlineLearner
+from intuitive_physics_learner.online.online_state import OnlineState
+from intuitive_physics_learner.store import ObservationStore
+
+STATED = 10.0
+"""rad/s, the guess of perception."""
+
+KNOWN = InitialSpins({"ball": SpinSpread(2.5, 6.0, STATED)})
+
+MATERIALS = ["ball", "floor"]
+RUBBER = StaticParameters.uniform(
+    MATERIALS, static_friction=0.45, dynamic_friction=0.45, rolling_friction=0.015, restitution=0.8
+)
+CORNER = Environment(
+    [
+        Plane("floor", "floor", (0, 0, 1), 0.0),
+        Plane("wall", "floor", (-1, 0, 0), -2.0),
+        Plane("other wall", "floor", (0, 1, 0), -1.5),
+    ]
+)
+OPTIONS = LearningOptions(JOINT_METHOD, ConvergenceCriteria(700))
+
+
+def measured(spin, deviation, prior=STATED, material="ball"):
+    """What is left of a spin that was measured with a deviation on each axis, under a prior."""
+    deviation = np.broadcast_to(deviation, 3)
+    variances = 1.0 / (deviation**-2.0 + prior**-2.0)
+    mean = variances * deviation**-2.0 * spin
+    places = np.arange(3)
+    return SpinLikelihood.of(UnknownSpin(material, STATED, places), mean, np.diag(variances), prior)
+
+
+def spread_of(likelihoods, weight=1.0):
+    evidence = SpinEvidence()
+    evidence.add_all(likelihoods, weight)
+    return evidence.initial_spins().by_material["ball"]
+
+
+def throws(simulator, count, seed, sigma, frames=45, known_spin=False):
+    """Observe rubber balls thrown into a corner with spins N(0, σ² I), 2 mm of noise at 30 Hz."""
+    generator = np.random.default_rng(seed)
+    ball, times, observed = SceneObject("ball", "ball", Sphere(0.05)), np.arange(frames) / 30.0, []
+    for _ in range(count):
+        position = generator.uniform((-0.3, -0.3, 0.5), (0.3, 0.3, 0.9))
+        velocity = generator.uniform((1.0, -1.0, -0.5), (2.2, 1.0, 1.0))
+        spin = sigma * generator.normal(size=3)
+        start = ObjectState(position, linear_velocity=velocity, angular_velocity=spin)
+        rollout = simulator.rollout([Scene(CORNER, (ball,), (start,))], RUBBER, times)
+        seen = rollout.positions[0, 0] + generator.normal(0.0, 0.002, (frames, 3))
+        guess = 0.0 if known_spin else STATED
+        believed = ObjectState(
+            position + generator.normal(0.0, 0.001, 3),
+            linear_velocity=velocity + generator.normal(0.0, 0.004, 3),
+            angular_velocity=known_spin * spin,
+            covariance=np.diag(np.repeat([1e-6, 0.0, 16e-6, guess**2], 3)),
+        )
+        observed.append(
+            Observation(CORNER, (ObservedObject(ball, Trajectory(times, seen), believed),), 0.0)
+        )
+    return observed
+
+
+def distance(spread, sigma):
+    """How many standard errors an estimate is off."""
+    return abs(np.log(spread.deviation / sigma)) / spread.relative_error
+
+
+@given(st.integers(0, 1000))
+def test_the_likelihood_is_that_of_the_normal_distribution(seed):
+    generator = np.random.default_rng(seed)
+    root = generator.normal(size=(3, 3)) * generator.uniform(0.5, 20.0)
+    covariance, mean = root @ root.T + 0.1 * np.eye(3), generator.normal(size=3) * 10.0
+    whole = np.linalg.inv(covariance)
+    posterior = np.linalg.inv(whole + STATED**-2 * np.eye(3))
+    likelihood = SpinLikelihood.of(
+        UnknownSpin("ball", STATED, np.arange(3)), posterior @ whole @ mean, posterior, STATED
+    )
+    got, _ = likelihood.on_grid()
+    for k in (0, 60, 75, 100):
+        spread = np.exp(2.0 * GRID[k]) * np.eye(3) + covariance
+        true = multivariate_normal(np.zeros(3), spread).logpdf(mean)
+        none = multivariate_normal(np.zeros(3), covariance).logpdf(mean)
+        assert got[k] == pytest.approx(true - none, rel=1e-5, abs=1e-4)
+
+
+@pytest.mark.parametrize("sigma", [2.0, 10.0, 40.0, 200.0])
+def test_the_spread_is_recovered_with_its_stated_error(sigma):
+    distances = []
+    for seed in range(40):
+        generator, noise = np.random.default_rng(seed), 0.3 * sigma
+        seen = generator.normal(0.0, sigma, (30, 3)) + generator.normal(0.0, noise, (30, 3))
+        spread = spread_of([measured(spin, noise) for spin in seen])
+        distances.append(distance(spread, sigma))
+        assert 20.0 < spread.count <= 30.0
+    # Of 40 honest ones 27 ± 3 are below one and 38 ± 1.3 below two.
+    assert np.mean(np.array(distances) < 1.0) > 0.45
+    assert np.mean(np.array(distances) < 2.0) > 0.82
+
+
+def test_nothing_is_known_without_a_throw():
+    assert not SpinEvidence().initial_spins()
+
+
+def test_one_throw_moves_the_guess_part_of_the_way_and_more_of_them_farther():
+    for spin in (2.0, 40.0):
+        moves = []
+        for count in (1, 3, 10, 100):
+            spread = spread_of([measured(np.full(3, spin), 1e-3)] * count)
+            assert spread.count == pytest.approx(count, rel=1e-3)
+            assert spread.stated == pytest.approx(STATED)
+            moves.append(np.log(spread.deviation / STATED) / np.log(spin / STATED))
+        assert np.all(np.diff(moves) > 0.0)
+        assert 0.3 < moves[0] < 0.9
+        assert moves[-1] == pytest.approx(1.0, abs=0.02)
+
+
+def test_what_says_nothing_of_the_spin_moves_nothing():
+    nothing = SpinLikelihood.of(
+        UnknownSpin("ball", STATED, np.arange(3)), np.zeros(3), STATED**2 * np.eye(3), STATED
+    )
+    alone = spread_of([nothing] * 100)
+    assert (alone.deviation, alone.count) == (pytest.approx(STATED), 0.0)
+    # Of a throw that says something of one axis, one axis counts.
+    one_axis = measured(np.array([3.0, 0.0, 0.0]), np.array([1e-3, 1e9, 1e9]))
+    assert spread_of([one_axis]).count == pytest.approx(1.0 / 3.0, rel=1e-3)
+    with_nothing, without = spread_of([one_axis, *[nothing] * 50]), spread_of([one_axis])
+    assert with_nothing.deviation == pytest.approx(without.deviation, rel=1e-12)
+    assert with_nothing.count == pytest.approx(without.count, rel=1e-12)
+
+
+@given(st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=6), st.randoms())
+def test_the_order_of_throws_is_nothing(spins, random):
+    likelihoods = [measured(np.array([spin, 2.0, -1.0]), 0.5) for spin in spins]
+    shuffled = random.sample(likelihoods, len(likelihoods))
+    a, b = spread_of(likelihoods), spread_of(shuffled)
+    assert (a.deviation, a.count) == (pytest.approx(b.deviation), pytest.approx(b.count))
+
+
+@given(st.floats(1.0, 100.0))
+def test_the_prior_of_the_fit_is_taken_out(prior):
+    spin = np.array([3.0, -7.0, 12.0])
+    wanted, got = measured(spin, 0.7), measured(spin, 0.7, prior)
+    np.testing.assert_allclose(got.precision, wanted.precision, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(got.pull, wanted.pull, rtol=1e-6, atol=1e-9)
+
+
+@given(st.floats(0.5, 300.0), st.floats(0.1, 1000.0))
+def test_evidence_begins_again_from_what_was_published(deviation, count):
+    known = InitialSpins({"ball": SpinSpread(deviation, count, STATED)})
+    (again,) = SpinEvidence.about(known).initial_spins().by_material.values()
+    assert again.deviation == pytest.approx(deviation, rel=1e-3)
+    assert again.count == pytest.approx(count)
+
+
+def test_what_is_forgotten_leaves_the_guess():
+    evidence = SpinEvidence()
+    evidence.add_all([measured(np.full(3, 2.0), 0.1)] * 20)
+    counts, deviations = [], []
+    for _ in range(4):
+        (spread,) = evidence.initial_spins().by_material.values()
+        counts.append(spread.count)
+        deviations.append(spread.deviation)
+        evidence.discount(0.1)
+    np.testing.assert_allclose(np.array(counts[1:]) / counts[:-1], 0.1, rtol=0.02)
+    assert np.all(np.diff(deviations) > 0.0)
+    assert deviations[-1] == pytest.approx(STATED, rel=0.1)
+
+
+@given(st.floats(-50.0, 50.0))
+def test_evidence_survives_json(spin):
+    evidence, likelihood = SpinEvidence(), measured(np.array([spin, 1.0, 2.0]), 0.3)
+    again = SpinLikelihood.from_dict(json.loads(json.dumps(likelihood.to_dict())))
+    evidence.add_all([again], 0.3)
+    read = SpinEvidence.from_dict(json.loads(json.dumps(evidence.to_dict())))
+    assert read.to_dict() == evidence.to_dict()
+    assert read.initial_spins() == evidence.initial_spins()
+
+
+@pytest.mark.parametrize("sigma", [2.0, 10.0, 40.0])
+def test_learned_in_batch_and_on_line_alike(event_driven, sigma):
+    observed = throws(event_driven, 16, 3, sigma)
+    batch = learn(observed, event_driven, OPTIONS).learned.initial_spins.by_material["ball"]
+    assert distance(batch, sigma) < 2.5
+    assert 8.0 < batch.count < 16.0
+    assert batch.stated == pytest.approx(STATED)
+    learner = OnlineLearner(event_driven, OnlineOptions(window=8))
+    learner.learn_from_all(observed[:8])
+    learner = OnlineLearner(
+        event_driven,
+        OnlineOptions(window=8),
+        OnlineState.from_json(learner.state.to_json()),
+        learner.kept_observations,
+    )
+    learner.learn_from_all(observed[8:])
+    online = learner.state.published.initial_spins.by_material["ball"]
+    assert abs(np.log(online.deviation / batch.deviation)) < 1.5 * batch.relative_error
+    assert online.count == pytest.approx(batch.count, rel=0.25)
+
+
+def test_a_search_that_knows_nothing_of_spins_leaves_what_was_known(event_driven):
+    observed = throws(event_driven, 2, 0, 2.0, frames=15)
+    first = learn(observed, event_driven, OPTIONS).learned
+    rule = LearningOptions("random", ConvergenceCriteria(5))
+    after = learn(observed, event_driven, rule, previous=replace(first, initial_spins=KNOWN))
+    assert after.learned.initial_spins == KNOWN
+    # A spin that was measured is none of which balls are thrown with unseen.
+    seen = throws(event_driven, 2, 0, 2.0, frames=15, known_spin=True)
+    assert not learn(seen, event_driven, OPTIONS).learned.initial_spins
+
+
+def test_a_fit_continues_exactly_with_its_widened_priors(event_driven):
+    observed = throws(event_driven, 4, 5, 100.0)
+    states: list[dict] = []
+    whole = learn(observed, event_driven, OPTIONS, on_checkpoint=states.append).learned
+    state = json.loads(json.dumps(states[-1], allow_nan=False))
+    again = learn(observed, event_driven, OPTIONS, resume=state).learned
+    assert again.initial_spins == whole.initial_spins
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(1, 6))
+def test_adopted_spins_are_kept_and_later_throws_add_to_them(count):
+    learner = OnlineLearner(None)
+    known = InitialSpins({"ball": SpinSpread(2.5, float(count), STATED)})
+    from_others = replace(LearnedParameters.defaults(MATERIALS), initial_spins=known)
+    learner.adopt(from_others, informed=True)
+    (spread,) = learner.state.initial_spins().by_material.values()
+    assert spread.deviation == pytest.approx(2.5, rel=1e-3)
+    learner.adopt(from_others, informed=False)
+    assert not learner.state.initial_spins()
+
+
+def test_a_version_keeps_them_in_the_store(tmp_path):
+    learned = replace(LearnedParameters.defaults(MATERIALS), initial_spins=KNOWN)
+    with ObservationStore(tmp_path / "store.db") as store:
+        store.add_parameters(learned)
+    with ObservationStore(tmp_path / "store.db") as store:
+        assert store.newest_parameters().initial_spins == KNOWN
+
+
+def test_values_that_a_user_gives_leave_them_unless_he_gives_others():
+    defaults = LearnedParameters.defaults(MATERIALS)
+    newest = replace(defaults, initial_spins=KNOWN)
+    assert given_parameters(defaults, newest=newest).initial_spins == KNOWN
+    others = InitialSpins({"floor": SpinSpread(7.0, 1.0, STATED)})
+    given = replace(defaults, initial_spins=others)
+    both = given_parameters(given, newest=newest).initial_spins
+    assert both == KNOWN.updated(others)
+    # Single parameters say nothing of throws.
+    named = given_parameters(given, names=["density[ball]"], newest=newest)
+    assert named.initial_spins == KNOWN
+    assert given_parameters(given).initial_spins == others

@@ -5,19 +5,30 @@ README.md in the folder above says what is measured and how.
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from benchmarks.command import Outcome, report_progress, run_benchmark
+from benchmarks.prediction.camera import JudgedWorld, judge_world
+from benchmarks.prediction.camera_report import (
+    WORLDS,
+    camera_complaints,
+    camera_figures,
+    camera_table,
+)
 from benchmarks.prediction.feed import SCENES, Feed
 from benchmarks.prediction.node import MOST_PUBLISHED, NodeUnderTest, largest_sample_count
 from benchmarks.prediction.peers import peer_times
 from benchmarks.prediction.report import Results, complaints, key_figures, tables
 from benchmarks.prediction.surfaces import samples_below_a_surface
 from benchmarks.prediction.truth import truth
+from benchmarks.results.result import Table
 from benchmarks.steady_loop import watch_loops
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_experiments.calibration.paper_calibration import PaperCalibrationOptions
 
 CORES = 2
@@ -34,41 +45,85 @@ class Effort:
     trial : each number of samples
     loop : constant work, before and after the node
     truth : options of the calibration on the synthetic set
+    throws : in each world that a camera sees
     """
 
     steady: float
     trial: float
     loop: float
     truth: PaperCalibrationOptions
+    throws: int
 
 
 SMALL_SET = PaperCalibrationOptions(samples=30, held_out=40, point_counts=(), sample_count=50)
 """Too small to hold the bars for sure: it shows that all works."""
 
-FULL = Effort(300.0, trial=10.0, loop=10.0, truth=PaperCalibrationOptions(point_counts=()))
+FULL = Effort(
+    300.0, trial=10.0, loop=10.0, truth=PaperCalibrationOptions(point_counts=()), throws=60
+)
 """Of the results that are kept."""
 
-QUICK = Effort(20.0, trial=4.0, loop=4.0, truth=SMALL_SET)
+QUICK = Effort(20.0, trial=4.0, loop=4.0, truth=SMALL_SET, throws=8)
 """Of a first look."""
+
+
+PARTS = ("node", "camera")
+"""What can be measured alone."""
+
+FIRST_SEED = 500
+"""Of the camera's worlds; nobody tuned on them. Those from 50 on were tuned on."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, and print the line of JSON last."""
     description = (__doc__ or "").splitlines()[0]
-    return run_benchmark(
-        "prediction", description, lambda options: run(QUICK if options.quick else FULL), arguments
+    return run_benchmark("prediction", description, run, arguments, _add_options)
+
+
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--only", choices=PARTS, help="measure this part alone")
+    parser.add_argument(
+        "--first-seed",
+        type=int,
+        default=FIRST_SEED,
+        metavar="SEED",
+        help=f"of the camera's worlds, one for each ({FIRST_SEED})",
     )
 
 
-def run(effort: Effort) -> Outcome:
-    """Measure all on the first cores of the machine."""
+def run(options: argparse.Namespace) -> Outcome:
+    """Measure what was asked for, on the first cores of the machine."""
+    if options.first_seed < 0:
+        raise InvalidInputError(f"--first-seed is {options.first_seed}; expected at least 0")
+    effort = QUICK if options.quick else FULL
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:CORES])
-    results = measure(effort)
+    found: list[Table] = []
+    figures: dict[str, Any] = {}
+    missed: list[str] = []
+    if options.only != "camera":
+        results = measure(effort)
+        found += tables(results)
+        figures |= key_figures(results)
+        missed += complaints(results)
+    if options.only != "node":
+        worlds = see_worlds(effort.throws, options.first_seed)
+        found.append(camera_table(worlds))
+        figures["camera"] = camera_figures(worlds)
+        missed += camera_complaints(worlds)
     return Outcome(
-        tables=tables(results),
-        key_figures=key_figures(results),
-        complaints=[f"bar missed: {complaint}" for complaint in complaints(results)],
+        tables=found,
+        key_figures=figures,
+        complaints=[f"bar missed: {complaint}" for complaint in missed],
     )
+
+
+def see_worlds(throws: int, first_seed: int) -> dict[float, JudgedWorld]:
+    """Judge predictions in each of the camera's worlds, by their spin in rad/s."""
+    worlds = {}
+    for k, spin in enumerate(WORLDS):
+        report_progress(f"a camera's world of spins of {spin:g} rad/s")
+        worlds[spin] = judge_world(spin, throws, first_seed + k)
+    return worlds
 
 
 def measure(effort: Effort) -> Results:

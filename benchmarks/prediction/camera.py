@@ -9,22 +9,29 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.prediction.camera_world import SeenThrow, Sighting, World, bounces
+from benchmarks.prediction.camera_world import SeenThrow, Sighting, World, bounces, see_world
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics.state import ANGULAR_VELOCITY, ObjectState
 from intuitive_physics_learner.learning_session import LearningOptions, learn
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
+from intuitive_physics_predictor.distribution import TrajectoryDistribution
 from intuitive_physics_predictor.estimation.object_estimate import SceneEstimate, Surroundings
 from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
-from intuitive_physics_predictor.noise import StateNoise
+from intuitive_physics_predictor.live.self_calibration import SelfCalibration
+from intuitive_physics_predictor.noise import PERCEIVED, StateNoise
 from intuitive_physics_predictor.noise_scales import NoiseScales
-from intuitive_physics_predictor.noisy_newton import PreparedScene, predict_sampled
+from intuitive_physics_predictor.noisy_newton import (
+    DEFAULT_SAMPLE_COUNT,
+    PreparedScene,
+    predict_sampled,
+)
 from intuitive_physics_predictor.scores.highest_density import highest_density_levels
 from intuitive_physics_predictor.scores.proper_scores import energy_scores
 
@@ -41,6 +48,9 @@ MOMENTS = ("first_flight", "after_first_bounce", "after_second_bounce")
 """When predictions begin."""
 
 
+CALIBRATION_TIMES = np.arange(0.0, 1.05, 0.02)
+"""s, of the predictions that the suite compares with what comes."""
+
 LEARNING_TIME = 20.0
 """s of learning at most, in each world."""
 
@@ -52,7 +62,8 @@ class Judged:
     Parameters
     ----------
     errors : (5,) m of the mean of the estimate's prediction, at `AHEAD`; NaN beyond the throw
-    known_spin, guess : the same from the perceived state with the true spin, and as it is
+    known_spin, guess : the same from the perceived state with the true spin, and with a guess of
+        10 rad/s on each axis where it is not seen, as before there were estimates
     spin_error : rad/s
     spin_nees : squared error of the spin in variances, of 3 degrees of freedom
     levels : (5, 2) as `highest_density_levels`, NaN beyond the throw
@@ -77,30 +88,68 @@ def learn_first_half(world: World, simulator: Simulator) -> LearnedParameters:
     return learn(earlier, simulator, options).learned
 
 
-def judge_throw(
-    world: World, seen: SeenThrow, learned: LearnedParameters, rng: np.random.Generator
-) -> Iterator[tuple[str, Judged]]:
-    """Follow a ball frame by frame, and judge the prediction of each moment.
+class Follower:
+    """Follows the balls of a world as the predictor does with its default settings.
 
-    Yields
-    ------
-    the moment, one of `MOMENTS`, and what was found
+    Parameters
+    ----------
+    world : whose balls
+    learned : θ_s
+    rng : of all samples
+
+    Attributes
+    ----------
+    seconds : that each estimate took
     """
-    simulator = make_simulator("auto")
-    uncertain = NoiseScales().parameters(learned)
-    surroundings = Surroundings(world.model.environment, uncertain, simulator)
-    estimate = SceneEstimate(rng)
-    moments = _moments(seen)
-    for sighting in seen.sightings:
-        found = sighting.seen
-        (states,) = estimate.update(
-            surroundings, [found.object], [found.state], sighting.time, [found.detection]
+
+    def __init__(self, world: World, learned: LearnedParameters, rng: np.random.Generator) -> None:
+        self._world = world
+        self._rng = rng
+        self._uncertain = NoiseScales().parameters(learned)
+        self._surroundings = Surroundings(
+            world.model.environment, self._uncertain, make_simulator("auto")
         )
-        if sighting.time in moments:
-            scene = Scene(world.model.environment, (found.object,), (found.state,))
-            prepared = PreparedScene.of(scene, uncertain, StateNoise(), (states,))
-            judged = _judged(world, seen, sighting, prepared, rng)
-            yield moments[sighting.time], judged
+        self._calibration = SelfCalibration()
+        self.seconds: list[float] = []
+
+    def judge(self, seen: SeenThrow) -> Iterator[tuple[str, Judged]]:
+        """Follow a ball frame by frame, and judge the prediction of each moment.
+
+        Yields
+        ------
+        the moment, one of `MOMENTS`, and what was found
+        """
+        estimate = SceneEstimate(self._rng)
+        moments = _moments(seen)
+        for sighting in seen.sightings:
+            found = sighting.seen
+            self._compare(sighting)
+            start = perf_counter()
+            estimates = estimate.update(
+                self._surroundings, [found.object], [found.state], sighting.time, [found.detection]
+            )
+            self.seconds.append(perf_counter() - start)
+            scene = Scene(self._world.model.environment, (found.object,), (found.state,))
+            noise = self._calibration.applied_to(StateNoise())
+            prepared = PreparedScene.of(scene, self._uncertain, noise, estimates)
+            self._calibration.take_prediction(
+                _predicted(prepared, CALIBRATION_TIMES, DEFAULT_SAMPLE_COUNT, self._rng),
+                sighting.time,
+                scene.environment.gravity,
+            )
+            if sighting.time in moments:
+                judged = _judged(self._world, seen, sighting, prepared, self._rng)
+                yield moments[sighting.time], judged
+
+    def _compare(self, sighting: Sighting) -> None:
+        detection = sighting.seen.detection
+        if detection is not None:
+            self._calibration.take_detection(
+                sighting.seen.object.id,
+                sighting.time,
+                detection.positions[0],
+                detection.covariances[0] + detection.bias,
+            )
 
 
 def _moments(seen: SeenThrow) -> dict[float, str]:
@@ -141,7 +190,10 @@ def _judged(
     truth = np.full((len(times), 3), np.nan)
     truth[there] = world.perceived_point(throw.positions_at(sighting.time + times[there]))
     own = _samples(prepared, times, rng)
-    guess = _samples(replace(prepared, estimates=()), times, rng)
+    before = PreparedScene.of(
+        prepared.scene, prepared.static_parameters, StateNoise(spin_prior=PERCEIVED)
+    )
+    guess = _samples(before, times, rng)
     known = _samples(_with_spin(prepared, spin), times, rng)
     (states,) = prepared.estimates
     error, nees = _spin_error(states, sighting.seen.state, spin)
@@ -164,9 +216,14 @@ def _samples(
     prepared: PreparedScene, times: NDArray[np.float64], rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """Positions (SAMPLES, n_times, 3) m of the ball."""
-    worlds = prepared.sampled(SAMPLES, rng)
-    simulator = make_simulator("auto")
-    return predict_sampled(prepared.scene, worlds, times, simulator=simulator).positions[:, 0]
+    return _predicted(prepared, times, SAMPLES, rng).positions[:, 0]
+
+
+def _predicted(
+    prepared: PreparedScene, times: NDArray[np.float64], count: int, rng: np.random.Generator
+) -> TrajectoryDistribution:
+    worlds = prepared.sampled(count, rng)
+    return predict_sampled(prepared.scene, worlds, times, simulator=make_simulator("auto"))
 
 
 def _with_spin(prepared: PreparedScene, spin: NDArray[np.float64]) -> PreparedScene:
@@ -187,3 +244,35 @@ def _spin_error(
     apart = state.angular_velocity - spin
     covariance = state.covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY]
     return float(np.linalg.norm(apart)), float(apart @ np.linalg.solve(covariance, apart))
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedWorld:
+    """What was found in a world.
+
+    Parameters
+    ----------
+    moments : by name, what was judged
+    seconds : that each estimate took
+    """
+
+    moments: dict[str, list[Judged]]
+    seconds: list[float]
+
+
+def judge_world(spin: float, throws: int, seed: int) -> JudgedWorld:
+    """See a world, learn from its first half and judge its second.
+
+    Parameters
+    ----------
+    spin : rad/s, standard deviation of the initial spin about each axis
+    """
+    rng = np.random.default_rng([seed, 1])
+    world = see_world(spin, throws, seed)
+    learned = learn_first_half(world, make_simulator("auto"))
+    follower = Follower(world, learned, rng)
+    found: dict[str, list[Judged]] = {name: [] for name in MOMENTS}
+    for seen in world.throws[throws // 2 :]:
+        for name, judged in follower.judge(seen):
+            found[name].append(judged)
+    return JudgedWorld(found, follower.seconds)

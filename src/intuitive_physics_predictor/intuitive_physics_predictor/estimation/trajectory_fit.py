@@ -23,7 +23,7 @@ INSTANT = 2e-4
 exact but for rounding unless a contact lies between them."""
 
 
-CORRELATION = 2.0
+CORRELATION = 3.0
 """Factor on the variances of detections. Their errors are not quite independent from frame to
 frame: the ball's place in the image and its range change slowly. Of rendered balls, fits to 0.3 s
 of flight had squared errors of 2.7 times the variance that independent errors would leave."""

@@ -217,7 +217,7 @@ class SelfCalibration:
         self._counts[kind] += weight
 
     def _forget(self, kind: str, weight: float) -> None:
-        left = np.exp(-weight / MEMORY)
+        left = float(np.exp(-weight / MEMORY))
         self._sums[kind] *= left
         self._counts[kind] *= left
 

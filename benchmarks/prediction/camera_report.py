@@ -1,0 +1,175 @@
+"""What the camera's worlds say, as a table and as key figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from benchmarks.prediction.camera import AHEAD, MOMENTS, Judged, JudgedWorld
+from benchmarks.results.result import Column, Table
+from intuitive_physics_predictor.scores.highest_density import coverage
+
+WORLDS = (2.0, 10.0, 40.0)
+"""rad/s about each axis, of the spins of each world."""
+
+WITHIN_2_SIGMA = float(chi2.ppf(chi2.cdf(4.0, 1), 3))
+"""Squared error of a spin, in variances, that a normal one exceeds as seldom as a single number
+exceeds two standard deviations."""
+
+RATIOS = (0.5, 1.0, 2.0)
+"""s ahead at which errors are compared."""
+
+MOST_OVER_KNOWN = {
+    "after_first_bounce": {2.0: 2.5, 10.0: 3.0, 40.0: 5.0},
+    "after_second_bounce": dict.fromkeys(WORLDS, 1.3),
+}
+"""Bars of the error over that with the known spin, 1 s ahead, by world."""
+
+MOST_OVER_GUESS = 0.8
+"""Bar of the error over that of the guess, in the first flight of the world of least spin."""
+
+COVERAGE_BARS = {0.5: (0.45, 0.55), 0.9: (0.86, 0.94)}
+"""Bars of what regions hold, by their probability."""
+
+Worlds = Mapping[float, JudgedWorld]
+"""What was judged, by spin."""
+
+
+def camera_figures(worlds: Worlds) -> dict[str, Any]:
+    """Return the key figures."""
+    everything = _of(worlds, MOMENTS)
+    seconds = [each for world in worlds.values() for each in world.seconds]
+    return {
+        **{
+            f"world_{spin:g}": {name: _moment_figures(world.moments[name]) for name in MOMENTS}
+            for spin, world in worlds.items()
+        },
+        "first_flight_error_over_guess": {
+            f"world_{spin:g}": _ratio(world.moments["first_flight"], "guess", 1.0)
+            for spin, world in worlds.items()
+        },
+        "coverage_50": _coverages(everything, 0.5),
+        "coverage_90": _coverages(everything, 0.9),
+        "energy_score_over_before": _score_ratio(_of(worlds, MOMENTS[1:])),
+        "estimate_ms": {
+            "median": _rounded(1e3 * np.median(seconds)),
+            "p99": _rounded(1e3 * np.quantile(seconds, 0.99)),
+        },
+    }
+
+
+def camera_table(worlds: Worlds) -> Table:
+    """Return one row for each world and moment."""
+    rows = [
+        [
+            f"{spin:g}",
+            name.replace("_", " "),
+            len(moments[name]),
+            *(1e3 * _median(moments[name], way, 1.0) for way in ("errors", "known_spin", "guess")),
+            float(np.median([one.spin_error for one in moments[name]] or [np.nan])),
+            100.0 * _within(moments[name]),
+            100.0 * coverage(_levels(moments[name], 1.0), 0.5),
+            100.0 * coverage(_levels(moments[name], 1.0), 0.9),
+            _score_ratio(moments[name]),
+        ]
+        for spin, moments in ((spin, world.moments) for spin, world in worlds.items())
+        for name in MOMENTS
+    ]
+    return Table(
+        title="Thrown balls that a rendered camera sees",
+        note="Median error of the predicted mean 1 s ahead; the same from the perceived state with "
+        "the true spin, and with a guess of 10 rad/s, as before there were estimates. Regions are "
+        "of 1 s ahead; scores are over all times, over those of the guess.",
+        columns=[
+            Column("spins, rad/s", "rad/s"),
+            Column("begins"),
+            Column("predictions"),
+            Column("error, mm", "mm", ".1f"),
+            Column("known spin", "mm", ".1f"),
+            Column("guess", "mm", ".1f"),
+            Column("spin error", "rad/s", ".2f"),
+            Column("within 2 σ, %", "%", ".0f"),
+            Column("in 50 % region, %", "%", ".0f"),
+            Column("in 90 %", "%", ".0f"),
+            Column("energy score / guess", "", ".2f"),
+        ],
+        rows=rows,
+    )
+
+
+def camera_complaints(worlds: Worlds) -> list[str]:
+    """Return the bars that were missed."""
+    found = []
+    for name, bars in MOST_OVER_KNOWN.items():
+        for spin, most in bars.items():
+            ratio = _ratio(worlds[spin].moments[name], "known_spin", 1.0)
+            if ratio is not None and ratio > most:
+                found.append(f"{name} of world_{spin:g}: error {ratio:.2f} of the known spin's")
+    ratio = _ratio(worlds[WORLDS[0]].moments["first_flight"], "guess", 1.0)
+    if ratio is not None and ratio > MOST_OVER_GUESS:
+        found.append(f"first_flight of world_{WORLDS[0]:g}: error {ratio:.2f} of the guess's")
+    everything = _of(worlds, MOMENTS)
+    for probability, (least, most) in COVERAGE_BARS.items():
+        for ahead, share in _coverages(everything, probability).items():
+            if share is not None and not least <= share <= most:
+                found.append(
+                    f"{100 * probability:.0f} % regions hold {100 * share:.0f} % after {ahead} s"
+                )
+    return found
+
+
+def _of(worlds: Worlds, names: Sequence[str]) -> list[Judged]:
+    """All that was judged at some moments."""
+    return [one for world in worlds.values() for name in names for one in world.moments[name]]
+
+
+def _moment_figures(found: Sequence[Judged]) -> dict[str, Any]:
+    return {
+        "predictions": len(found),
+        "error_over_known_spin": {f"{t:g}": _ratio(found, "known_spin", t) for t in RATIOS},
+        "spin_error": _rounded(np.median([one.spin_error for one in found] or [np.nan])),
+        "spin_within_2_sigma": _rounded(_within(found)),
+    }
+
+
+def _within(found: Sequence[Judged]) -> float:
+    return float(np.mean([one.spin_nees < WITHIN_2_SIGMA for one in found] or [np.nan]))
+
+
+def _median(found: Sequence[Judged], way: str, ahead: float) -> float:
+    """Median error in m at a time ahead (s), of the predictions that can be judged there."""
+    values = np.array([getattr(one, way)[AHEAD.index(ahead)] for one in found] or [np.nan])
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")
+
+
+def _ratio(found: Sequence[Judged], way: str, ahead: float) -> float | None:
+    return _rounded(_median(found, "errors", ahead) / _median(found, way, ahead))
+
+
+def _levels(found: Sequence[Judged], ahead: float) -> NDArray[np.float64]:
+    """Levels (n, 2) of the predictions that can be judged at a time ahead (s)."""
+    levels = np.array([one.levels[AHEAD.index(ahead)] for one in found]).reshape(-1, 2)
+    return levels[np.isfinite(levels[:, 0])]
+
+
+def _coverages(found: Sequence[Judged], probability: float) -> dict[str, float | None]:
+    return {f"{t:g}": _rounded(coverage(_levels(found, t), probability)) for t in AHEAD}
+
+
+def _score_ratio(found: Sequence[Judged]) -> float | None:
+    """Sum of the energy scores of all times over that of the guess."""
+    if not found:
+        return None
+    own, guess = (
+        np.nansum([getattr(one, way) for one in found]) for way in ("scores", "scores_of_guess")
+    )
+    return _rounded(own / guess)
+
+
+def _rounded(value: Any) -> float | None:
+    return round(float(value), 3) if np.isfinite(value) else None

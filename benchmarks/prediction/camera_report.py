@@ -137,7 +137,9 @@ def _moment_figures(found: Sequence[Judged]) -> dict[str, Any]:
 
 
 def _within(found: Sequence[Judged]) -> float:
-    return float(np.mean([one.spin_nees < WITHIN_2_SIGMA for one in found] or [np.nan]))
+    return float(
+        np.mean(np.array([one.spin_nees for one in found]) < WITHIN_2_SIGMA) if found else np.nan
+    )
 
 
 def _median(found: Sequence[Judged], way: str, ahead: float) -> float:

@@ -32,8 +32,9 @@ UNKNOWN_SIZE = STATE_SIZE + len(COEFFICIENTS)
 """State and coefficients."""
 
 LOWEST = np.array([0.0, 0.0, 0.05, 0.0, 0.0, -0.1, -0.2])
-HIGHEST = np.array([3.0, 2.0, 3.0, 1.0, 2.0, 0.1, 0.2])
-"""Bounds of the coefficients within which they mean something."""
+HIGHEST = np.array([3.0, 2.0, 3.0, 1.1, 2.0, 0.1, 0.2])
+"""Bounds of the coefficients. Where a camera measures heights askew, a bounce may seem to be faster
+than the fall before it: restitution may be a little above 1."""
 
 DRAG_LAW = (0.56, -0.60, -0.029)
 """C_D over the drag of a flight, less one, grows by these with the spin ratio, its square, and the

@@ -87,9 +87,13 @@ class BallEstimate:
     log_evidence: float
 
     def predict(self, model: BallModel, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Mean positions (n, 3) m at times (n,) s, not before the start."""
+        """Median positions (n, 3) m over the explanations at times (n,) s, not before the start."""
         paths = model.positions(self.unknowns, times - self.start)
-        return np.einsum("k,kna->na", self.weights, paths)
+        order = np.argsort(paths, axis=0)
+        below = np.cumsum(self.weights[order], axis=0)
+        middle = np.argmax(below >= 0.5 * below[-1], axis=0)[None]
+        chosen = np.take_along_axis(order, middle, axis=0)
+        return np.take_along_axis(paths, chosen, axis=0)[0]
 
     @property
     def likeliest(self) -> int:

@@ -40,7 +40,7 @@ ROUNDS = 5
 MISFIT = 1.3
 """Median residual over the noise above which a flight is not learned from."""
 
-LEAST_SPREAD = np.array([0.02, 0.015, 0.02, 0.015, 0.015, 0.001, 0.001])
+LEAST_SPREAD = np.array([0.02, 0.015, 0.02, 0.015, 0.015, 0.001, 0.0005])
 """Standard deviation of each coefficient from flight to flight, at least."""
 
 ROBUST_DEVIATION = 1.4826
@@ -71,8 +71,8 @@ RAREST = 0.005
 """Weight of each Gaussian at least: spins that were not thrown yet."""
 
 START = BallPrior(
-    np.array([0.54, 0.25, 0.28, 0.96, 0.22, -0.005, 0.007]),
-    np.diag([0.06, 0.03, 0.05, 0.03, 0.03, 0.002, 0.002]) ** 2,
+    np.array([0.52, 0.25, 0.28, 0.98, 0.23, -0.0043, 0.0086]),
+    np.diag([0.04, 0.03, 0.05, 0.03, 0.02, 0.0015, 0.001]) ** 2,
     np.outer(LEVEL_SPINS, [1.0, 0.0, 0.0]),
     np.diag([LEVEL_SPREAD, 130.0, 100.0]) ** 2,
     np.full(len(LEVEL_SPINS), 1.0 / len(LEVEL_SPINS)),
@@ -271,7 +271,7 @@ def _best_estimate(
 ) -> tuple[BallEstimate, float]:
     """Estimate with the measured spin, or without it if that is likelier, and the misfit."""
     end = FREE_SPAN if flight.bounce is None else flight.times[flight.bounce] + WINDOW[1]
-    times, positions = rows_until(flight, float(end))
+    times, positions = _rows_until(flight, float(end))
     with_label = estimate_ball(model, _labelled(prior, flight), times, positions)
     without = estimate_ball(model, prior, times, positions)
     odds = np.log(LIKELY_LABEL / (1.0 - LIKELY_LABEL))
@@ -293,7 +293,7 @@ def _labelled(prior: BallPrior, flight: SpinFlight) -> BallPrior:
     )
 
 
-def rows_until(
+def _rows_until(
     flight: SpinFlight, end: float, *, before: bool = False
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Times and positions of the rows until then, or before it."""
@@ -330,10 +330,10 @@ def score_flight(
     bounce = float(flight.times[flight.bounce])
     last = slice(max(0, flight.bounce - FEWEST_BEFORE), flight.bounce)
     across = flight_axes(np.polyfit(flight.times[last], flight.positions[last], 1)[0])[:2]
-    free = rows_until(flight, bounce, before=True)
+    free = _rows_until(flight, bounce, before=True)
     before = estimate_ball(model, prior, *free)
     labelled = estimate_ball(model, _labelled(prior, flight), *free)
-    after = estimate_ball(model, prior, *rows_until(flight, bounce + WINDOW[1]))
+    after = estimate_ball(model, prior, *_rows_until(flight, bounce + WINDOW[1]))
     return FlightScore(
         flight.name,
         across @ flight.spin,
@@ -341,14 +341,25 @@ def score_flight(
         across @ after.spin,
         np.sqrt(np.diag(across @ after.spin_covariance @ across.T)),
         labelled.log_evidence - before.log_evidence,
-        prediction_errors(predictors, flight, free, bounce),
-        prediction_errors(
-            predictors, flight, rows_until(flight, bounce + SEEN_BEYOND), bounce + SEEN_BEYOND
-        ),
+        *predicted_errors(predictors, flight),
     )
 
 
-def prediction_errors(
+def predicted_errors(
+    predictors: Mapping[str, Predictor], flight: SpinFlight
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Errors beyond the bounce and beyond what was seen shortly after it, as in `FlightScore`."""
+    assert flight.bounce is not None
+    bounce = float(flight.times[flight.bounce])
+    before = _rows_until(flight, bounce, before=True)
+    shortly_after = _rows_until(flight, bounce + SEEN_BEYOND)
+    return (
+        _errors(predictors, flight, before, bounce),
+        _errors(predictors, flight, shortly_after, bounce + SEEN_BEYOND),
+    )
+
+
+def _errors(
     predictors: Mapping[str, Predictor],
     flight: SpinFlight,
     seen: tuple[NDArray[np.float64], NDArray[np.float64]],

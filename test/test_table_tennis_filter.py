@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from benchmarks.peers.table_tennis_filter import (
@@ -11,13 +13,19 @@ from benchmarks.peers.table_tennis_filter import (
     fit_filter,
 )
 
-from intuitive_physics_experiments.recorded_sets.ball_model import BallModel
+from intuitive_physics_experiments.recorded_sets.flight_estimation import BallModel
 
 TIMES = np.arange(60) / 144.0
 UNKNOWNS = np.array(
     [0.0, 0.9, 0.4, 0.1, -7.0, 0.5, 150.0, 20.0, 0.0, 0.5, 0.25, 0.28, 0.95, 0.23, -0.0045, 0.0066]
 )
 """A ball of our simulator: position, velocity, spin, coefficients."""
+
+
+PARAMETERS = FilterParameters(
+    drag=0.55, magnus=0.4, noise=6e-4, noise_along=8e-4, acceleration=0.1, spin_deviation=150.0
+)
+"""Of a filter that has nearly the same air and is told the noise."""
 
 
 def seen(count: int, noise: float) -> np.ndarray:
@@ -27,7 +35,7 @@ def seen(count: int, noise: float) -> np.ndarray:
 
 def test_a_drag_flight_is_filtered() -> None:
     positions = seen(40, 5e-4)
-    found = TableTennisFilter(FilterParameters(drag=0.55), TIMES[:40], positions)
+    found = TableTennisFilter(PARAMETERS, TIMES[:40], positions)
     true = seen(40, 0.0)
     assert np.linalg.norm(found.state[:3] - true[-1]) < 2e-3
     speed = (true[-1] - true[-2]) * 144.0
@@ -39,7 +47,7 @@ def test_a_drag_flight_is_filtered() -> None:
 def test_an_outlier_is_left_out() -> None:
     positions = seen(40, 5e-4)
     positions[30] += 0.3
-    found = TableTennisFilter(FilterParameters(drag=0.55), TIMES[:40], positions)
+    found = TableTennisFilter(PARAMETERS, TIMES[:40], positions)
     assert np.linalg.norm(found.state[:3] - seen(40, 0.0)[-1]) < 2e-3
 
 
@@ -70,5 +78,5 @@ def test_fitting_finds_the_drag() -> None:
         places = filter_prediction(parameters, times[:20], positions[:20], times[20:])
         return float(np.linalg.norm(places - positions[20:], axis=1).mean())
 
-    start = FilterParameters(drag=0.2)
-    assert cost(fit_filter(start, cost, 60)) < 0.5 * cost(start)
+    start = replace(PARAMETERS, drag=0.2)
+    assert cost(fit_filter(start, cost, 60)) < 0.7 * cost(start)

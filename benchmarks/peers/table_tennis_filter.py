@@ -36,7 +36,7 @@ STEPS = np.array([1e-4] * 3 + [1e-3] * 3 + [0.1] * 3)
 
 @dataclass(frozen=True)
 class FilterParameters:
-    """What the filter is tuned by.
+    """What the filter is tuned by; the defaults are tuned to flights of a robot's laboratory.
 
     Parameters
     ----------
@@ -53,18 +53,18 @@ class FilterParameters:
     gate : squared Mahalanobis distance above which a detection is left out
     """
 
-    drag: float = 0.5
-    magnus: float = 0.35
-    restitution: float = 0.96
-    share: float = 0.35
+    drag: float = 0.552
+    magnus: float = 0.321
+    restitution: float = 0.961
+    share: float = 0.117
     friction: float | None = None
     height: float = -0.0045
     slope: float = 0.0066
-    noise: float = 0.0010
-    noise_along: float = 0.0015
-    acceleration: float = 0.1
-    bounce_noise: float = 0.15
-    spin_deviation: float = 150.0
+    noise: float = 0.00095
+    noise_along: float = 0.0054
+    acceleration: float = 0.264
+    bounce_noise: float = 0.189
+    spin_deviation: float = 65.8
     gate: float = 30.0
 
 

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_experiments.recorded_sets.ball_model import BallModel
 from intuitive_physics_experiments.recorded_sets.flight_estimation import (
     BallEstimate,
+    BallModel,
     estimate_ball,
     flight_axes,
 )

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_experiments.recorded_sets.ball_model import STATE_SIZE, BallModel
 from intuitive_physics_experiments.recorded_sets.flight_estimation import (
+    STATE_SIZE,
     BallEstimate,
+    BallModel,
     BallPrior,
     estimate_ball,
     flight_axes,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.linalg import norm
 
 from intuitive_physics_cli.terminal import format_table
-from intuitive_physics_experiments.recorded_sets.ball_model import COEFFICIENTS
+from intuitive_physics_experiments.recorded_sets.flight_estimation import COEFFICIENTS
 from intuitive_physics_experiments.recorded_sets.flight_evaluation import (
     SEEN_BEYOND,
     SMOOTHED,
@@ -70,28 +71,23 @@ def _spin_table(evaluation: FlightEvaluation) -> str:
 
 
 def _spin_cells(scores: Sequence[FlightScore]) -> list[str]:
-    before = _median(
-        scores, lambda s: float(np.linalg.norm(s.before - s.measured) / np.linalg.norm(s.measured))
-    )
-    level = _median(scores, lambda s: abs(float((s.after[0] - s.measured[0]) / s.measured[0])))
+    before = [float(norm(score.before - score.measured) / norm(score.measured)) for score in scores]
+    level = [abs(float(score.after[0] / score.measured[0]) - 1.0) for score in scores]
     return [
-        f"{before:.0%}",
-        f"{_median(scores, lambda s: s.relative_error):.0%}",
-        f"{level:.0%}",
-        f"{_median(scores, lambda s: float(s.deviation[0])):.0f}",
+        f"{_median(before):.0%}",
+        f"{_median([score.relative_error for score in scores]):.0%}",
+        f"{_median(level):.0%}",
+        f"{_median([float(score.deviation[0]) for score in scores]):.0f}",
     ]
 
 
 def _prediction_table(evaluation: FlightEvaluation) -> str:
     halves = (evaluation.training, evaluation.test)
-    rows = [
-        [
-            way,
-            *(f"{_median(half, lambda s, w=way: s.beyond_bounce[w]):.4f}" for half in halves),
-            *(f"{_median(half, lambda s, w=way: s.beyond_seen[w]):.4f}" for half in halves),
-        ]
-        for way in (SMOOTHED, SPINLESS)
-    ]
+    rows = []
+    for way in (SMOOTHED, SPINLESS):
+        errors = [[score.beyond_bounce[way] for score in half] for half in halves]
+        errors += [[score.beyond_seen[way] for score in half] for half in halves]
+        rows.append([way, *(f"{_median(values):.4f}" for values in errors)])
     header = ["median error (m)", "before, training", "test", "after, training", "test"]
     note = (
         f"{WINDOW[0]:g} to {WINDOW[1]:g} s beyond the bounce, seen before it, and beyond the first "
@@ -100,6 +96,5 @@ def _prediction_table(evaluation: FlightEvaluation) -> str:
     return f"{note}\n{format_table(header, rows)}"
 
 
-def _median(scores: Sequence[FlightScore], value: Callable[[FlightScore], float]) -> float:
-    values = [value(score) for score in scores]
+def _median(values: Sequence[float]) -> float:
     return float(np.nanmedian(values)) if np.isfinite(values).any() else float("nan")

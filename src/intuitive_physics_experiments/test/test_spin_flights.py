@@ -252,3 +252,21 @@ def test_recorded_flights_lie_in_time_to_a_tenth_of_a_frame(
             residuals.append(np.std(y - np.polyval(np.polyfit(times, y, 3), times)))
     assert np.median(left["times"]) < 0.0015
     assert np.median(left["times"]) < 0.4 * np.median(left["stamps"])
+
+
+@pytest.mark.long
+@pytest.mark.needs("recordings")
+def test_recorded_flights_go_where_their_spin_takes_them(
+    recording: Callable[[str], Path],
+) -> None:
+    flights = load_spin_flights(recording("table_tennis_spin.npz"))[42:84]
+    evaluation = evaluate_flights(flights, lambda done, total: None)
+    for errors in ("beyond_bounce", "beyond_seen"):
+        ours, none = (
+            np.nanmedian([getattr(score, errors)[way] for score in evaluation.test])
+            for way in (SMOOTHED, SPINLESS)
+        )
+        assert ours < 0.8 * none
+    # Of these recordings the measured spins are those of the flights.
+    level = [abs(score.after[0] / score.measured[0] - 1.0) for score in evaluation.test]
+    assert np.median(level) < 0.6

@@ -2,7 +2,7 @@
 
 .DEFAULT_GOAL := help
 .PHONY: help setup lint types docs test library-tests system-tests test-oldest house demo bench-simulation \
-	bench-prediction bench-perception bench-learning bench-robot torture clean
+	bench-prediction bench-perception bench-learning bench-flights bench-robot torture clean
 
 # A ROS, or a Python, that the caller's shell has sourced must not mix with ours.
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH
@@ -99,6 +99,9 @@ bench-perception: setup ## Hold perception against the truth and against others;
 	@.venv/bin/python -m pip --disable-pip-version-check install -qq -r requirements/bench.txt
 	@$(run_environment) OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 \
 		.venv/bin/python -m benchmarks.perception $(options)
+
+bench-flights: setup ## Estimate recorded spins beside a filter of robots; options="--quick"
+	@.venv/bin/python -m benchmarks.flights $(options)
 
 bench-robot: setup ## Start, kill and stop the suite by the real ros2; options="--quick"
 	@$(run_environment) .venv/bin/python -m benchmarks.robot $(options)

@@ -94,6 +94,24 @@ def errors_of_tosses(output: str) -> dict[str, tuple[float, float]]:
     }
 
 
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        (["--engine", "bullet"], "engine is given"),
+        (["--train-fraction", "0.5"], "train fraction is given"),
+        (["--drag", "0.5"], "both are learned with the spin"),
+        (["--measured-inertia"], "expected it for cube tosses only"),
+    ],
+)
+def test_evaluate_refuses_what_flights_with_spin_do_not_take(
+    tmp_path: Path, option: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = ("time", "position", "offsets", "spin", "radius", "mass")
+    np.savez(tmp_path / "set.npz", **dict.fromkeys(names, np.zeros(1)))
+    assert main(["evaluate", str(tmp_path / "set.npz"), *option]) != 0
+    assert message in capsys.readouterr().err
+
+
 def test_evaluate_cube_tosses_beside_published_figures(
     tmp_path: Path, toss_arrays: Callable[..., dict[str, Any]]
 ) -> None:

@@ -17,7 +17,8 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_experiments.recorded_sets.cube_tosses import LENGTH_CORRECTION, cube_tosses
 from intuitive_physics_experiments.recorded_sets.recorded_data import (
-    holds_cube_tosses,
+    CUBE_TOSSES,
+    kind_of_set,
     load_cube_tosses,
     load_recorded_set,
 )
@@ -34,7 +35,7 @@ def test_tosses_are_simulated_again_as_they_were(
 ) -> None:
     path = tmp_path / "set.npz"
     np.savez(path, **toss_arrays(4, engine))
-    assert holds_cube_tosses(path)
+    assert kind_of_set(path) is CUBE_TOSSES
     batch = TossBatch(load_cube_tosses(path))
     errors = batch.simulated(make_simulator(engine), [toss_parameters(0.2, 0.3)])
     # The same engine from the same state: what rounding of the rotated spin leaves, grown by some
@@ -114,7 +115,7 @@ def test_other_sets_are_no_tosses(
     tmp_path: Path, launch_arrays: Callable[[int], dict[str, Any]]
 ) -> None:
     np.savez(tmp_path / "set.npz", **launch_arrays(2))
-    assert not holds_cube_tosses(tmp_path / "set.npz")
+    assert kind_of_set(tmp_path / "set.npz") is not CUBE_TOSSES
     with pytest.raises(InvalidInputError, match="expected cube tosses"):
         load_cube_tosses(tmp_path / "set.npz")
 

@@ -48,7 +48,8 @@ def add_to(commands: Any) -> None:
         description="Learn the static parameters from a part of the observations, predict the "
         "others from their initial states, and compare with default parameters and free flight. "
         "For cube tosses friction and restitution are fitted, errors count rotation too and stand "
-        "beside those that others have published.",
+        "beside those that others have published. For flights with measured spin, state and spin "
+        "are estimated from flight and bounce, and both halves of the set are predicted.",
     )
     parser.add_argument("path", type=Path, help=PATH_HELP)
     add_learning_options(
@@ -130,10 +131,18 @@ def _add_air_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Evaluate and print the tables."""
-    from intuitive_physics_experiments.recorded_sets.recorded_data import holds_cube_tosses
+    from intuitive_physics_experiments.recorded_sets.recorded_data import (
+        CUBE_TOSSES,
+        SPIN_FLIGHTS,
+        kind_of_set,
+    )
 
     path = options.path
-    tosses = path.suffix == ".npz" and path.is_file() and holds_cube_tosses(path)
+    kind = kind_of_set(path) if path.suffix == ".npz" and path.is_file() else None
+    if kind is SPIN_FLIGHTS:
+        evaluate_spin_flights(options)
+        return
+    tosses = kind is CUBE_TOSSES
     for name, value in (TOSS_DEFAULTS if tosses else BALL_DEFAULTS).items():
         if getattr(options, name) is None:
             setattr(options, name, value)
@@ -154,6 +163,22 @@ def _drag(text: str) -> float | None:
 
 def evaluate_balls(options: argparse.Namespace) -> None:
     """Learn with each engine from some of the observations, predict the others, print errors."""
+    _refuse_toss_options(options)
+    how = learning_options(options)
+    start = None
+    if options.drag != 0.0 or options.magnus:
+        from intuitive_physics_experiments.recorded_sets.table_tennis import ball_parameters
+
+        title, observations = _table_tennis(options)
+        start = ball_parameters()
+    else:
+        title, observations = read_observations(options.path)
+    print(f"{options.path}: {title}")
+    for engine in options.engine:
+        _evaluate_with(engine, observations, how, start, options)
+
+
+def _refuse_toss_options(options: argparse.Namespace) -> None:
     for name in ("length_correction", "train_counts", "save"):
         if getattr(options, name) is not None:
             raise InvalidInputError(
@@ -168,18 +193,32 @@ def evaluate_balls(options: argparse.Namespace) -> None:
         raise InvalidInputError(
             f"measured inertia is asked for in {options.path}; expected it for cube tosses only"
         )
-    how = learning_options(options)
-    start = None
-    if options.drag != 0.0 or options.magnus:
-        from intuitive_physics_experiments.recorded_sets.table_tennis import ball_parameters
 
-        title, observations = _table_tennis(options)
-        start = ball_parameters()
-    else:
-        title, observations = read_observations(options.path)
-    print(f"{options.path}: {title}")
-    for engine in options.engine:
-        _evaluate_with(engine, observations, how, start, options)
+
+def evaluate_spin_flights(options: argparse.Namespace) -> None:
+    """Estimate and predict flights with measured spin, print errors of both halves."""
+    from intuitive_physics_cli.terminal import ProgressBar
+    from intuitive_physics_experiments.recorded_sets.flight_evaluation import evaluate_flights
+    from intuitive_physics_experiments.recorded_sets.flight_tables import flight_tables
+    from intuitive_physics_experiments.recorded_sets.recorded_data import load_spin_flights
+
+    _refuse_toss_options(options)
+    if options.drag != 0.0 or options.magnus:
+        raise InvalidInputError(
+            f"drag or Magnus coefficient is given for {options.path}; expected none, both are "
+            "learned with the spin"
+        )
+    for name in ("engine", "method", "iterations", "train_fraction"):
+        if getattr(options, name) is not None:
+            raise InvalidInputError(
+                f"{name.replace('_', ' ')} is given for {options.path}; expected none, flights "
+                "of even number are learned from by expectation maximisation"
+            )
+    flights = load_spin_flights(options.path)
+    with ProgressBar("estimating") as bar:
+        evaluation = evaluate_flights(flights, bar.update)
+    print(f"{options.path}: table-tennis flights with measured spin")
+    print(flight_tables(evaluation))
 
 
 def _table_tennis(options: argparse.Namespace) -> tuple[str, Any]:

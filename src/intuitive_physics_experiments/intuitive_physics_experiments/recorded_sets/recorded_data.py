@@ -17,6 +17,11 @@ from intuitive_physics_experiments.recorded_sets.cube_tosses import (
     cube_toss_observations,
     cube_tosses,
 )
+from intuitive_physics_experiments.recorded_sets.spin_flights import (
+    SpinFlight,
+    spin_flight_observations,
+    spin_flights,
+)
 from intuitive_physics_experiments.recorded_sets.table_tennis import (
     AirCoefficients,
     gun_observations,
@@ -65,6 +70,13 @@ LAUNCHES = RecordedSet(
 )
 """Table-tennis balls from one setting of a launcher."""
 
+SPIN_FLIGHTS = RecordedSet(
+    "table-tennis flights with measured spin",
+    frozenset({"time", "position", "offsets", "spin", "radius", "mass"}),
+    spin_flight_observations,
+)
+"""Table-tennis balls whose spin a camera measured (SpinDOE)."""
+
 GUN_FLIGHTS = RecordedSet(
     "table-tennis gun flights",
     frozenset({"position", "velocity", "offsets", "dt_implied"}),
@@ -79,7 +91,7 @@ CAROM_SHOTS = RecordedSet(
 )
 """Shots of carom billiards: three balls on a table."""
 
-RECORDED_SETS = (LAUNCHES, GUN_FLIGHTS, CUBE_TOSSES, CAROM_SHOTS)
+RECORDED_SETS = (SPIN_FLIGHTS, LAUNCHES, GUN_FLIGHTS, CUBE_TOSSES, CAROM_SHOTS)
 """All kinds; a file is of the first whose arrays it has."""
 
 
@@ -96,15 +108,15 @@ def load_recorded_set(path: Path) -> tuple[str, list[Observation]]:
         return known.title, known.load(arrays)
 
 
-def holds_cube_tosses(path: Path) -> bool:
-    """Whether a file is a set of cube tosses.
+def kind_of_set(path: Path) -> RecordedSet:
+    """Of which of `RECORDED_SETS` a file is.
 
     Raises
     ------
     InvalidInputError
         When the arrays are of no known set.
     """
-    return _read(path)[0] is CUBE_TOSSES
+    return _read(path)[0]
 
 
 def load_cube_tosses(
@@ -127,6 +139,21 @@ def load_cube_tosses(
         raise InvalidInputError(f"{path} is a set of {known.title}; expected cube tosses")
     with _telling(path, known):
         return cube_tosses(arrays, length_correction, measured_inertia)
+
+
+def load_spin_flights(path: Path) -> list[SpinFlight]:
+    """Return the flights of a set of flights with measured spin.
+
+    Raises
+    ------
+    InvalidInputError
+        When the arrays are of another set, or not what that set has.
+    """
+    known, arrays = _read(path)
+    if known is not SPIN_FLIGHTS:
+        raise InvalidInputError(f"{path} is a set of {known.title}; expected {SPIN_FLIGHTS.title}")
+    with _telling(path, known):
+        return spin_flights(arrays)
 
 
 def load_table_tennis(path: Path, air: AirCoefficients) -> tuple[str, list[Observation]]:

@@ -92,11 +92,11 @@ def launch_observations(arrays: Arrays, air: AirCoefficients = VACUUM) -> list[O
     air : that the balls fly through
     """
     radius = positive_float(arrays["radius"], "radius")
-    environment = _table(LAUNCH_BOUNCE_HEIGHT - radius)
-    ball = _ball(radius, air)
+    environment = table_at(LAUNCH_BOUNCE_HEIGHT - radius)
+    ball = ball_in_air(radius, air)
     recordings = zip(split_rows(arrays, "time"), split_rows(arrays, "position"), strict=True)
     observations = [
-        _observation(f"launch_{i:03d}", times - times[0], positions, environment, ball)
+        flight_observation(f"launch_{i:03d}", times - times[0], positions, environment, ball)
         for i, (times, positions) in enumerate(recordings)
     ]
     return [seen for seen in observations if seen is not None]
@@ -115,13 +115,15 @@ def gun_observations(arrays: Arrays, air: AirCoefficients = VACUUM) -> list[Obse
     air : that the balls fly through
     """
     period = positive_float(arrays["dt_implied"], "dt_implied")
-    environment = _table(GUN_BOUNCE_HEIGHT - BALL_RADIUS)
-    ball = _ball(BALL_RADIUS, air)
+    environment = table_at(GUN_BOUNCE_HEIGHT - BALL_RADIUS)
+    ball = ball_in_air(BALL_RADIUS, air)
     recordings = zip(split_rows(arrays, "position"), split_rows(arrays, "velocity"), strict=True)
     observations = []
     for i, (positions, velocities) in enumerate(recordings):
         times, kept = recovered_times(positions, velocities, period)
-        observations.append(_observation(f"gun_{i:03d}", times, positions[kept], environment, ball))
+        observations.append(
+            flight_observation(f"gun_{i:03d}", times, positions[kept], environment, ball)
+        )
     return [seen for seen in observations if seen is not None]
 
 
@@ -153,17 +155,28 @@ def recovered_times(
     return times[kept], kept
 
 
-def _table(height: float) -> Environment:
+def table_at(height: float) -> Environment:
+    """A level table, height in m, and nothing else."""
     return Environment([Plane("table", TABLE_MATERIAL, (0.0, 0.0, 1.0), height)])
 
 
-def _observation(
+def flight_observation(
     name: str,
     times: NDArray[np.float64],
     positions: NDArray[np.float64],
     environment: Environment,
     ball: SceneObject,
 ) -> Observation | None:
+    """Observation of one ball, or None where too little of its flight was seen.
+
+    Parameters
+    ----------
+    name : of the observation
+    times : (n,) s
+    positions : (n, 3) m
+    environment : its first plane is the table
+    ball : the object
+    """
     above = environment.planes[0].signed_distances(positions) - ball.shape.bounding_radius
     free = rows_before_contact(above)
     # A ball below the table has flown over its edge, which the set does not contain.
@@ -176,7 +189,8 @@ def _observation(
     return Observation(environment, (seen,), float(times[0]), name)
 
 
-def _ball(radius: float, air: AirCoefficients) -> SceneObject:
+def ball_in_air(radius: float, air: AirCoefficients) -> SceneObject:
+    """A ball of some radius (m) in some air."""
     return SceneObject("ball", BALL_MATERIAL, Sphere(radius), air.drag, air.magnus)
 
 

@@ -45,9 +45,10 @@ HIGHEST = np.array([3.0, 2.0, 3.0, 1.1, 2.0, 0.1, 0.2])
 """Upper bounds. Where a camera measures heights askew, a bounce may seem to be faster
 than the fall before it: restitution may be a little above 1."""
 
-DRAG_LAW = (0.56, -0.60, -0.029)
+DRAG_LAW = (0.56, -0.60, -0.05)
 """C_D over the drag of a flight, less one, grows by these with the spin ratio, its square, and the
-speed (s/m): a fit to those flights of even number whose bounce gives their spin."""
+speed (s/m). The first two are a fit to those flights of even number of the recorded set whose
+bounce gives their spin, the third leaves least spread of drag and error after the bounce there."""
 
 USUAL_SPEED = 8.0
 """m/s, at which a ball without spin has the drag of its flight."""

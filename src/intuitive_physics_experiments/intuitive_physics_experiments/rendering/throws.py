@@ -12,7 +12,9 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment
 from intuitive_physics.state import ObjectState
+from intuitive_physics_experiments.rendering.ball_surface import BallSurface
 from intuitive_physics_experiments.rendering.camera import Camera
+from intuitive_physics_experiments.rendering.color_camera import ColoredBall
 from intuitive_physics_experiments.rendering.corner_room import BALL_RADII, ROOM_MATERIAL
 from intuitive_physics_experiments.rendering.thrown_ball import (
     AS_BULLET_HAS_IT,
@@ -27,6 +29,9 @@ MOST_ATTEMPTS = 500
 
 IMAGE_MARGIN = 4.0
 """Pixels kept free between a ball and the image's edge."""
+
+SPIN_DEVIATION = 2.0
+"""rad/s, standard deviation of each component of the spin of a throw."""
 
 HIGHEST_CENTER = 1.0
 """m; a hand does not throw over the walls."""
@@ -73,6 +78,28 @@ class Throw:
             [np.interp(since, known, self.motion.positions[:, k]) for k in range(3)]
         )
 
+    def colored_at(self, time: float, surface: BallSurface) -> ColoredBall:
+        """Return the ball as a colour camera sees it, with something painted on it.
+
+        Parameters
+        ----------
+        time : s after the recording's start
+        surface : what is painted on it
+        """
+        motion, since = self.motion, time - self.start_time
+        velocity, spin = (
+            np.array([np.interp(since, motion.times, column) for column in values.T])
+            for values in (motion.velocities, motion.angular_velocities)
+        )
+        return ColoredBall(
+            self.positions_at(np.array([time]))[0],
+            self.radius,
+            surface,
+            motion.orientation_at(since),
+            velocity,
+            spin,
+        )
+
 
 def make_throws(
     count: int,
@@ -86,6 +113,7 @@ def make_throws(
     pause: float,
     materials: Sequence[str] = tuple(BALL_RADII),
     fidelity: Fidelity = AS_BULLET_HAS_IT,
+    spin_deviation: float = SPIN_DEVIATION,
 ) -> list[Throw]:
     """Throw balls in turn, each in view of the camera from hand to end.
 
@@ -98,11 +126,14 @@ def make_throws(
     pause : s without a ball after each
     materials : of the balls, some of `BALL_RADII`
     fidelity : of their motions to the contact laws
+    spin_deviation : rad/s, standard deviation of each component of the first spin
     """
     throws = []
     for i in range(count):
         material = materials[i % len(materials)]
-        motion = _throw_in_view(material, camera, environment, parameters, rng, duration, fidelity)
+        motion = _throw_in_view(
+            material, camera, environment, parameters, rng, duration, fidelity, spin_deviation
+        )
         start_time = first_start + i * (duration + pause)
         throws.append(Throw(material, BALL_RADII[material], start_time, motion))
     return throws
@@ -116,13 +147,14 @@ def _throw_in_view(
     rng: np.random.Generator,
     duration: float,
     fidelity: Fidelity,
+    spin_deviation: float,
 ) -> BallMotion:
     radius = BALL_RADII[material]
     pair = parameters.pair(material, ROOM_MATERIAL)
     contact = BallContact(pair["static_friction"], pair["rolling_friction"], pair["restitution"])
     density = float(parameters.density[parameters.index(material)])
     for _ in range(MOST_ATTEMPTS):
-        start = _release(rng)
+        start = _release(rng, spin_deviation)
         motion = move_ball(
             environment, radius, density, contact, start, duration, fidelity=fidelity
         )
@@ -134,8 +166,8 @@ def _throw_in_view(
     )
 
 
-def _release(rng: np.random.Generator) -> ObjectState:
-    """Draw the initial state of a throw towards the corner, somewhat upward, with little spin."""
+def _release(rng: np.random.Generator, spin_deviation: float) -> ObjectState:
+    """Draw the initial state of a throw towards the corner, somewhat upward."""
     along, across = rng.uniform(-0.1, 0.4), rng.uniform(-0.35, 0.35)
     diagonal = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
     sideways = np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0)
@@ -145,7 +177,9 @@ def _release(rng: np.random.Generator) -> ObjectState:
     velocity = speed * (np.cos(heading) * diagonal + np.sin(heading) * sideways)
     velocity[2] = rng.uniform(-0.5, 1.6)
     return ObjectState(
-        position, linear_velocity=velocity, angular_velocity=rng.normal(0.0, 2.0, size=3)
+        position,
+        linear_velocity=velocity,
+        angular_velocity=rng.normal(0.0, spin_deviation, size=3),
     )
 
 

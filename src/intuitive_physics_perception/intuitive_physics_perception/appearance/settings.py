@@ -88,6 +88,12 @@ class AppearanceSettings:
         "with a plain ball",
         unit="rad/s",
     )
+    highlight_turn: float = number(
+        0.3,
+        0.0,
+        10.0,
+        "the same of a highlight, as a part of the angular velocity of the line of sight",
+    )
     standing_gate: float = number(
         25.0,
         0.0,

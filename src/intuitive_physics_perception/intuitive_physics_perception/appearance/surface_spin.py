@@ -116,7 +116,8 @@ class SurfaceSpin:
         """Whether what turns so may be light, which stands still, or a highlight, which goes a part
         of the way with the line of sight (3,) rad/s."""
         settings = self._settings
-        inverse = np.linalg.inv(spin.covariance + settings.light_turn**2 * np.eye(3))
+        unsure = settings.light_turn**2 + settings.highlight_turn**2 * float(view_rate @ view_rate)
+        inverse = np.linalg.inv(spin.covariance + unsure * np.eye(3))
         most = view_rate @ inverse @ view_rate
         part = np.clip(view_rate @ inverse @ spin.mean / max(most, 1e-12), 0.0, 1.0)
         away = spin.mean - part * view_rate

@@ -73,7 +73,7 @@ class AppearanceSettings:
         unit="rad",
     )
     light_slope: float = number(
-        0.1,
+        0.2,
         0.0,
         10.0,
         "slope of the logarithm of brightness that light and shade leave after smooth ones are "

@@ -21,8 +21,12 @@ from intuitive_physics_perception.appearance.registration import (
 from intuitive_physics_perception.appearance.settings import AppearanceSettings
 from intuitive_physics_perception.appearance.sphere_image import SphereImage, pitch_of
 
-LARGEST_TURN = 2.9
+LARGEST_SEARCHED = 2.9
 """rad from frame to frame: a little less than half a turn, which has two directions."""
+
+LARGEST_TURN = 2.5
+"""rad from frame to frame of a spin that is believed. More than half a turn looks like the rest of a
+turn the other way: with this limit a ball must turn by 3.8 rad to be mistaken."""
 
 APART = 0.5
 """rad from frame to frame by which rotations differ that are refined from the search."""
@@ -39,7 +43,7 @@ STEPS = 5
 HOPELESS = 0.3
 """Correlation of neighbouring images below which a spin is not looked at further."""
 
-ALIKE = 2.0
+ALIKE = 4.0
 """Cells whose differences are one error, where the images' edges are not alike."""
 
 SURE = 0.99
@@ -174,7 +178,7 @@ class TurnSearch:
 
     def __init__(self, duration: float, settings: AppearanceSettings) -> None:
         self.duration = duration
-        largest = min(LARGEST_TURN, settings.max_spin * duration)
+        largest = min(LARGEST_SEARCHED, settings.max_spin * duration)
         self._turns = ball_of_turns(settings.search_step, round(largest, 2))
         self._pitch = 2.0 * pitch_of(settings.cells)
         self._products = np.zeros(len(self._turns))

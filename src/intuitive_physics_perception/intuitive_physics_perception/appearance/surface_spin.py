@@ -41,6 +41,7 @@ class SurfaceSpin:
         self._times: list[float] = []
         self._images: list[SphereImage] = []
         self._search: TurnSearch | None = None
+        self._interval = np.inf
 
     def take(self, time: float, image: SphereImage) -> None:
         """Take the image of a frame in free flight.
@@ -50,8 +51,6 @@ class SurfaceSpin:
         time : s, later than that of the image before
         image : in a frame that stands still
         """
-        if image.contrast < self._settings.contrast:
-            return
         self._times.append(time)
         self._images.append(image)
         if self.spin is None:
@@ -73,14 +72,16 @@ class SurfaceSpin:
     def _look(self) -> None:
         """Search for the spin among all rotations from frame to frame."""
         settings = self._settings
-        if len(self._times) < 2:
+        del self._times[: -settings.search_frames], self._images[: -settings.search_frames]
+        # A side without a pattern says where the pattern is not, but nothing is searched on it.
+        before, newest = (self._images[-2:-1] or self._images)[0], self._images[-1]
+        if len(self._times) < 2 or min(before.contrast, newest.contrast) < settings.contrast:
             return
         duration = self._times[-1] - self._times[-2]
         if self._search is None:
-            self._search = TurnSearch(duration, settings)
+            self._search, self._interval = TurnSearch(duration, settings), duration
         if duration < EVEN * self._search.duration:
-            self._search.add(self._images[-2], self._images[-1], duration)
-        del self._times[: -settings.search_frames], self._images[: -settings.search_frames]
+            self._search.add(before, newest, duration)
         if len(self._times) < 3:
             return
         first, *others = self._search.best(settings.candidates)
@@ -99,13 +100,12 @@ class SurfaceSpin:
     def _accepted(self, series: ImageSeries, found: Sequence[Spin]) -> Spin | None:
         """The spin that explains the images, if it is the only one that does."""
         settings = self._settings
-        interval = float(np.median(np.diff(self._times)))
         best = max(found, key=lambda one: one.likelihood)
         others = [one.likelihood for one in found if _differ(one, best)]
         if (
             best.likelihood < settings.likelihood
             or best.correlation < settings.agreement
-            or np.linalg.norm(best.mean) * interval > LARGEST_TURN
+            or np.linalg.norm(best.mean) * self._interval > LARGEST_TURN
             or self._may_be_light(best, series.view_rate)
             or max(others, default=0.0) > settings.lead * best.likelihood
         ):

@@ -25,8 +25,8 @@ LARGEST_SEARCHED = 2.9
 """rad from frame to frame: a little less than half a turn, which has two directions."""
 
 LARGEST_TURN = 2.5
-"""rad from frame to frame of a spin that is believed. More than half a turn looks like the rest of a
-turn the other way: with this limit a ball must turn by 3.8 rad to be mistaken."""
+"""rad from frame to frame of a spin that is believed. More than half a turn looks like the rest of
+a turn the other way: with this limit a ball must turn by 3.8 rad to be mistaken."""
 
 APART = 0.5
 """rad from frame to frame by which rotations differ that are refined from the search."""

@@ -118,8 +118,8 @@ class SurfaceSpin:
         settings = self._settings
         unsure = settings.light_turn**2 + settings.highlight_turn**2 * float(view_rate @ view_rate)
         inverse = np.linalg.inv(spin.covariance + unsure * np.eye(3))
-        most = view_rate @ inverse @ view_rate
-        part = np.clip(view_rate @ inverse @ spin.mean / max(most, 1e-12), 0.0, 1.0)
+        most = max(float(view_rate @ inverse @ view_rate), 1e-12)
+        part = float(np.clip(view_rate @ inverse @ spin.mean / most, 0.0, 1.0))
         away = spin.mean - part * view_rate
         return bool(away @ inverse @ away < settings.standing_gate)
 

@@ -127,7 +127,7 @@ KNOWN = {
 }
 """Part of the spins that must be known after `FRAMES` frames, by pattern and deviation in rad/s."""
 
-SEEDS = 12
+SEEDS = 9
 
 
 @pytest.mark.long

@@ -65,7 +65,7 @@ class AppearanceSettings:
         0.88, 0.0, 1.0, "correlation of the images of a flight that is at least needed"
     )
     alignment_deviation: float = number(
-        0.008,
+        0.012,
         0.0,
         1.0,
         "standard deviation of the angle by which an image is off, as its cells and the pattern's "
@@ -73,7 +73,7 @@ class AppearanceSettings:
         unit="rad",
     )
     light_slope: float = number(
-        0.2,
+        0.3,
         0.0,
         10.0,
         "slope of the logarithm of brightness that light and shade leave after smooth ones are "

@@ -43,7 +43,7 @@ STEPS = 5
 HOPELESS = 0.3
 """Correlation of neighbouring images below which a spin is not looked at further."""
 
-ALIKE = 4.0
+ALIKE = 8.0
 """Cells whose differences are one error, where the images' edges are not alike."""
 
 SURE = 0.99
@@ -94,10 +94,11 @@ class ImageSeries:
         self._scale = float(np.mean([image.scale_deviation**2 for image in images]))
 
     def fitted(self, spin: NDArray[np.float64], *, reach: int = 1) -> Spin:
-        """Return the spin that lays all images over one another best, near another (3,) rad/s.
+        """Return the spin that lays all images over one another best, near another.
 
         Parameters
         ----------
+        spin : (3,) rad/s
         reach : images that far apart are compared first, then twice as far, up to all
         """
         last = len(self.times) - 1

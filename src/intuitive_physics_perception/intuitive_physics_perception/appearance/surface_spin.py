@@ -42,6 +42,7 @@ class SurfaceSpin:
         self._images: list[SphereImage] = []
         self._search: TurnSearch | None = None
         self._interval = np.inf
+        self._misses, self._waits = 0, 0
 
     def take(self, time: float, image: SphereImage) -> None:
         """Take the image of a frame in free flight.
@@ -82,13 +83,17 @@ class SurfaceSpin:
             self._search, self._interval = TurnSearch(duration, settings), duration
         if duration < EVEN * self._search.duration:
             self._search.add(before, newest, duration)
-        if len(self._times) < 3:
+        self._waits -= 1
+        if len(self._times) < 3 or self._waits > 0:
             return
         first, *others = self._search.best(settings.candidates)
         near = NEAR_TURN / duration * np.concatenate([np.eye(3), -np.eye(3)])
         begins = [np.zeros(3), first, *others, *(first + near)]
         series = ImageSeries(self._times, self._images, settings)
         self.spin = self._accepted(series, [series.fitted(begin) for begin in begins])
+        # What has not been understood so far deserves less time.
+        self._misses += 1
+        self._waits = 1 + self._misses // 2
 
     def _thin(self) -> None:
         """Keep as many images as are compared: without the one whose neighbours are closest."""

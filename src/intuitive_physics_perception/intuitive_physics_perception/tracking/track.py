@@ -350,7 +350,13 @@ def combined(
     known: tuple[NDArray[np.float64], NDArray[np.float64]], spin: Spin
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return mean (3,) rad/s and covariance (3, 3) of the product of two normal densities of an
-    angular velocity, one of which is given by its own mean and covariance."""
+    angular velocity.
+
+    Parameters
+    ----------
+    known : (3,) rad/s and (3, 3), mean and covariance of one of them
+    spin : the other one
+    """
     mean, covariance = known
     gain = np.linalg.solve(covariance + spin.covariance, covariance).T
     keep = np.eye(3) - gain

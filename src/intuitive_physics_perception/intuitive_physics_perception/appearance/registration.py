@@ -31,6 +31,7 @@ SMOOTH = 9
 """Functions on the sphere that light and shade may be a combination of."""
 
 ROOT_TWO = np.sqrt(2.0)
+"""Weight of a cell of a chessboard's one colour, which stands for one of the other, too."""
 
 COLUMNS = 5
 """Of a cell: the slopes over ω, and the values of both images."""

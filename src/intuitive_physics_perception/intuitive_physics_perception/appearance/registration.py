@@ -340,14 +340,7 @@ def common_area(values: Any) -> float:
 
 @entry
 def sample(
-    image: Any,
-    shown: Any,
-    lens: Any,
-    center: Any,
-    radius: float,
-    axes: Any,
-    pitch: float,
-    grid: Any,
+    image: Any, shown: Any, lens: Any, distance: float, radius: float, pitch: float, grid: Any
 ) -> int:
     """Write the brightness of each cell of a grid (g, g), NaN where not all of it is seen.
 
@@ -356,8 +349,8 @@ def sample(
     image : (height, width), brightness
     shown : (height, width), whether a pixel may show the sphere
     lens : (6, 2), row and column as polynomials in the slopes of a ray to the line of sight
-    center, radius : of the sphere, m
-    axes : (3, 3) of the view, as rows
+    distance : m, from the sensor to the sphere's centre
+    radius : of the sphere, m
     pitch : of the cells
     grid : written
 
@@ -366,9 +359,8 @@ def sample(
     int
         How many cells are seen.
     """
-    size, height, width = grid.shape[0], image.shape[0], image.shape[1]
-    middle, count = 0.5 * (size - 1), 0
-    distance = np.sqrt(center[0] ** 2 + center[1] ** 2 + center[2] ** 2)
+    size, count = grid.shape[0], 0
+    middle = 0.5 * (size - 1)
     for row in range(size):
         for column in range(size):
             total = 0.0
@@ -376,32 +368,28 @@ def sample(
                 x = (column - middle + (part % SAMPLES + 0.5) / SAMPLES - 0.5) * pitch
                 y = (row - middle + (part // SAMPLES + 0.5) / SAMPLES - 0.5) * pitch
                 z = np.sqrt(max(1.0 - x * x - y * y, 0.0))
-                if z < RIM:
-                    total = np.nan
-                    continue
                 depth = distance - radius * z
-                a, b = radius * x / depth, radius * y / depth
-                place_row, place_column = lens[0, 0], lens[0, 1]
-                place_row += a * (lens[1, 0] + lens[3, 0] * a + lens[4, 0] * b)
-                place_row += b * (lens[2, 0] + lens[5, 0] * b)
-                place_column += a * (lens[1, 1] + lens[3, 1] * a + lens[4, 1] * b)
-                place_column += b * (lens[2, 1] + lens[5, 1] * b)
-                top, left = int(place_row), int(place_column)
-                if place_row < 0.0 or place_column < 0.0 or top >= height - 1 or left >= width - 1:
-                    total = np.nan
-                    continue
-                q, p = place_row - top, place_column - left
-                if not (
-                    shown[top, left]
-                    and shown[top, left + 1]
-                    and shown[top + 1, left]
-                    and shown[top + 1, left + 1]
-                ):
-                    total = np.nan
-                    continue
-                upper = image[top, left] + p * (image[top, left + 1] - image[top, left])
-                lower = image[top + 1, left] + p * (image[top + 1, left + 1] - image[top + 1, left])
-                total += upper + q * (lower - upper)
+                seen = _brightness(image, shown, lens, radius * x / depth, radius * y / depth)
+                total += seen if z >= RIM else np.nan
             grid[row, column] = total / (SAMPLES * SAMPLES)
             count += not np.isnan(total)
     return count
+
+
+@kernel
+def _brightness(image: Any, shown: Any, lens: Any, a: float, b: float) -> float:
+    """Brightness in the direction of two slopes, between four pixels; NaN unless all are shown."""
+    row = lens[0, 0] + a * (lens[1, 0] + lens[3, 0] * a + lens[4, 0] * b)
+    row += b * (lens[2, 0] + lens[5, 0] * b)
+    column = lens[0, 1] + a * (lens[1, 1] + lens[3, 1] * a + lens[4, 1] * b)
+    column += b * (lens[2, 1] + lens[5, 1] * b)
+    top, left = int(row), int(column)
+    if row < 0.0 or column < 0.0 or top >= image.shape[0] - 1 or left >= image.shape[1] - 1:
+        return np.nan
+    for k in range(4):
+        if not shown[top + k // 2, left + k % 2]:
+            return np.nan
+    p, q = column - left, row - top
+    upper = image[top, left] + p * (image[top, left + 1] - image[top, left])
+    lower = image[top + 1, left] + p * (image[top + 1, left + 1] - image[top + 1, left])
+    return float(upper + q * (lower - upper))

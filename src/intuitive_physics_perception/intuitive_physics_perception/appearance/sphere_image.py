@@ -106,7 +106,8 @@ def sphere_image(
     shown = np.isnan(away) | (away < ON_SURFACE * sphere.radius)
     grid = np.empty((settings.cells, settings.cells))
     pitch = pitch_of(settings.cells)
-    count = sample(brightness, shown, lens, sphere.center, sphere.radius, axes, pitch, grid)
+    distance = float(np.linalg.norm(sphere.center))
+    count = sample(brightness, shown, lens, distance, sphere.radius, pitch, grid)
     if count < 0.25 * settings.cells**2:
         return None
     noise = _noise(brightness, shown & ~np.isnan(away))

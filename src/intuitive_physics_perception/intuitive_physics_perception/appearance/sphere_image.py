@@ -24,6 +24,9 @@ DARK = 8.0
 """Levels of 255 added to the brightness before its logarithm is taken, so that noise of what is
 black stays small."""
 
+LENS_READINGS = 300
+"""Readings, about, from which rows and columns are found: of a camera they are exact."""
+
 ROBUST_STEPS = 4
 """Fits of the shading, each with less weight of what is off in the one before."""
 
@@ -98,7 +101,9 @@ def sphere_image(
     top, left = max(int(rows.min()) - 1, 0), max(int(columns.min()) - 1, 0)
     part = (slice(top, int(rows.max()) + 2), slice(left, int(columns.max()) + 2))
     axes = _view(sphere.center)
-    lens = _lens(points[rows, columns], axes, np.stack([rows - top, columns - left], axis=1))
+    some = slice(None, None, 1 + len(pixels) // LENS_READINGS)
+    places = np.stack([rows - top, columns - left], axis=1)
+    lens = _lens(points[rows, columns][some], axes, places[some])
     brightness = colors[part].astype(np.float64).mean(axis=2)
     around = points[part].astype(np.float64) - sphere.center
     away = np.linalg.norm(around, axis=2)
@@ -168,10 +173,12 @@ def _noise(brightness: NDArray[np.float64], shown: NDArray[np.bool_]) -> float:
 
 def _view(center: NDArray[np.float64]) -> NDArray[np.float64]:
     """Axes (3, 3) of a view, as rows: right, down, towards the sensor."""
-    toward = -center / np.linalg.norm(center)
-    right = np.cross(toward, np.eye(3)[int(np.argmin(np.abs(toward)))])
+    x, y, z = toward = -center / np.linalg.norm(center)
+    # Across the sensor's y axis, or its x axis where that is the line of sight.
+    right = np.array([-z, 0.0, x]) if abs(y) < 0.9 else np.array([0.0, z, -y])
     right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(toward, right), toward])
+    a, b, c = right
+    return np.array([right, [y * c - z * b, z * a - x * c, x * b - y * a], toward])
 
 
 def _without_shading(places: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArray[np.float64]:

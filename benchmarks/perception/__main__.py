@@ -18,6 +18,7 @@ import numpy as np
 
 from benchmarks.command import Outcome, report_progress, run_benchmark
 from benchmarks.perception.end_to_end import measure_end_to_end
+from benchmarks.perception.looks import measure_looks
 from benchmarks.perception.peers import FrameByFrame, Open3dAndPyransac, Peer
 from benchmarks.perception.real import measure_clouds, measure_real_scenes
 from benchmarks.perception.release import measure_release
@@ -48,12 +49,13 @@ from intuitive_physics_perception.settings import PerceptionSettings
 SEED = 5
 """Of the scenes, each of which has a generator of its own."""
 
-RENDERED, REAL, RELEASE, UNORGANISED, END_TO_END = PARTS = (
+RENDERED, REAL, RELEASE, UNORGANISED, END_TO_END, LOOKS = PARTS = (
     "rendered",
     "real",
     "release",
     "unorganised",
     "end_to_end",
+    "looks",
 )
 """Parts that `--only` may name."""
 
@@ -146,6 +148,7 @@ def run(options: argparse.Namespace) -> Outcome:
         (REAL, lambda: measure_real_scenes(options.scenes, options.quick)),
         (REAL, lambda: measure_clouds(options.clouds)),
         (RELEASE, lambda: measure_release(options.quick)),
+        (LOOKS, lambda: measure_looks(options.quick)),
     ]
     for name, measure in others:
         if name in wanted:

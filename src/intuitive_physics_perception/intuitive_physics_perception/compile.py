@@ -6,7 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.kernels.warm_up import WarmUp
+from intuitive_physics_perception.appearance.settings import AppearanceSettings
+from intuitive_physics_perception.appearance.sphere_image import sphere_image
+from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
 from intuitive_physics_perception.detection.box_fit import find_faces
+from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.settings import SolidDetectionSettings
 from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.compressed import unpack_rvl
@@ -41,6 +45,7 @@ def warm_up() -> None:
     clouds = [_as_cloud(frames[1], "<f4"), _as_cloud(frames[1], "<f8")]
     for k, points in enumerate([*frames[:2], *frames[1:], *clouds]):
         pipeline.process(points, 0.1 * k)
+    _look_at_ball(frames[1])
     unpack_rvl(np.zeros(1, dtype="<u4"), 1)
     find_faces(_corner(), np.full(300, 1e-3), SolidDetectionSettings(), np.random.default_rng(0))
 
@@ -58,6 +63,21 @@ def _with_ball(depth: NDArray[np.float32], rays: NDArray[np.float32]) -> NDArray
     root = 1.5**2 - length2 * (1.5**2 - 0.2**2)
     ball = (1.5 - np.sqrt(np.maximum(root, 0.0))) / length2
     return np.where(root > 0.0, ball, depth).astype(np.float32)
+
+
+def _look_at_ball(points: NDArray[np.float32]) -> None:
+    """Look for the spin of the ball of `_with_ball` in frames that show it chequered."""
+    rows, columns = np.indices((HEIGHT, WIDTH))
+    chequered = (rows // 4 + columns // 4) % 2 * 150 + 50
+    colors = np.repeat(chequered[:, :, None], 3, axis=2).astype(np.uint8)
+    sphere = DetectedSphere(np.array([0.0, 0.0, 1.5]), 0.2, 1e-6 * np.eye(4), 200, 1.5)
+    pixels = np.flatnonzero(points[..., 2].ravel() < 1.6)
+    settings = AppearanceSettings()
+    image = sphere_image(sphere, pixels, points, colors, settings)
+    spin = SurfaceSpin(settings)
+    for k in range(3):
+        if image is not None:
+            spin.take(0.03 * k, image)
 
 
 def _as_cloud(points: NDArray[np.float32], kind: str) -> NDArray[np.float32]:

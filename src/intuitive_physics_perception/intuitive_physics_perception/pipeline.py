@@ -246,6 +246,7 @@ class PerceptionPipeline:
         detections = [detection.moved(*pose) for detection in found]
         instants.append(self._clock())
         ended = scene.tracker.update(time, detections)
+        scene.look_at_surfaces(list(zip(seen, detections, strict=True)), points, colors, time)
         scene.look_back()
         alive = scene.tracker.tracks
         objects = tuple(

@@ -12,9 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.scene import Environment
-from intuitive_physics_perception.detection.detections import DetectedSphere, without_doubles
+from intuitive_physics_perception.appearance.sphere_image import sphere_image
+from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
+from intuitive_physics_perception.detection.detections import (
+    DetectedSphere,
+    Detection,
+    without_doubles,
+)
 from intuitive_physics_perception.detection.foreground import Clusters, Clutter, ForegroundFinder
-from intuitive_physics_perception.detection.solids import SolidFinder, all_objects
+from intuitive_physics_perception.detection.solids import SeenObject, SolidFinder, all_objects
 from intuitive_physics_perception.detection.spheres import (
     ClusterSpheres,
     RecentFrames,
@@ -269,6 +275,38 @@ class ModelledScene:
         return self.stages.spheres.find(
             points, clusters, self._settings.clusters.searches_in_frame, expected
         )
+
+    def look_at_surfaces(
+        self,
+        seen: Sequence[tuple[SeenObject, Detection]],
+        points: NDArray[np.float32],
+        colors: NDArray[np.uint8] | None,
+        time: float,
+    ) -> None:
+        """See in a frame how the balls that fly freely turn.
+
+        Parameters
+        ----------
+        seen : objects of the frame, and the detections that the tracker took for them
+        points, colors : (height, width, 3) m and (height, width, 3)
+        time : s
+        """
+        if colors is None or points.shape[0] == 1 or not self._settings.spin_from_surface:
+            return
+        by_detection = {id(detection): one for one, detection in seen}
+        appearance, rotation = self._settings.appearance, self.model.rotation
+        for track in self.tracker.followed:
+            shown = by_detection.get(id(track.steps[-1].seen))
+            if shown is None or not isinstance(shown.detection, DetectedSphere):
+                continue
+            if not self.tracker.flies(track):
+                track.surface = None
+                continue
+            pixels = shown.pixels(points)
+            image = sphere_image(shown.detection, pixels, points, colors, appearance)
+            if image is not None:
+                track.surface = track.surface or SurfaceSpin(appearance)
+                track.surface.take(time, image.moved(rotation))
 
     def look_back(self) -> None:
         """Look for each new ball in the frames before it was first seen, a few in each new frame.

@@ -9,6 +9,7 @@ from typing import Any
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.settings import check_settings, choice, number, other
 from intuitive_physics.validation import name_string, positive_float, unit_vector
+from intuitive_physics_perception.appearance.settings import AppearanceSettings
 from intuitive_physics_perception.detection.settings import (
     ClusterSettings,
     SolidDetectionSettings,
@@ -245,6 +246,11 @@ class PerceptionSettings:
     angular_velocity_deviation: float = number(
         10.0, 0.0, 10000.0, "standard deviation of an unknown angular velocity, rad/s"
     )
+    spin_from_surface: bool = other(
+        True,
+        "measure the spin of a ball in free flight on what is painted on it, where colours come "
+        "with an organised cloud or a depth image",
+    )
 
     plane_detection: PlaneDetectionSettings = other(
         PlaneDetectionSettings(), "how planes are searched for"
@@ -267,6 +273,9 @@ class PerceptionSettings:
     )
     solids: SolidDetectionSettings = other(
         SolidDetectionSettings(), "how boxes and capsules are fitted and tested"
+    )
+    appearance: AppearanceSettings = other(
+        AppearanceSettings(), "how spin is measured on what is painted on a ball"
     )
     motion: MotionSettings = other(MotionSettings(), "how objects are expected to move")
     tracking: TrackingSettings = other(TrackingSettings(), "which detection belongs to which track")

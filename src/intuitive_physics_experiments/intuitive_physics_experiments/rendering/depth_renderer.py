@@ -192,7 +192,7 @@ def _tangent_bounds(
 
 
 def cast_sphere(
-    rays: NDArray[np.float32], center: NDArray[np.float64], radius: float
+    rays: NDArray[np.floating], center: NDArray[np.float64], radius: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return depth (...,) m, 0 where missed, and cosine of incidence (...,) of rays on a sphere.
 

@@ -19,11 +19,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 from math import sqrt
 from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.scene import Environment
@@ -93,6 +95,19 @@ class BallMotion:
     positions: NDArray[np.float64]
     velocities: NDArray[np.float64]
     angular_velocities: NDArray[np.float64]
+
+    def orientation_at(self, time: float) -> NDArray[np.float64]:
+        """Return the rotation (3, 3) since the initial state.
+
+        Between two samples the ball turns with the angular velocity of the first of them.
+
+        Parameters
+        ----------
+        time : s after the initial state
+        """
+        durations = np.clip(time - self.times[:-1], 0.0, np.diff(self.times))
+        turns = Rotation.from_rotvec(durations[:, None] * self.angular_velocities[:-1])
+        return reduce(lambda before, turn: turn @ before, turns.as_matrix(), np.eye(3))
 
 
 def move_ball(

@@ -12,7 +12,9 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment
 from intuitive_physics.state import ObjectState
+from intuitive_physics_experiments.rendering.ball_surface import BallSurface
 from intuitive_physics_experiments.rendering.camera import Camera
+from intuitive_physics_experiments.rendering.color_camera import ColoredBall
 from intuitive_physics_experiments.rendering.corner_room import BALL_RADII, ROOM_MATERIAL
 from intuitive_physics_experiments.rendering.thrown_ball import (
     AS_BULLET_HAS_IT,
@@ -30,7 +32,6 @@ IMAGE_MARGIN = 4.0
 
 HIGHEST_CENTER = 1.0
 """m; a hand does not throw over the walls."""
-
 
 LITTLE_SPIN = 2.0
 """rad/s about each axis, of a ball that a hand lets go without turning it."""
@@ -75,6 +76,28 @@ class Throw:
             )
         return np.column_stack(
             [np.interp(since, known, self.motion.positions[:, k]) for k in range(3)]
+        )
+
+    def colored_at(self, time: float, surface: BallSurface) -> ColoredBall:
+        """Return the ball as a colour camera sees it, with something painted on it.
+
+        Parameters
+        ----------
+        time : s after the recording's start
+        surface : what is painted on it
+        """
+        motion, since = self.motion, time - self.start_time
+        velocity, spin = (
+            np.array([np.interp(since, motion.times, column) for column in values.T])
+            for values in (motion.velocities, motion.angular_velocities)
+        )
+        return ColoredBall(
+            self.positions_at(np.array([time]))[0],
+            self.radius,
+            surface,
+            motion.orientation_at(since),
+            velocity,
+            spin,
         )
 
 

@@ -5,7 +5,7 @@ The vector of an object is (position, velocity, radius), shape (7,), in the envi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,11 +36,13 @@ class Prediction:
     ----------
     mean, covariance : (7,) and (7, 7)
     transition : (7, 7), what a small change of the state before makes of the state then
+    contact : whether something was touched meanwhile
     """
 
     mean: NDArray[np.float64]
     covariance: NDArray[np.float64]
     transition: NDArray[np.float64]
+    contact: bool = False
 
 
 def downward(environment: Environment) -> NDArray[np.float64]:
@@ -78,6 +80,7 @@ def predicted(
     """
     ball, left = Prediction(mean, covariance, np.eye(SIZE)), duration
     passed: list[Plane] = []
+    contact = False
     for _ in range(motion.max_bounces):
         ball, support = _supported(ball, environment, passed, motion)
         acceleration = supported_acceleration(
@@ -92,12 +95,13 @@ def predicted(
             met, until = None, min(ends)
             passed += [plane for plane, end in zip(support, ends, strict=True) if end <= until]
         ball = _flown(ball, until, acceleration, acceleration_noise)
+        contact |= bool(support) or met is not None
         left -= until
         if left <= 0.0:
             break
         if met is not None:
             ball = _bounced(ball, met.normal, restitution, motion)
-    return ball
+    return replace(ball, contact=contact)
 
 
 def carrying(

@@ -200,6 +200,13 @@ class TrackingSettings:
         "miss it",
         unit="s",
     )
+    flight_gap: float = number(
+        0.01,
+        0.0,
+        1.0,
+        "gap to every surface from which on an object is in free flight",
+        unit="m",
+    )
     leaving_gate: float = number(
         25.0,
         1.0,

@@ -13,6 +13,8 @@ from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ANGULAR_VELOCITY, ERROR_SIZE, LINEAR_VELOCITY, ObjectState
 from intuitive_physics.state import POSITION as STATE_POSITION
+from intuitive_physics_perception.appearance.spin_fit import Spin
+from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
 from intuitive_physics_perception.detection.detections import DetectedSolid, Detection, kind_of
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
 from intuitive_physics_perception.tracking.attitude import Attitude, with_attitude
@@ -66,6 +68,7 @@ class Track:
     earlier : detections before that with their times (s), newest first, as long as they are looked
         for; None from then on
     identity : the object that it is, where that is known from elsewhere
+    surface : what its surface has shown of its spin since its last contact; None while nothing
     """
 
     number: int
@@ -86,6 +89,7 @@ class Track:
     steps: deque[FilterStep] = field(default_factory=lambda: deque(maxlen=MAX_STEPS))
     earlier: list[tuple[float, Detection]] | None = field(default_factory=list)
     identity: SceneObject | None = None
+    surface: SurfaceSpin | None = None
 
     def take_color(self, color: NDArray[np.float64] | None, weight: float) -> None:
         """Average the colour of its detections; late frames count most, as light changes.
@@ -98,6 +102,11 @@ class Track:
         if color is None:
             return
         self.color = color if self.color is None else self.color + weight * (color - self.color)
+
+    @property
+    def spin(self) -> Spin | None:
+        """Its spin as its surface shows it, None where that is unknown."""
+        return self.surface.spin if self.surface is not None else None
 
     def leave_rest(
         self, since: float, velocity: NDArray[np.float64], covariance: NDArray[np.float64]
@@ -185,7 +194,8 @@ class Track:
             return unknown_angular_velocity(settings.rest_speed / float(self.mean[RADIUS]))
         normal = self._rolls_on(environment, settings.motion)
         if normal is None:
-            return unknown_angular_velocity(settings.angular_velocity_deviation)
+            unknown = unknown_angular_velocity(settings.angular_velocity_deviation)
+            return unknown if self.spin is None else combined(unknown, self.spin)
         return rolling_angular_velocity(
             self.mean[VELOCITY],
             self.covariance[VELOCITY, VELOCITY],
@@ -280,6 +290,8 @@ class TrackFilter:
             self._predict_attitude(track, track.attitude, duration)
         track.mean, track.covariance = track.prediction.mean, track.prediction.covariance
         track.time = time
+        if track.surface is not None and track.prediction.contact:
+            track.surface.forget()
 
     def _predict_attitude(self, track: Track, attitude: Attitude, duration: float) -> None:
         """Turn a solid on, and take the height of its centre above its lowest point from that."""
@@ -329,7 +341,27 @@ class TrackFilter:
         wider[VELOCITY, VELOCITY] += (jump + 0.5) ** 2 * np.eye(3)
         wider[POSITION, POSITION] += (jump * duration) ** 2 * np.eye(3)
         track.covariance = wider
-        track.prediction = replace(track.prediction, covariance=wider)
+        track.prediction = replace(track.prediction, covariance=wider, contact=True)
+        if track.surface is not None:
+            track.surface.forget()
+
+
+def combined(
+    known: tuple[NDArray[np.float64], NDArray[np.float64]], spin: Spin
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return mean (3,) rad/s and covariance (3, 3) of the product of two normal densities of an
+    angular velocity.
+
+    Parameters
+    ----------
+    known : (3,) rad/s and (3, 3), mean and covariance of one of them
+    spin : the other one
+    """
+    mean, covariance = known
+    gain = np.linalg.solve(covariance + spin.covariance, covariance).T
+    keep = np.eye(3) - gain
+    spread = keep @ covariance @ keep.T + gain @ spin.covariance @ gain.T
+    return mean + gain @ (spin.mean - mean), spread
 
 
 def innovation_of(

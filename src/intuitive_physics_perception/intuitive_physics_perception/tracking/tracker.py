@@ -15,6 +15,7 @@ from intuitive_physics_perception.tracking.motion import POSITION, RADIUS, SIZE
 from intuitive_physics_perception.tracking.motion_fits import fitted_motion
 from intuitive_physics_perception.tracking.settings import TrackingSettings, lasting
 from intuitive_physics_perception.tracking.smoother import FilterStep
+from intuitive_physics_perception.tracking.supports import surfaces_of
 from intuitive_physics_perception.tracking.track import (
     MEASURED,
     Track,
@@ -51,17 +52,30 @@ class Tracker:
         self.next_number = first_number
         self._settings = settings
         self._identity = identity
+        self._environment = environment
         self._filter = TrackFilter(environment, settings)
         self._tracks: list[Track] = []
 
     def take_environment(self, environment: Environment) -> None:
         """Go on in an environment of which a part has come or gone, in the same frame."""
+        self._environment = environment
         self._filter = TrackFilter(environment, self._settings)
 
     @property
     def tracks(self) -> list[Track]:
         """Tracks that are alive and were seen often enough to be an object."""
         return [track for track in self._tracks if track.confirmed]
+
+    @property
+    def followed(self) -> list[Track]:
+        """All tracks that are alive, those among them that are no object yet."""
+        return list(self._tracks)
+
+    def flies(self, track: Track) -> bool:
+        """Return whether an object touches nothing and moves."""
+        reach = float(track.mean[RADIUS]) + self._settings.tracking.flight_gap
+        surfaces = surfaces_of(self._environment)
+        return not track.resting and not surfaces.touches(track.mean[POSITION], reach)
 
     def expected_spheres(self, time: float) -> list[NDArray[np.float64]]:
         """Return centre and radius (4,) m of each sphere that is followed, as expected at a time.

@@ -1,0 +1,210 @@
+"""Colour images of balls that turn, registered with the depth images of the same camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_experiments.rendering.ball_surface import BallSurface
+from intuitive_physics_experiments.rendering.camera import Camera
+from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer, cast_sphere
+
+SUBPIXELS = 3
+"""Rays in each direction of the image, over which the colour of a pixel is averaged."""
+
+ROOM_REFLECTANCE = 0.6
+"""Of everything but the balls, grey."""
+
+
+@dataclass(frozen=True)
+class RoomLight:
+    """Light that stands still in the room.
+
+    Parameters
+    ----------
+    direction : (3,) towards the light, in the world, of any length
+    ambient, diffuse : part of the light from all sides and from that direction
+    gloss : height of a highlight, 0 for a dull ball
+    gloss_exponent : the larger the smaller is the highlight
+    """
+
+    direction: tuple[float, float, float] = (-0.4, 0.3, 1.0)
+    ambient: float = 0.35
+    diffuse: float = 0.65
+    gloss: float = 0.0
+    gloss_exponent: float = 40.0
+
+    def shading(
+        self, normals: NDArray[np.float64], to_camera: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the factor (...,) of the reflectance and the white highlight (...,) added to it.
+
+        Parameters
+        ----------
+        normals, to_camera : (..., 3) unit vectors in the world
+        """
+        light = np.asarray(self.direction) / np.linalg.norm(self.direction)
+        cosine = normals @ light
+        half = to_camera + light
+        half /= np.linalg.norm(half, axis=-1, keepdims=True)
+        mirrored = np.maximum(np.einsum("...i,...i", normals, half), 0.0)
+        factor = self.ambient + self.diffuse * np.maximum(cosine, 0.0)
+        return factor, self.gloss * mirrored**self.gloss_exponent
+
+
+@dataclass(frozen=True)
+class ColorNoise:
+    """Faults of the colour image.
+
+    Parameters
+    ----------
+    deviation : standard deviation of each channel in levels of 255
+    blur : pixels, standard deviation of what lens and demosaicing make of a point; the noise is
+        blurred by half of it
+    exposure : s, for which a ball moves and turns while it is seen
+    """
+
+    deviation: float = 3.0
+    blur: float = 0.5
+    exposure: float = 0.0
+
+    def __post_init__(self) -> None:
+        if min(self.deviation, self.blur, self.exposure) < 0.0:
+            raise InvalidInputError(
+                f"colour noise is {self.deviation:g} levels, blur {self.blur:g} pixels and "
+                f"exposure {self.exposure:g} s; expected none below 0"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class ColoredBall:
+    """A ball at an instant, in the world.
+
+    Parameters
+    ----------
+    center : (3,) m
+    radius : m
+    surface : what is painted on it
+    orientation : (3, 3), the ball's axes to the world
+    velocity, angular_velocity : (3,) m/s and rad/s, which an exposure blurs
+    """
+
+    center: NDArray[np.float64]
+    radius: float
+    surface: BallSurface
+    orientation: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
+    velocity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    angular_velocity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+
+    def after(self, duration: float) -> ColoredBall:
+        """Return it some time later, s, without any force."""
+        turn = Rotation.from_rotvec(duration * self.angular_velocity).as_matrix()
+        return ColoredBall(
+            self.center + duration * self.velocity,
+            self.radius,
+            self.surface,
+            turn @ self.orientation,
+            self.velocity,
+            self.angular_velocity,
+        )
+
+
+class ColorCamera:
+    """Renders colour images.
+
+    Parameters
+    ----------
+    renderer : of the depth images of the same camera
+    light : of the room
+    noise : faults of the image
+    rng : where the noise comes from
+    """
+
+    def __init__(
+        self,
+        renderer: DepthRenderer,
+        light: RoomLight,
+        noise: ColorNoise,
+        rng: np.random.Generator,
+    ) -> None:
+        self._renderer = renderer
+        self._camera: Camera = renderer.camera
+        self._light, self._noise, self._rng = light, noise, rng
+        shade = 0.5 + 0.5 * renderer.background.incidence_cosine
+        self._background = np.repeat(255.0 * ROOM_REFLECTANCE * shade[..., None], 3, axis=2)
+        self._rays = self._camera.rays()
+
+    def read(self, balls: Sequence[ColoredBall] = ()) -> NDArray[np.uint8]:
+        """Return red, green and blue (height, width, 3) of the room with some balls."""
+        from scipy.ndimage import gaussian_filter
+
+        image = self._background.copy()
+        if balls:
+            region = self._renderer.render_balls(
+                [ball.center for ball in balls], [ball.radius for ball in balls]
+            ).region
+            margin = 6
+            rows = slice(max(region.rows.start - margin, 0), region.rows.stop + margin)
+            columns = slice(max(region.columns.start - margin, 0), region.columns.stop + margin)
+            part = self._averaged(balls, rows, columns)
+            blur = self._noise.blur
+            image[rows, columns] = gaussian_filter(part, (blur, blur, 0.0)) if blur else part
+        return self._with_noise(image)
+
+    def _averaged(
+        self, balls: Sequence[ColoredBall], rows: slice, columns: slice
+    ) -> NDArray[np.float64]:
+        """A part of the image, averaged over the area of each pixel and over the exposure."""
+        steps = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
+        offsets = [(dy, dx) for dy in steps for dx in steps]
+        # Times of the exposure in an order that has nothing to do with the places.
+        order = np.argsort((np.arange(len(offsets)) * 0.618) % 1.0)
+        times = self._noise.exposure * ((order + 0.5) / len(offsets) - 0.5)
+        total = np.zeros((*self._rays[rows, columns].shape[:2], 3))
+        for (dy, dx), time in zip(offsets, times, strict=True):
+            rays = self._rays[rows, columns].copy()
+            rays[..., :2] += np.array([dx, dy]) / self._camera.focal_length
+            there = [ball.after(float(time)) for ball in balls]
+            total += self._sampled(there, rays, self._background[rows, columns])
+        return total / len(offsets)
+
+    def _sampled(
+        self,
+        balls: Sequence[ColoredBall],
+        rays: NDArray[np.float64],
+        background: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Colours (..., 3), 0 to 255, of rays (..., 3): of the nearest ball, or the background."""
+        colors, nearest = background.copy(), np.full(rays.shape[:-1], np.inf)
+        for ball in balls:
+            center = self._camera.to_optical(ball.center)
+            depth, _ = cast_sphere(rays, center, ball.radius)
+            seen = (depth > 0.0) & (depth < nearest)
+            nearest[seen] = depth[seen]
+            own = rays[seen]
+            normals = (depth[seen][:, None] * own - center) / ball.radius
+            back = -own / np.linalg.norm(own, axis=1, keepdims=True)
+            to_world = self._camera.rotation.T
+            normals, back = normals @ to_world, back @ to_world
+            factor, highlight = self._light.shading(normals, back)
+            reflectance = ball.surface.reflectance(normals @ ball.orientation)
+            colors[seen] = 255.0 * (reflectance * factor[:, None] + highlight[:, None])
+        return colors
+
+    def _with_noise(self, image: NDArray[np.float64]) -> NDArray[np.uint8]:
+        noise = self._noise
+        if noise.deviation > 0.0:
+            from scipy.ndimage import gaussian_filter
+
+            white = self._rng.standard_normal(image.shape, dtype=np.float32)
+            if noise.blur > 0.0:
+                half = 0.5 * noise.blur
+                white = gaussian_filter(white, (half, half, 0.0))
+                white /= white.std()
+            image = image + noise.deviation * white
+        return np.clip(np.rint(image), 0.0, 255.0).astype(np.uint8)

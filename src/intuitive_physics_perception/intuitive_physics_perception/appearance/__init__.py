@@ -1,0 +1,1 @@
+"""What the surface of an object shows: how a ball turns."""

@@ -1,0 +1,395 @@
+"""Kernels that lay images of one turning sphere over one another.
+
+An image of the sphere is a square grid over the disc that it shows: cell (row, column) holds the
+point at (x, y) = ((column, row) - middle) · pitch in the view's axes, with z = √(1 - x² - y²)
+towards the sensor. A point that is at the direction n at the time t_k is at Exp(ω (t_j - t_k)) n at
+the time t_j, where Exp is the rotation by a rotation vector.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from intuitive_physics.kernels import allocating_entry, entry, kernel
+
+BLOCK = 4
+"""Cells along each edge of a block, whose errors may all be one."""
+
+RIM = 0.4
+"""Cosine of the largest angle between a direction and that to the sensor that is compared."""
+
+GRADIENT, MEAT, CELLS, PRODUCT, POWER = 9, 12, 21, 22, 23
+"""Where the sums of `overlay` stand, after the normal matrix."""
+
+TAPER = 0.3
+"""Cosine above `RIM` from which on a cell has its full weight: near the rim a pixel sees a part of
+the surface that is twice as wide."""
+
+SMOOTH = 9
+"""Functions on the sphere that light and shade may be a combination of."""
+
+ROOT_TWO = np.sqrt(2.0)
+"""Weight of a cell of a chessboard's one colour, which stands for one of the other, too."""
+
+COLUMNS = 5
+"""Of a cell: the slopes over ω, and the values of both images."""
+
+SAMPLES = 2
+"""Samples along each edge of a cell, whose mean is its brightness."""
+
+LAGS = 5
+"""Cells to each side over which a grid is compared with itself."""
+
+
+@kernel
+def _turned(phi: Any, duration: float, rotation: Any, jacobian: Any) -> None:
+    """Write Exp(φ) (3, 3) and duration times its left Jacobian (3, 3)."""
+    angle2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
+    angle = np.sqrt(angle2)
+    if angle < 1e-4:
+        a, b, c = 1.0 - angle2 / 6.0, 0.5 - angle2 / 24.0, 1.0 / 6.0
+    else:
+        a, b = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle2
+        c = (1.0 - a) / angle2
+    for i in range(3):
+        for j in range(3):
+            square = phi[i] * phi[j]
+            cross = 0.0
+            if i == j:
+                square -= angle2
+            elif (j - i) % 3 == 1:
+                cross = -phi[3 - i - j]
+            else:
+                cross = phi[3 - i - j]
+            same = 1.0 if i == j else 0.0
+            rotation[i, j] = same + a * cross + b * square
+            jacobian[i, j] = duration * (same + b * cross + c * square)
+
+
+@kernel
+def _between(axes_to: Any, rotation: Any, axes_from: Any, out: Any) -> None:
+    """Write A_j R A_kᵀ (3, 3): from the axes of one view to those of another."""
+    for i in range(3):
+        for j in range(3):
+            total = 0.0
+            for p in range(3):
+                for q in range(3):
+                    total += axes_to[i, p] * rotation[p, q] * axes_from[j, q]
+            out[i, j] = total
+
+
+@allocating_entry
+def coarse_scores(
+    first: Any, second: Any, axes: Any, turns: Any, pitch: float, products: Any, counts: Any
+) -> None:
+    """Add to each turn's sum of products of two images and to its number of common cells.
+
+    Parameters
+    ----------
+    first, second : (g, g) values, NaN where there is none
+    axes : (2, 3, 3) of both views, as rows
+    turns : (m, 3) rad, rotation vectors from the first to the second
+    pitch : of the cells
+    products, counts : (m,) sums, written
+    """
+    size = first.shape[0]
+    middle = 0.5 * (size - 1)
+    places = np.empty((size * size, 4))
+    count = 0
+    for row in range(size):
+        for column in range(row % 2, size, 2):
+            if not np.isnan(second[row, column]):
+                x, y = (column - middle) * pitch, (row - middle) * pitch
+                places[count, 0], places[count, 1] = x, y
+                places[count, 2] = np.sqrt(max(1.0 - x * x - y * y, 0.0))
+                places[count, 3] = second[row, column]
+                count += 1
+    rotation, jacobian, way = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    for m in range(turns.shape[0]):
+        _turned(-turns[m], 1.0, rotation, jacobian)
+        _between(axes[0], rotation, axes[1], way)
+        product, number = 0.0, 0
+        for i in range(count):
+            x, y, z = places[i, 0], places[i, 1], places[i, 2]
+            if way[2, 0] * x + way[2, 1] * y + way[2, 2] * z < RIM:
+                continue
+            to_x = way[0, 0] * x + way[0, 1] * y + way[0, 2] * z
+            to_y = way[1, 0] * x + way[1, 1] * y + way[1, 2] * z
+            column, row = int(to_x / pitch + middle + 0.5), int(to_y / pitch + middle + 0.5)
+            if 0 <= row < size and 0 <= column < size:
+                value = first[row, column]
+                if not np.isnan(value):
+                    product += value * places[i, 3]
+                    number += 1
+        products[m] += product
+        counts[m] += number
+
+
+@allocating_entry
+def overlay(values: Any, axes: Any, times: Any, spin: Any, reach: int, pitch: float) -> Any:
+    """Compare images of a sphere that turns with a constant angular velocity, each two of them.
+
+    What differs between two images by a smooth field (`SMOOTH` harmonics) is light, and left out.
+
+    Parameters
+    ----------
+    values : (k, g, g), NaN where there is none
+    axes : (k, 3, 3) of the views, as rows
+    times : (k,) s
+    spin : (3,) rad/s
+    reach : images that far apart in order are compared
+    pitch : of the cells
+
+    Returns
+    -------
+    array
+        (24,), of residuals r = e_k - e_j and slopes J = ∂e_j/∂ω: the normal matrix Σ J Jᵀ (9), the
+        gradient Σ J r (3), Σ over blocks of the products of their gradients (9); the weight of
+        all cells, Σ e_k e_j, and Σ (e_k² + e_j²) / 2
+    """
+    sums = np.zeros(POWER + 1)
+    size = values.shape[1]
+    blocks = (size + BLOCK - 1) // BLOCK
+    gradients = np.empty((blocks * blocks, 3))
+    rotation, jacobian, way = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    phi, slope = np.empty(3), np.empty((3, 3))
+    columns, basis = np.empty((size * size, COLUMNS)), np.empty((size * size, SMOOTH))
+    own_blocks = np.empty(size * size, dtype=np.int64)
+    normal, cross = np.empty((SMOOTH, SMOOTH)), np.empty((SMOOTH, COLUMNS))
+    for k in range(1, values.shape[0]):
+        for j in range(max(0, k - reach), k):
+            for i in range(3):
+                phi[i] = (times[j] - times[k]) * spin[i]
+            _turned(phi, times[j] - times[k], rotation, jacobian)
+            _between(axes[j], rotation, axes[k], way)
+            _slope_of(axes[j], jacobian, slope)
+            count = _lay_over(
+                values[j], values[k], way, slope, pitch, j + k, columns, basis, own_blocks
+            )
+            if count < 2 * SMOOTH:
+                continue
+            _take_out_smooth(columns, basis, count, normal, cross)
+            _add_pair(columns, basis, own_blocks, count, gradients, sums)
+    return sums
+
+
+@kernel
+def _slope_of(axes: Any, jacobian: Any, out: Any) -> None:
+    """Write what makes of a torque in the axes of a view the slope over ω: (A_j J)ᵀ."""
+    for i in range(3):
+        for m in range(3):
+            total = 0.0
+            for p in range(3):
+                total += jacobian[p, i] * axes[m, p]
+            out[i, m] = total
+
+
+@kernel
+def _lay_over(
+    first: Any,
+    second: Any,
+    way: Any,
+    slope: Any,
+    pitch: float,
+    color: int,
+    columns: Any,
+    basis: Any,
+    blocks: Any,
+) -> int:
+    """Write J, e_k and e_j, smooth harmonics and block of each common cell; return how many.
+
+    Cells are those of one color of a chessboard, each of which stands for two. `way` (3, 3) leads
+    from the axes of the second view to those of the first.
+    """
+    size, count = first.shape[0], 0
+    middle, across = 0.5 * (size - 1), (size + BLOCK - 1) // BLOCK
+    for row in range(size):
+        for column in range((row + color) % 2, size, 2):
+            here = second[row, column]
+            if np.isnan(here):
+                continue
+            x, y = (column - middle) * pitch, (row - middle) * pitch
+            z = np.sqrt(max(1.0 - x * x - y * y, 0.0))
+            to_x = way[0, 0] * x + way[0, 1] * y + way[0, 2] * z
+            to_y = way[1, 0] * x + way[1, 1] * y + way[1, 2] * z
+            to_z = way[2, 0] * x + way[2, 1] * y + way[2, 2] * z
+            u, v = to_x / pitch + middle, to_y / pitch + middle
+            left, top = int(u), int(v)
+            if to_z < RIM or u < 0.0 or v < 0.0 or left >= size - 1 or top >= size - 1:
+                continue
+            a, b = first[top, left], first[top, left + 1]
+            c, d = first[top + 1, left], first[top + 1, left + 1]
+            p, q = u - left, v - top
+            upper, lower = a + p * (b - a), c + p * (d - c)
+            there = upper + q * (lower - upper)
+            if np.isnan(there):
+                continue
+            g_x, g_y = ((b - a) * (1.0 - q) + (d - c) * q) / pitch, (lower - upper) / pitch
+            # d × g in the axes of the first view, with g = (g_x, g_y, 0).
+            t_x, t_y, t_z = -to_z * g_y, to_z * g_x, to_x * g_y - to_y * g_x
+            weight = min(min(z, to_z) - RIM, TAPER) / TAPER
+            for i in range(3):
+                turned = slope[i, 0] * t_x + slope[i, 1] * t_y + slope[i, 2] * t_z
+                columns[count, i] = weight * turned
+            columns[count, 3], columns[count, 4] = weight * here, weight * there
+            _harmonics(x, y, z, weight, basis[count])
+            blocks[count] = (row // BLOCK) * across + column // BLOCK
+            count += 1
+    return count
+
+
+@kernel
+def _harmonics(x: float, y: float, z: float, weight: float, out: Any) -> None:
+    """Write the polynomials up to the second degree on the sphere (`SMOOTH`,) times a weight."""
+    out[0], out[1], out[2], out[3] = weight, weight * x, weight * y, weight * z
+    out[4], out[5], out[6] = out[1] * y, out[1] * z, out[2] * z
+    out[7], out[8] = out[1] * x - out[2] * y, out[3] * z
+
+
+@kernel
+def _take_out_smooth(columns: Any, basis: Any, count: int, normal: Any, cross: Any) -> None:
+    """Leave of each column (count,) what is no combination of the smooth functions.
+
+    `normal` and `cross` are working memory.
+    """
+    width, own = basis.shape[1], columns.shape[1]
+    normal[:] = 0.0
+    cross[:] = 0.0
+    for i in range(count):
+        for m in range(width):
+            for n in range(m + 1):
+                normal[m, n] += basis[i, m] * basis[i, n]
+            for n in range(own):
+                cross[m, n] += basis[i, m] * columns[i, n]
+    _solve(normal, cross)
+    for i in range(count):
+        for m in range(width):
+            for n in range(own):
+                columns[i, n] -= basis[i, m] * cross[m, n]
+
+
+@kernel
+def _solve(normal: Any, cross: Any) -> None:
+    """Write normal⁻¹ cross to cross, of the lower half of a matrix, which Cholesky's replaces."""
+    width, own = cross.shape
+    for m in range(width):
+        normal[m, m] += 1e-6 * normal[0, 0]
+    for m in range(width):
+        for n in range(m + 1):
+            total = normal[m, n]
+            for p in range(n):
+                total -= normal[m, p] * normal[n, p]
+            normal[m, n] = np.sqrt(max(total, 1e-12)) if m == n else total / normal[n, n]
+    for c in range(own):
+        for m in range(width):
+            for p in range(m):
+                cross[m, c] -= normal[m, p] * cross[p, c]
+            cross[m, c] /= normal[m, m]
+        for m in range(width - 1, -1, -1):
+            for p in range(m + 1, width):
+                cross[m, c] -= normal[p, m] * cross[p, c]
+            cross[m, c] /= normal[m, m]
+
+
+@kernel
+def _add_pair(columns: Any, basis: Any, blocks: Any, count: int, gradients: Any, sums: Any) -> None:
+    """Add the sums of a pair of images; `gradients` (blocks, 3) is working memory."""
+    gradients[:] = 0.0
+    for i in range(count):
+        for m in range(COLUMNS):
+            columns[i, m] *= ROOT_TWO
+        here, there = columns[i, 3], columns[i, 4]
+        residual, block = here - there, blocks[i]
+        for m in range(3):
+            gradients[block, m] += columns[i, m] * residual
+            for n in range(3):
+                sums[3 * m + n] += columns[i, m] * columns[i, n]
+        sums[PRODUCT] += here * there
+        sums[POWER] += 0.5 * (here * here + there * there)
+        sums[CELLS] += 2.0 * basis[i, 0] * basis[i, 0]
+    for block in range(gradients.shape[0]):
+        for m in range(3):
+            sums[GRADIENT + m] += gradients[block, m]
+            for n in range(3):
+                sums[MEAT + 3 * m + n] += gradients[block, m] * gradients[block, n]
+
+
+@entry
+def common_area(values: Any) -> float:
+    """Return Σ ρ(lag)², the number of cells that go together, of a grid (g, g) of variance one."""
+    size, total = values.shape[0], 0.0
+    for down in range(LAGS + 1):
+        for right in range(-LAGS, LAGS + 1):
+            if down == 0 and right < 0:
+                continue
+            product, number = 0.0, 0
+            for row in range(size - down):
+                for column in range(max(0, -right), min(size, size - right)):
+                    both = values[row, column] * values[row + down, column + right]
+                    if not np.isnan(both):
+                        product += both
+                        number += 1
+            if number > 0:
+                # The lag in the other direction has the same product.
+                twice = 1.0 if down == 0 and right == 0 else 2.0
+                total += twice * (product / number) ** 2
+    return max(total, 1.0)
+
+
+@entry
+def sample(
+    image: Any, shown: Any, lens: Any, distance: float, radius: float, pitch: float, grid: Any
+) -> int:
+    """Write the brightness of each cell of a grid (g, g), NaN where not all of it is seen.
+
+    Parameters
+    ----------
+    image : (height, width), brightness
+    shown : (height, width), whether a pixel may show the sphere
+    lens : (6, 2), row and column as polynomials in the slopes of a ray to the line of sight
+    distance : m, from the sensor to the sphere's centre
+    radius : of the sphere, m
+    pitch : of the cells
+    grid : written
+
+    Returns
+    -------
+    int
+        How many cells are seen.
+    """
+    size, count = grid.shape[0], 0
+    middle = 0.5 * (size - 1)
+    for row in range(size):
+        for column in range(size):
+            total = 0.0
+            for part in range(SAMPLES * SAMPLES):
+                x = (column - middle + (part % SAMPLES + 0.5) / SAMPLES - 0.5) * pitch
+                y = (row - middle + (part // SAMPLES + 0.5) / SAMPLES - 0.5) * pitch
+                z = np.sqrt(max(1.0 - x * x - y * y, 0.0))
+                depth = distance - radius * z
+                seen = _brightness(image, shown, lens, radius * x / depth, radius * y / depth)
+                total += seen if z >= RIM else np.nan
+            grid[row, column] = total / (SAMPLES * SAMPLES)
+            count += not np.isnan(total)
+    return count
+
+
+@kernel
+def _brightness(image: Any, shown: Any, lens: Any, a: float, b: float) -> float:
+    """Brightness in the direction of two slopes, between four pixels; NaN unless all are shown."""
+    row = lens[0, 0] + a * (lens[1, 0] + lens[3, 0] * a + lens[4, 0] * b)
+    row += b * (lens[2, 0] + lens[5, 0] * b)
+    column = lens[0, 1] + a * (lens[1, 1] + lens[3, 1] * a + lens[4, 1] * b)
+    column += b * (lens[2, 1] + lens[5, 1] * b)
+    top, left = int(row), int(column)
+    if row < 0.0 or column < 0.0 or top >= image.shape[0] - 1 or left >= image.shape[1] - 1:
+        return np.nan
+    for k in range(4):
+        if not shown[top + k // 2, left + k % 2]:
+            return np.nan
+    p, q = column - left, row - top
+    upper = image[top, left] + p * (image[top, left + 1] - image[top, left])
+    lower = image[top + 1, left] + p * (image[top + 1, left + 1] - image[top + 1, left])
+    return float(upper + q * (lower - upper))

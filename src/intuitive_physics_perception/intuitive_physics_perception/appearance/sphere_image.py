@@ -1,0 +1,199 @@
+"""The image of a sphere's surface: brightness by direction, less light and shade."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics_perception.appearance.registration import (
+    RIM,
+    TAPER,
+    common_area,
+    sample,
+)
+from intuitive_physics_perception.appearance.settings import AppearanceSettings
+from intuitive_physics_perception.detection.detections import DetectedSphere
+
+ON_SURFACE = 1.15
+"""Radii from a sphere's centre beyond which a reading shows something else."""
+
+DARK = 8.0
+"""Levels of 255 added to the brightness before its logarithm is taken, so that noise of what is
+black stays small."""
+
+LENS_READINGS = 300
+"""Readings, about, from which rows and columns are found: of a camera they are exact."""
+
+ROBUST_STEPS = 4
+"""Fits of the shading, each with less weight of what is off in the one before."""
+
+LEAST_NOISE = 0.3
+"""Levels of 255, of rounding."""
+
+MAD_OF_SECOND_DIFFERENCE = 0.6745 * np.sqrt(6.0)
+"""Median of |a - 2 b + c| of normal deviates of variance one."""
+
+
+@dataclass(frozen=True, eq=False)
+class SphereImage:
+    """What a sphere shows in one frame.
+
+    Parameters
+    ----------
+    values : (g, g), logarithms of brightness less that of the shading, NaN where nothing was seen
+    contrast : standard deviation of the surface in those of the noise of a pixel
+    axes : (3, 3), right, down and towards the sensor, as rows
+    place_deviation : rad, by which the whole image may be turned, as the centre is off
+    scale_deviation : by how much of itself the radius may be off
+    """
+
+    values: NDArray[np.float64]
+    contrast: float
+    axes: NDArray[np.float64]
+    place_deviation: float
+    scale_deviation: float
+
+    @cached_property
+    def area(self) -> float:
+        """Cells whose values go together."""
+        return float(common_area(self.values / np.nanstd(self.values)))
+
+    @cached_property
+    def coarse(self) -> tuple[NDArray[np.float64], float]:
+        """Means (g / 2, g / 2) of four values each, and their `area`."""
+        size = self.values.shape[0] // 2
+        parts = self.values[: 2 * size, : 2 * size].reshape(size, 2, size, 2)
+        mean = parts.mean(axis=(1, 3))
+        return mean, float(common_area(mean / np.nanstd(mean)))
+
+    def moved(self, rotation: NDArray[np.float64]) -> SphereImage:
+        """Return it in another frame, n_other = rotation (3, 3) n."""
+        return replace(self, axes=self.axes @ rotation.T)
+
+
+def pitch_of(cells: int) -> float:
+    """Return the pitch of a grid that holds all directions that are compared."""
+    return 2.0 * float(np.sqrt(1.0 - RIM**2)) / (cells - 1)
+
+
+def sphere_image(
+    sphere: DetectedSphere,
+    pixels: NDArray[np.int64],
+    points: NDArray[np.float32],
+    colors: NDArray[np.uint8],
+    settings: AppearanceSettings,
+) -> SphereImage | None:
+    """Return the image of a sphere, None where too little of it is seen.
+
+    Parameters
+    ----------
+    sphere : in the frame of the points, the sensor at the origin
+    pixels : (n,) indices of readings on it
+    points, colors : (height, width, 3) m and (height, width, 3), of a frame with fixed pixels
+    settings : tuned numbers
+    """
+    if len(pixels) < settings.min_readings:
+        return None
+    rows, columns = np.divmod(pixels, points.shape[1])
+    top, left = max(int(rows.min()) - 1, 0), max(int(columns.min()) - 1, 0)
+    part = (slice(top, int(rows.max()) + 2), slice(left, int(columns.max()) + 2))
+    axes = _view(sphere.center)
+    some = slice(None, None, 1 + len(pixels) // LENS_READINGS)
+    places = np.stack([rows - top, columns - left], axis=1)
+    lens = _lens(points[rows, columns][some], axes, places[some])
+    brightness = colors[part].astype(np.float64).mean(axis=2)
+    around = points[part].astype(np.float64) - sphere.center
+    away = np.linalg.norm(around, axis=2)
+    # Where no range was read the colour may well be the sphere's.
+    shown = np.isnan(away) | (away < ON_SURFACE * sphere.radius)
+    grid = np.empty((settings.cells, settings.cells))
+    pitch = pitch_of(settings.cells)
+    distance = float(np.linalg.norm(sphere.center))
+    count = sample(brightness, shown, lens, distance, sphere.radius, pitch, grid)
+    if count < 0.25 * settings.cells**2:
+        return None
+    noise = _noise(brightness, shown & ~np.isnan(away))
+    return _image(grid, noise, axes, sphere)
+
+
+def _image(
+    grid: NDArray[np.float64],
+    noise: float,
+    axes: NDArray[np.float64],
+    sphere: DetectedSphere,
+) -> SphereImage | None:
+    """The image of which a grid (g, g) has the brightness, with its noise of a pixel in levels."""
+    rows, columns = np.nonzero(~np.isnan(grid))
+    x, y = (np.stack([columns, rows]) - 0.5 * (len(grid) - 1)) * pitch_of(len(grid))
+    seen = grid[rows, columns]
+    values = _without_shading(np.stack([x, y, np.sqrt(1.0 - x**2 - y**2)]), seen)
+    if not values.any():
+        return None
+    inner = float(np.std(values[x**2 + y**2 < 1.0 - (RIM + TAPER) ** 2]))
+    whole = np.full(grid.shape, np.nan)
+    whole[rows, columns] = values
+    across = axes[:2] @ sphere.covariance[:3, :3] @ axes[:2].T
+    return SphereImage(
+        whole,
+        inner * float(np.mean(seen) + DARK) / noise,
+        axes,
+        float(np.sqrt(0.5 * np.trace(across))) / sphere.radius,
+        float(np.sqrt(sphere.covariance[3, 3])) / sphere.radius,
+    )
+
+
+def _lens(
+    points: NDArray[np.float32], axes: NDArray[np.float64], pixels: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Row and column as polynomials (6, 2) in the slopes of a ray to the line of sight, from points
+    (n, 3) m and their rows and columns (n, 2)."""
+    x, y, z = axes @ points.T.astype(np.float64)
+    a, b = x / -z, y / -z
+    # About 0.1, so that all columns are of one size.
+    basis = np.stack([np.ones_like(a), a, b, a * a, a * b, b * b], axis=1)
+    scale = np.abs(basis).max(axis=0)
+    basis /= scale
+    found = np.linalg.solve(basis.T @ basis + 1e-9 * len(a) * np.eye(6), basis.T @ pixels)
+    return np.ascontiguousarray(found / scale[:, None])
+
+
+def _noise(brightness: NDArray[np.float64], shown: NDArray[np.bool_]) -> float:
+    """Standard deviation of the noise of a pixel, in levels: of second differences along rows, of
+    which most see no edge."""
+    second = brightness[:, :-2] - 2.0 * brightness[:, 1:-1] + brightness[:, 2:]
+    inside = shown[:, :-2] & shown[:, 1:-1] & shown[:, 2:]
+    if not inside.any():
+        return LEAST_NOISE
+    found = float(np.median(np.abs(second[inside]))) / MAD_OF_SECOND_DIFFERENCE
+    return max(found, LEAST_NOISE)
+
+
+def _view(center: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Axes (3, 3) of a view, as rows: right, down, towards the sensor."""
+    x, y, z = toward = -center / np.linalg.norm(center)
+    # Across the sensor's y axis, or its x axis where that is the line of sight.
+    right = np.array([-z, 0.0, x]) if abs(y) < 0.9 else np.array([0.0, z, -y])
+    right /= np.linalg.norm(right)
+    a, b, c = right
+    return np.array([right, [y * c - z * b, z * a - x * c, x * b - y * a], toward])
+
+
+def _without_shading(places: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Logarithms of brightness (n,) at places (3, n) less those of what smooth light makes of a
+    surface of one colour, that of most cells: polynomials up to the second degree."""
+    x, y, z = places
+    basis = np.stack([np.ones_like(x), x, y, z, x * y, x * z, y * z, x * x - y * y, z * z])
+    some, chosen = basis[:, ::2], seen[::2]
+    weights = np.ones_like(chosen)
+    for _ in range(ROBUST_STEPS):
+        weighted = some * weights
+        normal = weighted @ some.T + 1e-6 * len(seen) * np.eye(9)
+        found = np.linalg.solve(normal, weighted @ chosen)
+        off = np.abs(chosen - found @ some)
+        scale = 4.0 * max(float(np.median(off)), LEAST_NOISE)
+        weights = np.square(np.maximum(1.0 - np.square(off / scale), 0.0)) + 1e-3
+    smooth = found @ basis
+    return np.asarray(np.log(seen + DARK) - np.log(np.maximum(smooth, 0.0) + DARK))

@@ -1,0 +1,136 @@
+"""The spin of a ball in free flight, from what is painted on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics_perception.appearance.settings import AppearanceSettings
+from intuitive_physics_perception.appearance.sphere_image import SphereImage
+from intuitive_physics_perception.appearance.spin_fit import (
+    LARGEST_TURN,
+    ImageSeries,
+    Spin,
+    TurnSearch,
+)
+
+NEAR_TURN = 0.35
+"""rad from frame to frame, beside the best rotation, from where another one is looked for."""
+
+EVEN = 1.5
+"""Times from frame to frame that differ by a larger factor are not searched."""
+
+
+class SurfaceSpin:
+    """Finds the spin of one ball in a flight, image after image.
+
+    Parameters
+    ----------
+    settings : tuned numbers
+    """
+
+    def __init__(self, settings: AppearanceSettings) -> None:
+        self._settings = settings
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin again: a contact has changed the spin."""
+        self.spin: Spin | None = None
+        self._times: list[float] = []
+        self._images: list[SphereImage] = []
+        self._search: TurnSearch | None = None
+        self._interval = np.inf
+        self._misses, self._waits = 0, 0
+
+    def take(self, time: float, image: SphereImage) -> None:
+        """Take the image of a frame in free flight.
+
+        Parameters
+        ----------
+        time : s, later than that of the image before
+        image : in a frame that stands still
+        """
+        self._times.append(time)
+        self._images.append(image)
+        if self.spin is None:
+            self._look()
+        else:
+            self._follow(self.spin)
+
+    def _follow(self, spin: Spin) -> None:
+        """Correct a spin that is known; forget it where the newest image contradicts it."""
+        self._thin()
+        series = ImageSeries(self._times, self._images, self._settings)
+        self.spin = self._accepted(series, [series.fitted(spin.mean, reach=len(self._times))])
+        if self.spin is None:
+            # Something that was not seen has changed it.
+            time, image = self._times[-1], self._images[-1]
+            self.forget()
+            self._times, self._images = [time], [image]
+
+    def _look(self) -> None:
+        """Search for the spin among all rotations from frame to frame."""
+        settings = self._settings
+        del self._times[: -settings.search_frames], self._images[: -settings.search_frames]
+        # A side without a pattern says where the pattern is not, but nothing is searched on it.
+        before, newest = (self._images[-2:-1] or self._images)[0], self._images[-1]
+        if len(self._times) < 2 or min(before.contrast, newest.contrast) < settings.contrast:
+            return
+        duration = self._times[-1] - self._times[-2]
+        if self._search is None:
+            self._search, self._interval = TurnSearch(duration, settings), duration
+        if duration < EVEN * self._search.duration:
+            self._search.add(before, newest, duration)
+        self._waits -= 1
+        if len(self._times) < 3 or self._waits > 0:
+            return
+        first, *others = self._search.best(settings.candidates)
+        near = NEAR_TURN / duration * np.concatenate([np.eye(3), -np.eye(3)])
+        begins = [np.zeros(3), first, *others, *(first + near)]
+        series = ImageSeries(self._times, self._images, settings)
+        self.spin = self._accepted(series, [series.fitted(begin) for begin in begins])
+        # What has not been understood so far deserves less time.
+        self._misses += 1
+        self._waits = 1 + self._misses // 2
+
+    def _thin(self) -> None:
+        """Keep as many images as are compared: without the one whose neighbours are closest."""
+        if len(self._times) > self._settings.frames:
+            times = np.array(self._times)
+            left_out = 1 + int(np.argmin(times[2:] - times[:-2]))
+            del self._times[left_out], self._images[left_out]
+
+    def _accepted(self, series: ImageSeries, found: Sequence[Spin]) -> Spin | None:
+        """The spin that explains the images, if it is the only one that does."""
+        settings = self._settings
+        best = max(found, key=lambda one: one.likelihood)
+        others = [one.likelihood for one in found if _differ(one, best)]
+        if (
+            best.likelihood < settings.likelihood
+            or best.correlation < settings.agreement
+            or np.linalg.norm(best.mean) * self._interval > LARGEST_TURN
+            or self._may_be_light(best, series.view_rate)
+            or max(others, default=0.0) > settings.lead * best.likelihood
+        ):
+            return None
+        return best
+
+    def _may_be_light(self, spin: Spin, view_rate: NDArray[np.float64]) -> bool:
+        """Whether what turns so may be light, which stands still, or a highlight, which goes a part
+        of the way with the line of sight (3,) rad/s."""
+        settings = self._settings
+        unsure = settings.light_turn**2 + settings.highlight_turn**2 * float(view_rate @ view_rate)
+        inverse = np.linalg.inv(spin.covariance + unsure * np.eye(3))
+        most = max(float(view_rate @ inverse @ view_rate), 1e-12)
+        part = float(np.clip(view_rate @ inverse @ spin.mean / most, 0.0, 1.0))
+        away = spin.mean - part * view_rate
+        return bool(away @ inverse @ away < settings.standing_gate)
+
+
+def _differ(one: Spin, other: Spin) -> bool:
+    """Whether two spins are two, beyond their errors."""
+    away = one.mean - other.mean
+    spread: NDArray[np.float64] = one.covariance + other.covariance
+    return bool(away @ np.linalg.solve(spread, away) > 25.0)

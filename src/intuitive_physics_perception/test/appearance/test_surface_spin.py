@@ -1,0 +1,199 @@
+"""The spin that images of a sphere show, on textures that are known in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from intuitive_physics_perception.appearance.registration import (
+    CELLS,
+    GRADIENT,
+    MEAT,
+    POWER,
+    PRODUCT,
+    RIM,
+    overlay,
+)
+from intuitive_physics_perception.appearance.settings import AppearanceSettings
+from intuitive_physics_perception.appearance.sphere_image import SphereImage, pitch_of
+from intuitive_physics_perception.appearance.spin_fit import ImageSeries, ball_of_turns
+from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
+
+SETTINGS = AppearanceSettings()
+CELLS_ACROSS = SETTINGS.cells
+RATE = 30.0
+
+Field = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+def waves(seed: int, count: int = 12, number: float = 7.0) -> Field:
+    """A smooth random function of unit vectors (..., 3)."""
+    rng = np.random.default_rng(seed)
+    vectors = rng.normal(size=(count, 3))
+    vectors *= number / np.linalg.norm(vectors, axis=1, keepdims=True)
+    phases = rng.uniform(0.0, 2.0 * np.pi, count)
+    return lambda n: np.cos(n @ vectors.T + phases).sum(axis=-1) / np.sqrt(count)
+
+
+def image(
+    surface: Field,
+    orientation: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    light: Field = lambda n: 0.0 * n[..., 0],
+    noise: float = 0.0,
+    rng: np.random.Generator | None = None,
+) -> SphereImage:
+    """What a view with axes (3, 3) sees of a ball whose axes are those of `orientation`."""
+    line = (np.arange(CELLS_ACROSS) - 0.5 * (CELLS_ACROSS - 1)) * pitch_of(CELLS_ACROSS)
+    x, y = np.meshgrid(line, line)
+    with np.errstate(invalid="ignore"):
+        z = np.sqrt(1.0 - x**2 - y**2)
+    directions = np.stack([x, y, z], axis=-1) @ axes
+    values = surface(directions @ orientation) + light(directions)
+    if rng is not None:
+        values = values + noise * rng.normal(size=values.shape)
+    return SphereImage(np.where(z > RIM, values, np.nan), 10.0, axes, 0.0, 0.0)
+
+
+def axes_towards(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    toward = direction / np.linalg.norm(direction)
+    right = np.cross(toward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(toward, right), toward])
+
+
+def flight(
+    surface: Field, spin: NDArray[np.float64], frames: int, seed: int = 0, **more
+) -> tuple[list[float], list[SphereImage]]:
+    """Images of a ball whose line of sight turns slowly."""
+    start = Rotation.random(random_state=seed)
+    times = [k / RATE for k in range(frames)]
+    views = [axes_towards(np.array([-1.0, 0.3 * t, 0.2 + 0.5 * t])) for t in times]
+    turns = [(Rotation.from_rotvec(t * spin) * start).as_matrix() for t in times]
+    return times, [image(surface, *pair, **more) for pair in zip(turns, views, strict=True)]
+
+
+def test_the_gradient_is_that_of_the_misfit() -> None:
+    times, images = flight(waves(1), np.array([2.0, -3.0, 1.0]), 3)
+    values, axes = np.stack([i.values for i in images]), np.stack([i.axes for i in images])
+    at, pitch = np.array([2.6, -2.5, 1.4]), pitch_of(CELLS_ACROSS)
+
+    def sums(spin: NDArray[np.float64]) -> NDArray[np.float64]:
+        return overlay(values, axes, np.array(times), spin, 2, pitch)
+
+    def misfit(spin: NDArray[np.float64]) -> float:
+        # Σ (e_k - e_j)² / 2 = Σ (e_k² + e_j²) / 2 - Σ e_k e_j.
+        found = sums(spin)
+        return float(found[POWER] - found[PRODUCT])
+
+    step = 1e-3
+    numeric = [
+        (misfit(at + step * unit) - misfit(at - step * unit)) / (2.0 * step) for unit in np.eye(3)
+    ]
+    gradient = -sums(at)[GRADIENT:MEAT]
+    # Slopes are those of a linear interpolation, and cells come and go at the rim.
+    assert gradient == pytest.approx(numeric, abs=0.1 * float(np.linalg.norm(numeric)))
+
+
+def test_smooth_light_makes_no_difference() -> None:
+    times, images = flight(waves(2), np.array([3.0, 1.0, -4.0]), 3)
+    _, lit = flight(
+        waves(2),
+        np.array([3.0, 1.0, -4.0]),
+        3,
+        light=lambda n: 2.0 * n[..., 0] - n[..., 1] * n[..., 2] + 3.0 * n[..., 2] ** 2,
+    )
+    axes, pitch = np.stack([i.axes for i in images]), pitch_of(CELLS_ACROSS)
+    first, second = (
+        overlay(np.stack([i.values for i in own]), axes, np.array(times), np.ones(3), 2, pitch)
+        for own in (images, lit)
+    )
+    assert second[CELLS] == first[CELLS]
+    assert second[[PRODUCT, POWER]] == pytest.approx(first[[PRODUCT, POWER]], rel=0.05)
+
+
+@pytest.mark.parametrize("spin", [(0.5, 2.0, -3.0), (12.0, -9.0, 4.0), (30.0, 5.0, -25.0)])
+def test_a_texture_tells_the_spin(spin: tuple[float, float, float]) -> None:
+    truth = np.array(spin)
+    found = SurfaceSpin(SETTINGS)
+    for time, one in zip(*flight(waves(3), truth, 6), strict=True):
+        found.take(time, one)
+    assert found.spin is not None
+    error = found.spin.mean - truth
+    assert np.linalg.norm(error) < 0.3
+    assert error @ np.linalg.solve(found.spin.covariance, error) < 16.0
+
+
+def test_noise_widens_the_covariance() -> None:
+    spreads, exact = [], replace(SETTINGS, alignment_deviation=0.0, light_slope=0.0)
+    for noise in (0.0, 0.4):
+        times, images = flight(
+            waves(4), np.array([4.0, 2.0, 1.0]), 5, noise=noise, rng=np.random.default_rng(0)
+        )
+        found = ImageSeries(times, images, exact).fitted(np.array([4.0, 2.0, 1.0]))
+        spreads.append(float(np.trace(found.covariance)))
+    assert spreads[1] > 1.5 * spreads[0]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_noise_is_no_pattern(seed: int) -> None:
+    found = SurfaceSpin(SETTINGS)
+    plain: Field = lambda n: 0.0 * n[..., 0]  # noqa: E731
+    rng = np.random.default_rng(seed)
+    for time, one in zip(*flight(plain, np.ones(3), 7, noise=1.0, rng=rng), strict=True):
+        found.take(time, one)
+        assert found.spin is None
+
+
+def test_what_stands_still_in_the_room_is_light() -> None:
+    found = SurfaceSpin(SETTINGS)
+    for time, one in zip(*flight(waves(5), np.zeros(3), 7), strict=True):
+        found.take(time, one)
+        assert found.spin is None
+
+
+def test_a_pattern_that_looks_the_same_elsewhere_has_no_one_spin() -> None:
+    # Sixteen meridians: a turn about their axis by a sixteenth goes unnoticed.
+    meridians: Field = lambda n: np.cos(16.0 * np.arctan2(n[..., 0], n[..., 1]))  # noqa: E731
+    found = SurfaceSpin(SETTINGS)
+    axes = axes_towards(np.array([0.0, 0.1, 1.0]))
+    for k in range(6):
+        turn = Rotation.from_rotvec([0.0, 0.0, 0.15 * k]).as_matrix()
+        found.take(k / RATE, image(meridians, turn, axes))
+    assert found.spin is None
+
+
+def test_another_spin_after_a_hit_is_not_the_one_before() -> None:
+    found = SurfaceSpin(SETTINGS)
+    times, images = flight(waves(6), np.array([8.0, 2.0, -3.0]), 5)
+    _, others = flight(waves(6), np.array([-6.0, 9.0, 7.0]), 12, seed=9)
+    for time, one in zip(times, images, strict=True):
+        found.take(time, one)
+    assert found.spin is not None
+    for k, one in enumerate(others[5:10]):
+        found.take(times[-1] + (k + 1) / RATE, one)
+    assert found.spin is None or found.spin.mean == pytest.approx([-6.0, 9.0, 7.0], abs=0.5)
+
+
+def test_forgetting_begins_again() -> None:
+    found = SurfaceSpin(SETTINGS)
+    times, images = flight(waves(7), np.array([8.0, 2.0, -3.0]), 5)
+    for time, one in zip(times, images, strict=True):
+        found.take(time, one)
+    assert found.spin is not None
+    found.forget()
+    found.take(times[-1] + 1.0 / RATE, images[-1])
+    assert found.spin is None
+
+
+def test_rotations_are_tried_up_to_the_largest_one() -> None:
+    turns = ball_of_turns(0.3, 2.9)
+    angles = np.linalg.norm(turns, axis=1)
+    assert angles.max() <= 2.9
+    # As many as the ball's volume has cells.
+    assert len(turns) == pytest.approx(4.0 / 3.0 * np.pi * (2.9 / 0.3) ** 3, rel=0.02)

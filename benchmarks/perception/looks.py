@@ -175,7 +175,7 @@ def measure_throw(pattern: str, spin: float, rng: np.random.Generator, found: Sp
         duration=FLIGHT,
         pause=0.1,
         materials=["rubber"],
-        spin_deviation=spin,
+        spin=spin,
     )
     room.first_flight(throw, BallSurface(pattern), found)
 

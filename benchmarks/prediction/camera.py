@@ -2,7 +2,8 @@
 
 In each of three worlds balls are thrown with another spin, which the suite does not know. θ_s is
 learned from the first half of the throws; the second half is predicted: in the first flight, after
-the first bounce and after the second.
+the first bounce and after the second. Balls with a pattern are predicted in their first flight with
+the same θ_s.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics.state import ANGULAR_VELOCITY, ObjectState
+from intuitive_physics_experiments.calibration.calibrate import FIXED_NOISE
+from intuitive_physics_experiments.rendering.ball_surface import PATTERNS, PLAIN
 from intuitive_physics_learner.learning_session import LearningOptions, learn
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
@@ -32,6 +35,7 @@ from intuitive_physics_predictor.noisy_newton import (
     PreparedScene,
     predict_sampled,
 )
+from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 from intuitive_physics_predictor.scores.highest_density import highest_density_levels
 from intuitive_physics_predictor.scores.proper_scores import energy_scores
 
@@ -51,6 +55,12 @@ MOMENTS = ("first_flight", "after_first_bounce", "after_second_bounce")
 CALIBRATION_TIMES = np.arange(0.0, 1.05, 0.02)
 """s, of the predictions that the suite compares with what comes."""
 
+MARKED = tuple(pattern for pattern in PATTERNS if pattern != PLAIN)
+"""Patterns that show how a ball turns."""
+
+PAINTED = 1000
+"""Between the seeds of plain and painted balls."""
+
 LEARNING_TIME = 20.0
 """s of learning at most, in each world."""
 
@@ -68,6 +78,7 @@ class Judged:
     spin_nees : squared error of the spin in variances, of 3 degrees of freedom
     levels : (5, 2) as `highest_density_levels`, NaN beyond the throw
     scores, scores_of_guess : (5,) m, energy scores of both predictions
+    scores_of_fixed : the same of the paper's: fixed noise on the perceived state, and one θ_s
     """
 
     errors: NDArray[np.float64]
@@ -78,6 +89,7 @@ class Judged:
     levels: NDArray[np.float64]
     scores: NDArray[np.float64]
     scores_of_guess: NDArray[np.float64]
+    scores_of_fixed: NDArray[np.float64]
 
 
 def learn_first_half(world: World, simulator: Simulator) -> LearnedParameters:
@@ -138,7 +150,7 @@ class Follower:
                 scene.environment.gravity,
             )
             if sighting.time in moments:
-                judged = _judged(self._world, seen, sighting, prepared, self._rng)
+                judged = _judged(self._world, seen, sighting, prepared, self._uncertain, self._rng)
                 yield moments[sighting.time], judged
 
     def _compare(self, sighting: Sighting) -> None:
@@ -178,6 +190,7 @@ def _judged(
     seen: SeenThrow,
     sighting: Sighting,
     prepared: PreparedScene,
+    uncertain: UncertainParameters,
     rng: np.random.Generator,
 ) -> Judged:
     throw, motion = seen.throw, seen.throw.motion
@@ -190,10 +203,10 @@ def _judged(
     truth = np.full((len(times), 3), np.nan)
     truth[there] = world.perceived_point(throw.positions_at(sighting.time + times[there]))
     own = _samples(prepared, times, rng)
-    before = PreparedScene.of(
-        prepared.scene, prepared.static_parameters, StateNoise(spin_prior=PERCEIVED)
-    )
+    before = PreparedScene.of(prepared.scene, uncertain, StateNoise(spin_prior=PERCEIVED))
     guess = _samples(before, times, rng)
+    as_paper = StateNoise(False, FIXED_NOISE, FIXED_NOISE, FIXED_NOISE, FIXED_NOISE)
+    fixed = PreparedScene.of(prepared.scene, uncertain.learned.parameters, as_paper)
     known = _samples(_with_spin(prepared, spin), times, rng)
     (states,) = prepared.estimates
     error, nees = _spin_error(states, sighting.seen.state, spin)
@@ -207,8 +220,10 @@ def _judged(
         error,
         nees,
         levels,
-        energy_scores(own, np.nan_to_num(truth)) + 0.0 * truth[:, 0],
-        energy_scores(guess, np.nan_to_num(truth)) + 0.0 * truth[:, 0],
+        *(
+            energy_scores(samples, np.nan_to_num(truth)) + 0.0 * truth[:, 0]
+            for samples in (own, guess, _samples(fixed, times, rng))
+        ),
     )
 
 
@@ -253,10 +268,12 @@ class JudgedWorld:
     Parameters
     ----------
     moments : by name, what was judged
+    patterned : the same in the first flight of balls with dots, seams or a logo
     seconds : that each estimate took
     """
 
     moments: dict[str, list[Judged]]
+    patterned: list[Judged]
     seconds: list[float]
 
 
@@ -270,9 +287,17 @@ def judge_world(spin: float, throws: int, seed: int) -> JudgedWorld:
     rng = np.random.default_rng([seed, 1])
     world = see_world(spin, throws, seed)
     learned = learn_first_half(world, make_simulator("auto"))
-    follower = Follower(world, learned, rng)
+    plain = Follower(world, learned, rng)
     found: dict[str, list[Judged]] = {name: [] for name in MOMENTS}
     for seen in world.throws[throws // 2 :]:
-        for name, judged in follower.judge(seen):
+        for name, judged in plain.judge(seen):
             found[name].append(judged)
-    return JudgedWorld(found, follower.seconds)
+    painted = see_world(spin, throws // 2, seed + PAINTED, patterns=MARKED)
+    follower = Follower(painted, learned, rng)
+    patterned = [
+        judged
+        for seen in painted.throws
+        for name, judged in follower.judge(seen)
+        if name == MOMENTS[0]
+    ]
+    return JudgedWorld(found, patterned, plain.seconds)

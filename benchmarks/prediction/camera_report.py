@@ -29,6 +29,9 @@ MOST_OVER_KNOWN = {
 }
 """Bars of the error over that with the known spin, 1 s ahead, by world."""
 
+MOST_PATTERN_OVER_KNOWN = 2.0
+"""The same in the first flight of a ball with a pattern, in every world."""
+
 MOST_OVER_GUESS = 0.8
 """Bar of the error over that of the guess, in the first flight of the world of least spin."""
 
@@ -48,13 +51,18 @@ def camera_figures(worlds: Worlds) -> dict[str, Any]:
             f"world_{spin:g}": {name: _moment_figures(world.moments[name]) for name in MOMENTS}
             for spin, world in worlds.items()
         },
+        "pattern_first_flight_error_over_known_spin": {
+            f"world_{spin:g}": _ratio(world.patterned, "known_spin", 1.0)
+            for spin, world in worlds.items()
+        },
         "first_flight_error_over_guess": {
             f"world_{spin:g}": _ratio(world.moments["first_flight"], "guess", 1.0)
             for spin, world in worlds.items()
         },
         "coverage_50": _coverages(everything, 0.5),
         "coverage_90": _coverages(everything, 0.9),
-        "energy_score_over_before": _score_ratio(_of(worlds, MOMENTS[1:])),
+        "energy_score_over_fixed_noise": _score_ratio(everything, "scores_of_fixed"),
+        "energy_score_over_before": _score_ratio(_of(worlds, MOMENTS[1:]), "scores_of_guess"),
         "estimate_ms": {
             "median": _rounded(1e3 * np.median(seconds)),
             "p99": _rounded(1e3 * np.quantile(seconds, 0.99)),
@@ -74,10 +82,11 @@ def camera_table(worlds: Worlds) -> Table:
             100.0 * _within(moments[name]),
             100.0 * coverage(_levels(moments[name], 1.0), 0.5),
             100.0 * coverage(_levels(moments[name], 1.0), 0.9),
-            _score_ratio(moments[name]),
+            _score_ratio(moments[name], "scores_of_guess"),
+            _score_ratio(moments[name], "scores_of_fixed"),
         ]
-        for spin, moments in ((spin, world.moments) for spin, world in worlds.items())
-        for name in MOMENTS
+        for spin, moments in ((spin, _rows(world)) for spin, world in worlds.items())
+        for name in moments
     ]
     return Table(
         title="Thrown balls that a rendered camera sees",
@@ -96,6 +105,7 @@ def camera_table(worlds: Worlds) -> Table:
             Column("in 50 % region, %", "%", ".0f"),
             Column("in 90 %", "%", ".0f"),
             Column("energy score / guess", "", ".2f"),
+            Column("/ fixed noise", "", ".2f"),
         ],
         rows=rows,
     )
@@ -109,6 +119,13 @@ def camera_complaints(worlds: Worlds) -> list[str]:
             ratio = _ratio(worlds[spin].moments[name], "known_spin", 1.0)
             if ratio is not None and ratio > most:
                 found.append(f"{name} of world_{spin:g}: error {ratio:.2f} of the known spin's")
+    for spin, world in worlds.items():
+        ratio = _ratio(world.patterned, "known_spin", 1.0)
+        if ratio is not None and ratio > MOST_PATTERN_OVER_KNOWN:
+            found.append(
+                f"first flight with a pattern in world_{spin:g}: error {ratio:.2f} of the known "
+                "spin's"
+            )
     ratio = _ratio(worlds[WORLDS[0]].moments["first_flight"], "guess", 1.0)
     if ratio is not None and ratio > MOST_OVER_GUESS:
         found.append(f"first_flight of world_{WORLDS[0]:g}: error {ratio:.2f} of the guess's")
@@ -120,6 +137,11 @@ def camera_complaints(worlds: Worlds) -> list[str]:
                     f"{100 * probability:.0f} % regions hold {100 * share:.0f} % after {ahead} s"
                 )
     return found
+
+
+def _rows(world: JudgedWorld) -> dict[str, list[Judged]]:
+    """What was judged, by the name of its row."""
+    return {**world.moments, "first_flight, pattern": world.patterned}
 
 
 def _of(worlds: Worlds, names: Sequence[str]) -> list[Judged]:
@@ -163,14 +185,12 @@ def _coverages(found: Sequence[Judged], probability: float) -> dict[str, float |
     return {f"{t:g}": _rounded(coverage(_levels(found, t), probability)) for t in AHEAD}
 
 
-def _score_ratio(found: Sequence[Judged]) -> float | None:
-    """Sum of the energy scores of all times over that of the guess."""
+def _score_ratio(found: Sequence[Judged], way: str) -> float | None:
+    """Sum of the energy scores of all times over that of another way to predict."""
     if not found:
         return None
-    own, guess = (
-        np.nansum([getattr(one, way) for one in found]) for way in ("scores", "scores_of_guess")
-    )
-    return _rounded(own / guess)
+    own, other = (np.nansum([getattr(one, name) for one in found]) for name in ("scores", way))
+    return _rounded(own / other)
 
 
 def _rounded(value: Any) -> float | None:

@@ -1,15 +1,18 @@
-"""Thrown balls with a spin of choice, as perception sees them through a rendered depth camera."""
+"""Thrown balls with a spin of choice, as perception sees them through a rendered camera."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.observation import Observation
+from intuitive_physics_experiments.rendering.ball_surface import BallSurface
+from intuitive_physics_experiments.rendering.color_camera import ColorCamera, ColorNoise, RoomLight
 from intuitive_physics_experiments.rendering.corner_room import (
     BALL_RADII,
     corner_camera,
@@ -83,12 +86,13 @@ class World:
         return self.model.rotation @ corner_camera().rotation.T @ vector
 
 
-def see_world(spin: float, count: int, seed: int) -> World:
+def see_world(spin: float, count: int, seed: int, patterns: Sequence[str] = ()) -> World:
     """Throw balls, render them and perceive every frame.
 
     Parameters
     ----------
     spin : rad/s, standard deviation of the initial spin about each axis
+    patterns : on the balls, in turn, for a camera that sees colour too; none: depth alone
     """
     throw_rng, noise_rng, own_rng = map(
         np.random.default_rng, np.random.SeedSequence(seed).spawn(3)
@@ -110,8 +114,8 @@ def see_world(spin: float, count: int, seed: int) -> World:
     pipeline = PerceptionPipeline(settings, own_rng)
     sightings: dict[int, list[Sighting]] = {k: [] for k in range(count)}
     observations: list[Observation] = []
-    for time, points in _frames(throws, noise_rng):
-        result = pipeline.process(points, time)
+    for time, points, colors in _frames(throws, patterns, noise_rng):
+        result = pipeline.process(points, time, colors)
         observations += result.observations
         k = int((time - LEAD_IN) // (DURATION + PAUSE))
         if len(result.objects) == 1 and 0 <= k < count and time <= throws[k].end_time:
@@ -124,19 +128,27 @@ def see_world(spin: float, count: int, seed: int) -> World:
 
 
 def _frames(
-    throws: Sequence[Throw], rng: np.random.Generator
-) -> Iterator[tuple[float, NDArray[np.float32]]]:
-    """Yield the time in s of each frame, and its points (height, width, 3) m."""
+    throws: Sequence[Throw], patterns: Sequence[str], rng: np.random.Generator
+) -> Iterator[tuple[float, NDArray[np.float32], NDArray[np.uint8] | None]]:
+    """Yield the time in s of each frame, its points (height, width, 3) m, and its colours, if any,
+    of the same shape."""
     camera = corner_camera()
     renderer = DepthRenderer(camera, corner_environment())
     sensor = NoisyDepthCamera(renderer.background, camera.focal_length, DepthNoise(), rng)
+    colors = ColorCamera(renderer, RoomLight(), ColorNoise(), rng)
+    painted = list(zip(throws, map(BallSurface, cycle(patterns)), strict=False))
     rays = camera.rays().astype(np.float32)
     for frame in range(int((throws[-1].end_time + PAUSE) * FRAME_RATE)):
         time = frame / FRAME_RATE
         rendered = renderer.render_balls(*balls_at(throws, time))
         image = sensor.read(rendered.image, rendered.region)
         depth = np.where(image > 0, image.astype(np.float32) / 1000.0, np.nan)
-        yield time, rays * depth[..., None]
+        shown = [
+            throw.colored_at(time, surface)
+            for throw, surface in painted
+            if throw.start_time <= time <= throw.end_time
+        ]
+        yield time, rays * depth[..., None], colors.read(shown) if painted else None
 
 
 def bounces(throw: Throw) -> list[float]:

@@ -23,6 +23,7 @@ from intuitive_physics.validation import (
     covariance_matrices,
     covariance_matrix,
     finite_array,
+    finite_float,
     increasing_times,
     name_string,
 )
@@ -60,6 +61,55 @@ ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
+class SeenSpin:
+    """The angular velocity of an object that touches nothing, from what is painted on it.
+
+    All frames of a flight make one `SeenSpin`: a later one of the same flight takes its place.
+
+    Parameters
+    ----------
+    mean : (3,) rad/s, in the environment's frame
+    covariance : (3, 3) rad²/s²
+    since : s, time of the first frame that it is from
+    """
+
+    mean: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    since: float
+
+    def __init__(self, mean: ArrayLike, covariance: ArrayLike, since: float) -> None:
+        def keep(name: str, value: NDArray[np.float64]) -> None:
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+        keep("mean", finite_array(mean, "seen spin", (3,)))
+        keep("covariance", covariance_matrix(covariance, "covariance of a seen spin", 3))
+        if np.linalg.eigvalsh(self.covariance)[0] <= 0.0:
+            raise InvalidInputError(
+                "covariance of a seen spin is singular; expected an error about every axis"
+            )
+        object.__setattr__(self, "since", finite_float(since, "time since when a spin is seen"))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data that `from_dict` reads."""
+        return {
+            "mean": self.mean.tolist(),
+            "covariance": self.covariance.tolist(),
+            "since": self.since,
+        }
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> SeenSpin:
+        """Read what `to_dict` wrote."""
+        try:
+            return SeenSpin(data["mean"], data["covariance"], data["since"])
+        except (KeyError, TypeError) as error:
+            raise InvalidInputError(
+                f"a seen spin cannot be read ({error}); expected mean, covariance, since"
+            ) from None
+
+
+@dataclass(frozen=True, eq=False)
 class Detections:
     """What was detected of an object, point by point, before any smoothing.
 
@@ -73,15 +123,22 @@ class Detections:
     positions : (n, 3) m, of the object's centre in the environment's frame
     covariances : (n, 3, 3) m², of the error that is independent from point to point
     bias : (3, 3) m², covariance of the error that is the same in all points
+    spin : how the object turned at the last time, where its surface shows it
     """
 
     times: NDArray[np.float64]
     positions: NDArray[np.float64]
     covariances: NDArray[np.float64]
     bias: NDArray[np.float64]
+    spin: SeenSpin | None
 
     def __init__(
-        self, times: ArrayLike, positions: ArrayLike, covariances: ArrayLike, bias: ArrayLike
+        self,
+        times: ArrayLike,
+        positions: ArrayLike,
+        covariances: ArrayLike,
+        bias: ArrayLike,
+        spin: SeenSpin | None = None,
     ) -> None:
         def keep(name: str, value: NDArray[np.float64]) -> None:
             value.setflags(write=False)
@@ -94,18 +151,20 @@ class Detections:
             "covariances", covariance_matrices(covariances, "detection covariances", count, size=3)
         )
         keep("bias", covariance_matrix(bias, "detection bias", 3))
+        object.__setattr__(self, "spin", spin)
 
     def __len__(self) -> int:
         return int(self.times.size)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data that `from_dict` reads."""
-        return {
+        data = {
             "times": self.times.tolist(),
             "positions": self.positions.tolist(),
             "covariances": unique_numbers(self.covariances).tolist(),
             "bias": unique_numbers(self.bias).tolist(),
         }
+        return data if self.spin is None else {**data, "spin": self.spin.to_dict()}
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> Detections:
@@ -118,6 +177,7 @@ class Detections:
                     finite_array(data["covariances"], "detection covariances", (None, 6))
                 ),
                 symmetric_matrices(finite_array(data["bias"], "detection bias", (6,))),
+                SeenSpin.from_dict(data["spin"]) if "spin" in data else None,
             )
         except (KeyError, TypeError) as error:
             raise InvalidInputError(

@@ -16,7 +16,7 @@ from intuitive_physics.frames.change_of_frame import (
 )
 from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics.observation import Detections, Observation, ObservedObject
+from intuitive_physics.observation import Detections, Observation, ObservedObject, SeenSpin
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject, StaticBox
 from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.simulation import make_simulator
@@ -124,7 +124,13 @@ def test_an_observation_is_moved_with_all_that_belongs_to_it() -> None:
         OBJECTS[0],
         Trajectory(times, positions),
         ObjectState((0, 0, 0), (0, 0, 0, 1), (1, 2, 3), (0, 0, 1), np.diag(np.arange(1.0, 13.0))),
-        Detections(times, positions, np.tile(spread, (8, 1, 1)), 2.0 * spread),
+        Detections(
+            times,
+            positions,
+            np.tile(spread, (8, 1, 1)),
+            2.0 * spread,
+            SeenSpin((1, 2, 3), spread, 0.1),
+        ),
     )
     observation = Observation(room(), (seen,), 0.0)
     # A quarter turn about x: y becomes z, and z becomes -y.
@@ -138,6 +144,10 @@ def test_an_observation_is_moved_with_all_that_belongs_to_it() -> None:
     assert np.diag(there.initial_state.covariance)[:6] == pytest.approx([1, 3, 2, 4, 6, 5])
     assert there.detections is not None
     assert np.diag(there.detections.bias) == pytest.approx([2e-6, 18e-6, 8e-6])
+    spin = there.detections.spin
+    assert spin is not None
+    assert spin.mean == pytest.approx([1, -3, 2])
+    assert np.diag(spin.covariance) == pytest.approx([1e-6, 9e-6, 4e-6])
     back = observation_in(moved, "camera_room", quarter.inverse)
     assert back.same_motion(observation)
     assert observation_in(observation, "map", quarter).id == moved.id

@@ -16,6 +16,7 @@ from intuitive_physics.observation import (
     Detections,
     Observation,
     ObservedObject,
+    SeenSpin,
     load_observation,
     save_observation,
     symmetric_matrices,
@@ -55,7 +56,15 @@ def detections(draw):
     positions = draw(arrays(np.float64, (count, 3), elements=st.floats(-1e3, 1e3)))
     roots = draw(arrays(np.float64, (count + 1, 3, 3), elements=st.floats(-1.0, 1.0)))
     squares = roots @ roots.swapaxes(1, 2)
-    return Detections(np.cumsum(steps), positions, squares[:-1], squares[-1])
+    shown = draw(st.one_of(st.none(), seen_spins()))
+    return Detections(np.cumsum(steps), positions, squares[:-1], squares[-1], shown)
+
+
+@st.composite
+def seen_spins(draw):
+    mean = draw(arrays(np.float64, 3, elements=st.floats(-300.0, 300.0)))
+    root = draw(arrays(np.float64, (3, 3), elements=st.floats(-1.0, 1.0)))
+    return SeenSpin(mean, root @ root.T + np.eye(3), draw(st.floats(-1.0, 1.0)))
 
 
 def with_detections(seen: Observation, detected: Detections | None) -> Observation:
@@ -73,6 +82,9 @@ def test_detections_read_back_to_the_last_bit(seed, detected):
     if got is not None:
         for name in ("times", "positions", "covariances", "bias"):
             np.testing.assert_array_equal(getattr(got, name), getattr(detected, name))
+        assert (got.spin is None) == (detected.spin is None)
+        if got.spin is not None:
+            assert got.spin.to_dict() == detected.spin.to_dict()
 
 
 def test_six_numbers_determine_a_symmetric_matrix():
@@ -110,6 +122,10 @@ def good_detections() -> dict[str, list]:
         ({"covariances": [[1, 0, 0, 1, 0]] * 2}, r"expected \(any, 6\)"),
         ({"bias": [1, 0, 0, -1, 0, 1]}, "eigenvalue"),
         ({"bias": None}, "bias"),
+        ({"spin": {"mean": [0, 0, 0]}}, "'covariance'.*expected mean, covariance, since"),
+        ({"spin": {"mean": [0, 0], "covariance": np.eye(3), "since": 0}}, r"expected \(3,\)"),
+        ({"spin": {"mean": [0, 0, 0], "covariance": np.eye(3), "since": "now"}}, "a number"),
+        ({"spin": {"mean": [0, 0, 0], "covariance": np.zeros((3, 3)), "since": 0}}, "singular"),
     ],
 )
 def test_spoilt_detections_are_refused(change, word):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from intuitive_physics.scene import Environment, Plane
+from intuitive_physics.state import ANGULAR_VELOCITY
 from intuitive_physics_experiments.rendering.ball_surface import PATTERNS, BallSurface
 from intuitive_physics_experiments.rendering.camera import Camera
 from intuitive_physics_experiments.rendering.color_camera import (
@@ -166,8 +167,8 @@ def test_plain_balls_are_never_known(renderer) -> None:
 
 
 def states_of_a_throw(pattern: str, settings: PerceptionSettings, duration: float = 0.9):
-    """Truth and estimate of the angular velocity, (3,) rad/s, and its covariance (3, 3), of each
-    frame with an object, through all of perception, and whether the ball has bounced by then."""
+    """True first angular velocity (3,) rad/s, state and detections of each frame with an object,
+    through all of perception, and whether the ball has bounced by then."""
     rng = np.random.default_rng(3)
     camera, environment = corner_camera(), corner_environment()
     renderer = DepthRenderer(camera, environment)
@@ -198,20 +199,34 @@ def states_of_a_throw(pattern: str, settings: PerceptionSettings, duration: floa
         for seen in result.objects:
             turn = result.model.rotation @ camera.rotation.T
             bounced = not np.allclose(ball.angular_velocity, first, atol=1e-3)
-            state = seen.state
-            yield turn @ first, state.angular_velocity, state.covariance[9:, 9:], bounced
+            yield turn @ first, seen.state, seen.detection, bounced
 
 
 def test_states_have_the_spin_until_a_bounce() -> None:
     settings = PerceptionSettings()
     states = list(states_of_a_throw("dots", settings))
     flown = [one for one in states if not one[-1]]
-    truth, spin, covariance, _ = flown[-2]
-    error = spin - truth
-    assert np.sqrt(np.trace(covariance) / 3.0) < 0.1 * settings.angular_velocity_deviation
+    truth, state, detections, _ = flown[-2]
+    error, covariance = (
+        state.angular_velocity - truth,
+        state.covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY],
+    )
+    guess = settings.angular_velocity_deviation
+    assert np.sqrt(np.trace(covariance) / 3.0) < 0.1 * guess
     assert error @ np.linalg.solve(covariance, error) < 16.0
-    after = next(one for one in states if one[-1])
-    assert after[2] == pytest.approx(settings.angular_velocity_deviation**2 * np.eye(3))
+    # The state is the product of the guess and of what the detection says was seen.
+    seen = detections.spin
+    information = np.linalg.inv(seen.covariance)
+    assert np.linalg.inv(covariance) == pytest.approx(information + np.eye(3) / guess**2)
+    assert np.linalg.solve(covariance, state.angular_velocity) == pytest.approx(
+        information @ seen.mean
+    )
+    assert 0.0 <= seen.since < detections.times[0]
+    _, after, detections, _ = next(one for one in states if one[-1])
+    assert after.covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] == pytest.approx(
+        guess**2 * np.eye(3)
+    )
+    assert detections.spin is None
 
 
 @pytest.mark.parametrize(
@@ -221,5 +236,8 @@ def test_states_have_the_spin_until_a_bounce() -> None:
 )
 def test_the_spin_stays_unknown(pattern: str, settings: PerceptionSettings) -> None:
     wide = settings.angular_velocity_deviation**2 * np.eye(3)
-    for _, _, covariance, bounced in states_of_a_throw(pattern, settings, 0.4):
-        assert bounced or covariance == pytest.approx(wide)
+    for _, state, detections, bounced in states_of_a_throw(pattern, settings, 0.4):
+        assert bounced or state.covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] == pytest.approx(
+            wide
+        )
+        assert detections is None or detections.spin is None

@@ -28,6 +28,7 @@ from intuitive_physics_perception.frame_result import FrameDiagnostics, FrameRes
 from intuitive_physics_perception.scene import ModelledScene
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import Episode, newest_detection
+from intuitive_physics_perception.tracking.track import Track
 
 
 class PerceptionPipeline:
@@ -249,15 +250,7 @@ class PerceptionPipeline:
         scene.look_at_surfaces(list(zip(seen, detections, strict=True)), points, colors, time)
         scene.look_back()
         alive = scene.tracker.tracks
-        objects = tuple(
-            PerceivedObject(
-                track.scene_object(self.settings),
-                track.object_state(scene.model.environment, self.settings),
-                track.color,
-                newest_detection(track),
-            )
-            for track in alive
-        )
+        objects = tuple(self._perceived(track, scene) for track in alive)
         instants.append(self._clock())
         episodes = scene.episodes.update(time, alive, ended)
         up = scene.up_of_flights(episodes)
@@ -288,6 +281,14 @@ class PerceptionPipeline:
             objects=objects,
             episodes=episodes,
             diagnostics=diagnostics,
+        )
+
+    def _perceived(self, track: Track, scene: ModelledScene) -> PerceivedObject:
+        return PerceivedObject(
+            track.scene_object(self.settings),
+            track.object_state(scene.model.environment, self.settings),
+            track.color,
+            newest_detection(track),
         )
 
     def _gravity_turned(

@@ -21,7 +21,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_count
-from intuitive_physics.observation import Detections, Observation, ObservedObject
+from intuitive_physics.observation import Detections, Observation, ObservedObject, SeenSpin
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, Bounds
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins, SpinSpread
@@ -182,18 +182,28 @@ def test_object_states_come_back(pairs):
 
 def test_detections_of_a_frame_come_back():
     ball, state = SceneObject("ball", "rubber", Sphere(0.1)), ObjectState((0.0, 0.0, 1.0))
-    seen = Detections([12.5], [[1.0, 2.0, 3.0]], [np.diag([1.0, 2.0, 3.0])], 0.5 * np.eye(3))
-    message = over_the_wire(
-        to.object_states_to_message([ball] * 2, [state] * 2, frame_id="a", detections=[seen, None])
+    spin = SeenSpin([1.0, -2.0, 3.0], np.diag([1.0, 2.0, 3.0]), 12.0)
+    plain, painted = (
+        Detections([12.5], [[1.0, 2.0, 3.0]], [np.diag([1.0, 2.0, 3.0])], 0.5 * np.eye(3), shown)
+        for shown in (None, spin)
     )
-    got, nothing = to.detections_from_messages(message, 12.5)
+    message = over_the_wire(
+        to.object_states_to_message(
+            [ball] * 3, [state] * 3, frame_id="a", detections=[plain, None, painted]
+        )
+    )
+    first, nothing, last = to.detections_from_messages(message, 12.5)
     assert nothing is None
-    assert got.to_dict() == seen.to_dict()
+    assert first.to_dict() == plain.to_dict()
+    assert last.to_dict() == painted.to_dict()
+    message.detections[2].spin_covariance = [1.0] * 5
+    with pytest.raises(InvalidInputError, match=r"detections\[2\].spin_covariance: has 5 numbers"):
+        to.detections_from_messages(message, 12.5)
     message.detections = message.detections[:1]
-    with pytest.raises(InvalidInputError, match="1 detections of 2 objects; expected one for each"):
+    with pytest.raises(InvalidInputError, match="1 detections of 3 objects; expected one for each"):
         to.detections_from_messages(message, 12.5)
     message.detections = []
-    assert to.detections_from_messages(message, 12.5) == (None, None)
+    assert to.detections_from_messages(message, 12.5) == (None,) * 3
 
 
 @given(environments(), OBJECTS, STATES)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.geometry.rotations import rotation_matrix
-from intuitive_physics.observation import Detections, Observation, ObservedObject
+from intuitive_physics.observation import Detections, Observation, ObservedObject, SeenSpin
 from intuitive_physics.scene import Environment, Plane, StaticBox
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
@@ -173,6 +173,13 @@ def detections_in(detections: Detections, transform: RigidTransform) -> Detectio
         transform.points(detections.positions),
         transform.covariances(detections.covariances),
         transform.covariances(detections.bias),
+        None if detections.spin is None else _spin(detections.spin, transform),
+    )
+
+
+def _spin(spin: SeenSpin, transform: RigidTransform) -> SeenSpin:
+    return SeenSpin(
+        transform.directions(spin.mean), transform.covariances(spin.covariance), spin.since
     )
 
 

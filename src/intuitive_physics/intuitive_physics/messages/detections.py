@@ -8,7 +8,7 @@ import numpy as np
 
 from intuitive_physics.messages.fields import flat_array, float64_field, in_field
 from intuitive_physics.messages.geometry import MakeMessage
-from intuitive_physics.observation import Detections, symmetric_matrices, unique_numbers
+from intuitive_physics.observation import Detections, SeenSpin, symmetric_matrices, unique_numbers
 
 
 def detections_to_message(
@@ -24,11 +24,14 @@ def detections_to_message(
     if detections is None:
         empty = float64_field(())
         return made(times=empty, positions=empty, covariances=empty, bias=np.zeros(6))
+    spin = detections.spin
+    shown = {} if spin is None else _spin_fields(spin, start_time)
     return made(
         times=float64_field(detections.times - start_time),
         positions=float64_field(detections.positions),
         covariances=float64_field(unique_numbers(detections.covariances)),
         bias=unique_numbers(detections.bias),
+        **shown,
     )
 
 
@@ -55,4 +58,24 @@ def detections_from_message(message: Any, start_time: float) -> Detections | Non
         covariances = symmetric_matrices(flat_array(message.covariances, (count, 6)))
     with in_field("bias"):
         bias = symmetric_matrices(flat_array(message.bias, (6,)))
-    return Detections(times, positions, covariances, bias)
+    return Detections(times, positions, covariances, bias, _spin(message, start_time))
+
+
+def _spin_fields(spin: SeenSpin, start_time: float) -> dict[str, Any]:
+    return {
+        "spin": float64_field(spin.mean),
+        "spin_covariance": float64_field(unique_numbers(spin.covariance)),
+        "spin_since": spin.since - start_time,
+    }
+
+
+def _spin(message: Any, start_time: float) -> SeenSpin | None:
+    """Return the spin that was seen; None where none was, and of a definition without spins."""
+    seen = getattr(message, "spin", ())
+    if len(seen) == 0:
+        return None
+    with in_field("spin"):
+        mean = flat_array(seen, (3,))
+    with in_field("spin_covariance"):
+        covariance = symmetric_matrices(flat_array(message.spin_covariance, (6,)))
+        return SeenSpin(mean, covariance, message.spin_since + start_time)

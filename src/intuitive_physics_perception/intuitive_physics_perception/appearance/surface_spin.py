@@ -44,6 +44,11 @@ class SurfaceSpin:
         self._interval = np.inf
         self._misses, self._waits = 0, 0
 
+    @property
+    def since(self) -> float:
+        """Time of the first image that the spin is from, s."""
+        return self._times[0]
+
     def take(self, time: float, image: SphereImage) -> None:
         """Take the image of a frame in free flight.
 

@@ -150,7 +150,8 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
 def newest_detection(track: Track) -> Detections | None:
     """Return the detection in a track's newest frame, given the radius its average found.
 
-    The centre of a sphere is moved as `record_of` does, with the gain of this frame alone.
+    The centre of a sphere is moved as `record_of` does, with the gain of this frame alone. Its spin
+    is that which the surface shows in this and earlier frames.
 
     Returns
     -------
@@ -168,7 +169,7 @@ def newest_detection(track: Track) -> Detections | None:
         position = position + gain * (track.mean[RADIUS] - step.seen.radius)
         covariance = covariance - own[3, 3] * np.outer(gain, gain)
         bias = bias + track.covariance[RADIUS, RADIUS] * np.outer(gain, gain)
-    return Detections([step.time], position[None], covariance[None], bias)
+    return Detections([step.time], position[None], covariance[None], bias, track.seen_spin)
 
 
 def _squares(vectors: NDArray[np.float64]) -> NDArray[np.float64]:

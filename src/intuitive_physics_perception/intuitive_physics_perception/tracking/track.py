@@ -9,6 +9,7 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.observation import SeenSpin
 from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ANGULAR_VELOCITY, ERROR_SIZE, LINEAR_VELOCITY, ObjectState
@@ -107,6 +108,14 @@ class Track:
     def spin(self) -> Spin | None:
         """Its spin as its surface shows it, None where that is unknown."""
         return self.surface.spin if self.surface is not None else None
+
+    @property
+    def seen_spin(self) -> SeenSpin | None:
+        """The same, with the time since when it has been seen."""
+        if self.surface is None or self.surface.spin is None:
+            return None
+        spin = self.surface.spin
+        return SeenSpin(spin.mean, spin.covariance, self.surface.since)
 
     def leave_rest(
         self, since: float, velocity: NDArray[np.float64], covariance: NDArray[np.float64]

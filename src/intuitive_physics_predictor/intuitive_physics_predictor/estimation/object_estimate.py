@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics.observation import Detections
+from intuitive_physics.observation import Detections, SeenSpin
 from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import Simulator, pack_worlds
 from intuitive_physics.simulation.world_batch import WorldBatch
-from intuitive_physics.state import LINEAR_VELOCITY, ObjectState
+from intuitive_physics.state import ANGULAR_VELOCITY, LINEAR_VELOCITY, ObjectState
 from intuitive_physics_predictor.estimation.modes import (
     FIRST_STEP,
     Modes,
@@ -84,8 +84,9 @@ class ObjectEstimate:
     """Follows one sphere, detection by detection.
 
     A fit begins with a perceived state and takes every detection after it, through bounces, slides
-    and rolls. Where the newest detections do not fit any more (a hand, another object), it begins
-    again with what is perceived then; after `LONGEST`, with the moments of its own posterior.
+    and rolls, and every spin that its surface shows. Where the newest detections do not fit any
+    more (a hand, another object), it begins again with what is perceived then; after `LONGEST`,
+    with the moments of its own posterior.
 
     Parameters
     ----------
@@ -97,6 +98,7 @@ class ObjectEstimate:
         self._fit: TrajectoryFit | None = None
         self._modes: Modes | None = None
         self._bias = np.zeros((3, 3))
+        self._seen_before = -np.inf
         self._time = -np.inf
         self._explorations = 0
         self.states: WeightedStates | None = None
@@ -127,7 +129,7 @@ class ObjectEstimate:
         self._bias = detections.bias
         fit = self._fit
         if fit is None:
-            self._begin(surroundings, thing, state, time)
+            self._begin(surroundings, thing, state, detections, time)
             return
         new = detections.times > fit.last
         if new.any():
@@ -135,7 +137,7 @@ class ObjectEstimate:
         if self._modes is None:
             return
         if _newest_misfit(self._modes) > LARGEST_MISFIT:
-            self._begin(surroundings, thing, state, time)
+            self._begin(surroundings, thing, state, detections, time)
             return
         self.states = draw_weighted(fit, self._modes, SAMPLES, time, self._rng)
         if time - fit.begin > LONGEST and len(self._modes.misfits) == 1:
@@ -149,12 +151,21 @@ class ObjectEstimate:
             self._forget()
 
     def _begin(
-        self, surroundings: Surroundings, thing: SceneObject, state: ObjectState, time: float
+        self,
+        surroundings: Surroundings,
+        thing: SceneObject,
+        state: ObjectState,
+        detections: Detections,
+        time: float,
     ) -> None:
         world, parameters = _world_of(surroundings, thing)
         learned = surroundings.uncertain.learned
-        thrown = with_spin_prior(state, thing, learned, surroundings.spin_prior)
-        self._start(Unknowns.of_state(thrown, self._bias, parameters), world, time, surroundings)
+        unseen = state if detections.spin is None else _without(detections.spin, state)
+        thrown = with_spin_prior(unseen, thing, learned, surroundings.spin_prior)
+        # What has hit a ball in its motion turns it in another way than a throw does.
+        first = unseen if self._fit is not None and _less_sure(unseen, thrown) else thrown
+        self._start(Unknowns.of_state(first, self._bias, parameters), world, time, surroundings)
+        self._seen_before = -np.inf
         self.states = None
 
     def _go_on(
@@ -163,6 +174,8 @@ class ObjectEstimate:
         world, parameters = _world_of(surroundings, thing)
         unknowns = Unknowns.of_moments(*states.moments, parameters)
         self._start(unknowns, world, time, surroundings)
+        # What the surface showed until now is in the moments.
+        self._seen_before = time
 
     def _start(
         self, unknowns: Unknowns, world: WorldBatch, time: float, surroundings: Surroundings
@@ -179,6 +192,8 @@ class ObjectEstimate:
             strict=True,
         ):
             fit.add(float(time), position, covariance)
+        if detections.spin is not None and detections.spin.since > self._seen_before:
+            fit.see_spin(detections.spin, fit.last)
         self._modes = find_modes(fit, *self._starts(fit))
 
     def _starts(self, fit: TrajectoryFit) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -270,6 +285,29 @@ def _newest_misfit(modes: Modes) -> float:
     """χ² of the newest detections in the best explanation."""
     newest = modes.residuals[0, -3 * NEWEST :]
     return float(newest @ newest)
+
+
+def _without(spin: SeenSpin, state: ObjectState) -> ObjectState:
+    """Return a state whose spin is the guess again that it was before its surface showed it.
+
+    Its density is the product of the guess's and of what was seen, where they belong together.
+    """
+    own = state.covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY]
+    left = np.trace(np.linalg.inv(own) - np.linalg.inv(spin.covariance))
+    if left <= 0.0:
+        return state
+    covariance = state.covariance.copy()
+    covariance[ANGULAR_VELOCITY] = covariance[:, ANGULAR_VELOCITY] = 0.0
+    covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = 3.0 / left * np.eye(3)
+    return ObjectState(
+        state.position, state.orientation, state.linear_velocity, np.zeros(3), covariance
+    )
+
+
+def _less_sure(one: ObjectState, other: ObjectState) -> bool:
+    """Whether the spin of a state is less certain than that of another."""
+    spins = [state.covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] for state in (one, other)]
+    return bool(np.trace(spins[0]) > np.trace(spins[1]))
 
 
 def _rests(state: ObjectState) -> bool:

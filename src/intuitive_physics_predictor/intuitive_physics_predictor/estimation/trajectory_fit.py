@@ -1,10 +1,13 @@
-"""Detections of one sphere, compared with simulations of its motion since a moment."""
+"""What was seen of one sphere, compared with simulations of its motion since a moment."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.observation import SeenSpin
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics_predictor.estimation.unknowns import (
@@ -29,8 +32,24 @@ frame: the ball's place in the image and its range change slowly. Of rendered ba
 of flight had squared errors of 2.7 times the variance that independent errors would leave."""
 
 
+@dataclass(frozen=True, eq=False)
+class FlightSpin:
+    """The spin that the surface showed in one flight.
+
+    Parameters
+    ----------
+    spin : as seen
+    time : s after the beginning of the fit, within the flight
+    until : s on the clock of the detections, of the newest frame that it is from
+    """
+
+    spin: SeenSpin
+    time: float
+    until: float
+
+
 class TrajectoryFit:
-    """The detections since a moment, and how far simulations are from them.
+    """The detections and spins seen since a moment, and how far simulations are from them.
 
     Parameters
     ----------
@@ -50,6 +69,7 @@ class TrajectoryFit:
         self._times: list[float] = []
         self._positions: list[NDArray[np.float64]] = []
         self._whitening: list[NDArray[np.float64]] = []
+        self._spins: list[FlightSpin] = []
 
     @property
     def last(self) -> float:
@@ -71,8 +91,22 @@ class TrajectoryFit:
         self._positions.append(position)
         self._whitening.append(np.linalg.inv(np.linalg.cholesky(CORRELATION * covariance)))
 
+    def see_spin(self, spin: SeenSpin, time: float) -> None:
+        """Take what the surface shows, in place of what it showed earlier in the same flight.
+
+        Parameters
+        ----------
+        spin : as seen
+        time : s, of the newest frame that it is from
+        """
+        if self._spins and spin.since <= self._spins[-1].until:
+            del self._spins[-1]
+        # The middle of the flight is far from contacts, whose simulated times are not exact.
+        middle = 0.5 * (max(spin.since, self.begin) + time) - self.begin
+        self._spins.append(FlightSpin(spin, max(middle, INSTANT), time))
+
     def residuals(self, standard: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return simulated less detected positions, in standard deviations of the noise.
+        """Return what is simulated less what was seen, in standard deviations of the noise.
 
         Parameters
         ----------
@@ -80,12 +114,10 @@ class TrajectoryFit:
 
         Returns
         -------
-        (count, 3 k) for k detections
+        (count, 3 k) for spins first, then for detections, in their order
         """
         values = self.unknowns.values(standard)
-        worlds = self.unknowns.worlds(self.world, values)
-        rollout = self._simulator.rollout_batch(worlds, self._times, orientations=False)
-        return self._whitened(values, rollout.positions[:, 0])
+        return self._residuals(values, self._simulated(values, np.empty(0)))
 
     def residuals_and_states(
         self, standard: NDArray[np.float64], time: float
@@ -103,34 +135,78 @@ class TrajectoryFit:
         values : (count, 12 + p)
         """
         values = self.unknowns.values(standard)
-        worlds = self.unknowns.worlds(self.world, values)
-        count, after = len(self._times), time - self.begin
-        instants = after + INSTANT * np.arange(3.0)
-        is_new = count == 0 or after > self._times[-1]
-        times = np.concatenate([self._times, instants[0 if is_new else 1 :]])
-        rollout = self._simulator.rollout_batch(worlds, times)
-        path, turns = rollout.positions[:, 0], np.asarray(rollout.orientations)[:, 0, -3:]
-        x, y, z = path[:, -3], path[:, -2], path[:, -1]
+        instants = time - self.begin + INSTANT * np.arange(3.0)
+        motions = self._simulated(values, instants)
+        x, y, z = (motions.positions(instant) for instant in instants)
         moved = values.copy()
         moved[:, PLACE] = x
         moved[:, VELOCITY] = (4.0 * y - 3.0 * x - z) / (2.0 * INSTANT)
-        moved[:, SPIN] = _spins(turns)
-        return self._whitened(values, path[:, :count]), moved
+        first, second = (motions.turn(*instants[k : k + 2]) for k in range(2))
+        # The mean rates of two intervals, carried back to the first instant.
+        moved[:, SPIN] = (1.5 * first - 0.5 * second) / INSTANT
+        return self._residuals(values, motions), moved
 
-    def _whitened(
-        self, values: NDArray[np.float64], path: NDArray[np.float64]
+    def _simulated(
+        self, values: NDArray[np.float64], instants: NDArray[np.float64]
+    ) -> SimulatedMotions:
+        """Simulate motions at all that was seen, and at further instants (k,) s."""
+        spins = [one.time for one in self._spins]
+        turns = [time - INSTANT for time in spins]
+        times = np.unique(np.concatenate([self._times, turns, spins, instants]))
+        rollout = self._simulator.rollout_batch(
+            self.unknowns.worlds(self.world, values),
+            times,
+            orientations=bool(spins) or instants.size > 0,
+        )
+        turned = rollout.orientations
+        none = np.empty((len(values), 0, 4))
+        return SimulatedMotions(
+            times, rollout.positions[:, 0], none if turned is None else turned[:, 0]
+        )
+
+    def _residuals(
+        self, values: NDArray[np.float64], motions: SimulatedMotions
     ) -> NDArray[np.float64]:
-        """Residuals (count, 3 k) of positions (count, k, 3) m."""
+        """Residuals (count, 3 k) of motions that start from unknowns (count, 12 + p)."""
+        path = motions.positions(np.array(self._times))
         apart = path + values[:, None, OFFSET] - np.array(self._positions).reshape(-1, 3)
-        whitened = np.array(self._whitening).reshape(-1, 3, 3) @ apart[..., None]
-        return np.nan_to_num(whitened.reshape(len(values), -1), nan=LOST)
+        whitened = [(np.array(self._whitening).reshape(-1, 3, 3) @ apart[..., None])[..., 0]]
+        for one in self._spins:
+            spin = motions.turn(one.time - INSTANT, one.time) / INSTANT
+            root = np.linalg.cholesky(one.spin.covariance)
+            whitened.insert(0, np.linalg.solve(root, (spin - one.spin.mean).T).T[:, None])
+        rows = np.concatenate(whitened, axis=1).reshape(len(values), -1)
+        return np.nan_to_num(rows, nan=LOST)
 
 
-def _spins(orientations: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Angular velocities (count, 3) rad/s at the first of three orientations (count, 3, 4)."""
-    first, second = (_turn(orientations[:, k], orientations[:, k + 1]) for k in range(2))
-    # The mean rates of two intervals, carried back to the first instant.
-    return np.asarray((1.5 * first - 0.5 * second) / INSTANT)
+@dataclass(frozen=True, eq=False)
+class SimulatedMotions:
+    """Motions of one sphere, at some times.
+
+    Parameters
+    ----------
+    times : (k,) s, increasing
+    path : (count, k, 3) m
+    orientations : (count, k, 4) unit quaternions (x, y, z, w), or (count, 0, 4): not asked for
+    """
+
+    times: NDArray[np.float64]
+    path: NDArray[np.float64]
+    orientations: NDArray[np.float64]
+
+    def positions(self, at: NDArray[np.float64] | float) -> NDArray[np.float64]:
+        """Return positions (count, …, 3) m.
+
+        Parameters
+        ----------
+        at : (…) some of the times, s
+        """
+        return np.asarray(self.path[:, np.searchsorted(self.times, at)])
+
+    def turn(self, before: float, after: float) -> NDArray[np.float64]:
+        """Rotation vectors (count, 3) from one of the times to another."""
+        first, second = np.searchsorted(self.times, (before, after))
+        return _turn(self.orientations[:, first], self.orientations[:, second])
 
 
 def _turn(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -20,7 +20,7 @@ from benchmarks.prediction.camera_report import (
     camera_figures,
     camera_table,
 )
-from benchmarks.prediction.feed import SCENES, Feed
+from benchmarks.prediction.feed import SCENES, SEEN, Feed
 from benchmarks.prediction.node import MOST_PUBLISHED, NodeUnderTest, largest_sample_count
 from benchmarks.prediction.peers import peer_times
 from benchmarks.prediction.report import Results, complaints, key_figures, tables
@@ -132,10 +132,11 @@ def measure(effort: Effort) -> Results:
     cores = sorted(os.sched_getaffinity(0))
     report_progress("constant work")
     loops = [watch_loops("nothing, before", effort.loop, cores)]
-    for name in SCENES:
+    for name in (*SCENES, *SEEN):
         report_progress(f"{name}: 20 samples")
         with NodeUnderTest(Feed(name)) as node:
             runs[name] = node.run(effort.steady)
+    for name in SCENES:
         report_progress(f"{name}: how many samples hold 100 Hz")
         with NodeUnderTest(Feed(name), published_samples=MOST_PUBLISHED) as node:
             most[name] = largest_sample_count(node, effort.trial)

@@ -9,11 +9,14 @@ from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
 
-from benchmarks.scenes import POSITION_NOISE, VELOCITY_NOISE, thrown
+from benchmarks.scenes import POSITION_NOISE, VELOCITY_NOISE, Instance, thrown
 from benchmarks.scenes import SCENES as ALL_SCENES
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import parameter_names
+from intuitive_physics.observation import Detections
 from intuitive_physics.scene import Scene
+from intuitive_physics.simulation import make_simulator, pack_worlds
+from intuitive_physics.state import ObjectState
 from intuitive_physics_ros.conversions import (
     environment_to_message,
     object_states_to_message,
@@ -26,11 +29,20 @@ from intuitive_physics_ros.scripting import Peer
 SCENES = {name: ALL_SCENES[name] for name in ("1_sphere", "3_spheres", "3_mixed")}
 """Scenes of the benchmark, by what is thrown."""
 
+SEEN = {f"{name}_seen": name for name in ("1_sphere", "3_spheres")}
+"""The same balls as they move, detected in every frame: the node estimates their states."""
+
 RATE = 30.0
 """1/s, of the states."""
 
 THROWS = 8
 """Random throws that take turns, each for a second; from each the whole flight lies ahead."""
+
+FRAMES = int(RATE)
+"""Of a throw, for as long as it has its turn."""
+
+DETECTED, UNKNOWN_SPIN = 0.002, 10.0
+"""m and rad/s, standard deviations of each coordinate of a detection, and of a spin not seen."""
 
 TURN_NOISE, SPIN_NOISE = 0.05, 0.5
 """rad and rad/s, standard deviations of orientation and angular velocity."""
@@ -52,9 +64,12 @@ class Feed:
 
     def __init__(self, scene: str) -> None:
         rng = np.random.default_rng(SEED)
-        self._throws = [thrown(SCENES[scene], rng) for _ in range(THROWS)]
+        self._throws = [thrown(SCENES[SEEN.get(scene, scene)], rng) for _ in range(THROWS)]
         # Made once: what is fed should cost the machine little beside the node.
-        self._messages = [_states_message(throw.scene) for throw in self._throws]
+        self._messages = [
+            _seen_messages(throw, rng) if scene in SEEN else [_states_message(throw.scene)]
+            for throw in self._throws
+        ]
         self._begun = time.monotonic()
 
     def start(self, peer: Peer) -> None:
@@ -77,9 +92,47 @@ class Feed:
 
     def publish(self) -> None:
         """Publish the states of a throw, seen now."""
-        message = self._messages[int(time.monotonic() - self._begun) % THROWS]
+        passed = time.monotonic() - self._begun
+        turn = self._messages[int(passed) % THROWS]
+        message = turn[int(passed % 1.0 * len(turn))]
         message.header.stamp = stamp_from_seconds(time.time())
         self._states.publish(message)
+
+
+def _seen_messages(throw: Instance, rng: np.random.Generator) -> list[ObjectStates]:
+    """Messages of a throw of spheres as it goes on, frame by frame, with detections."""
+    times = np.arange(FRAMES) / RATE
+    apart = 1e-4
+    world = pack_worlds([throw.scene], throw.static_parameters)
+    rollout = make_simulator("auto").rollout_batch(
+        world, np.sort([*times, *(times + apart)]), orientations=False
+    )
+    places = rollout.positions[0].reshape(-1, FRAMES, 2, 3)
+    deviations = np.repeat([POSITION_NOISE, 0.0, VELOCITY_NOISE, UNKNOWN_SPIN], 3)
+    covariance = np.diag(deviations**2)
+    spread = np.array([DETECTED**2 * np.eye(3)])
+    messages = []
+    for frame in range(FRAMES):
+        here, there = places[:, frame, 0], places[:, frame, 1]
+        states = [
+            ObjectState(*pair, covariance=covariance)
+            for pair in zip(
+                here, np.zeros((len(here), 4)) + (0, 0, 0, 1), (there - here) / apart, strict=True
+            )
+        ]
+        detections = [
+            Detections([0.0], [place + rng.normal(0.0, DETECTED, 3)], spread, np.zeros((3, 3)))
+            for place in here
+        ]
+        messages.append(
+            object_states_to_message(
+                throw.scene.objects,
+                states,
+                frame_id=throw.scene.environment.frame_id,
+                detections=detections,
+            )
+        )
+    return messages
 
 
 def _states_message(scene: Scene) -> ObjectStates:

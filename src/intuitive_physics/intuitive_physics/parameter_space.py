@@ -262,9 +262,10 @@ def _stretch(
     unit: NDArray[np.float64], bounds: Bounds, lower: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
     low, top = _limits(bounds, lower)
-    if bounds.scale == "logarithmic":
-        return np.clip(low * (top / low) ** unit, low, top)
-    return np.clip(low + unit * (top - low), low, top)
+    is_logarithmic = bounds.scale == "logarithmic"
+    found = low * (top / low) ** unit if is_logarithmic else low + unit * (top - low)
+    # Several times as fast as np.clip on small arrays, of which searches and estimates have many.
+    return np.minimum(np.maximum(found, low), top)
 
 
 def _shrink(

@@ -254,6 +254,53 @@ def test_a_tick_follows_urgent_work_at_once_and_the_next_ones_are_due_when_they_
     assert ticks.left_out[:5] == [0] * 5
 
 
+def test_urgent_work_that_would_delay_a_tick_is_done_after_it(paced):
+    # Four ticks a second; work takes 0.15 s and is posted 0.05 s before a tick is due.
+    ticks = Ticks(8)
+    pacer = paced(ticks, 4.0)
+    begun = []
+
+    def work():
+        begun.append(time.monotonic())
+        time.sleep(0.15)
+
+    while len(begun) < 3:
+        following = ticks.due[-1] + 0.2 if ticks.due else time.monotonic()
+        time.sleep(max(0.0, following - time.monotonic()))
+        count = len(begun)
+        pacer.post(work, urgent=True)
+        while len(begun) == count:
+            time.sleep(0.001)
+        time.sleep(0.4)
+    ticks.wait()
+    # How long it takes is known from the second time on; then no tick has to wait for it.
+    later = [late for due, late in zip(ticks.due, ticks.late, strict=True) if due > begun[0] + 0.3]
+    assert max(later) < 0.08
+
+
+def test_urgent_work_that_is_not_done_brings_no_tick_forward(paced):
+    # Two ticks a second; the work of 0.1 s after one of them is done in three steps.
+    ticks = Ticks(5)
+    pacer = paced(ticks, 2.0)
+    while len(ticks.due) < 2:
+        time.sleep(0.001)
+    done = []
+
+    def step():
+        time.sleep(0.02)
+        done.append(time.monotonic())
+        if len(done) < 3:
+            pacer.post(step, urgent=True)
+            return False
+        return True
+
+    time.sleep(max(0.0, ticks.due[1] + 0.1 - time.monotonic()))
+    pacer.post(step, urgent=True)
+    ticks.wait()
+    assert len(done) == 3
+    assert 0.0 < ticks.due[2] - done[2] < 0.15
+
+
 def test_urgent_work_makes_no_more_ticks(paced):
     # Posted ten times a period, it brings ticks forward by one period at most, not one for each.
     ticks = Ticks(1000)

@@ -29,7 +29,8 @@ ITERATIONS = 3
 """Steps for each detection at most; the next one goes on …"""
 
 SETTLED = 0.1
-"""… and gain in misfit below which a step was the last."""
+"""… and difference, in misfit, between what a step gained and what it would gain were the motion
+linear in the unknowns: below it the step has reached the minimum, and was the last."""
 
 LARGEST_RISE = 12.0
 """Misfit above the least by which an explanation is e⁻¹² times as likely: it is dropped."""
@@ -92,8 +93,9 @@ def find_modes(
         information = np.eye(centres.shape[1]) + slopes @ slopes.swapaxes(1, 2)
         downhill = centres + (slopes @ residuals[..., None])[..., 0]
         full = np.asarray(-np.linalg.solve(information, downhill[..., None])[..., 0])
+        linear = -0.5 * np.einsum("mn,mn->m", downhill, full)
         centres, residuals, misfits = _damped(fit, centres, residuals, full)
-        if (before - misfits).max() < SETTLED:
+        if np.abs(before - misfits - linear).max() < SETTLED:
             break
         steps = derivative_steps(information)
     return _distinct(Modes(centres, information, misfits, residuals))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -264,21 +264,30 @@ class SceneEstimate:
         -------
         None for an object whose perceived state is all there is
         """
+        return tuple(self.each(surroundings, objects, states, time, detections))
+
+    def each(
+        self,
+        surroundings: Surroundings,
+        objects: Sequence[SceneObject],
+        states: Sequence[ObjectState],
+        time: float,
+        detections: Sequence[Detections | None],
+    ) -> Iterator[WeightedStates | None]:
+        """Take a frame as `update` does, one object after the other."""
         kept = {thing.id: self._followed.get(thing.id) for thing in objects}
         self._followed = {name: each for name, each in kept.items() if each is not None}
         is_new = surroundings is not self._surroundings
         self._surroundings = surroundings
-        found: list[WeightedStates | None] = []
         for thing, state, seen in zip(objects, states, detections, strict=True):
             if not isinstance(thing.shape, Sphere):
-                found.append(None)
+                yield None
                 continue
             estimate = self._followed.setdefault(thing.id, ObjectEstimate(self._rng))
             if is_new:
                 estimate.renew(surroundings, thing)
             estimate.update(surroundings, thing, state, time, seen)
-            found.append(estimate.states)
-        return tuple(found)
+            yield estimate.states
 
 
 def _newest_misfit(modes: Modes) -> float:

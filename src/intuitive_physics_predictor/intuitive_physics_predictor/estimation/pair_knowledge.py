@@ -81,7 +81,7 @@ class PairKnowledge:
 
         Parameters
         ----------
-        world : a batch of one, whose other parameters all have
+        world : whose other parameters all have
         units : (count, p), clipped to the unit cube
         """
         count = len(units)

@@ -66,15 +66,16 @@ class TrajectoryFit:
         self.world = world
         self.begin = begin
         self._simulator = simulator
-        self._times: list[float] = []
-        self._positions: list[NDArray[np.float64]] = []
-        self._whitening: list[NDArray[np.float64]] = []
+        self._times = np.empty(0)
+        self._positions = np.empty((0, 3))
+        self._whitening = np.empty((0, 3, 3))
         self._spins: list[FlightSpin] = []
+        self._copies: dict[int, WorldBatch] = {}
 
     @property
     def last(self) -> float:
         """Time of the newest detection, s on their clock; the beginning before there is one."""
-        return self.begin + (self._times[-1] if self._times else 0.0)
+        return self.begin + (float(self._times[-1]) if self._times.size else 0.0)
 
     def add(
         self, time: float, position: NDArray[np.float64], covariance: NDArray[np.float64]
@@ -87,9 +88,10 @@ class TrajectoryFit:
         position : (3,) m
         covariance : (3, 3) m², of the error that no other detection shares
         """
-        self._times.append(time - self.begin)
-        self._positions.append(position)
-        self._whitening.append(np.linalg.inv(np.linalg.cholesky(CORRELATION * covariance)))
+        whitening = np.linalg.inv(np.linalg.cholesky(CORRELATION * covariance))
+        self._times = np.append(self._times, time - self.begin)
+        self._positions = np.concatenate([self._positions, position[None]])
+        self._whitening = np.concatenate([self._whitening, whitening[None]])
 
     def see_spin(self, spin: SeenSpin, time: float) -> None:
         """Take what the surface shows, in place of what it showed earlier in the same flight.
@@ -154,7 +156,7 @@ class TrajectoryFit:
         turns = [time - INSTANT for time in spins]
         times = np.unique(np.concatenate([self._times, turns, spins, instants]))
         rollout = self._simulator.rollout_batch(
-            self.unknowns.worlds(self.world, values),
+            self.unknowns.worlds(self._copies_of(len(values)), values),
             times,
             orientations=bool(spins) or instants.size > 0,
         )
@@ -164,19 +166,28 @@ class TrajectoryFit:
             times, rollout.positions[:, 0], none if turned is None else turned[:, 0]
         )
 
+    def _copies_of(self, count: int) -> WorldBatch:
+        """Return as many worlds, all alike; those of each number are kept."""
+        if count not in self._copies:
+            self._copies[count] = self.world.taken(np.zeros(count, dtype=np.int64))
+        return self._copies[count]
+
     def _residuals(
         self, values: NDArray[np.float64], motions: SimulatedMotions
     ) -> NDArray[np.float64]:
         """Residuals (count, 3 k) of motions that start from unknowns (count, 12 + p)."""
-        path = motions.positions(np.array(self._times))
-        apart = path + values[:, None, OFFSET] - np.array(self._positions).reshape(-1, 3)
-        whitened = [(np.array(self._whitening).reshape(-1, 3, 3) @ apart[..., None])[..., 0]]
+        apart = motions.positions(self._times)
+        apart += values[:, None, OFFSET]
+        apart -= self._positions
+        # One product of matrices for each detection is much faster than one for each residual.
+        rows = apart.swapaxes(0, 1) @ self._whitening.swapaxes(1, 2)
+        whitened = [rows.swapaxes(0, 1)]
         for one in self._spins:
             spin = motions.turn(one.time - INSTANT, one.time) / INSTANT
             root = np.linalg.cholesky(one.spin.covariance)
             whitened.insert(0, np.linalg.solve(root, (spin - one.spin.mean).T).T[:, None])
-        rows = np.concatenate(whitened, axis=1).reshape(len(values), -1)
-        return np.nan_to_num(rows, nan=LOST)
+        whole = np.concatenate(whitened, axis=1).reshape(len(values), -1)
+        return np.nan_to_num(whole, copy=False, nan=LOST)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ the environment, on the unit cube. A priori they are normal: z = μ + L ξ with 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,12 +110,12 @@ class Unknowns:
         """
         return np.asarray(self.mean + standard @ self.root.T)
 
-    def worlds(self, world: WorldBatch, values: NDArray[np.float64]) -> WorldBatch:
+    def worlds(self, copies: WorldBatch, values: NDArray[np.float64]) -> WorldBatch:
         """Return copies of a world with one sphere that start from these unknowns.
 
         Parameters
         ----------
-        world : a batch of one
+        copies : `count` worlds that are alike
         values : (count, 12 + p)
         """
         count = len(values)
@@ -124,8 +124,9 @@ class Unknowns:
         states[:, 0, 0:3] = values[:, PLACE]
         states[:, 0, 7:10] = values[:, VELOCITY]
         states[:, 0, 10:13] = values[:, SPIN]
-        changes = self.parameters.tables(world, values[:, KINEMATIC:])
-        return world.taken(np.zeros(count, dtype=np.int64), states=states, **changes)
+        return replace(
+            copies, states=states, **self.parameters.tables(copies, values[:, KINEMATIC:])
+        )
 
 
 def _at_least(covariance: NDArray[np.float64], part: NDArray[np.float64]) -> NDArray[np.float64]:

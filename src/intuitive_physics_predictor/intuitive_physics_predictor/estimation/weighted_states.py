@@ -154,12 +154,18 @@ def draw_weighted(
     shares = np.maximum(shares / shares.sum(), LEAST_SHARE)
     shares /= shares.sum()
     roots = np.linalg.cholesky(covariances)
-    mode = np.repeat(np.arange(len(shares)), rng.multinomial(count, shares))
-    normal = rng.standard_normal((count, modes.centres.shape[1]))
-    drawn = modes.centres[mode] + (roots[mode] @ normal[..., None])[..., 0]
-    apart = drawn[:, None] - modes.centres
-    squares = np.einsum("smi,mij,smj->sm", apart, modes.information, apart) / WIDENING**2
-    drawn_from = np.logaddexp.reduce(np.log(shares) - 0.5 * (squares + volumes), axis=1)
+    drawn = np.concatenate(
+        [
+            centre + rng.standard_normal((own, len(centre))) @ root.T
+            for centre, root, own in zip(
+                modes.centres, roots, rng.multinomial(count, shares), strict=True
+            )
+        ]
+    )
+    apart = drawn - modes.centres[:, None]
+    squares = ((apart @ modes.information) * apart).sum(axis=2) / WIDENING**2
+    each = np.log(shares)[:, None] - 0.5 * (squares + volumes[:, None])
+    drawn_from = np.logaddexp.reduce(each, axis=0)
     residuals, states = fit.residuals_and_states(drawn, time)
     logarithms = -misfit(drawn, residuals) - drawn_from
     return WeightedStates(states, _weights(logarithms), fit.unknowns)

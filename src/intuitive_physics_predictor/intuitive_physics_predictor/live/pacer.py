@@ -16,13 +16,19 @@ WORK_TIME = 5e-3
 Measured with the predictor's inputs."""
 
 
+REMEMBERED = 0.9
+"""Part of the longest time that urgent work took by which it is shorter after the next one."""
+
+
 class Pacer:
     """Calls `tick` at whole periods and posted work between two ticks, all in one thread.
 
     After each tick the work posted until then is done, then `rest` is called. Work posted later is
     done at once where the next tick is at least `WORK_TIME` away, else after that tick; `rest`
-    follows. Urgent work is done at once and the next tick follows it without `rest`, at most a
-    period before it is due; the ones after it are due when they were.
+    follows. Urgent work is done at once, where it is over before the next tick as far as the work
+    before it tells, else after that tick; the next tick follows it without `rest`, at most a period
+    before it is due, unless it answers False: it is not done and has posted what is left of it. The
+    ones after it are due when they were.
 
     So whatever ticks, work and `rest` share needs no lock. An executor's timer costs several times
     as much, and waits for every other callback.
@@ -45,8 +51,9 @@ class Pacer:
         self._tick = tick
         self._rest = rest
         self._rate = rate
-        self._posted: dict[Hashable, Callable[[], None]] = {}
+        self._posted: dict[Hashable, Callable[[], bool | None]] = {}
         self._urgent = False
+        self._urgent_time = 0.0
         self._stopping = False
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="pacer", daemon=True)
@@ -55,7 +62,9 @@ class Pacer:
         """Begin, with the first tick at once."""
         self._thread.start()
 
-    def post(self, work: Callable[[], None], key: Hashable = None, *, urgent: bool = False) -> None:
+    def post(
+        self, work: Callable[[], bool | None], key: Hashable = None, *, urgent: bool = False
+    ) -> None:
         """Have work done in the next gap, in the order of the posts; any thread may call this.
 
         Parameters
@@ -123,18 +132,23 @@ class Pacer:
         return self._stopping or period != 1.0 / self._rate
 
     def _may_work(self, due: float) -> bool:
-        in_time = self._urgent or due - time.monotonic() >= WORK_TIME
-        return bool(self._posted) and in_time
+        needed = self._urgent_time if self._urgent else WORK_TIME
+        return bool(self._posted) and due - time.monotonic() >= needed
 
     def _work(self) -> bool:
         """Do what is posted; return whether any of it is urgent."""
         with self._changed:
             posted, self._posted = self._posted, {}
             urgent, self._urgent = self._urgent, False
+        begun = time.monotonic()
+        done = True
         for work in posted.values():
             if self._stopping:
                 return urgent
-            work()
-        if not urgent:
+            done &= work() is not False
+        if urgent:
+            took = time.monotonic() - begun
+            self._urgent_time = max(took, REMEMBERED * self._urgent_time)
+        else:
             self._rest()
-        return urgent
+        return urgent and done

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation.world_batch import WorldBatch
@@ -18,6 +19,7 @@ from intuitive_physics_predictor.live.live_prediction import (
     Inputs,
     LivePrediction,
     NothingToPredictError,
+    SeenStates,
     check_fresh,
 )
 from intuitive_physics_predictor.live.self_calibration import Factor, SelfCalibration
@@ -85,15 +87,53 @@ class Predictor:
         )
         self._prepared: tuple[Scene, LearnedParameters | None, PreparedScene] | None
         self._drawn: _DrawnAhead | None
+        self._taking: Iterator[None] = iter(())
+        self._is_taking = False
         self._forget()
 
     def take(self, **newer: Any) -> None:
         """Take over newer inputs, given by the names of the fields of `Inputs`."""
-        inputs = replace(self.snapshot.inputs, **newer)
-        self.snapshot = replace(self.snapshot, inputs=inputs)
-        if "seen" in newer:
-            self._compare()
-            self.snapshot = replace(self.snapshot, estimates=self._estimated())
+        seen = newer.pop("seen", None)
+        if newer:
+            inputs = replace(self.snapshot.inputs, **newer)
+            self.snapshot = replace(self.snapshot, inputs=inputs)
+        if seen is not None:
+            for _ in self.take_seen(seen):
+                pass
+
+    def take_seen(self, seen: SeenStates) -> Iterator[None]:
+        """Take over newer states, object by object: each takes a good part of a tick's time.
+
+        Until the last step predictions begin with the states before. What is left of those is done
+        first.
+
+        Yields
+        ------
+        between one object and the next
+        """
+        for _ in self._taking:
+            pass
+        self._taking = self._take_seen(seen)
+        return self._taking
+
+    @property
+    def is_taking(self) -> bool:
+        """Whether states are taken over, of which not all objects are done yet."""
+        return self._is_taking
+
+    def _take_seen(self, seen: SeenStates) -> Iterator[None]:
+        self._is_taking = True
+        try:
+            self._compare(seen)
+            estimates: list[WeightedStates | None] = []
+            for states in self._estimated(seen):
+                estimates.append(states)
+                if len(estimates) < len(seen.objects):
+                    yield
+            inputs = replace(self.snapshot.inputs, seen=seen)
+            self.snapshot = replace(self.snapshot, inputs=inputs, estimates=tuple(estimates))
+        finally:
+            self._is_taking = False
 
     def set(self, *, settings: PredictionSettings | None = None, seed: int | None = None) -> None:
         """Set how, or with which seed, the next prediction is made."""
@@ -179,10 +219,9 @@ class Predictor:
             self._prepared = kept = (scene, learned, prepared)
         return kept[2]
 
-    def _compare(self) -> None:
+    def _compare(self, seen: SeenStates) -> None:
         """Compare what is detected now with what was predicted of now."""
-        seen = self.snapshot.inputs.seen
-        if seen is None or not seen.detections:
+        if not seen.detections:
             return
         for thing, detections in zip(seen.objects, seen.detections, strict=True):
             if detections is not None:
@@ -194,30 +233,30 @@ class Predictor:
                 )
         self.snapshot = replace(self.snapshot, factors=self.calibration.factors())
 
-    def _estimated(self) -> tuple[WeightedStates | None, ...]:
-        """Take the newest states, and return what is estimated of each object from all so far."""
-        inputs, settings = self.snapshot.inputs, self.snapshot.settings
-        seen = inputs.seen
-        if seen is None or not seen.detections or not settings.options.estimate_states:
-            return ()
+    def _estimated(self, seen: SeenStates) -> Iterator[WeightedStates | None]:
+        """Yield what is estimated of each object from all that was seen so far."""
+        inputs, settings = replace(self.snapshot.inputs, seen=seen), self.snapshot.settings
+        if not seen.detections or not settings.options.estimate_states:
+            return
         try:
             scene = inputs.scene
-            uncertain = self._parameters(inputs.learned, scene.materials)
-            surroundings = self._surroundings
-            if surroundings is None or (
-                surroundings.environment is not scene.environment
-                or surroundings.uncertain is not uncertain
-            ):
-                engine = settings.estimation_simulator
-                surroundings = Surroundings(
-                    scene.environment, uncertain, engine, settings.options.spin_prior
-                )
-                self._surroundings = surroundings
-            return self._scene_estimate.update(
-                surroundings, seen.objects, seen.states, seen.stamp, seen.detections
+        except (NothingToPredictError, InvalidInputError):
+            # The next prediction from these states says what is wrong with them.
+            return
+        uncertain = self._parameters(inputs.learned, scene.materials)
+        surroundings = self._surroundings
+        if surroundings is None or (
+            surroundings.environment is not scene.environment
+            or surroundings.uncertain is not uncertain
+        ):
+            engine = settings.estimation_simulator
+            surroundings = Surroundings(
+                scene.environment, uncertain, engine, settings.options.spin_prior
             )
-        except NothingToPredictError:
-            return ()
+            self._surroundings = surroundings
+        yield from self._scene_estimate.each(
+            surroundings, seen.objects, seen.states, seen.stamp, seen.detections
+        )
 
     def _parameters(
         self, learned: LearnedParameters | None, materials: tuple[str, ...]

@@ -191,16 +191,28 @@ class PredictorNode(ManagedNode):
         """Post an input, to be decoded and taken over between two ticks."""
         arrival = Arrival(1e-9 * self.get_clock().now().nanoseconds, time.monotonic())
 
-        def take(predictor: Predictor) -> None:
+        def take(predictor: Predictor) -> bool:
             with _reported(self, monitor):
-                predictor.take(**read(deserialize_message(message, kind), arrival))
+                newer = read(deserialize_message(message, kind), arrival)
                 if kind is ObjectStates:
-                    self._publish_estimated(predictor.snapshot)
+                    return self._go_on(predictor.take_seen(newer["seen"]), monitor)
+                predictor.take(**newer)
                 monitor.accepted()
+            return True
 
         # Of messages that come faster than they can be decoded the newest counts; new states are
         # predicted from at once.
         self._ticks.post(take, key=monitor, urgent=kind is ObjectStates)
+
+    def _go_on(self, steps: Iterator[None], monitor: InputMonitor) -> bool:
+        """Take one step, and post the next one; return whether there is none."""
+        with _reported(self, monitor):
+            for _ in steps:
+                self._ticks.post(lambda _: self._go_on(steps, monitor), urgent=True)
+                return False
+            self._publish_estimated(self._ticks.snapshot)
+            monitor.accepted()
+        return True
 
     def _publish_estimated(self, snapshot: Snapshot) -> None:
         """Publish where the objects are by everything that was seen of them."""

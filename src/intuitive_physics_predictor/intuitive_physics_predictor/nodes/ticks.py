@@ -82,7 +82,7 @@ class PredictionTicks:
 
     def post(
         self,
-        work: Callable[[Predictor], None],
+        work: Callable[[Predictor], bool | None],
         key: Hashable = None,
         *,
         urgent: bool = False,
@@ -109,7 +109,14 @@ class PredictionTicks:
         """Return the snapshot once all that was posted is done, after `longest` s at most."""
         self._prepared.wait(longest)
         done = threading.Event()
-        self._pacer.post(done.set)
+
+        def settle() -> None:
+            if self._predictor.is_taking:
+                self._pacer.post(settle)
+            else:
+                done.set()
+
+        self._pacer.post(settle)
         done.wait(longest)
         return self.snapshot
 

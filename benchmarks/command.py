@@ -31,6 +31,7 @@ class Outcome:
     complaints : bars that were missed, and what else speaks against the result
     valid : False where a complaint means that the result must not be used
     draw : writes the figure of the result to a path; None where there is no figure
+    part : name of the only part that was measured, whose result is kept apart; empty: all
     """
 
     tables: Sequence[Table]
@@ -39,6 +40,7 @@ class Outcome:
     complaints: Sequence[str] = ()
     valid: bool = True
     draw: Callable[[Path], None] | None = None
+    part: str = ""
 
 
 def run_benchmark(
@@ -81,7 +83,8 @@ def run_benchmark(
         print(f"bench-{name}: {error}", file=sys.stderr)
         return 1
     seconds = time.perf_counter() - start
-    title = f"{name.capitalize()} benchmark"
+    part = f", {outcome.part}" if outcome.part else ""
+    title = f"{name.capitalize()} benchmark{part}"
     print(f"# {title}\n\n{tables_text(outcome.note, outcome.tables)}\n")
     print(f"Measured in {seconds:.0f} s.")
     if outcome.draw is not None:
@@ -91,7 +94,7 @@ def run_benchmark(
         print(f"figure: {figure}")
     if options.write:
         run = replace(run, seconds=round(seconds, 1))
-        path = FOLDER / f"{name}.json"
+        path = FOLDER / f"{'_'.join(filter(None, (name, outcome.part)))}.json"
         write_result(path, Result(title, run, outcome.tables, outcome.note, outcome.key_figures))
         write_page(path)
     for complaint in outcome.complaints:

@@ -27,7 +27,7 @@ from benchmarks.results.result import (
 )
 
 ROOT = Path(__file__).parent.parent
-BENCHMARKS = ("simulation", "prediction", "perception", "learning")
+BENCHMARKS = ("simulation", "prediction", "prediction_camera", "perception", "learning")
 
 MADE_UP = Result(
     title="Made-up benchmark",

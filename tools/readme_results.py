@@ -47,6 +47,7 @@ def results_table() -> str:
         deviations(),
         calibration(),
         perception(),
+        camera_predictions(),
         prediction_node(),
         simulation(),
         cube_tosses(),
@@ -189,6 +190,27 @@ def perception() -> tuple[str, ...]:
         f"Open3D + pyRANSAC-3D {other[position]} mm; {float(other[took]):.0f} ms",
         f"[{ours['false'].split()[-2]} frames](docs/benchmarks.md)",
         command_of("benchmarks/results/perception.json"),
+    )
+
+
+def camera_predictions() -> tuple[str, ...]:
+    rows = markdown_rows("benchmarks/results/prediction_camera.md", "Thrown balls")
+    begins = ("first flight", "after first bounce", "after second bounce")
+    found = {
+        way: [
+            "/".join(f"{float(row[way]):.0f}" for row in rows if row["begins"] == begin)
+            for begin in begins
+        ]
+        for way in ("error, mm", "known spin", "guess")
+    }
+    count = sum(int(row["predictions"]) for row in rows if row["begins"] in begins)
+    return (
+        "error of the predicted mean 1 s ahead, median, throws that a rendered camera sees, spins of "
+        "2/10/40 rad/s: in the first flight, after the first and the second bounce",
+        ", ".join(found["error, mm"]) + " mm",
+        f"spin guessed {', '.join(found['guess'])} mm, given {', '.join(found['known spin'])} mm",
+        f"[{count} predictions](docs/benchmarks.md)",
+        command_of("benchmarks/results/prediction_camera.json"),
     )
 
 

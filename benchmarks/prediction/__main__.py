@@ -81,7 +81,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--only", choices=PARTS, help="measure this part alone")
+    parser.add_argument(
+        "--only",
+        choices=PARTS,
+        help="measure this part alone; --write keeps its result in a file of its own",
+    )
     parser.add_argument(
         "--first-seed",
         type=int,
@@ -114,6 +118,7 @@ def run(options: argparse.Namespace) -> Outcome:
         tables=found,
         key_figures=figures,
         complaints=[f"bar missed: {complaint}" for complaint in missed],
+        part=options.only or "",
     )
 
 

@@ -205,8 +205,8 @@ def camera_predictions() -> tuple[str, ...]:
     }
     count = sum(int(row["predictions"]) for row in rows if row["begins"] in begins)
     return (
-        "error of the predicted mean 1 s ahead, median, throws that a rendered camera sees, spins of "
-        "2/10/40 rad/s: in the first flight, after the first and the second bounce",
+        "error of the predicted mean 1 s ahead, median, throws that a rendered camera sees, spins "
+        "of 2/10/40 rad/s: in the first flight, after the first and the second bounce",
         ", ".join(found["error, mm"]) + " mm",
         f"spin guessed {', '.join(found['guess'])} mm, given {', '.join(found['known spin'])} mm",
         f"[{count} predictions](docs/benchmarks.md)",

@@ -94,7 +94,9 @@ def recorded_command(page: str, command: str) -> str:
     benchmark = re.match(r"`make bench-([a-z]+)", command)
     if benchmark:
         assert page == "docs/benchmarks.md"
-        record = ROOT / "benchmarks" / "results" / f"{benchmark[1]}.json"
+        part = re.search(r"--only ([a-z]+)", command)
+        name = f"{benchmark[1]}_{part[1]}" if part else benchmark[1]
+        record = ROOT / "benchmarks" / "results" / f"{name}.json"
         return f"`{json.loads(record.read_text(encoding='utf-8'))['run']['command']}`"
     made = (ROOT / page).read_text(encoding="utf-8").partition("Made by ")[2]
     return made.partition(" at commit ")[0]

@@ -44,7 +44,6 @@ def results_table() -> str:
         thrown_balls(),
         update_rules(),
         excess(),
-        deviations(),
         calibration(),
         perception(),
         camera_predictions(),
@@ -132,22 +131,6 @@ def excess() -> tuple[str, ...]:
         f"default 1, true 0; J from observed initial states within 5 % of the true parameters': "
         f"learned {near} of {len(everything)}, untouched default {default} of {len(everything)}",
         f"[{len(everything)} sets: {', '.join(counts)}](docs/benchmarks.md)",
-        command_of("benchmarks/results/learning.json"),
-    )
-
-
-def deviations() -> tuple[str, ...]:
-    rows = markdown_rows("benchmarks/results/learning.md", "Recovered parameters")
-    identified = sum(int(row["identified"]) for row in rows)
-    within = sum(
-        float(row["within 2 σ"].rstrip("%")) / 100.0 * int(row["identified"]) for row in rows
-    )
-    return (
-        "learned parameters within two stated standard deviations of the truth",
-        f"{100 * within / identified:.0f} %",
-        "95 % would be honest",
-        f"[{identified} identified of {sum(int(row['active']) for row in rows)}]"
-        "(docs/benchmarks.md)",
         command_of("benchmarks/results/learning.json"),
     )
 

@@ -23,15 +23,19 @@ def detections_to_message(
     made = make("intuitive_physics_msgs/msg/Detections")
     if detections is None:
         empty = float64_field(())
-        return made(times=empty, positions=empty, covariances=empty, bias=np.zeros(6))
-    spin = detections.spin
-    shown = {} if spin is None else _spin_fields(spin, start_time)
+        return made(
+            times=empty,
+            positions=empty,
+            covariances=empty,
+            bias=np.zeros(6),
+            **_spin_fields(None, start_time),
+        )
     return made(
         times=float64_field(detections.times - start_time),
         positions=float64_field(detections.positions),
         covariances=float64_field(unique_numbers(detections.covariances)),
         bias=unique_numbers(detections.bias),
-        **shown,
+        **_spin_fields(detections.spin, start_time),
     )
 
 
@@ -61,7 +65,10 @@ def detections_from_message(message: Any, start_time: float) -> Detections | Non
     return Detections(times, positions, covariances, bias, _spin(message, start_time))
 
 
-def _spin_fields(spin: SeenSpin, start_time: float) -> dict[str, Any]:
+def _spin_fields(spin: SeenSpin | None, start_time: float) -> dict[str, Any]:
+    if spin is None:
+        empty = float64_field(())
+        return {"spin": empty, "spin_covariance": empty, "spin_since": 0.0}
     return {
         "spin": float64_field(spin.mean),
         "spin_covariance": float64_field(unique_numbers(spin.covariance)),

@@ -62,7 +62,6 @@ class SpinErrors:
     distances : squared, in variances, of the same
     frames : of each flight, that showed the ball
     first : frames of these flights until the spin was known
-    unknown : flights whose spin was unknown at their end
     seconds : of tracking and looking in each frame with a ball
     """
 
@@ -70,7 +69,6 @@ class SpinErrors:
     distances: list[float] = field(default_factory=list)
     frames: list[int] = field(default_factory=list)
     first: list[int] = field(default_factory=list)
-    unknown: int = 0
     seconds: list[float] = field(default_factory=list)
 
 
@@ -133,7 +131,6 @@ class LookedAtRoom:
                     first = first or count
         found.frames.append(count)
         if known is None:
-            found.unknown += 1
             return
         found.first.append(first)
         found.errors.append(float(np.linalg.norm(known)))

@@ -115,10 +115,8 @@ def _seen_messages(throw: Instance, rng: np.random.Generator) -> list[ObjectStat
     for frame in range(FRAMES):
         here, there = places[:, frame, 0], places[:, frame, 1]
         states = [
-            ObjectState(*pair, covariance=covariance)
-            for pair in zip(
-                here, np.zeros((len(here), 4)) + (0, 0, 0, 1), (there - here) / apart, strict=True
-            )
+            ObjectState(place, linear_velocity=velocity, covariance=covariance)
+            for place, velocity in zip(here, (there - here) / apart, strict=True)
         ]
         detections = [
             Detections([0.0], [place + rng.normal(0.0, DETECTED, 3)], spread, np.zeros((3, 3)))

@@ -32,8 +32,8 @@ class AppearanceSettings:
         150.0,
         1.0,
         10000.0,
-        "fastest angular velocity that is looked for; half a turn from frame to frame is the "
-        "limit of what can be told apart, 94 rad/s at 30 Hz",
+        "fastest angular velocity that is looked for; more than half a turn from frame to frame, "
+        "94 rad/s at 30 Hz, looks like a turn the other way",
         unit="rad/s",
     )
     search_step: float = number(

@@ -47,7 +47,7 @@ ALIKE = 8.0
 """Cells whose differences are one error, where the images' edges are not alike."""
 
 SURE = 0.99
-"""Correlation above which it tells no more: what is left is of the grid."""
+"""Largest correlation that is counted: what is missing to 1 comes from the cells' size alone."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -350,7 +350,7 @@ class TrackFilter:
         wider[VELOCITY, VELOCITY] += (jump + 0.5) ** 2 * np.eye(3)
         wider[POSITION, POSITION] += (jump * duration) ** 2 * np.eye(3)
         track.covariance = wider
-        track.prediction = replace(track.prediction, covariance=wider, contact=True)
+        track.prediction = replace(track.prediction, covariance=wider)
         if track.surface is not None:
             track.surface.forget()
 

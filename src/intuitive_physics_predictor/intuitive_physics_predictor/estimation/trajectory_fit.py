@@ -38,12 +38,14 @@ class FlightSpin:
 
     Parameters
     ----------
-    spin : as seen
+    mean : (3,) rad/s
+    whitening : (3, 3), what makes standard deviations of an error of it
     time : s after the beginning of the fit, within the flight
     until : s on the clock of the detections, of the newest frame that it is from
     """
 
-    spin: SeenSpin
+    mean: NDArray[np.float64]
+    whitening: NDArray[np.float64]
     time: float
     until: float
 
@@ -105,7 +107,8 @@ class TrajectoryFit:
             del self._spins[-1]
         # The middle of the flight is far from contacts, whose simulated times are not exact.
         middle = 0.5 * (max(spin.since, self.begin) + time) - self.begin
-        self._spins.append(FlightSpin(spin, max(middle, INSTANT), time))
+        whitening = np.linalg.inv(np.linalg.cholesky(spin.covariance))
+        self._spins.append(FlightSpin(spin.mean, whitening, max(middle, INSTANT), time))
 
     def residuals(self, standard: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what is simulated less what was seen, in standard deviations of the noise.
@@ -184,8 +187,7 @@ class TrajectoryFit:
         whitened = [rows.swapaxes(0, 1)]
         for one in self._spins:
             spin = motions.turn(one.time - INSTANT, one.time) / INSTANT
-            root = np.linalg.cholesky(one.spin.covariance)
-            whitened.insert(0, np.linalg.solve(root, (spin - one.spin.mean).T).T[:, None])
+            whitened.insert(0, ((spin - one.mean) @ one.whitening.T)[:, None])
         whole = np.concatenate(whitened, axis=1).reshape(len(values), -1)
         return np.nan_to_num(whole, copy=False, nan=LOST)
 

@@ -25,10 +25,10 @@ class Pacer:
 
     After each tick the work posted until then is done, then `rest` is called. Work posted later is
     done at once where the next tick is at least `WORK_TIME` away, else after that tick; `rest`
-    follows. Urgent work is done at once, where it is over before the next tick as far as the work
-    before it tells, else after that tick; the next tick follows it without `rest`, at most a period
-    before it is due, unless it answers False: it is not done and has posted what is left of it. The
-    ones after it are due when they were.
+    follows. Urgent work is done at once where the time until the next tick is as long as urgent
+    work took lately, else right after that tick. The tick after it is made at once, without `rest`
+    and at most a period early; later ones are due when they were. Urgent work that answers False
+    has posted what is left of it, and brings no tick forward.
 
     So whatever ticks, work and `rest` share needs no lock. An executor's timer costs several times
     as much, and waits for every other callback.

@@ -87,8 +87,7 @@ class Predictor:
         )
         self._prepared: tuple[Scene, LearnedParameters | None, PreparedScene] | None
         self._drawn: _DrawnAhead | None
-        self._taking: Iterator[None] = iter(())
-        self._is_taking = False
+        self._taking: Iterator[None] | None = None
         self._forget()
 
     def take(self, **newer: Any) -> None:
@@ -111,7 +110,7 @@ class Predictor:
         ------
         between one object and the next
         """
-        for _ in self._taking:
+        for _ in self._taking or ():
             pass
         self._taking = self._take_seen(seen)
         return self._taking
@@ -119,10 +118,9 @@ class Predictor:
     @property
     def is_taking(self) -> bool:
         """Whether states are taken over, of which not all objects are done yet."""
-        return self._is_taking
+        return self._taking is not None
 
     def _take_seen(self, seen: SeenStates) -> Iterator[None]:
-        self._is_taking = True
         try:
             self._compare(seen)
             estimates: list[WeightedStates | None] = []
@@ -133,7 +131,7 @@ class Predictor:
             inputs = replace(self.snapshot.inputs, seen=seen)
             self.snapshot = replace(self.snapshot, inputs=inputs, estimates=tuple(estimates))
         finally:
-            self._is_taking = False
+            self._taking = None
 
     def set(self, *, settings: PredictionSettings | None = None, seed: int | None = None) -> None:
         """Set how, or with which seed, the next prediction is made."""

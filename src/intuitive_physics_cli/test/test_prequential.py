@@ -19,9 +19,9 @@ BALLS = thrown_balls(5, np.random.default_rng(0))
 
 def predicted(balls) -> list[PredictionCase]:
     rng = np.random.default_rng(1)
-    cases, left_out = predict_before_learning(balls, OPTIONS, make_simulator("auto"), rng, 30)
-    assert left_out == 0
-    return cases
+    found = predict_before_learning(balls, OPTIONS, make_simulator("auto"), rng, 30)
+    assert found.left_out == 0
+    return list(found.cases)
 
 
 @pytest.fixture(scope="module")

@@ -17,6 +17,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import parameter_names
 from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
+from intuitive_physics_cli.evaluation.prequential import Predicted
 from intuitive_physics_experiments.demo.demo_result import (
     DemoResult,
     ExampleFrame,
@@ -91,11 +92,14 @@ def result() -> DemoResult:
             frame.track,
             frame.track,
         ),
-        (
-            PredictionCase("throw <1>: ball", *seen, samples, frame.track, noise),
-            PredictionCase("throw 2", *seen, samples + 1.0, frame.track, noise),
+        Predicted(
+            cases=(
+                PredictionCase("throw <1>: ball", *seen, samples, frame.track, noise),
+                PredictionCase("throw 2", *seen, samples + 1.0, frame.track, noise),
+            ),
+            bounced=(PredictionCase("throw 2", *seen, samples, frame.track, noise),),
+            left_out=1,
         ),
-        1,
         {"learned_J_m": 0.0213, "prediction_rate_hz": 99.9},
         {"seed": "0", "command": "make demo & more"},
     )
@@ -146,6 +150,9 @@ def test_the_page_is_whole_and_self_contained(result: DemoResult, tmp_path: Path
         "those that claim 50 % hold",
         # Of two throws: √(0.5 · 0.5 / 2).
         "± 35 %",
+        # Of one, after its bounce.
+        "Of the regions of 1 motions",
+        "± 50 %",
         "Left out: 1",
     ):
         assert text in parser.text

@@ -82,7 +82,7 @@ def _record(report: Any, path: Path) -> None:
     """Write the predictions one after the other, each with what then was seen."""
     from intuitive_physics_cli.report.rerun_recording import RerunRecording
 
-    cases = iter(report.cases)
+    cases = iter(report.predicted.cases)
     with RerunRecording(path) as recording:
         start = 0.0
         for seen in report.predicted.observations:

@@ -14,7 +14,9 @@ from intuitive_physics.scene import Environment
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.joint_estimation.point_noise import TrackNoise, track_noises
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
-from intuitive_physics_predictor.noisy_newton import predict
+from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
+from intuitive_physics_predictor.noise import StateNoise
+from intuitive_physics_predictor.noisy_newton import PreparedScene, predict_sampled
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 from intuitive_physics_predictor.scores.highest_density import coverage, highest_density_levels
 
@@ -74,6 +76,7 @@ def predict_cases(
     rng: np.random.Generator,
     sample_count: int = 100,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
+    estimates: Sequence[tuple[WeightedStates | None, ...]] | None = None,
 ) -> list[PredictionCase]:
     """Predict each object of each observation from the observation's initial states.
 
@@ -82,12 +85,16 @@ def predict_cases(
     parameters : θ_s of all materials of the observations, or its distribution
     sample_count : simulations of each observation
     on_progress : called with the observations done and the observations in all
+    estimates : of each observation, as of `PreparedScene`, in place of initial states; None: of
+        no object
     """
     noises = track_noises(observations, JointEstimationSettings())
+    given = estimates if estimates is not None else [()] * len(observations)
     cases = []
-    for done, (seen, own) in enumerate(zip(observations, noises, strict=True)):
+    for done, (seen, own, states) in enumerate(zip(observations, noises, given, strict=True)):
         covariances = [_covariances(noise) for noise in own]
-        cases += _cases_of(seen, covariances, parameters, simulator, rng, sample_count)
+        scene = PreparedScene.of(seen.scene(), parameters, StateNoise(), states)
+        cases += _cases_of(seen, covariances, scene, simulator, rng, sample_count)
         on_progress(done + 1, len(observations))
     return cases
 
@@ -104,7 +111,7 @@ def _covariances(noise: TrackNoise) -> NDArray[np.float64]:
 def _cases_of(
     seen: Observation,
     covariances: Sequence[NDArray[np.float64]],
-    parameters: StaticParameters | UncertainParameters,
+    prepared: PreparedScene,
     simulator: Simulator,
     rng: np.random.Generator,
     sample_count: int,
@@ -115,14 +122,8 @@ def _cases_of(
         for observed_object, later in zip(seen.objects, after, strict=True)
     ]
     instants = np.unique(np.concatenate(since))
-    distribution = predict(
-        seen.scene(),
-        parameters,
-        instants,
-        rng=rng,
-        sample_count=sample_count,
-        simulator=simulator,
-    )
+    worlds = prepared.sampled(sample_count, rng)
+    distribution = predict_sampled(prepared.scene, worlds, instants, simulator=simulator)
     return [
         PredictionCase(
             name=f"{_short(seen.id)}: {observed_object.object.id}",

@@ -1,9 +1,10 @@
 """Predictions that know only what came before: of states, and of what was learned.
 
 The initial state of an observation, and its smoothed trajectory, know what came after them. Here
-the state is estimated by perception's own fit to the detections of the first part alone, and what
-is to be predicted is the detections after it. The shape of an object and the environment are those
-of the observation; how a box or capsule lies and turns at its start, too, as detections do not say.
+perception's own fit and the predictor's estimate follow the detections frame by frame up to a
+moment, and what is to be predicted is the detections after it. The shape of an object and the
+environment are those of the observation; how a box or capsule lies and turns at its start, too, as
+detections do not say.
 
 Prequential: of each observation, in the order of time, only those before it were learned from
 (Dawid: Statistical theory, the prequential approach, J. R. Statist. Soc. A 147, 1984).
@@ -26,7 +27,7 @@ from intuitive_physics.observation import (
     observation_materials,
 )
 from intuitive_physics.scene import Environment
-from intuitive_physics.shapes import Box, Capsule
+from intuitive_physics.shapes import Box, Capsule, Sphere
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION, ObjectState
 from intuitive_physics.trajectory import Trajectory
@@ -40,100 +41,179 @@ from intuitive_physics_perception.tracking.attitude import (
 )
 from intuitive_physics_perception.tracking.free_motion import FreeMotion, Record
 from intuitive_physics_perception.tracking.initial_state import state_at
+from intuitive_physics_predictor.estimation.object_estimate import SceneEstimate, Surroundings
+from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
-FIRST_PART, LONGEST_FIRST_PART = 0.3, 1.0
-"""s after the start of an observation: how long each object is seen before it is predicted, and for
-how long at most where perception does not know its state by then."""
+FIRST_PART = 0.3
+"""s after the start of an observation: how long each object is seen before it is predicted."""
+
+AFTER_BOUNCE = 6
+"""Detections from a bounce to the second moment at which it is predicted."""
+
+LONGEST_WAIT = 0.7
+"""s after such a moment within which perception has to know the states of all objects."""
 
 ROUNDING = 1e-3
-"""s. A frame that is earlier than the end of the first part by less counts as at it."""
+"""s. A frame that is earlier than such a moment by less counts as at it."""
+
+APPROACH, DEPARTURE, NEAR = 0.3, 0.1, 0.1
+"""m/s towards a plane, m/s away from it after that, and m from it: together they are a bounce."""
 
 GROWTH = 2
 """Factor by which the observations have to grow in number until θ_s is learned again."""
 
 
 @dataclass(frozen=True, eq=False)
-class FirstParts:
-    """Observations as they were known after their first part.
+class Frame:
+    """What perception says of the objects at one time.
 
     Parameters
     ----------
-    observations : each begins at the end of its first part, with the states that were known then,
-        and has the detections after it. One without detections is as it was.
-    left_out : number of those whose states were not known in time, or that ended before
+    time : s
+    states : of each, from its detections up to then
+    detections : of each, those since the frame before; None where there are none
     """
 
-    observations: tuple[Observation, ...]
-    left_out: int
+    time: float
+    states: tuple[ObjectState, ...]
+    detections: tuple[Detections | None, ...]
 
 
-def after_first_parts(
-    observations: Sequence[Observation], settings: PerceptionSettings | None = None
-) -> FirstParts:
-    """Return what is left to predict of each observation, from what had been seen by then.
+@dataclass(frozen=True, eq=False)
+class SeenPart:
+    """An observation as it was known at a moment in it.
 
     Parameters
     ----------
-    settings : of the perception that observed; default: its defaults
+    left : begins at that moment, with the states that were known then, and has the detections after
+        it. An observation without detections is as it was.
+    frames : up to that moment, in which the states of all objects were known; none without
+        detections
     """
-    how = settings or PerceptionSettings()
-    known = [after_first_part(seen, how) for seen in observations]
-    kept = tuple(seen for seen in known if seen is not None)
-    return FirstParts(kept, len(known) - len(kept))
+
+    left: Observation
+    frames: tuple[Frame, ...] = ()
+
+    def estimates(
+        self, uncertain: UncertainParameters, simulator: Simulator, rng: np.random.Generator
+    ) -> tuple[WeightedStates | None, ...]:
+        """What the predictor makes of these frames, of each object; nothing without frames."""
+        surroundings = Surroundings(self.left.environment, uncertain, simulator)
+        things = [one.object for one in self.left.objects]
+        estimate = SceneEstimate(rng)
+        found: tuple[WeightedStates | None, ...] = ()
+        for frame in self.frames:
+            found = estimate.update(
+                surroundings, things, frame.states, frame.time, frame.detections
+            )
+        return found
 
 
-def after_first_part(seen: Observation, settings: PerceptionSettings) -> Observation | None:
-    """Return an observation from the first frame on at which its states are known; None: never.
+def after_first_part(seen: Observation, settings: PerceptionSettings) -> SeenPart | None:
+    """What is known after `FIRST_PART`; None where that is too little or nothing comes later.
 
-    The first part lasts for `FIRST_PART` at least. Its end is the time of the states, of which
-    neither they nor the observation returned know any later detection.
+    Parameters
+    ----------
+    settings : of the perception that observed
+    """
+    if any(one.detections is None for one in seen.objects):
+        return SeenPart(seen)
+    return _seen_until(seen, seen.start_time + FIRST_PART, settings)
+
+
+def after_first_bounce(seen: Observation, settings: PerceptionSettings) -> SeenPart | None:
+    """What is known when each ball was detected `AFTER_BOUNCE` times after its first bounce.
+
+    Returns
+    -------
+    None where that is too little, nothing comes later, or not all objects are detected balls that
+    bounced
+    """
+    moments = [_moment_after_bounce(one, seen.environment) for one in seen.objects]
+    known = [moment for moment in moments if moment is not None]
+    return _seen_until(seen, max(known), settings) if len(known) == len(moments) else None
+
+
+def _moment_after_bounce(seen: ObservedObject, environment: Environment) -> float | None:
+    """Time in s of the last of `AFTER_BOUNCE` detections of a ball since it bounced off a plane."""
+    found, shape = seen.detections, seen.object.shape
+    if found is None or not isinstance(shape, Sphere):
+        return None
+    moments = []
+    for plane in environment.planes:
+        gaps = found.positions @ plane.normal - plane.offset - shape.radius
+        speeds = np.diff(gaps) / np.diff(found.times)
+        # The bounce itself may make one of these speeds anything.
+        towards = np.minimum(speeds[1:-1], speeds[:-2]) < -APPROACH
+        turns = 2 + np.flatnonzero(towards & (speeds[2:] > DEPARTURE) & (gaps[2:-1] < NEAR))
+        if turns.size and turns[0] + AFTER_BOUNCE < len(found):
+            moments.append(float(found.times[turns[0] + AFTER_BOUNCE]))
+    return min(moments, default=None)
+
+
+def _seen_until(
+    seen: Observation, earliest: float, settings: PerceptionSettings
+) -> SeenPart | None:
+    """An observation at the first frame from `earliest` (s) on at which all states are known.
+
+    The part before it knows no later detection.
     """
     detected = [one.detections for one in seen.objects if one.detections is not None]
-    if len(detected) < len(seen.objects):
-        return seen
     times = np.unique(np.concatenate([found.times for found in detected]))
-    since = times - seen.start_time + ROUNDING
-    for end in times[(since >= FIRST_PART) & (since <= LONGEST_FIRST_PART)]:
-        if not all((found.times > end).any() for found in detected):
-            return None
-        objects = [
-            _from(one, found, seen.environment, seen.start_time, float(end), settings)
-            for one, found in zip(seen.objects, detected, strict=True)
-        ]
-        known = tuple(one for one in objects if one is not None)
-        if len(known) == len(objects):
-            return Observation(seen.environment, known, float(end), seen.id)
+    frames: list[Frame] = []
+    since = -np.inf
+    for time in times[times <= earliest + LONGEST_WAIT + ROUNDING]:
+        states = _states(seen, detected, float(time), settings)
+        if states is None:
+            continue
+        new = tuple(_between(found, since, time) for found in detected)
+        frames.append(Frame(float(time), states, new))
+        since = time
+        if time >= earliest - ROUNDING:
+            left = _left(seen, detected, frames[-1])
+            return None if left is None else SeenPart(left, tuple(frames))
     return None
 
 
-def _from(
-    seen: ObservedObject,
-    detections: Detections,
-    environment: Environment,
-    start: float,
-    end: float,
-    settings: PerceptionSettings,
-) -> ObservedObject | None:
-    """The object from `end` (s) on, None where its state is not known then.
+def _states(
+    seen: Observation, detected: Sequence[Detections], time: float, settings: PerceptionSettings
+) -> tuple[ObjectState, ...] | None:
+    """The states of all objects by perception's fit to what was detected up to a time in s."""
+    states = []
+    for one, found in zip(seen.objects, detected, strict=True):
+        if found.times[0] > time:
+            return None
+        record = _record(one, found, found.times <= time, seen.start_time, settings)
+        free = FreeMotion(record, seen.environment, settings.initial_state, settings.motion)
+        state = state_at(record, time, free, settings)
+        if state is None:
+            return None
+        states.append(state)
+    return tuple(states)
 
-    Parameters
-    ----------
-    start : s, of the observation
-    """
-    record = _record(seen, detections, detections.times <= end, start, settings)
-    free = FreeMotion(record, environment, settings.initial_state, settings.motion)
-    state = state_at(record, end, free, settings)
-    if state is None:
+
+def _left(seen: Observation, detected: Sequence[Detections], now: Frame) -> Observation | None:
+    """The observation from a frame on; None where an object is not seen any more."""
+    later = [_between(found, now.time, np.inf) for found in detected]
+    objects = [
+        ObservedObject(one.object, Trajectory(left.times, left.positions), state, left)
+        for one, state, left in zip(seen.objects, now.states, later, strict=True)
+        if left is not None
+    ]
+    if len(objects) < len(later):
         return None
-    later = detections.times > end
-    left = Detections(
-        detections.times[later],
-        detections.positions[later],
-        detections.covariances[later],
-        detections.bias,
+    return Observation(seen.environment, tuple(objects), now.time, seen.id)
+
+
+def _between(found: Detections, since: float, until: float) -> Detections | None:
+    """Detections with since < time ≤ until, without a spin, which is that of the last one."""
+    which = (found.times > since) & (found.times <= until)
+    if not which.any():
+        return None
+    return Detections(
+        found.times[which], found.positions[which], found.covariances[which], found.bias
     )
-    return ObservedObject(seen.object, Trajectory(left.times, left.positions), state, left)
 
 
 def _record(
@@ -180,6 +260,60 @@ def _turning(state: ObjectState) -> NDArray[np.float64]:
     return covariance
 
 
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """Predictions of observations from two moments in each.
+
+    Parameters
+    ----------
+    observations : as they were known after their first part, those that could be predicted
+    cases : of all their objects
+    bounced : of all objects, from after their first bounce on, of observations with one
+    left_out : observations that could not be predicted after their first part
+    """
+
+    observations: tuple[Observation, ...] = ()
+    cases: tuple[PredictionCase, ...] = ()
+    bounced: tuple[PredictionCase, ...] = ()
+    left_out: int = 0
+
+    def __add__(self, other: Predicted) -> Predicted:
+        return Predicted(
+            self.observations + other.observations,
+            self.cases + other.cases,
+            self.bounced + other.bounced,
+            self.left_out + other.left_out,
+        )
+
+
+def predict_seen_parts(
+    observations: Sequence[Observation],
+    learned: LearnedParameters,
+    simulator: Simulator,
+    rng: np.random.Generator,
+    sample_count: int,
+) -> Predicted:
+    """Predict observations after their first part and after their first bounce.
+
+    Each prediction begins as the predictor does, with its estimate from all frames until then, and
+    draws from the posterior of θ_s.
+
+    Parameters
+    ----------
+    learned : θ_s of all materials of the observations
+    """
+    settings, uncertain = PerceptionSettings(), UncertainParameters(learned)
+    found: list[tuple[list[Observation], list[PredictionCase]]] = []
+    for known in (after_first_part, after_first_bounce):
+        parts = [part for seen in observations if (part := known(seen, settings)) is not None]
+        left = [part.left for part in parts]
+        estimates = [part.estimates(uncertain, simulator, rng) for part in parts]
+        cases = predict_cases(left, uncertain, simulator, rng, sample_count, estimates=estimates)
+        found.append((left, cases))
+    (left, cases), (_, bounced) = found
+    return Predicted(tuple(left), tuple(cases), tuple(bounced), len(observations) - len(left))
+
+
 def predict_before_learning(
     observations: Sequence[Observation],
     options: LearningOptions,
@@ -187,12 +321,11 @@ def predict_before_learning(
     rng: np.random.Generator,
     sample_count: int = 100,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
-) -> tuple[list[PredictionCase], int]:
-    """Predict each observation after its first part, with what was learned from those before it.
+) -> Predicted:
+    """Predict each observation with what was learned from those before it.
 
     θ_s is learned from the first observation, the first two, four, eight and so on, and predicts
-    all up to the next time; before the first, nothing is known of it. The posterior of θ_s and the
-    covariance of the states are drawn from, as the predictor does.
+    all up to the next time; before the first, nothing is known of it.
 
     Parameters
     ----------
@@ -201,23 +334,19 @@ def predict_before_learning(
 
     Returns
     -------
-    cases : of all objects of all observations, in the order of time
-    left_out : observations that could not be predicted, as in `FirstParts`
+    Predicted
+        In the order of time.
     """
     ordered = sorted(observations, key=lambda seen: seen.start_time)
     materials = observation_materials(ordered)
     learned = LearnedParameters.defaults(materials)
-    cases: list[PredictionCase] = []
-    left_out, first = 0, 0
+    predicted, first = Predicted(), 0
     while first < len(ordered):
         if first > 0:
             known = learn(ordered[:first], simulator, options, previous=learned).learned
             learned = known.extended(materials)
-        parts = after_first_parts(ordered[first : max(GROWTH * first, 1)])
-        cases += predict_cases(
-            parts.observations, UncertainParameters(learned), simulator, rng, sample_count
-        )
-        left_out += parts.left_out
+        following = ordered[first : max(GROWTH * first, 1)]
+        predicted += predict_seen_parts(following, learned, simulator, rng, sample_count)
         first = max(GROWTH * first, 1)
         on_progress(min(first, len(ordered)), len(ordered))
-    return cases, left_out
+    return predicted

@@ -18,14 +18,14 @@ from intuitive_physics_cli.evaluation.prediction_case import (
     PredictionCase,
     binomial_error,
     horizon_coverage,
-    predict_cases,
     region_coverage,
 )
 from intuitive_physics_cli.evaluation.prequential import (
+    AFTER_BOUNCE,
     FIRST_PART,
-    LONGEST_FIRST_PART,
-    FirstParts,
-    after_first_parts,
+    LONGEST_WAIT,
+    Predicted,
+    predict_seen_parts,
 )
 from intuitive_physics_cli.report.report_page import (
     footer,
@@ -45,7 +45,6 @@ from intuitive_physics_cli.report.report_plots import (
 )
 from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.search.parameter_search import SearchProgress
-from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 MOST_SHOWN = 6
 """Cases with a plot of their own."""
@@ -54,20 +53,24 @@ SUMMARY_LEVELS = (0.5, 0.9)
 """Regions whose coverage the text states."""
 
 
-def prediction_sections(
-    cases: Sequence[PredictionCase], title: str, known: str, left_out: int
-) -> list[str]:
+STATE_KNOWN = (
+    f"The state of each ball is the predictor's estimate from its first {FIRST_PART:g} s, frame by "
+    "frame; of other objects it is what perception knew then."
+)
+"""What predictions after the first part begin with, plain text."""
+
+
+def prediction_sections(predicted: Predicted, title: str, known: str) -> list[str]:
     """Return sections of the worst cases, of all cases, and of calibration; none without cases.
 
     Parameters
     ----------
     title : what the cases are, plain text
     known : sentences on what the predictions knew, plain text
-    left_out : observations that could not be predicted
     """
-    if not cases:
+    if not predicted.cases:
         return []
-    worst = sorted(cases, key=lambda case: -case.error)
+    worst = sorted(predicted.cases, key=lambda case: -case.error)
     shown = [
         f"<h3>{html.escape(case.name)}: {100.0 * case.error:.1f} cm</h3>"
         + prediction_plot(f"case-{number}", case, SMALL_PLOT)
@@ -78,10 +81,10 @@ def prediction_sections(
             f"{title}: the worst first",
             side_by_side(shown),
             _all_cases(worst),
-            introduction=f"The {len(shown)} worst of {len(cases)}; the number is the mean distance "
+            introduction=f"The {len(shown)} worst of {len(worst)}; the number is the mean distance "
             "between the mean of the prediction and what was seen. Drag to turn, scroll to zoom.",
         ),
-        _calibration(cases, known + _left_out(left_out)),
+        _calibration(predicted, known + _left_out(predicted.left_out)),
     ]
 
 
@@ -104,12 +107,29 @@ def _left_out(count: int) -> str:
     if count == 0:
         return ""
     return (
-        f" Left out: {count}, of which the state was not known within {LONGEST_FIRST_PART:g} s or "
-        "nothing was seen later."
+        f" Left out: {count}, of which the state was not known within {LONGEST_WAIT:g} s after "
+        "that or nothing was seen later."
     )
 
 
-def _calibration(cases: Sequence[PredictionCase], known: str) -> str:
+def _calibration(predicted: Predicted, known: str) -> str:
+    moments = [(f"After the first {FIRST_PART:g} s", "coverage", predicted.cases)]
+    if predicted.bounced:
+        title = f"After {AFTER_BOUNCE} detections since the first bounce"
+        moments.append((title, "coverage-after-bounce", predicted.bounced))
+    return section(
+        "Is the spread honest?",
+        *(_calibration_at(*moment) for moment in moments),
+        introduction=f"{html.escape(known)} Balls are predicted again from what was seen until "
+        f"{AFTER_BOUNCE} detections after their first bounce. Shares are of the points seen after "
+        "that which lie in the regions of the predictions. ± is the binomial standard error of as "
+        "many motions, as the points of one go together; the band in the plot is as wide. Below "
+        "the band predictions are too confident, above it too cautious.",
+    )
+
+
+def _calibration_at(title: str, name: str, cases: Sequence[PredictionCase]) -> str:
+    """What was found of predictions from one moment, under a title, as plots of a name."""
     count = len(cases)
     shares = region_coverage(cases, np.random.default_rng(0))
     claims = ", ".join(
@@ -117,14 +137,8 @@ def _calibration(cases: Sequence[PredictionCase], known: str) -> str:
         + _share(shares[int(np.abs(LEVELS - level).argmin())], level, count)
         for level in SUMMARY_LEVELS
     )
-    return section(
-        "Is the spread honest?",
-        side_by_side([coverage_plot("coverage", shares, count), _horizon_table(cases)]),
-        introduction=f"{html.escape(known)} How many of the points that were seen after that lie "
-        f"in the regions of the predictions of {count} motions: {claims}. ± is the binomial "
-        "standard error of as many motions, as the points of one go together; the band in the plot "
-        "is as wide. Below the band predictions are too confident, above it too cautious.",
-    )
+    found = side_by_side([coverage_plot(name, shares, count), _horizon_table(cases)])
+    return f"<h3>{title}</h3><p>Of the regions of {count} motions, {claims}.</p>{found}"
 
 
 def _horizon_table(cases: Sequence[PredictionCase]) -> str:
@@ -161,15 +175,13 @@ class LearningReport:
     ----------
     title : of the observations, plain text
     evaluation : what was learned, and errors
-    predicted : the observations that were not learned from, after their first part
-    cases : predictions of them
+    predicted : predictions of the observations that were not learned from
     about : how it was made
     """
 
     title: str
     evaluation: Evaluation
-    predicted: FirstParts
-    cases: tuple[PredictionCase, ...]
+    predicted: Predicted
     about: Mapping[str, str]
 
 
@@ -189,11 +201,10 @@ def make_learning_report(
         As `evaluation.evaluate`.
     """
     evaluation = evaluate(observations, options, train_fraction, engine, on_progress)
-    predicted = after_first_parts(evaluation.test)
     learned = evaluation.result.learned.extended(observation_materials(observations))
-    cases = predict_cases(
-        predicted.observations,
-        UncertainParameters(learned),
+    predicted = predict_seen_parts(
+        evaluation.test,
+        learned,
         make_simulator(engine),
         np.random.default_rng(options.seed),
         SAMPLE_COUNT,
@@ -205,7 +216,7 @@ def make_learning_report(
         "engine": engine,
         "seed": str(options.seed),
     }
-    return LearningReport(title, evaluation, predicted, tuple(cases), about)
+    return LearningReport(title, evaluation, predicted, about)
 
 
 def write_learning_report(report: LearningReport, path: Path) -> None:
@@ -251,12 +262,11 @@ def _page(report: LearningReport) -> str:
             "the observations learned from.",
         ),
         *prediction_sections(
-            report.cases,
+            report.predicted,
             "Predictions of what was not learned from",
             f"The parameters were learned from the {len(evaluation.training)} other observations. "
-            f"The state of each object is what perception knew from its first {FIRST_PART:g} s "
-            "alone; where there are no detections, the initial state that came with it.",
-            report.predicted.left_out,
+            f"{STATE_KNOWN} Where there are no detections, it is the initial state that came with "
+            "the observation.",
         ),
     ]
     head = heading(report.title, introduction, numbers)

@@ -15,7 +15,7 @@ from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Environment
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics.trajectory import Trajectory, mean_distance
-from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
+from intuitive_physics_cli.evaluation.prequential import Predicted
 from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
 from intuitive_physics_experiments.rendering.throws import Throw
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
@@ -132,8 +132,7 @@ class DemoResult:
     learning : what was learned
     throws : one entry a throw
     prediction : the throw that was predicted
-    cases : the throws, each predicted before it was learned from
-    left_out : throws that could not be predicted so
+    predicted : the throws, each predicted before it was learned from
     summary : the numbers the demo ends with, by name
     about : how it was made (seed, versions, times …), shown as text
     """
@@ -142,8 +141,7 @@ class DemoResult:
     learning: LearningOutcome
     throws: tuple[ThrowErrors, ...]
     prediction: PredictionOutcome
-    cases: tuple[PredictionCase, ...] = ()
-    left_out: int = 0
+    predicted: Predicted = field(default_factory=Predicted)
     summary: Mapping[str, float] = field(default_factory=dict)
     about: Mapping[str, str] = field(default_factory=dict)
 

@@ -13,9 +13,8 @@ import numpy as np
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import PAIR_COEFFICIENTS
 from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
-from intuitive_physics_cli.evaluation.prequential import FIRST_PART
 from intuitive_physics_cli.report.figure_style import legend_below
-from intuitive_physics_cli.report.learning_report import prediction_sections
+from intuitive_physics_cli.report.learning_report import STATE_KNOWN, prediction_sections
 from intuitive_physics_cli.report.report_page import (
     footer,
     heading,
@@ -126,12 +125,11 @@ def _page(result: DemoResult) -> str:
             "state, and where it was seen afterwards. Drag to turn, scroll to zoom.",
         ),
         *prediction_sections(
-            result.cases,
+            result.predicted,
             "Throws, each predicted before it was learned from",
             "Each throw was predicted with what the throws before it had taught, of which the "
             "parameters were learned after 1, 2, 4, 8 … of them; nothing of them was known of the "
-            f"first. Its state is what perception knew from its first {FIRST_PART:g} s alone.",
-            result.left_out,
+            f"first. {STATE_KNOWN}",
         ),
         section("Every throw", _throw_table(result.throws)),
     ]

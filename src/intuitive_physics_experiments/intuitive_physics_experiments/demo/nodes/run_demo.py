@@ -18,8 +18,7 @@ from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.observation import Observation
 from intuitive_physics.processes import guard_run
 from intuitive_physics.simulation import make_simulator
-from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
-from intuitive_physics_cli.evaluation.prequential import predict_before_learning
+from intuitive_physics_cli.evaluation.prequential import Predicted, predict_before_learning
 from intuitive_physics_experiments.demo.demo_result import (
     DemoResult,
     LearningOutcome,
@@ -163,10 +162,10 @@ def run(options: Options, progress: Progress) -> dict[str, float]:
         prediction = _prediction(heard, unseen)
 
     progress.stage("predicting each throw with what those before it taught")
-    cases, left_out = _predicted_before_learning(options, seen, progress)
+    predicted = _predicted_before_learning(options, seen, progress)
     progress.stage("comparing with the truth and writing the report")
     result = replace(
-        _result(truth, seen, learned, prediction, bags / "throws"), cases=cases, left_out=left_out
+        _result(truth, seen, learned, prediction, bags / "throws"), predicted=predicted
     )
     numbers = dict(result.summary) | {"prediction_rate_hz": round(_rate(heard), 1)}
     _check(result, numbers)
@@ -220,19 +219,16 @@ def _rate(heard: Heard) -> float:
     return float((arrivals.size - 1) / max(np.ptp(arrivals), 1e-6))
 
 
-def _predicted_before_learning(
-    options: Options, seen: Seen, progress: Progress
-) -> tuple[tuple[PredictionCase, ...], int]:
-    """Return the prediction of each throw, and how many throws were left out."""
+def _predicted_before_learning(options: Options, seen: Seen, progress: Progress) -> Predicted:
+    """Return the predictions of the throws."""
     criteria = ConvergenceCriteria(max_iterations=options.iterations)
-    cases, left_out = predict_before_learning(
+    return predict_before_learning(
         seen.observations,
         LearningOptions(method=options.method, criteria=criteria, seed=options.seed),
         make_simulator("auto"),
         np.random.default_rng(options.seed),
         on_progress=progress.bar,
     )
-    return tuple(cases), left_out
 
 
 def _result(

@@ -28,6 +28,7 @@ from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_predictor.scores.highest_density import WITHIN_TWO_SIGMA
 
 SEED = 61
 """Of the throws, each of which has a generator of its own."""
@@ -43,9 +44,6 @@ RATE = 30.0
 
 FLIGHT = 0.7
 """s of a throw at most; its first flight is shorter as a rule."""
-
-WITHIN_TWO_SIGMA = 8.02
-"""Squared distance in variances within which 95.45 % of normal deviates in space are."""
 
 SURE = 5.0
 """rad/s, geometric mean of the standard deviations below which a spin counts as known: half of what

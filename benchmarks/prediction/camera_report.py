@@ -7,18 +7,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from benchmarks.prediction.camera import AHEAD, MOMENTS, Judged, JudgedWorld
 from benchmarks.results.result import Column, Table
-from intuitive_physics_predictor.scores.highest_density import coverage
+from intuitive_physics_predictor.scores.highest_density import WITHIN_TWO_SIGMA, coverage
 
 WORLDS = (2.0, 10.0, 40.0)
 """rad/s about each axis, of the spins of each world."""
-
-WITHIN_2_SIGMA = float(chi2.ppf(chi2.cdf(4.0, 1), 3))
-"""Squared error of a spin, in variances, that a normal one exceeds as seldom as a single number
-exceeds two standard deviations."""
 
 RATIOS = (0.5, 1.0, 2.0)
 """s ahead at which errors are compared."""
@@ -160,7 +155,7 @@ def _moment_figures(found: Sequence[Judged]) -> dict[str, Any]:
 
 def _within(found: Sequence[Judged]) -> float:
     return float(
-        np.mean(np.array([one.spin_nees for one in found]) < WITHIN_2_SIGMA) if found else np.nan
+        np.mean(np.array([one.spin_nees for one in found]) < WITHIN_TWO_SIGMA) if found else np.nan
     )
 
 

@@ -36,13 +36,11 @@ from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_predictor.scores.highest_density import WITHIN_TWO_SIGMA
 
 RATE, FRAMES = 30.0, 8
 CENTER_ERROR, RADIUS_ERROR = 3e-4, 0.01
 """Standard deviations of what is detected: m of each component, and parts of the radius."""
-
-WITHIN_TWO_SIGMA = 8.02
-"""Squared distance in variances within which 95.45 % of normal deviates in space are."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,10 @@ from scipy.spatial import KDTree
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.validation import finite_array
 
+WITHIN_TWO_SIGMA = 8.0249
+"""Squared error of a vector of three, in variances, that a normal one exceeds as seldom as a single
+number exceeds two standard deviations."""
+
 FEWEST_SAMPLES = 2
 """Samples that a density needs at least: one has no neighbour."""
 

@@ -136,18 +136,24 @@ class Follower:
         for sighting in seen.sightings:
             found = sighting.seen
             self._compare(sighting)
+            noise = self._calibration.applied_to(StateNoise())
             start = perf_counter()
             estimates = estimate.update(
-                self._surroundings, [found.object], [found.state], sighting.time, [found.detection]
+                self._surroundings,
+                [found.object],
+                [found.state],
+                sighting.time,
+                [found.detection],
+                noise.guess_scale,
             )
             self.seconds.append(perf_counter() - start)
             scene = Scene(self._world.model.environment, (found.object,), (found.state,))
-            noise = self._calibration.applied_to(StateNoise())
             prepared = PreparedScene.of(scene, self._uncertain, noise, estimates)
             self._calibration.take_prediction(
                 _predicted(prepared, CALIBRATION_TIMES, DEFAULT_SAMPLE_COUNT, self._rng),
                 sighting.time,
                 scene.environment.gravity,
+                prepared.guessed,
             )
             if sighting.time in moments:
                 judged = _judged(self._world, seen, sighting, prepared, self._uncertain, self._rng)

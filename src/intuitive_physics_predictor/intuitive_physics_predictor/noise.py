@@ -62,6 +62,7 @@ class StateNoise:
     scale : factor on the perceived standard deviations of pose and linear velocity
     spin_scale : factor on those of the angular velocity, which is often a guess
     spin_prior : of spins that are a guess, one of `SPIN_PRIORS`
+    guess_scale : factor on the standard deviations of that prior
     """
 
     perceived: bool = True
@@ -72,6 +73,7 @@ class StateNoise:
     scale: float = 1.0
     spin_scale: float = 1.0
     spin_prior: str = LEARNED
+    guess_scale: float = 1.0
 
     def __post_init__(self) -> None:
         if self.spin_prior not in SPIN_PRIORS:
@@ -80,7 +82,7 @@ class StateNoise:
             )
         for name in ("position", "rotation", "linear_velocity", "angular_velocity"):
             non_negative_float(getattr(self, name), f"{name} noise")
-        for name in ("scale", "spin_scale"):
+        for name in ("scale", "spin_scale", "guess_scale"):
             non_negative_float(getattr(self, name), f"{name} of perceived noise")
 
     def covariance(self, state: ObjectState) -> NDArray[np.float64]:
@@ -98,17 +100,12 @@ class StateNoise:
         return fixed + factors[:, None] * state.covariance * factors
 
 
-def spin_deviation(learned: LearnedParameters | None, material: str) -> float | None:
-    """Return the learned spread of initial spins, rad/s on each axis; None where it is unknown."""
-    spread = None if learned is None else learned.initial_spins.by_material.get(material)
-    return None if spread is None else spread.deviation
-
-
 def with_spin_prior(
     state: ObjectState,
     scene_object: SceneObject,
     learned: LearnedParameters | None,
     spin_prior: str = LEARNED,
+    scale: float = 1.0,
 ) -> ObjectState:
     """Return a state whose spin, where it is a guess, has the prior that was asked for.
 
@@ -118,23 +115,28 @@ def with_spin_prior(
     scene_object : whose state it is
     learned : θ_s and how balls are thrown; None: nothing was learned
     spin_prior : one of `SPIN_PRIORS`
+    scale : factor on its standard deviations
     """
     guess = unknown_spin(scene_object.shape, state)
-    if guess is None or spin_prior == PERCEIVED:
+    if guess is None:
         return state
-    deviation = 0.0
-    if spin_prior == LEARNED:
-        known = spin_deviation(learned, scene_object.material)
-        if learned is None or known is None:
-            return state
-        deviation = known
-        # A ball that is seen to be at rest has a spin of about zero too, and is surer of it.
-        stated = learned.initial_spins.by_material[scene_object.material].stated
-        if guess < stated * (1.0 - EQUAL):
-            return state
+    deviation = guess
+    if spin_prior == FIXED:
+        deviation = 0.0
+    elif spin_prior == LEARNED:
+        deviation = _learned_deviation(guess, learned, scene_object.material)
     covariance = state.covariance.copy()
-    covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = deviation**2 * np.eye(3)
+    covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = (scale * deviation) ** 2 * np.eye(3)
     return state.with_covariance(covariance)
+
+
+def _learned_deviation(guess: float, learned: LearnedParameters | None, material: str) -> float:
+    """Spread of initial spins, rad/s: as learned, in place of the guess that it was learned of."""
+    spread = None if learned is None else learned.initial_spins.by_material.get(material)
+    # A ball that is seen to be at rest has a spin of about zero too, and is surer of it.
+    if spread is None or guess < spread.stated * (1.0 - EQUAL):
+        return guess
+    return spread.deviation
 
 
 @dataclass(frozen=True, eq=False)

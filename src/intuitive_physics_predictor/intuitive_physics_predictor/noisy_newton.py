@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.materials import StaticParameters
+from intuitive_physics.prior_knowledge.initial_spins import unknown_spin
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation import Simulator, WorldStatus, make_simulator, pack_worlds
 from intuitive_physics.simulation.contact_noise import ContactNoise
@@ -128,13 +129,25 @@ class PreparedScene:
             learned = known.learned
             known = learned.parameters
         states = [
-            with_spin_prior(state, scene_object, learned, noise.spin_prior)
+            with_spin_prior(state, scene_object, learned, noise.spin_prior, noise.guess_scale)
             for state, scene_object in zip(scene.states, scene.objects, strict=True)
         ]
         spread = StateSpread.of(states, noise)
         world = pack_worlds([scene], known)
         used = estimates if noise.perceived else ()
         return PreparedScene(scene, static_parameters, world, spread, noise, used)
+
+    @property
+    def guessed(self) -> frozenset[str]:
+        """Ids of the objects of whose spin little more is known than a guess."""
+        estimates = self.estimates or (None,) * len(self.scene.objects)
+        return frozenset(
+            thing.id
+            for thing, state, estimate in zip(
+                self.scene.objects, self.scene.states, estimates, strict=True
+            )
+            if (unknown_spin(thing.shape, state) if estimate is None else estimate.spin_is_guess)
+        )
 
     def sampled(
         self,

@@ -284,6 +284,42 @@ def test_a_hand_begins_a_new_estimate():
 FLYING = ObjectState((0, 0, 1.0), linear_velocity=(1, 0, 0))
 
 
+def test_a_spin_is_a_guess_until_the_motion_has_told_it():
+    around = surroundings(friction=1.0)
+    start = ObjectState((0, 0, 0.4), linear_velocity=(0.6, 0.2, -1.0), angular_velocity=(4, -7, 2))
+    # The bounce is after 0.17 s.
+    guess, _ = followed(around, start, 0.1, np.random.default_rng(1))
+    assert guess.spin_is_guess
+    told, _ = followed(around, start, 0.4, np.random.default_rng(1))
+    assert not told.spin_is_guess
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.0, 2.0])
+def test_a_guess_is_as_wide_as_earlier_guesses_should_have_been(scale):
+    around = surroundings()
+    estimate = SceneEstimate(np.random.default_rng(0))
+    for time, state, seen in seen_flight(around, FLYING, 6):
+        (states,) = estimate.update(around, [BALL], [state], time, [seen], scale)
+    _, covariance = states.moments
+    # 200 samples know a standard deviation to 1 / sqrt(400); here to five of these.
+    spins = np.sqrt(np.diag(covariance)[6:9])
+    np.testing.assert_allclose(spins, scale * PRIOR_SPIN, rtol=0.25)
+    assert states.spin_is_guess
+
+
+def test_a_spin_that_was_seen_is_no_guess():
+    around = surroundings()
+    estimate = SceneEstimate(np.random.default_rng(0))
+    for time, state, seen in seen_flight(around, FLYING, 6):
+        known = state.covariance.copy()
+        known[9, 9] = 1.0
+        (states,) = estimate.update(
+            around, [BALL], [state.with_covariance(known)], time, [seen], 2.0
+        )
+    assert np.sqrt(states.moments[1][6, 6]) == pytest.approx(1.0, rel=0.25)
+    assert not states.spin_is_guess
+
+
 def test_what_rests_or_is_not_detected_is_left_to_perception():
     around = surroundings()
     estimate = ObjectEstimate(np.random.default_rng(0))

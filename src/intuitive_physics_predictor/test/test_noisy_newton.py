@@ -22,7 +22,6 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics_predictor.noise import (
     StateNoise,
     StateSpread,
-    spin_deviation,
     with_spin_prior,
 )
 from intuitive_physics_predictor.noisy_newton import (
@@ -118,9 +117,6 @@ def test_learned_spins_are_for_unseen_spins_alone():
     rolling[9, 9] = 1.0
     seen = state.with_covariance(rolling)
     assert with_spin_prior(seen, ball, learned) is seen
-    assert spin_deviation(learned, "ball") == 2.0
-    assert spin_deviation(learned, "floor") is None
-    assert spin_deviation(None, "ball") is None
 
 
 def test_wrong_spin_prior():

@@ -19,6 +19,7 @@ from intuitive_physics_predictor.live.self_calibration import (
     load_calibration,
     save_calibration,
 )
+from intuitive_physics_predictor.noise import StateNoise
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 TIMES = np.arange(0.0, 1.2, 0.01)
@@ -39,9 +40,9 @@ def outcomes(calibration, rng, claimed, true, throws, contact=False):
     for throw in range(throws):
         begin = 10.0 * throw
         error = true * rng.standard_normal(3)
-        factor = calibration.factor("contact" if contact else "state").value
+        factor = calibration.factor("spin" if contact else "state").value
         made, path = prediction(rng, factor * claimed, contact)
-        calibration.take_prediction(made, begin, GRAVITY)
+        calibration.take_prediction(made, begin, GRAVITY, {"ball"})
         for horizon in HORIZONS:
             place = path[np.searchsorted(TIMES, horizon)] + error
             calibration.take_detection("ball", begin + horizon, place, NOISE)
@@ -54,12 +55,29 @@ def test_the_factor_becomes_the_ratio_of_what_was_to_what_was_claimed(ratio, con
     # 1 / sqrt(6 n); comparisons of one throw share theirs and count as fewer.
     calibration = SelfCalibration()
     outcomes(calibration, np.random.default_rng(1), 0.01, 0.01 * ratio, 150, contact)
-    found = calibration.factor("contact" if contact else "state")
+    found = calibration.factor("spin" if contact else "state")
     assert np.log(found.value) == pytest.approx(np.log(ratio), abs=4.0 * found.error)
     assert found.error < 0.1
     # What was not compared is not known.
-    other = calibration.factor("state" if contact else "contact")
+    other = calibration.factor("state" if contact else "spin")
     assert (other.value, other.comparisons) == (pytest.approx(1.0), 0.0)
+
+
+def test_beyond_a_contact_a_spin_that_is_no_guess_counts_for_the_state():
+    calibration = SelfCalibration()
+    made, path = prediction(np.random.default_rng(7), 0.01, contact=True)
+    calibration.take_prediction(made, 0.0, GRAVITY, guessed={"another ball"})
+    calibration.take_detection("ball", 1.0, path[100], NOISE)
+    assert calibration.factor("state").comparisons > 0.0
+    assert calibration.factor("spin").comparisons == 0.0
+
+
+def test_factors_are_on_what_they_were_learned_of():
+    calibration = SelfCalibration()
+    outcomes(calibration, np.random.default_rng(8), 0.01, 0.02, 100, contact=True)
+    noise = calibration.applied_to(StateNoise(scale=0.5, spin_scale=3.0))
+    assert (noise.scale, noise.spin_scale) == (pytest.approx(0.5), 3.0)
+    assert noise.guess_scale == pytest.approx(2.0, rel=0.3)
 
 
 def test_nothing_known_is_one_with_the_error_of_the_prior():
@@ -98,7 +116,7 @@ def test_what_changes_is_followed():
 def test_it_stays_within_its_bounds(claimed, true, seed):
     calibration = SelfCalibration()
     outcomes(calibration, np.random.default_rng(seed), claimed, true, 3)
-    for kind in ("state", "contact"):
+    for kind in ("state", "spin"):
         found = calibration.factor(kind)
         assert np.exp(GRID[0]) <= found.value <= np.exp(GRID[-1])
         assert np.isfinite(found.error)
@@ -115,9 +133,9 @@ def test_it_is_read_as_it_was_written():
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ({}, "the format None; expected 'intuitive_physics/self_calibration/1'"),
+        ({}, "the format None; expected 'intuitive_physics/self_calibration/2'"),
         ([], "the format 'list'"),
-        ({"format": "intuitive_physics/self_calibration/1"}, "expected sums and comparisons"),
+        ({"format": "intuitive_physics/self_calibration/2"}, "expected sums and comparisons"),
     ],
 )
 def test_other_files_are_refused(data, message):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Detections, SeenSpin
+from intuitive_physics.prior_knowledge.initial_spins import unknown_spin
 from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import Simulator, pack_worlds
@@ -110,6 +111,7 @@ class ObjectEstimate:
         state: ObjectState,
         time: float,
         detections: Detections | None,
+        guess_scale: float = 1.0,
     ) -> None:
         """Take what a frame shows; `states` are then those at its time.
 
@@ -120,6 +122,7 @@ class ObjectEstimate:
         state : as perceived at `time`
         time : s, later than before; else all is forgotten
         detections : new ones, at most up to `time`; None: nothing is known of them
+        guess_scale : factor on the standard deviations of a spin that is a guess
         """
         if time <= self._time or detections is None or _rests(state):
             self._forget()
@@ -129,7 +132,7 @@ class ObjectEstimate:
         self._bias = detections.bias
         fit = self._fit
         if fit is None:
-            self._begin(surroundings, thing, state, detections, time)
+            self._begin(surroundings, thing, state, detections, time, guess_scale)
             return
         new = detections.times > fit.last
         if new.any():
@@ -137,7 +140,7 @@ class ObjectEstimate:
         if self._modes is None:
             return
         if _newest_misfit(self._modes) > LARGEST_MISFIT:
-            self._begin(surroundings, thing, state, detections, time)
+            self._begin(surroundings, thing, state, detections, time, guess_scale)
             return
         self.states = draw_weighted(fit, self._modes, SAMPLES, time, self._rng)
         if time - fit.begin > LONGEST and len(self._modes.misfits) == 1:
@@ -157,14 +160,17 @@ class ObjectEstimate:
         state: ObjectState,
         detections: Detections,
         time: float,
+        guess_scale: float,
     ) -> None:
         world, parameters = _world_of(surroundings, thing)
         learned = surroundings.uncertain.learned
         unseen = state if detections.spin is None else _without(detections.spin, state)
-        thrown = with_spin_prior(unseen, thing, learned, surroundings.spin_prior)
+        thrown = with_spin_prior(unseen, thing, learned, surroundings.spin_prior, guess_scale)
         # What has hit a ball in its motion turns it in another way than a throw does.
         first = unseen if self._fit is not None and _less_sure(unseen, thrown) else thrown
-        self._start(Unknowns.of_state(first, self._bias, parameters), world, time, surroundings)
+        unknowns = Unknowns.of_state(first, self._bias, parameters)
+        guess = unknown_spin(thing.shape, first) or 0.0
+        self._start(replace(unknowns, guessed_spin=guess), world, time, surroundings)
         self._seen_before = -np.inf
         self.states = None
 
@@ -173,7 +179,8 @@ class ObjectEstimate:
     ) -> None:
         world, parameters = _world_of(surroundings, thing)
         unknowns = Unknowns.of_moments(*states.moments, parameters)
-        self._start(unknowns, world, time, surroundings)
+        guess = states.unknowns.guessed_spin
+        self._start(replace(unknowns, guessed_spin=guess), world, time, surroundings)
         # What the surface showed until now is in the moments.
         self._seen_before = time
 
@@ -249,6 +256,7 @@ class SceneEstimate:
         states: Sequence[ObjectState],
         time: float,
         detections: Sequence[Detections | None],
+        guess_scale: float = 1.0,
     ) -> tuple[WeightedStates | None, ...]:
         """Take a frame, and return the states of each object at its time.
 
@@ -259,12 +267,13 @@ class SceneEstimate:
         states : of each, as perceived
         time : s, of the states
         detections : new ones of each; None where there are none
+        guess_scale : factor on the standard deviations of spins that are a guess
 
         Returns
         -------
         None for an object whose perceived state is all there is
         """
-        return tuple(self.each(surroundings, objects, states, time, detections))
+        return tuple(self.each(surroundings, objects, states, time, detections, guess_scale))
 
     def each(
         self,
@@ -273,6 +282,7 @@ class SceneEstimate:
         states: Sequence[ObjectState],
         time: float,
         detections: Sequence[Detections | None],
+        guess_scale: float = 1.0,
     ) -> Iterator[WeightedStates | None]:
         """Take a frame as `update` does, one object after the other."""
         kept = {thing.id: self._followed.get(thing.id) for thing in objects}
@@ -286,7 +296,7 @@ class SceneEstimate:
             estimate = self._followed.setdefault(thing.id, ObjectEstimate(self._rng))
             if is_new:
                 estimate.renew(surroundings, thing)
-            estimate.update(surroundings, thing, state, time, seen)
+            estimate.update(surroundings, thing, state, time, seen, guess_scale)
             yield estimate.states
 
 

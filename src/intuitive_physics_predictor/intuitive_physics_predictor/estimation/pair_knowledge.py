@@ -18,7 +18,7 @@ from intuitive_physics_predictor.parameter_uncertainty import UncertainParameter
 COEFFICIENTS = len(PAIR_COEFFICIENTS)
 """Coefficients of a pair of materials."""
 
-CONTACT_SCATTER = 0.01
+CONTACT_SCATTER = 0.005
 """Width of the unit interval: standard deviation of a coefficient from one impact to the next,
 which θ_s does not have. Small beside what one throw says of it."""
 

@@ -38,11 +38,13 @@ class Unknowns:
     mean : (12 + p,) μ
     root : (12 + p, n) L
     parameters : what the p parameters are
+    guessed_spin : rad/s on each axis, of a spin that was a guess before the motion; 0: it was seen
     """
 
     mean: NDArray[np.float64]
     root: NDArray[np.float64]
     parameters: PairKnowledge
+    guessed_spin: float = 0.0
 
     @staticmethod
     def of_moments(

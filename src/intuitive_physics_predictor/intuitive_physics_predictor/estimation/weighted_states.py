@@ -41,6 +41,9 @@ MOST_HALVINGS = 8
 """Halvings of the logarithms: by then all weights are alike."""
 
 
+TOLD = 0.5
+"""Part of a guess's standard deviation of a spin that has to be left for it to be a guess still."""
+
 LEAST_POSSIBLE = 10.0
 """Independent samples that have to be possible: of fewer a prediction would repeat some."""
 
@@ -67,6 +70,13 @@ class WeightedStates:
         mean = self.weights @ own
         apart = own - mean
         return mean, (self.weights[:, None] * apart).T @ apart
+
+    @property
+    def spin_is_guess(self) -> bool:
+        """Whether the motion has told little of a spin that was a guess."""
+        spins = np.cov(self.values[:, SPIN], rowvar=False, aweights=self.weights)
+        guess = self.unknowns.guessed_spin
+        return guess > 0.0 and bool(np.linalg.det(spins / (TOLD * guess) ** 2) > 1.0)
 
     @property
     def effective_count(self) -> float:

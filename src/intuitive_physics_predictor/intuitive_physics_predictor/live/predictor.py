@@ -176,7 +176,9 @@ class Predictor:
             raise
         self.snapshot = replace(self.snapshot, newest=made)
         gravity = made.scene.environment.gravity
-        self.calibration.take_prediction(made.distribution, made.start, gravity)
+        self.calibration.take_prediction(
+            made.distribution, made.start, gravity, made.prepared.guessed
+        )
         self._seed += 1
         return made
 
@@ -253,7 +255,12 @@ class Predictor:
             )
             self._surroundings = surroundings
         yield from self._scene_estimate.each(
-            surroundings, seen.objects, seen.states, seen.stamp, seen.detections
+            surroundings,
+            seen.objects,
+            seen.states,
+            seen.stamp,
+            seen.detections,
+            settings.state_noise(self.calibration).guess_scale,
         )
 
     def _parameters(

@@ -18,7 +18,7 @@ from __future__ import annotations
 import json
 import os
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ from intuitive_physics.validation import finite_array
 from intuitive_physics_predictor.distribution import TrajectoryDistribution
 from intuitive_physics_predictor.noise import StateNoise
 
-FORMAT = "intuitive_physics/self_calibration/1"
+FORMAT = "intuitive_physics/self_calibration/2"
 """Format and version that a file names."""
 
 GRID = np.linspace(np.log(0.2), np.log(5.0), 65)
@@ -65,8 +65,9 @@ CLOSE = 0.02
 FREE_FALL = 0.3
 """Part of gravity by which the mean's acceleration may be off before a contact is predicted."""
 
-KINDS = ("state", "contact")
-"""What is compared: predictions of free flight so far, and those beyond a contact."""
+KINDS = ("state", "spin")
+"""What is compared: predictions beyond a contact of spins that are a guess, which decide all of
+those; and all others, which begin with what was estimated."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ class _Kept:
     time : s, of its beginning
     times : (n_times,) s after that
     means, covariances : by object, (n_times, 3) m and (n_times, 3, 3) m²
-    contact : by object, s after the beginning of the first contact
+    contact : by object with a guessed spin, s after the beginning of the first contact
     factors : that it was made with
     """
 
@@ -133,14 +134,18 @@ class SelfCalibration:
     def applied_to(self, noise: StateNoise) -> StateNoise:
         """Return noise whose standard deviations are those given, times the factors.
 
-        What was learned of free flight counts for pose and velocity; what was learned of contacts,
-        whose outcome the spin decides, for the spin.
+        What was learned of guessed spins counts for the prior of these, from which estimates begin
+        too; the other factor for pose and velocity.
         """
-        state, contact = (self.factor(kind).value for kind in KINDS)
-        return replace(noise, scale=noise.scale * state, spin_scale=noise.spin_scale * contact)
+        state, spin = (self.factor(kind).value for kind in KINDS)
+        return replace(noise, scale=noise.scale * state, guess_scale=noise.guess_scale * spin)
 
     def take_prediction(
-        self, made: TrajectoryDistribution, time: float, gravity: NDArray[np.float64]
+        self,
+        made: TrajectoryDistribution,
+        time: float,
+        gravity: NDArray[np.float64],
+        guessed: Set[str] = frozenset(),
     ) -> None:
         """Keep a prediction, unless one was kept just before.
 
@@ -149,6 +154,7 @@ class SelfCalibration:
         made : with times from its beginning on
         time : s, of its beginning, on the clock of the detections
         gravity : (3,) m/s²
+        guessed : objects whose spin is a guess
         """
         if self._kept and not time - self._kept[-1].time >= 0.0:
             self._kept.clear()
@@ -157,13 +163,14 @@ class SelfCalibration:
         until = int(np.searchsorted(made.times, HORIZONS[-1] + 2.0 * CLOSE))
         mean, covariance = made.mean[:, :until], made.covariance[:, :until]
         named = list(enumerate(made.object_ids))
+        spins = [(k, name) for k, name in named if name in guessed]
         self._kept.append(
             _Kept(
                 time,
                 made.times[:until],
                 {name: mean[k] for k, name in named},
                 {name: covariance[k] for k, name in named},
-                {name: _first_contact(made.times[:until], mean[k], gravity) for k, name in named},
+                {name: _first_contact(made.times[:until], mean[k], gravity) for k, name in spins},
                 {kind: self.factor(kind).value for kind in KINDS},
             )
         )
@@ -210,7 +217,7 @@ class SelfCalibration:
         means, spreads = kept.means[object_id], kept.covariances[object_id]
         error = position - (1.0 - share) * means[k - 1] - share * means[k]
         spread = (1.0 - share) * spreads[k - 1] + share * spreads[k]
-        kind = KINDS[after > kept.contact[object_id]]
+        kind = KINDS[after > kept.contact.get(object_id, np.inf)]
         self._forget(kind, weight)
         relative = np.exp(2.0 * GRID) / kept.factors[kind] ** 2
         self._sums[kind] += weight * _log_density(error, spread, covariance, relative)

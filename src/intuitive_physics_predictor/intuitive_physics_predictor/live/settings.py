@@ -209,10 +209,14 @@ class PredictionSettings:
         InvalidInputError, UnknownNameError
             As `PreparedScene.of`.
         """
+        return PreparedScene.of(scene, parameters, self.state_noise(calibration), estimates)
+
+    def state_noise(self, calibration: SelfCalibration | None = None) -> StateNoise:
+        """Return the noise on states, times the factors of a calibration, if those are used."""
         noise = self.options.state_noise
-        if calibration is not None and self.options.self_calibration:
-            noise = calibration.applied_to(noise)
-        return PreparedScene.of(scene, parameters, noise, estimates)
+        if calibration is None or not self.options.self_calibration:
+            return noise
+        return calibration.applied_to(noise)
 
     def draw(self, prepared: PreparedScene, seed: int, sample_count: int) -> WorldBatch:
         """Draw samples; the same seed gives the same ones.

@@ -84,7 +84,7 @@ def find_modes(
     ----------
     fit : with one detection at least
     starts : (m, n)
-    steps : (m, n) by which derivatives are taken
+    steps : (m, n, n), of each start n differences by which derivatives are taken
     """
     centres = starts
     for _ in range(ITERATIONS):
@@ -102,7 +102,10 @@ def find_modes(
 
 
 def derivative_steps(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return by how much to change each unknown for a derivative.
+    """Return the differences by which derivatives are taken: along the posterior's own axes.
+
+    Along the unknowns themselves a step would be as long as what is known least: a spin about the
+    normal of a bounce, which nothing tells, would make a step of spins that are known well.
 
     Parameters
     ----------
@@ -110,10 +113,12 @@ def derivative_steps(information: NDArray[np.float64]) -> NDArray[np.float64]:
 
     Returns
     -------
-    (m, n)
+    (m, n, n), one difference a row
     """
-    variances = np.diagonal(np.linalg.inv(information), axis1=1, axis2=2)
-    return np.asarray(STEP_SHARE * np.sqrt(variances))
+    precisions, axes = np.linalg.eigh(information)
+    # The prior alone has the precision 1: what is below it is rounding.
+    deviations = np.maximum(precisions, 1.0) ** -0.5
+    return np.asarray(STEP_SHARE * (axes * deviations[:, None]).swapaxes(1, 2))
 
 
 def _linearised(
@@ -121,10 +126,10 @@ def _linearised(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Residuals (m, rows) at the centres, and their derivatives (m, n, rows)."""
     m, n = centres.shape
-    moved = centres[:, None] + steps[:, :, None] * np.eye(n)
+    moved = centres[:, None] + steps
     found = fit.residuals(np.concatenate([centres, moved.reshape(m * n, n)]))
     apart = found[m:].reshape(m, n, -1) - found[:m, None]
-    return found[:m], apart / steps[..., None]
+    return found[:m], np.linalg.solve(steps, apart)
 
 
 def _damped(

@@ -204,10 +204,10 @@ class ObjectEstimate:
         self._modes = find_modes(fit, *self._starts(fit))
 
     def _starts(self, fit: TrajectoryFit) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where to look for modes, (m, n), and by what to take derivatives there, (m, n)."""
+        """Where to look for modes, (m, n), and by what to take derivatives there, (m, n, n)."""
         size = fit.unknowns.size
         if self._modes is None:
-            centres, steps = np.zeros((1, size)), np.full((1, size), FIRST_STEP)
+            centres, steps = np.zeros((1, size)), FIRST_STEP * np.eye(size)[None]
         else:
             centres, steps = self._modes.centres, derivative_steps(self._modes.information)
         others = self._other_spins(fit, centres[0])

@@ -419,7 +419,7 @@ def test_two_explanations_stay_two():
 
 
 def test_derivative_steps_follow_the_information():
-    # Each difference δ is 0.3 standard deviations of the posterior long: δᵀ H δ = 0.09, and none has
+    # Each difference δ is 0.3 standard deviations of the posterior: δᵀ H δ = 0.09, and none has
     # anything to do with another.
     turn, _ = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))
     information = (turn * [1.0, 4.0, 1e10]) @ turn.T

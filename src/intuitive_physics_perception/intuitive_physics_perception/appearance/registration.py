@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from intuitive_physics.kernels import allocating_entry, entry, kernel
+from intuitive_physics.kernels import allocating_entry, entry, fast_inlined, kernel
 
 BLOCK = 4
 """Cells along each edge of a block, whose errors may all be one."""
@@ -41,6 +41,13 @@ SAMPLES = 2
 
 LAGS = 5
 """Cells to each side over which a grid is compared with itself."""
+
+DISAGREEMENT = 0.5
+"""Of the mean power of two images, what is taken from their product: images whose correlation is
+smaller speak against a rotation."""
+
+VALUE, OWN_POWER = 3, 4
+"""Rows in which the value of a cell and its part of the power stand, after those of its place."""
 
 
 @kernel
@@ -81,50 +88,107 @@ def _between(axes_to: Any, rotation: Any, axes_from: Any, out: Any) -> None:
 
 
 @allocating_entry
-def coarse_scores(
-    first: Any, second: Any, axes: Any, turns: Any, pitch: float, products: Any, counts: Any
+def add_scores(
+    first: Any, second: Any, axes: Any, rotations: Any, pitch: float, scores: Any
 ) -> None:
-    """Add to each turn's sum of products of two images and to its number of common cells.
+    """Add to each rotation's score of two images: Σ e f - ρ (e² + f²) / 2 of their common cells.
 
     Parameters
     ----------
     first, second : (g, g) values, NaN where there is none
     axes : (2, 3, 3) of both views, as rows
-    turns : (m, 3) rad, rotation vectors from the first to the second
+    rotations : (m, 3, 3), from the second to the first
     pitch : of the cells
-    products, counts : (m,) sums, written
+    scores : (m,) sums, written
     """
     size = first.shape[0]
-    middle = 0.5 * (size - 1)
-    places = np.empty((size * size, 4))
-    count = 0
+    cells, seen = (
+        np.empty((OWN_POWER + 1, size * size), np.float32),
+        np.zeros((2, size * size), np.float32),
+    )
+    middle, count = 0.5 * (size - 1), 0
     for row in range(size):
-        for column in range(row % 2, size, 2):
-            if not np.isnan(second[row, column]):
+        for column in range(size):
+            value = first[row, column]
+            if not np.isnan(value):
+                seen[0, row * size + column], seen[1, row * size + column] = value, 1.0
+            value = second[row, column]
+            # Every other cell, as on a chessboard.
+            if (row + column) % 2 == 0 and not np.isnan(value):
                 x, y = (column - middle) * pitch, (row - middle) * pitch
-                places[count, 0], places[count, 1] = x, y
-                places[count, 2] = np.sqrt(max(1.0 - x * x - y * y, 0.0))
-                places[count, 3] = second[row, column]
+                cells[0, count], cells[1, count] = x, y
+                cells[2, count] = np.sqrt(max(1.0 - x * x - y * y, 0.0))
+                cells[VALUE, count] = value
+                cells[OWN_POWER, count] = 0.5 * DISAGREEMENT * value * value
                 count += 1
-    rotation, jacobian, way = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    for m in range(turns.shape[0]):
-        _turned(-turns[m], 1.0, rotation, jacobian)
-        _between(axes[0], rotation, axes[1], way)
-        product, number = 0.0, 0
-        for i in range(count):
-            x, y, z = places[i, 0], places[i, 1], places[i, 2]
-            if way[2, 0] * x + way[2, 1] * y + way[2, 2] * z < RIM:
-                continue
-            to_x = way[0, 0] * x + way[0, 1] * y + way[0, 2] * z
-            to_y = way[1, 0] * x + way[1, 1] * y + way[1, 2] * z
-            column, row = int(to_x / pitch + middle + 0.5), int(to_y / pitch + middle + 0.5)
-            if 0 <= row < size and 0 <= column < size:
-                value = first[row, column]
-                if not np.isnan(value):
-                    product += value * places[i, 3]
-                    number += 1
-        products[m] += product
-        counts[m] += number
+    way, turned = np.empty(9, np.float32), np.empty((3, 3))
+    for m in range(rotations.shape[0]):
+        for i in range(3):
+            for q in range(3):
+                turned[i, q] = 0.0
+                for p in range(3):
+                    turned[i, q] += axes[0, i, p] * rotations[m, p, q]
+        for i in range(3):
+            for j in range(3):
+                total = 0.0
+                for q in range(3):
+                    total += turned[i, q] * axes[1, j, q]
+                way[3 * i + j] = total if i == 2 else total / pitch
+        scores[m] += _score(seen, cells[:, :count], way, size)
+
+
+@fast_inlined
+def _score(seen: Any, cells: Any, way: Any, size: int) -> float:
+    """Score of a way (9,) from the cells of one image to those of another, in its pitches."""
+    width, start = np.int32(size), np.float32(0.5 * size)
+    rim, half = np.float32(RIM), np.float32(0.5 * DISAGREEMENT)
+    total = np.float32(0.0)
+    for i in range(cells.shape[1]):
+        x, y, z = cells[0, i], cells[1, i], cells[2, i]
+        column = np.int32(way[0] * x + way[1] * y + way[2] * z + start)
+        row = np.int32(way[3] * x + way[4] * y + way[5] * z + start)
+        # The first cell is a corner, which no sphere fills.
+        k = row * width + column if way[6] * x + way[7] * y + way[8] * z >= rim else np.int32(0)
+        value = seen[0, k]
+        total += value * (cells[VALUE, i] - half * value) - seen[1, k] * cells[OWN_POWER, i]
+    return float(total)
+
+
+@allocating_entry
+def joint_scores(scores: Any, places: Any) -> Any:
+    """Return the sums (n,) of scores (lags, m), of each at the rotation of a spin (n, lags)."""
+    sums = np.zeros(places.shape[0])
+    for k in range(places.shape[0]):
+        for lag in range(places.shape[1]):
+            sums[k] += scores[lag, places[k, lag]]
+    return sums
+
+
+@allocating_entry
+def best_apart(scores: Any, turns: Any, apart: float, count: int) -> Any:
+    """Return the indices (count,) of the largest scores (n,) above zero, best first, of turns
+    (n, 3) rad that are `apart` from one another; -1 where there are no more."""
+    chosen = np.full(count, -1)
+    for place in range(count):
+        best = 0.0
+        for k in range(scores.shape[0]):
+            if scores[k] > best and _is_apart(turns, k, chosen[:place], apart):
+                best, chosen[place] = scores[k], k
+        if chosen[place] < 0:
+            break
+    return chosen
+
+
+@kernel
+def _is_apart(turns: Any, one: int, others: Any, apart: float) -> bool:
+    """Whether a turn is at least some rad away from others."""
+    for other in others:
+        away = 0.0
+        for i in range(3):
+            away += (turns[one, i] - turns[other, i]) ** 2
+        if away < apart * apart:
+            return False
+    return True
 
 
 @allocating_entry

@@ -13,14 +13,12 @@ from intuitive_physics_perception.appearance.spin_fit import (
     LARGEST_TURN,
     ImageSeries,
     Spin,
-    TurnSearch,
 )
+from intuitive_physics_perception.appearance.turn_search import TurnSearch
 
-NEAR_TURN = 0.35
-"""rad from frame to frame, beside the best rotation, from where another one is looked for."""
-
-EVEN = 1.5
-"""Times from frame to frame that differ by a larger factor are not searched."""
+REACH = 2
+"""Images that far apart are compared first in a search: what turns fast has little in common with
+the image before."""
 
 
 class SurfaceSpin:
@@ -79,23 +77,20 @@ class SurfaceSpin:
         """Search for the spin among all rotations from frame to frame."""
         settings = self._settings
         del self._times[: -settings.search_frames], self._images[: -settings.search_frames]
-        # A side without a pattern says where the pattern is not, but nothing is searched on it.
-        before, newest = (self._images[-2:-1] or self._images)[0], self._images[-1]
-        if len(self._times) < 2 or min(before.contrast, newest.contrast) < settings.contrast:
+        if len(self._times) < 2:
             return
-        duration = self._times[-1] - self._times[-2]
         if self._search is None:
-            self._search, self._interval = TurnSearch(duration, settings), duration
-        if duration < EVEN * self._search.duration:
-            self._search.add(before, newest, duration)
+            self._interval = self._times[-1] - self._times[-2]
+            self._search = TurnSearch(self._interval, settings)
+        self._search.add(self._times, self._images)
+        # A side without a pattern says where the pattern is not, but nothing is found on it.
         self._waits -= 1
-        if len(self._times) < 3 or self._waits > 0:
+        if len(self._times) < 3 or self._images[-1].contrast < settings.contrast or self._waits > 0:
             return
-        first, *others = self._search.best(settings.candidates)
-        near = NEAR_TURN / duration * np.concatenate([np.eye(3), -np.eye(3)])
-        begins = [np.zeros(3), first, *others, *(first + near)]
+        begins = self._search.best(settings.candidates)
         series = ImageSeries(self._times, self._images, settings)
-        self.spin = self._accepted(series, [series.fitted(begin) for begin in begins])
+        found = [series.fitted(begin, reach=REACH) for begin in begins]
+        self.spin = self._accepted(series, found) if found else None
         # What has not been understood so far deserves less time.
         self._misses += 1
         self._waits = 1 + self._misses // 2

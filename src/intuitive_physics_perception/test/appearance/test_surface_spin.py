@@ -21,8 +21,9 @@ from intuitive_physics_perception.appearance.registration import (
 )
 from intuitive_physics_perception.appearance.settings import AppearanceSettings
 from intuitive_physics_perception.appearance.sphere_image import SphereImage, pitch_of
-from intuitive_physics_perception.appearance.spin_fit import ImageSeries, ball_of_turns
+from intuitive_physics_perception.appearance.spin_fit import ImageSeries
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
+from intuitive_physics_perception.appearance.turn_search import ball_of_turns
 
 SETTINGS = AppearanceSettings()
 CELLS_ACROSS = SETTINGS.cells

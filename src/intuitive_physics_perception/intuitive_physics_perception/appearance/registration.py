@@ -30,9 +30,6 @@ the surface that is twice as wide."""
 SMOOTH = 9
 """Functions on the sphere that light and shade may be a combination of."""
 
-ROOT_TWO = np.sqrt(2.0)
-"""Weight of a cell of a chessboard's one colour, which stands for one of the other, too."""
-
 COLUMNS = 5
 """Of a cell: the slopes over ω, and the values of both images."""
 
@@ -79,12 +76,13 @@ def _turned(phi: Any, duration: float, rotation: Any, jacobian: Any) -> None:
 def _between(axes_to: Any, rotation: Any, axes_from: Any, out: Any) -> None:
     """Write A_j R A_kᵀ (3, 3): from the axes of one view to those of another."""
     for i in range(3):
+        a = b = c = 0.0
+        for p in range(3):
+            a += axes_to[i, p] * rotation[p, 0]
+            b += axes_to[i, p] * rotation[p, 1]
+            c += axes_to[i, p] * rotation[p, 2]
         for j in range(3):
-            total = 0.0
-            for p in range(3):
-                for q in range(3):
-                    total += axes_to[i, p] * rotation[p, q] * axes_from[j, q]
-            out[i, j] = total
+            out[i, j] = a * axes_from[j, 0] + b * axes_from[j, 1] + c * axes_from[j, 2]
 
 
 @allocating_entry
@@ -121,36 +119,37 @@ def add_scores(
                 cells[VALUE, count] = value
                 cells[OWN_POWER, count] = 0.5 * DISAGREEMENT * value * value
                 count += 1
-    way, turned = np.empty(9, np.float32), np.empty((3, 3))
+    way, turned = np.empty((3, 3), np.float32), np.empty((3, 3))
     for m in range(rotations.shape[0]):
-        for i in range(3):
-            for q in range(3):
-                turned[i, q] = 0.0
-                for p in range(3):
-                    turned[i, q] += axes[0, i, p] * rotations[m, p, q]
-        for i in range(3):
-            for j in range(3):
-                total = 0.0
-                for q in range(3):
-                    total += turned[i, q] * axes[1, j, q]
-                way[3 * i + j] = total if i == 2 else total / pitch
-        scores[m] += _score(seen, cells[:, :count], way, size)
+        _between(axes[0], rotations[m], axes[1], turned)
+        for j in range(3):
+            way[0, j], way[1, j], way[2, j] = (
+                turned[0, j] / pitch,
+                turned[1, j] / pitch,
+                turned[2, j],
+            )
+        scores[m] += _score(seen[0], seen[1], cells, count, way, size)
 
 
 @fast_inlined
-def _score(seen: Any, cells: Any, way: Any, size: int) -> float:
-    """Score of a way (9,) from the cells of one image to those of another, in its pitches."""
+def _score(values: Any, seen: Any, cells: Any, count: int, way: Any, size: int) -> float:
+    """Score of a way (3, 3) from the cells of one image to those of another, in its pitches."""
     width, start = np.int32(size), np.float32(0.5 * size)
     rim, half = np.float32(RIM), np.float32(0.5 * DISAGREEMENT)
+    a, b, c = way[0, 0], way[0, 1], way[0, 2]
+    d, e, f = way[1, 0], way[1, 1], way[1, 2]
+    p, q, s = way[2, 0], way[2, 1], way[2, 2]
     total = np.float32(0.0)
-    for i in range(cells.shape[1]):
+    for i in range(count):
         x, y, z = cells[0, i], cells[1, i], cells[2, i]
-        column = np.int32(way[0] * x + way[1] * y + way[2] * z + start)
-        row = np.int32(way[3] * x + way[4] * y + way[5] * z + start)
+        column, row = (
+            np.int32(a * x + b * y + c * z + start),
+            np.int32(d * x + e * y + f * z + start),
+        )
         # The first cell is a corner, which no sphere fills.
-        k = row * width + column if way[6] * x + way[7] * y + way[8] * z >= rim else np.int32(0)
-        value = seen[0, k]
-        total += value * (cells[VALUE, i] - half * value) - seen[1, k] * cells[OWN_POWER, i]
+        k = np.uint32(row * width + column) if p * x + q * y + s * z >= rim else np.uint32(0)
+        value = values[k]
+        total += value * (cells[VALUE, i] - half * value) - seen[k] * cells[OWN_POWER, i]
     return float(total)
 
 
@@ -219,7 +218,7 @@ def overlay(values: Any, axes: Any, times: Any, spin: Any, reach: int, pitch: fl
     gradients = np.empty((blocks * blocks, 3))
     rotation, jacobian, way = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     phi, slope = np.empty(3), np.empty((3, 3))
-    columns, basis = np.empty((size * size, COLUMNS)), np.empty((size * size, SMOOTH))
+    columns, basis = np.empty((COLUMNS, size * size)), np.empty((SMOOTH, size * size))
     own_blocks = np.empty(size * size, dtype=np.int64)
     normal, cross = np.empty((SMOOTH, SMOOTH)), np.empty((SMOOTH, COLUMNS))
     for k in range(1, values.shape[0]):
@@ -235,7 +234,8 @@ def overlay(values: Any, axes: Any, times: Any, spin: Any, reach: int, pitch: fl
             if count < 2 * SMOOTH:
                 continue
             _take_out_smooth(columns, basis, count, normal, cross)
-            _add_pair(columns, basis, own_blocks, count, gradients, sums)
+            sums[CELLS] += 2.0 * _dot(basis[0], basis[0], count)
+            _add_pair(columns, own_blocks, count, gradients, sums)
     return sums
 
 
@@ -296,9 +296,9 @@ def _lay_over(
             weight = min(min(z, to_z) - RIM, TAPER) / TAPER
             for i in range(3):
                 turned = slope[i, 0] * t_x + slope[i, 1] * t_y + slope[i, 2] * t_z
-                columns[count, i] = weight * turned
-            columns[count, 3], columns[count, 4] = weight * here, weight * there
-            _harmonics(x, y, z, weight, basis[count])
+                columns[i, count] = weight * turned
+            columns[3, count], columns[4, count] = weight * here, weight * there
+            _harmonics(x, y, z, weight, basis[:, count])
             blocks[count] = (row // BLOCK) * across + column // BLOCK
             count += 1
     return count
@@ -314,24 +314,35 @@ def _harmonics(x: float, y: float, z: float, weight: float, out: Any) -> None:
 
 @kernel
 def _take_out_smooth(columns: Any, basis: Any, count: int, normal: Any, cross: Any) -> None:
-    """Leave of each column (count,) what is no combination of the smooth functions.
+    """Leave of the first cells of each column what is no combination of the smooth functions.
 
     `normal` and `cross` are working memory.
     """
-    width, own = basis.shape[1], columns.shape[1]
-    normal[:] = 0.0
-    cross[:] = 0.0
-    for i in range(count):
-        for m in range(width):
-            for n in range(m + 1):
-                normal[m, n] += basis[i, m] * basis[i, n]
-            for n in range(own):
-                cross[m, n] += basis[i, m] * columns[i, n]
+    for m in range(basis.shape[0]):
+        for n in range(m + 1):
+            normal[m, n] = _dot(basis[m], basis[n], count)
+        for n in range(columns.shape[0]):
+            cross[m, n] = _dot(basis[m], columns[n], count)
     _solve(normal, cross)
+    for m in range(basis.shape[0]):
+        for n in range(columns.shape[0]):
+            _subtract(columns[n], cross[m, n], basis[m], count)
+
+
+@fast_inlined
+def _dot(one: Any, other: Any, count: int) -> float:
+    """Return the sum of the products of the first numbers of two arrays."""
+    total = 0.0
     for i in range(count):
-        for m in range(width):
-            for n in range(own):
-                columns[i, n] -= basis[i, m] * cross[m, n]
+        total += one[i] * other[i]
+    return total
+
+
+@fast_inlined
+def _subtract(one: Any, factor: float, other: Any, count: int) -> None:
+    """Take from the first numbers of an array those of another times a factor."""
+    for i in range(count):
+        one[i] -= factor * other[i]
 
 
 @kernel
@@ -358,21 +369,19 @@ def _solve(normal: Any, cross: Any) -> None:
 
 
 @kernel
-def _add_pair(columns: Any, basis: Any, blocks: Any, count: int, gradients: Any, sums: Any) -> None:
+def _add_pair(columns: Any, blocks: Any, count: int, gradients: Any, sums: Any) -> None:
     """Add the sums of a pair of images; `gradients` (blocks, 3) is working memory."""
+    here, there = columns[3], columns[4]
+    sums[PRODUCT] += 2.0 * _dot(here, there, count)
+    sums[POWER] += _dot(here, here, count) + _dot(there, there, count)
+    for m in range(3):
+        for n in range(3):
+            sums[3 * m + n] += 2.0 * _dot(columns[m], columns[n], count)
     gradients[:] = 0.0
     for i in range(count):
-        for m in range(COLUMNS):
-            columns[i, m] *= ROOT_TWO
-        here, there = columns[i, 3], columns[i, 4]
-        residual, block = here - there, blocks[i]
+        residual = 2.0 * (here[i] - there[i])
         for m in range(3):
-            gradients[block, m] += columns[i, m] * residual
-            for n in range(3):
-                sums[3 * m + n] += columns[i, m] * columns[i, n]
-        sums[PRODUCT] += here * there
-        sums[POWER] += 0.5 * (here * here + there * there)
-        sums[CELLS] += 2.0 * basis[i, 0] * basis[i, 0]
+            gradients[blocks[i], m] += columns[m, i] * residual
     for block in range(gradients.shape[0]):
         for m in range(3):
             sums[GRADIENT + m] += gradients[block, m]

@@ -83,7 +83,9 @@ class ImageSeries:
         self._settings = settings
         self._axes = np.stack([image.axes for image in images])
         self._values = np.stack([image.values for image in images])
-        self._areas = np.array([image.area for image in images])
+        power = np.nanmean(np.square(self._values), axis=(1, 2))
+        # Of a side without a pattern it is the noise whose cells go together.
+        self._area = float(np.average([image.area for image in images], weights=power))
         self._seen = float(np.count_nonzero(~np.isnan(self._values)))
         self._pitch = pitch_of(settings.cells)
         self._place = float(np.mean([image.place_deviation**2 for image in images]))
@@ -144,7 +146,7 @@ class ImageSeries:
         covariance += np.outer(drawn, drawn)
         correlation = float(sums[PRODUCT] / max(sums[POWER], 1e-12))
         together = float(np.clip(correlation, 0.0, SURE))
-        count = sums[CELLS] / (float(np.mean(self._areas)) * shared)
+        count = sums[CELLS] / (self._area * shared)
         return Spin(
             mean,
             covariance + self._geometry_covariance(mean),

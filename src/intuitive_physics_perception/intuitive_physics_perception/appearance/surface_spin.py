@@ -16,9 +16,18 @@ from intuitive_physics_perception.appearance.spin_fit import (
 )
 from intuitive_physics_perception.appearance.turn_search import TurnSearch
 
-REACH = 2
+REACH = 4
 """Images that far apart are compared first in a search: what turns fast has little in common with
 the image before."""
+
+KEPT = 0.9
+"""Part of the correlation that a spin needs to become known, below which it is forgotten."""
+
+SHORTER = 0.75
+"""Part of the time between two frames below which a new one shows that frames were left out."""
+
+PATIENCE = 4
+"""Searches in vain after which one frame more is waited for the next."""
 
 
 class SurfaceSpin:
@@ -66,12 +75,8 @@ class SurfaceSpin:
         """Correct a spin that is known; forget it where the newest image contradicts it."""
         self._thin()
         series = ImageSeries(self._times, self._images, self._settings)
-        self.spin = self._accepted(series, [series.fitted(spin.mean, reach=len(self._times))])
-        if self.spin is None:
-            # Something that was not seen has changed it.
-            time, image = self._times[-1], self._images[-1]
-            self.forget()
-            self._times, self._images = [time], [image]
+        found = [series.fitted(spin.mean, reach=len(self._times))]
+        self.spin = self._accepted(series, found, KEPT * self._settings.agreement)
 
     def _look(self) -> None:
         """Search for the spin among all rotations from frame to frame."""
@@ -79,9 +84,9 @@ class SurfaceSpin:
         del self._times[: -settings.search_frames], self._images[: -settings.search_frames]
         if len(self._times) < 2:
             return
-        if self._search is None:
-            self._interval = self._times[-1] - self._times[-2]
-            self._search = TurnSearch(self._interval, settings)
+        duration = self._times[-1] - self._times[-2]
+        if self._search is None or duration < SHORTER * self._search.duration:
+            self._search, self._interval = TurnSearch(duration, settings), duration
         self._search.add(self._times, self._images)
         # A side without a pattern says where the pattern is not, but nothing is found on it.
         self._waits -= 1
@@ -90,10 +95,10 @@ class SurfaceSpin:
         begins = self._search.best(settings.candidates)
         series = ImageSeries(self._times, self._images, settings)
         found = [series.fitted(begin, reach=REACH) for begin in begins]
-        self.spin = self._accepted(series, found) if found else None
+        self.spin = self._accepted(series, found, settings.agreement) if found else None
         # What has not been understood so far deserves less time.
         self._misses += 1
-        self._waits = 1 + self._misses // 2
+        self._waits = 1 + self._misses // PATIENCE
 
     def _thin(self) -> None:
         """Keep as many images as are compared: without the one whose neighbours are closest."""
@@ -102,14 +107,16 @@ class SurfaceSpin:
             left_out = 1 + int(np.argmin(times[2:] - times[:-2]))
             del self._times[left_out], self._images[left_out]
 
-    def _accepted(self, series: ImageSeries, found: Sequence[Spin]) -> Spin | None:
+    def _accepted(
+        self, series: ImageSeries, found: Sequence[Spin], agreement: float
+    ) -> Spin | None:
         """The spin that explains the images, if it is the only one that does."""
         settings = self._settings
         best = max(found, key=lambda one: one.likelihood)
         others = [one.likelihood for one in found if _differ(one, best)]
         if (
             best.likelihood < settings.likelihood
-            or best.correlation < settings.agreement
+            or best.correlation < agreement
             or np.linalg.norm(best.mean) * self._interval > LARGEST_TURN
             or self._may_be_light(best, series.view_rate)
             or max(others, default=0.0) > settings.lead * best.likelihood

@@ -20,9 +20,9 @@ from intuitive_physics_perception.appearance.registration import (
 from intuitive_physics_perception.appearance.settings import AppearanceSettings
 from intuitive_physics_perception.appearance.sphere_image import SphereImage, pitch_of
 
-LARGEST_TURN = 2.5
+LARGEST_TURN = 2.6
 """rad from frame to frame of a spin that is believed. More than half a turn looks like the rest of
-a turn the other way: with this limit a ball must turn by 3.8 rad to be mistaken."""
+a turn the other way: with this limit a ball must turn by 3.7 rad to be mistaken."""
 
 LONGEST_STEP = 0.3
 """rad between the images farthest apart, by which a spin is corrected at most in one step."""
@@ -33,8 +33,8 @@ SMALL_STEP = 0.04
 STEPS = 5
 """Corrections for each set of pairs of images."""
 
-HOPELESS = 0.3
-"""Correlation of neighbouring images below which a spin is not looked at further."""
+HOPELESS = 0.6
+"""Correlation of images below which a spin is not looked at further."""
 
 ALIKE = 8.0
 """Cells whose differences are one error, where the images' edges are not alike."""
@@ -147,9 +147,12 @@ class ImageSeries:
         correlation = float(sums[PRODUCT] / max(sums[POWER], 1e-12))
         together = float(np.clip(correlation, 0.0, SURE))
         count = sums[CELLS] / (self._area * shared)
+        if correlation > HOPELESS:
+            covariance += self._geometry_covariance(mean)
+            covariance += _bend(mean, covariance)
         return Spin(
             mean,
-            covariance + self._geometry_covariance(mean),
+            covariance,
             correlation,
             -0.5 * count * float(np.log1p(-(together**2))),
         )
@@ -169,16 +172,26 @@ class ImageSeries:
         toward = self._axes[:, 2]
         across = np.eye(3) - toward[:, :, None] * toward[:, None, :]
         errors = self._settings.alignment_deviation**2 * np.eye(3) + self._place * across
-        inverse = np.linalg.inv(np.einsum("kij,kil->jl", slopes, slopes))
-        meat = np.einsum("kij,kip,kpl->jl", slopes, errors, slopes)
-        covariance = (inverse @ meat @ inverse)[:3, :3]
+        turned_back = slopes.transpose(0, 2, 1)
+        inverse = np.linalg.inv((turned_back @ slopes).sum(axis=0))
+        meat = (turned_back @ errors @ slopes).sum(axis=0)
+        covariance: NDArray[np.float64] = (inverse @ meat @ inverse)[:3, :3]
         # Where all centres are off alike, the axis of the spin is turned with the images.
         tilt = np.cross(spin, across.mean(axis=0))
         covariance += self._place * tilt.T @ tilt
+        turn = float(np.linalg.norm(spin) * (self.times[-1] - self.times[0]))
         # A radius that is too large makes turns too small, as long as they are no whole ones.
-        whole = max(1.0, float(np.linalg.norm(spin) * (self.times[-1] - self.times[0])))
-        turned = across.mean(axis=0) @ spin / whole
+        turned = across.mean(axis=0) @ spin / max(1.0, turn)
         return np.asarray(covariance + self._scale * np.outer(turned, turned))
+
+
+def _bend(spin: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What errors of its axis make of the size of a spin (3,) rad/s: axes that are equally good lie
+    on a sphere rather than in the plane that touches it."""
+    size = max(float(np.linalg.norm(spin)), 1e-9)
+    axis = spin / size
+    away = (np.trace(covariance) - axis @ covariance @ axis) / (2.0 * size)
+    return np.asarray(away**2 * np.outer(axis, axis))
 
 
 def _slopes(spin: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -30,6 +30,17 @@ PATIENCE = 4
 """Searches in vain after which one frame more is waited for the next."""
 
 
+NEAR_TURN = 0.35
+"""rad from frame to frame, beside the best rotation, from where another one is looked for."""
+
+RECURRING = 1.3
+"""rad from frame to frame, above which some of the images that are compared may be a whole turn
+apart. Those are alike whatever the axis, so that more rotations have to be told apart."""
+
+RIVALS = 3
+"""Times as many rotations that are refined then."""
+
+
 class SurfaceSpin:
     """Finds the spin of one ball in a flight, image after image.
 
@@ -92,13 +103,27 @@ class SurfaceSpin:
         self._waits -= 1
         if len(self._times) < 3 or self._images[-1].contrast < settings.contrast or self._waits > 0:
             return
-        begins = self._search.best(settings.candidates)
         series = ImageSeries(self._times, self._images, settings)
-        found = [series.fitted(begin, reach=REACH) for begin in begins]
-        self.spin = self._accepted(series, found, settings.agreement) if found else None
+        self.spin = self._found(series, self._search)
         # What has not been understood so far deserves less time.
         self._misses += 1
         self._waits = 1 + self._misses // PATIENCE
+
+    def _found(self, series: ImageSeries, search: TurnSearch) -> Spin | None:
+        """The spin that explains the images, found from the best of those tried."""
+        count, agreement = self._settings.candidates, self._settings.agreement
+        begins = search.best(RIVALS * count)
+        found = [series.fitted(begin, reach=REACH) for begin in begins[:count]]
+        best = self._accepted(series, found, agreement)
+        if best is None:
+            return None
+        # Before it is believed, others are looked for where they may have been missed.
+        near = NEAR_TURN / search.duration * np.concatenate([np.eye(3), -np.eye(3)])
+        rivals = [*(best.mean + near)]
+        if np.linalg.norm(best.mean) * search.duration > RECURRING:
+            rivals += begins[count:]
+        found += [series.fitted(rival, reach=REACH) for rival in rivals]
+        return self._accepted(series, found, agreement)
 
     def _thin(self) -> None:
         """Keep as many images as are compared: without the one whose neighbours are closest."""
@@ -112,6 +137,8 @@ class SurfaceSpin:
     ) -> Spin | None:
         """The spin that explains the images, if it is the only one that does."""
         settings = self._settings
+        if not found:
+            return None
         best = max(found, key=lambda one: one.likelihood)
         others = [one.likelihood for one in found if _differ(one, best)]
         if (

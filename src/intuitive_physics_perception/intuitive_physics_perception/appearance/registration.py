@@ -20,7 +20,7 @@ BLOCK = 4
 RIM = 0.4
 """Cosine of the largest angle between a direction and that to the sensor that is compared."""
 
-GRADIENT, MEAT, CELLS, PRODUCT, POWER = 9, 12, 21, 22, 23
+GRADIENT, MEAT, CELLS, PRODUCT, POWER, UNEVEN = 9, 12, 21, 22, 23, 24
 """Where the sums of `overlay` stand, after the normal matrix."""
 
 TAPER = 0.3
@@ -208,11 +208,12 @@ def overlay(values: Any, axes: Any, times: Any, spin: Any, reach: int, pitch: fl
     Returns
     -------
     array
-        (24,), of residuals r = e_k - e_j and slopes J = ∂e_j/∂ω: the normal matrix Σ J Jᵀ (9), the
+        (25,), of residuals r = e_k - e_j and slopes J = ∂e_j/∂ω: the normal matrix Σ J Jᵀ (9), the
         gradient Σ J r (3), Σ over blocks of the products of their gradients (9); the weight of
-        all cells, Σ e_k e_j, and Σ (e_k² + e_j²) / 2
+        all cells, Σ e_k e_j, and Σ (e_k² + e_j²) / 2; and the sum over all pairs of the square of
+        this power over the weight of the pair's cells
     """
-    sums = np.zeros(POWER + 1)
+    sums = np.zeros(UNEVEN + 1)
     size = values.shape[1]
     blocks = (size + BLOCK - 1) // BLOCK
     gradients = np.empty((blocks * blocks, 3))
@@ -234,8 +235,10 @@ def overlay(values: Any, axes: Any, times: Any, spin: Any, reach: int, pitch: fl
             if count < 2 * SMOOTH:
                 continue
             _take_out_smooth(columns, basis, count, normal, cross)
-            sums[CELLS] += 2.0 * _dot(basis[0], basis[0], count)
-            _add_pair(columns, own_blocks, count, gradients, sums)
+            cells = 2.0 * _dot(basis[0], basis[0], count)
+            power = _add_pair(columns, own_blocks, count, gradients, sums)
+            sums[CELLS] += cells
+            sums[UNEVEN] += power * power / cells
     return sums
 
 
@@ -369,11 +372,13 @@ def _solve(normal: Any, cross: Any) -> None:
 
 
 @kernel
-def _add_pair(columns: Any, blocks: Any, count: int, gradients: Any, sums: Any) -> None:
-    """Add the sums of a pair of images; `gradients` (blocks, 3) is working memory."""
+def _add_pair(columns: Any, blocks: Any, count: int, gradients: Any, sums: Any) -> float:
+    """Add the sums of a pair of images, return its power; `gradients` (blocks, 3) is working
+    memory."""
     here, there = columns[3], columns[4]
+    power = _dot(here, here, count) + _dot(there, there, count)
     sums[PRODUCT] += 2.0 * _dot(here, there, count)
-    sums[POWER] += _dot(here, here, count) + _dot(there, there, count)
+    sums[POWER] += power
     for m in range(3):
         for n in range(3):
             sums[3 * m + n] += 2.0 * _dot(columns[m], columns[n], count)
@@ -387,6 +392,7 @@ def _add_pair(columns: Any, blocks: Any, count: int, gradients: Any, sums: Any) 
             sums[GRADIENT + m] += gradients[block, m]
             for n in range(3):
                 sums[MEAT + 3 * m + n] += gradients[block, m] * gradients[block, n]
+    return float(power)
 
 
 @entry

@@ -15,6 +15,7 @@ from intuitive_physics_perception.appearance.registration import (
     MEAT,
     POWER,
     PRODUCT,
+    UNEVEN,
     overlay,
 )
 from intuitive_physics_perception.appearance.settings import AppearanceSettings
@@ -132,12 +133,14 @@ class ImageSeries:
     def _spin_of(self, mean: NDArray[np.float64], sums: NDArray[np.float64]) -> Spin:
         """A spin with its covariance and evidence from the sums over all pairs of images."""
         normal = sums[:GRADIENT].reshape(3, 3)
+        # Of all cells those count that would have the whole power if it were the same in all pairs.
+        shown = float(sums[POWER] ** 2 / max(sums[UNEVEN], 1e-12))
         inverse = np.linalg.inv(normal + (1e-6 * np.trace(normal) + 1e-12) * np.eye(3))
         # Each image is in many pairs, which have its errors in common.
         shared = 0.5 + sums[CELLS] / self._seen
         covariance = shared * inverse @ sums[MEAT:CELLS].reshape(3, 3) @ inverse
         # What is wrong with the cells at an edge is wrong in all pairs.
-        misfit = 2.0 * (sums[POWER] - sums[PRODUCT]) / max(sums[CELLS], 1.0)
+        misfit = 2.0 * (sums[POWER] - sums[PRODUCT]) / max(shown, 1.0)
         pairs = sums[CELLS] / self._seen * len(self.times)
         covariance += ALIKE * misfit * pairs * inverse
         # What stands still beside the pattern draws the spin towards zero.

@@ -140,16 +140,15 @@ class SurfaceSpin:
         if not found:
             return None
         best = max(found, key=lambda one: one.likelihood)
-        others = [one.likelihood for one in found if _differ(one, best)]
         if (
             best.likelihood < settings.likelihood
             or best.correlation < agreement
             or np.linalg.norm(best.mean) * self._interval > LARGEST_TURN
             or self._may_be_light(best, series.view_rate)
-            or max(others, default=0.0) > settings.lead * best.likelihood
         ):
             return None
-        return best
+        others = [one.likelihood for one in found if _differ(one, best)]
+        return None if max(others, default=0.0) > settings.lead * best.likelihood else best
 
     def _may_be_light(self, spin: Spin, view_rate: NDArray[np.float64]) -> bool:
         """Whether what turns so may be light, which stands still, or a highlight, which goes a part

@@ -31,7 +31,7 @@ LONGEST_STEP = 0.3
 SMALL_STEP = 0.04
 """Part of `LONGEST_STEP` below which a correction is the last."""
 
-STEPS = 5
+STEPS = 4
 """Corrections for each set of pairs of images."""
 
 HOPELESS = 0.6
@@ -132,13 +132,26 @@ class ImageSeries:
 
     def _spin_of(self, mean: NDArray[np.float64], sums: NDArray[np.float64]) -> Spin:
         """A spin with its covariance and evidence from the sums over all pairs of images."""
-        normal = sums[:GRADIENT].reshape(3, 3)
-        # Of all cells those count that would have the whole power if it were the same in all pairs.
-        shown = float(sums[POWER] ** 2 / max(sums[UNEVEN], 1e-12))
-        inverse = np.linalg.inv(normal + (1e-6 * np.trace(normal) + 1e-12) * np.eye(3))
         # Each image is in many pairs, which have its errors in common.
         shared = 0.5 + sums[CELLS] / self._seen
+        correlation = float(sums[PRODUCT] / max(sums[POWER], 1e-12))
+        together = float(np.clip(correlation, 0.0, SURE))
+        count = sums[CELLS] / (self._area * shared)
+        likelihood = -0.5 * count * float(np.log1p(-(together**2)))
+        return Spin(mean, self._covariance(mean, sums, shared), correlation, likelihood)
+
+    def _covariance(
+        self, mean: NDArray[np.float64], sums: NDArray[np.float64], shared: float
+    ) -> NDArray[np.float64]:
+        """Covariance of a spin from the sums over all pairs of images; of one that explains little
+        only what the cells' own errors make."""
+        normal = sums[:GRADIENT].reshape(3, 3)
+        inverse = np.linalg.inv(normal + (1e-6 * np.trace(normal) + 1e-12) * np.eye(3))
         covariance = shared * inverse @ sums[MEAT:CELLS].reshape(3, 3) @ inverse
+        if sums[PRODUCT] < HOPELESS * sums[POWER]:
+            return np.asarray(covariance)
+        # Of all cells those count that would have the whole power if it were the same in all pairs.
+        shown = float(sums[POWER] ** 2 / max(sums[UNEVEN], 1e-12))
         # What is wrong with the cells at an edge is wrong in all pairs.
         misfit = 2.0 * (sums[POWER] - sums[PRODUCT]) / max(shown, 1.0)
         pairs = sums[CELLS] / self._seen * len(self.times)
@@ -147,18 +160,8 @@ class ImageSeries:
         pull = self._settings.light_slope**2 * sums[CELLS] * self._pull_of_light(mean)
         drawn = inverse @ pull
         covariance += np.outer(drawn, drawn)
-        correlation = float(sums[PRODUCT] / max(sums[POWER], 1e-12))
-        together = float(np.clip(correlation, 0.0, SURE))
-        count = sums[CELLS] / (self._area * shared)
-        if correlation > HOPELESS:
-            covariance += self._geometry_covariance(mean)
-            covariance += _bend(mean, covariance)
-        return Spin(
-            mean,
-            covariance,
-            correlation,
-            -0.5 * count * float(np.log1p(-(together**2))),
-        )
+        covariance += self._geometry_covariance(mean)
+        return np.asarray(covariance + _bend(mean, covariance))
 
     def _pull_of_light(self, spin: NDArray[np.float64]) -> NDArray[np.float64]:
         """Mean over all pairs of images of time between them times turn (3,), s rad: of turns that

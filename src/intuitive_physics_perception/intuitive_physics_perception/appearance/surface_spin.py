@@ -29,6 +29,8 @@ SHORTER = 0.75
 PATIENCE = 4
 """Searches in vain after which one frame more is waited for the next."""
 
+PROVEN = 3
+"""Frames that a spin has foretold, from where on a frame that contradicts it shows another spin."""
 
 NEAR_TURN = 0.35
 """rad from frame to frame, beside the best rotation, from where another one is looked for."""
@@ -60,7 +62,7 @@ class SurfaceSpin:
         self._images: list[SphereImage] = []
         self._search: TurnSearch | None = None
         self._interval = np.inf
-        self._misses, self._waits = 0, 0
+        self._misses, self._waits, self._foretold = 0, 0, 0
 
     @property
     def since(self) -> float:
@@ -88,6 +90,14 @@ class SurfaceSpin:
         series = ImageSeries(self._times, self._images, self._settings)
         found = [series.fitted(spin.mean, reach=len(self._times))]
         self.spin = self._accepted(series, found, KEPT * self._settings.agreement)
+        self._foretold += 1
+        if self.spin is None:
+            proven, time, image = self._foretold > PROVEN, self._times[-1], self._images[-1]
+            self._foretold = 0
+            if proven:
+                # Something that was not seen has changed it.
+                self.forget()
+                self._times, self._images = [time], [image]
 
     def _look(self) -> None:
         """Search for the spin among all rotations from frame to frame."""

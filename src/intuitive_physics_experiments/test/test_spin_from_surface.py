@@ -111,18 +111,18 @@ def look(
         surface.take(time, image.moved(own.rotation))
 
 
-# A logo is on one side only, which a slow ball may not show. At 40 rad/s on each axis every third
-# ball turns too far from frame to frame, and little of one image is seen in the next.
+# A logo is on one side only, which a ball may not show, or may show too seldom. At 40 rad/s on each
+# axis every fourth ball turns too far from frame to frame.
 KNOWN = {
-    ("dots", 2.0): 0.8,
-    ("dots", 10.0): 0.8,
-    ("dots", 40.0): 0.2,
-    ("seams", 2.0): 0.6,
-    ("seams", 10.0): 0.7,
-    ("seams", 40.0): 0.05,
+    ("dots", 2.0): 0.9,
+    ("dots", 10.0): 0.9,
+    ("dots", 40.0): 0.6,
+    ("seams", 2.0): 0.8,
+    ("seams", 10.0): 0.9,
+    ("seams", 40.0): 0.4,
     ("logo", 2.0): 0.1,
-    ("logo", 10.0): 0.3,
-    ("logo", 40.0): 0.0,
+    ("logo", 10.0): 0.4,
+    ("logo", 40.0): 0.2,
 }
 """Part of the spins that must be known after `FRAMES` frames, by pattern and deviation in rad/s."""
 

@@ -14,6 +14,7 @@ from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.scene import Environment
 from intuitive_physics_perception.appearance.sphere_image import sphere_image
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
+from intuitive_physics_perception.appearance.turn_search import turn_tables
 from intuitive_physics_perception.detection.detections import (
     DetectedSphere,
     Detection,
@@ -43,7 +44,7 @@ from intuitive_physics_perception.environment.settled_view import SettledView
 from intuitive_physics_perception.environment.static_boxes import StaticBoxFilter, with_static_boxes
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import Episode, EpisodeRecorder, record_of
-from intuitive_physics_perception.tracking.motion import RADIUS
+from intuitive_physics_perception.tracking.motion import PLACED, POSITION, RADIUS
 from intuitive_physics_perception.tracking.motion_fits import noise_factor
 from intuitive_physics_perception.tracking.track import Track
 from intuitive_physics_perception.tracking.tracker import Tracker
@@ -222,6 +223,9 @@ class ModelledScene:
         self._clutter: Clutter | None = None
         self.stages = self._home = Stages(model, settings, rng, _nearest_ranges(frames))
         self.stages.prepare(frames[-1])
+        if settings.spin_from_surface:
+            # Made here, as the first ball that flies cannot wait for them.
+            turn_tables(settings.appearance.search_step)
         self.check = EnvironmentCheck(model, settings, revised=self._view is not None)
         self.restart_tracking(first_track)
 
@@ -303,10 +307,21 @@ class ModelledScene:
                 track.surface = None
                 continue
             pixels = shown.pixels(points)
-            image = sphere_image(shown.detection, pixels, points, colors, appearance)
+            sphere = self._followed_sphere(track, shown.detection)
+            image = sphere_image(sphere, pixels, points, colors, appearance)
             if image is not None:
                 track.surface = track.surface or SurfaceSpin(appearance)
                 track.surface.take(time, image.moved(rotation))
+
+    def _followed_sphere(self, track: Track, detected: DetectedSphere) -> DetectedSphere:
+        """A sphere that is seen, in the sensor's frame, as all frames so far show it."""
+        known = replace(
+            detected,
+            center=track.mean[POSITION],
+            radius=float(track.mean[RADIUS]),
+            covariance=track.covariance[np.ix_(PLACED, PLACED)] + track.systematic,
+        )
+        return known.moved(self.model.rotation.T, self.model.to_sensor(np.zeros(3)))
 
     def look_back(self) -> None:
         """Look for each new ball in the frames before it was first seen, a few in each new frame.

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from intuitive_physics.kernels import allocating_entry, entry, kernel
+from intuitive_physics.kernels import allocating_entry, entry, fast_inlined, kernel
 
 BLOCK = 4
 """Cells along each edge of a block, whose errors may all be one."""
@@ -20,7 +20,7 @@ BLOCK = 4
 RIM = 0.4
 """Cosine of the largest angle between a direction and that to the sensor that is compared."""
 
-GRADIENT, MEAT, CELLS, PRODUCT, POWER = 9, 12, 21, 22, 23
+GRADIENT, MEAT, CELLS, PRODUCT, POWER, UNEVEN = 9, 12, 21, 22, 23, 24
 """Where the sums of `overlay` stand, after the normal matrix."""
 
 TAPER = 0.3
@@ -30,9 +30,6 @@ the surface that is twice as wide."""
 SMOOTH = 9
 """Functions on the sphere that light and shade may be a combination of."""
 
-ROOT_TWO = np.sqrt(2.0)
-"""Weight of a cell of a chessboard's one colour, which stands for one of the other, too."""
-
 COLUMNS = 5
 """Of a cell: the slopes over ω, and the values of both images."""
 
@@ -41,6 +38,13 @@ SAMPLES = 2
 
 LAGS = 5
 """Cells to each side over which a grid is compared with itself."""
+
+DISAGREEMENT = 0.5
+"""Of the mean power of two images, what is taken from their product: images whose correlation is
+smaller speak against a rotation."""
+
+VALUE, OWN_POWER = 3, 4
+"""Rows in which the value of a cell and its part of the power stand, after those of its place."""
 
 
 @kernel
@@ -72,59 +76,118 @@ def _turned(phi: Any, duration: float, rotation: Any, jacobian: Any) -> None:
 def _between(axes_to: Any, rotation: Any, axes_from: Any, out: Any) -> None:
     """Write A_j R A_kᵀ (3, 3): from the axes of one view to those of another."""
     for i in range(3):
+        a = b = c = 0.0
+        for p in range(3):
+            a += axes_to[i, p] * rotation[p, 0]
+            b += axes_to[i, p] * rotation[p, 1]
+            c += axes_to[i, p] * rotation[p, 2]
         for j in range(3):
-            total = 0.0
-            for p in range(3):
-                for q in range(3):
-                    total += axes_to[i, p] * rotation[p, q] * axes_from[j, q]
-            out[i, j] = total
+            out[i, j] = a * axes_from[j, 0] + b * axes_from[j, 1] + c * axes_from[j, 2]
 
 
 @allocating_entry
-def coarse_scores(
-    first: Any, second: Any, axes: Any, turns: Any, pitch: float, products: Any, counts: Any
+def add_scores(
+    first: Any, second: Any, axes: Any, rotations: Any, pitch: float, scores: Any
 ) -> None:
-    """Add to each turn's sum of products of two images and to its number of common cells.
+    """Add to each rotation's score of two images: Σ e f - ρ (e² + f²) / 2 of their common cells.
 
     Parameters
     ----------
     first, second : (g, g) values, NaN where there is none
     axes : (2, 3, 3) of both views, as rows
-    turns : (m, 3) rad, rotation vectors from the first to the second
+    rotations : (m, 3, 3), from the second to the first
     pitch : of the cells
-    products, counts : (m,) sums, written
+    scores : (m,) sums, written
     """
     size = first.shape[0]
-    middle = 0.5 * (size - 1)
-    places = np.empty((size * size, 4))
-    count = 0
+    cells, seen = (
+        np.empty((OWN_POWER + 1, size * size), np.float32),
+        np.zeros((2, size * size), np.float32),
+    )
+    middle, count = 0.5 * (size - 1), 0
     for row in range(size):
-        for column in range(row % 2, size, 2):
-            if not np.isnan(second[row, column]):
+        for column in range(size):
+            value = first[row, column]
+            if not np.isnan(value):
+                seen[0, row * size + column], seen[1, row * size + column] = value, 1.0
+            value = second[row, column]
+            # Every other cell, as on a chessboard.
+            if (row + column) % 2 == 0 and not np.isnan(value):
                 x, y = (column - middle) * pitch, (row - middle) * pitch
-                places[count, 0], places[count, 1] = x, y
-                places[count, 2] = np.sqrt(max(1.0 - x * x - y * y, 0.0))
-                places[count, 3] = second[row, column]
+                cells[0, count], cells[1, count] = x, y
+                cells[2, count] = np.sqrt(max(1.0 - x * x - y * y, 0.0))
+                cells[VALUE, count] = value
+                cells[OWN_POWER, count] = 0.5 * DISAGREEMENT * value * value
                 count += 1
-    rotation, jacobian, way = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    for m in range(turns.shape[0]):
-        _turned(-turns[m], 1.0, rotation, jacobian)
-        _between(axes[0], rotation, axes[1], way)
-        product, number = 0.0, 0
-        for i in range(count):
-            x, y, z = places[i, 0], places[i, 1], places[i, 2]
-            if way[2, 0] * x + way[2, 1] * y + way[2, 2] * z < RIM:
-                continue
-            to_x = way[0, 0] * x + way[0, 1] * y + way[0, 2] * z
-            to_y = way[1, 0] * x + way[1, 1] * y + way[1, 2] * z
-            column, row = int(to_x / pitch + middle + 0.5), int(to_y / pitch + middle + 0.5)
-            if 0 <= row < size and 0 <= column < size:
-                value = first[row, column]
-                if not np.isnan(value):
-                    product += value * places[i, 3]
-                    number += 1
-        products[m] += product
-        counts[m] += number
+    way, turned = np.empty((3, 3), np.float32), np.empty((3, 3))
+    for m in range(rotations.shape[0]):
+        _between(axes[0], rotations[m], axes[1], turned)
+        for j in range(3):
+            way[0, j], way[1, j], way[2, j] = (
+                turned[0, j] / pitch,
+                turned[1, j] / pitch,
+                turned[2, j],
+            )
+        scores[m] += _score(seen[0], seen[1], cells, count, way, size)
+
+
+@fast_inlined
+def _score(values: Any, seen: Any, cells: Any, count: int, way: Any, size: int) -> float:
+    """Score of a way (3, 3) from the cells of one image to those of another, in its pitches."""
+    width, start = np.int32(size), np.float32(0.5 * size)
+    rim, half = np.float32(RIM), np.float32(0.5 * DISAGREEMENT)
+    a, b, c = way[0, 0], way[0, 1], way[0, 2]
+    d, e, f = way[1, 0], way[1, 1], way[1, 2]
+    p, q, s = way[2, 0], way[2, 1], way[2, 2]
+    total = np.float32(0.0)
+    for i in range(count):
+        x, y, z = cells[0, i], cells[1, i], cells[2, i]
+        column, row = (
+            np.int32(a * x + b * y + c * z + start),
+            np.int32(d * x + e * y + f * z + start),
+        )
+        # The first cell is a corner, which no sphere fills.
+        k = np.uint32(row * width + column) if p * x + q * y + s * z >= rim else np.uint32(0)
+        value = values[k]
+        total += value * (cells[VALUE, i] - half * value) - seen[k] * cells[OWN_POWER, i]
+    return float(total)
+
+
+@allocating_entry
+def joint_scores(scores: Any, places: Any) -> Any:
+    """Return the sums (n,) of scores (lags, m), of each at the rotation of a spin (n, lags)."""
+    sums = np.zeros(places.shape[0])
+    for k in range(places.shape[0]):
+        for lag in range(places.shape[1]):
+            sums[k] += scores[lag, places[k, lag]]
+    return sums
+
+
+@allocating_entry
+def best_apart(scores: Any, turns: Any, apart: float, count: int) -> Any:
+    """Return the indices (count,) of the largest scores (n,) above zero, best first, of turns
+    (n, 3) rad that are `apart` from one another; -1 where there are no more."""
+    chosen = np.full(count, -1)
+    for place in range(count):
+        best = 0.0
+        for k in range(scores.shape[0]):
+            if scores[k] > best and _is_apart(turns, k, chosen[:place], apart):
+                best, chosen[place] = scores[k], k
+        if chosen[place] < 0:
+            break
+    return chosen
+
+
+@kernel
+def _is_apart(turns: Any, one: int, others: Any, apart: float) -> bool:
+    """Whether a turn is at least some rad away from others."""
+    for other in others:
+        away = 0.0
+        for i in range(3):
+            away += (turns[one, i] - turns[other, i]) ** 2
+        if away < apart * apart:
+            return False
+    return True
 
 
 @allocating_entry
@@ -145,17 +208,18 @@ def overlay(values: Any, axes: Any, times: Any, spin: Any, reach: int, pitch: fl
     Returns
     -------
     array
-        (24,), of residuals r = e_k - e_j and slopes J = ∂e_j/∂ω: the normal matrix Σ J Jᵀ (9), the
+        (25,), of residuals r = e_k - e_j and slopes J = ∂e_j/∂ω: the normal matrix Σ J Jᵀ (9), the
         gradient Σ J r (3), Σ over blocks of the products of their gradients (9); the weight of
-        all cells, Σ e_k e_j, and Σ (e_k² + e_j²) / 2
+        all cells, Σ e_k e_j, and Σ (e_k² + e_j²) / 2; and the sum over all pairs of the square of
+        this power over the weight of the pair's cells
     """
-    sums = np.zeros(POWER + 1)
+    sums = np.zeros(UNEVEN + 1)
     size = values.shape[1]
     blocks = (size + BLOCK - 1) // BLOCK
     gradients = np.empty((blocks * blocks, 3))
     rotation, jacobian, way = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     phi, slope = np.empty(3), np.empty((3, 3))
-    columns, basis = np.empty((size * size, COLUMNS)), np.empty((size * size, SMOOTH))
+    columns, basis = np.empty((COLUMNS, size * size)), np.empty((SMOOTH, size * size))
     own_blocks = np.empty(size * size, dtype=np.int64)
     normal, cross = np.empty((SMOOTH, SMOOTH)), np.empty((SMOOTH, COLUMNS))
     for k in range(1, values.shape[0]):
@@ -171,7 +235,10 @@ def overlay(values: Any, axes: Any, times: Any, spin: Any, reach: int, pitch: fl
             if count < 2 * SMOOTH:
                 continue
             _take_out_smooth(columns, basis, count, normal, cross)
-            _add_pair(columns, basis, own_blocks, count, gradients, sums)
+            cells = 2.0 * _dot(basis[0], basis[0], count)
+            power = _add_pair(columns, own_blocks, count, gradients, sums)
+            sums[CELLS] += cells
+            sums[UNEVEN] += power * power / cells
     return sums
 
 
@@ -232,9 +299,9 @@ def _lay_over(
             weight = min(min(z, to_z) - RIM, TAPER) / TAPER
             for i in range(3):
                 turned = slope[i, 0] * t_x + slope[i, 1] * t_y + slope[i, 2] * t_z
-                columns[count, i] = weight * turned
-            columns[count, 3], columns[count, 4] = weight * here, weight * there
-            _harmonics(x, y, z, weight, basis[count])
+                columns[i, count] = weight * turned
+            columns[3, count], columns[4, count] = weight * here, weight * there
+            _harmonics(x, y, z, weight, basis[:, count])
             blocks[count] = (row // BLOCK) * across + column // BLOCK
             count += 1
     return count
@@ -250,24 +317,35 @@ def _harmonics(x: float, y: float, z: float, weight: float, out: Any) -> None:
 
 @kernel
 def _take_out_smooth(columns: Any, basis: Any, count: int, normal: Any, cross: Any) -> None:
-    """Leave of each column (count,) what is no combination of the smooth functions.
+    """Leave of the first cells of each column what is no combination of the smooth functions.
 
     `normal` and `cross` are working memory.
     """
-    width, own = basis.shape[1], columns.shape[1]
-    normal[:] = 0.0
-    cross[:] = 0.0
-    for i in range(count):
-        for m in range(width):
-            for n in range(m + 1):
-                normal[m, n] += basis[i, m] * basis[i, n]
-            for n in range(own):
-                cross[m, n] += basis[i, m] * columns[i, n]
+    for m in range(basis.shape[0]):
+        for n in range(m + 1):
+            normal[m, n] = _dot(basis[m], basis[n], count)
+        for n in range(columns.shape[0]):
+            cross[m, n] = _dot(basis[m], columns[n], count)
     _solve(normal, cross)
+    for m in range(basis.shape[0]):
+        for n in range(columns.shape[0]):
+            _subtract(columns[n], cross[m, n], basis[m], count)
+
+
+@fast_inlined
+def _dot(one: Any, other: Any, count: int) -> float:
+    """Return the sum of the products of the first numbers of two arrays."""
+    total = 0.0
     for i in range(count):
-        for m in range(width):
-            for n in range(own):
-                columns[i, n] -= basis[i, m] * cross[m, n]
+        total += one[i] * other[i]
+    return total
+
+
+@fast_inlined
+def _subtract(one: Any, factor: float, other: Any, count: int) -> None:
+    """Take from the first numbers of an array those of another times a factor."""
+    for i in range(count):
+        one[i] -= factor * other[i]
 
 
 @kernel
@@ -294,26 +372,27 @@ def _solve(normal: Any, cross: Any) -> None:
 
 
 @kernel
-def _add_pair(columns: Any, basis: Any, blocks: Any, count: int, gradients: Any, sums: Any) -> None:
-    """Add the sums of a pair of images; `gradients` (blocks, 3) is working memory."""
+def _add_pair(columns: Any, blocks: Any, count: int, gradients: Any, sums: Any) -> float:
+    """Add the sums of a pair of images, return its power; `gradients` (blocks, 3) is working
+    memory."""
+    here, there = columns[3], columns[4]
+    power = _dot(here, here, count) + _dot(there, there, count)
+    sums[PRODUCT] += 2.0 * _dot(here, there, count)
+    sums[POWER] += power
+    for m in range(3):
+        for n in range(3):
+            sums[3 * m + n] += 2.0 * _dot(columns[m], columns[n], count)
     gradients[:] = 0.0
     for i in range(count):
-        for m in range(COLUMNS):
-            columns[i, m] *= ROOT_TWO
-        here, there = columns[i, 3], columns[i, 4]
-        residual, block = here - there, blocks[i]
+        residual = 2.0 * (here[i] - there[i])
         for m in range(3):
-            gradients[block, m] += columns[i, m] * residual
-            for n in range(3):
-                sums[3 * m + n] += columns[i, m] * columns[i, n]
-        sums[PRODUCT] += here * there
-        sums[POWER] += 0.5 * (here * here + there * there)
-        sums[CELLS] += 2.0 * basis[i, 0] * basis[i, 0]
+            gradients[blocks[i], m] += columns[m, i] * residual
     for block in range(gradients.shape[0]):
         for m in range(3):
             sums[GRADIENT + m] += gradients[block, m]
             for n in range(3):
                 sums[MEAT + 3 * m + n] += gradients[block, m] * gradients[block, n]
+    return float(power)
 
 
 @entry

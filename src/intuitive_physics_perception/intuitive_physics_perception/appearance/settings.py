@@ -19,14 +19,14 @@ class AppearanceSettings:
         90, 20, 100000, "readings with a colour that an image of a sphere needs at least"
     )
     frames: int = number(
-        7,
+        12,
         3,
         30,
         "images of a flight that are compared at most: the first, the newest, and of the "
         "others those that leave the smallest gaps",
     )
     search_frames: int = number(
-        4, 3, 30, "newest images of a flight in which a spin is searched that is not known"
+        8, 3, 30, "newest images of a flight in which a spin is searched that is not known"
     )
     max_spin: float = number(
         150.0,
@@ -37,7 +37,11 @@ class AppearanceSettings:
         unit="rad/s",
     )
     search_step: float = number(
-        0.3, 0.1, 1.0, "distance of the rotations from frame to frame that are tried", unit="rad"
+        0.3,
+        0.2,
+        1.0,
+        "distance of the rotations from one image to another that are tried",
+        unit="rad",
     )
     candidates: int = number(4, 1, 50, "rotations that are refined, the best of those tried")
     contrast: float = number(
@@ -62,7 +66,7 @@ class AppearanceSettings:
         "explanations, and the spin is unknown",
     )
     agreement: float = number(
-        0.88, 0.0, 1.0, "correlation of the images of a flight that is at least needed"
+        0.84, 0.0, 1.0, "correlation of the images of a flight that is at least needed"
     )
     alignment_deviation: float = number(
         0.012,

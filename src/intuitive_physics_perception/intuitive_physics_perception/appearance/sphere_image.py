@@ -62,12 +62,11 @@ class SphereImage:
         return float(common_area(self.values / np.nanstd(self.values)))
 
     @cached_property
-    def coarse(self) -> tuple[NDArray[np.float64], float]:
-        """Means (g / 2, g / 2) of four values each, and their `area`."""
+    def coarse(self) -> NDArray[np.float64]:
+        """Means (g / 2, g / 2) of four values each."""
         size = self.values.shape[0] // 2
         parts = self.values[: 2 * size, : 2 * size].reshape(size, 2, size, 2)
-        mean = parts.mean(axis=(1, 3))
-        return mean, float(common_area(mean / np.nanstd(mean)))
+        return np.asarray(parts.mean(axis=(1, 3)))
 
     def moved(self, rotation: NDArray[np.float64]) -> SphereImage:
         """Return it in another frame, n_other = rotation (3, 3) n."""

@@ -1,13 +1,13 @@
-"""Fits a constant spin to images of a ball: rotations to begin with, and Gauss-Newton."""
+"""Fits a constant spin to images of a ball, by Gauss-Newton."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from intuitive_physics_perception.appearance.registration import (
     CELLS,
@@ -15,21 +15,15 @@ from intuitive_physics_perception.appearance.registration import (
     MEAT,
     POWER,
     PRODUCT,
-    coarse_scores,
+    UNEVEN,
     overlay,
 )
 from intuitive_physics_perception.appearance.settings import AppearanceSettings
 from intuitive_physics_perception.appearance.sphere_image import SphereImage, pitch_of
 
-LARGEST_SEARCHED = 2.9
-"""rad from frame to frame: a little less than half a turn, which has two directions."""
-
-LARGEST_TURN = 2.5
+LARGEST_TURN = 2.6
 """rad from frame to frame of a spin that is believed. More than half a turn looks like the rest of
-a turn the other way: with this limit a ball must turn by 3.8 rad to be mistaken."""
-
-APART = 0.5
-"""rad from frame to frame by which rotations differ that are refined from the search."""
+a turn the other way: with this limit a ball must turn by 3.7 rad to be mistaken."""
 
 LONGEST_STEP = 0.3
 """rad between the images farthest apart, by which a spin is corrected at most in one step."""
@@ -37,14 +31,17 @@ LONGEST_STEP = 0.3
 SMALL_STEP = 0.04
 """Part of `LONGEST_STEP` below which a correction is the last."""
 
-STEPS = 5
+STEPS = 4
 """Corrections for each set of pairs of images."""
 
-HOPELESS = 0.3
-"""Correlation of neighbouring images below which a spin is not looked at further."""
+HOPELESS = 0.6
+"""Correlation of images below which a spin is not looked at further."""
 
 ALIKE = 8.0
 """Cells whose differences are one error, where the images' edges are not alike."""
+
+LIGHT_WIDTH = 1.0
+"""rad by which light that stands still is turned where it no longer resembles itself."""
 
 SURE = 0.99
 """Largest correlation that is counted: what is missing to 1 comes from the cells' size alone."""
@@ -87,7 +84,9 @@ class ImageSeries:
         self._settings = settings
         self._axes = np.stack([image.axes for image in images])
         self._values = np.stack([image.values for image in images])
-        self._areas = np.array([image.area for image in images])
+        power = np.nanmean(np.square(self._values), axis=(1, 2))
+        # Of a side without a pattern it is the noise whose cells go together.
+        self._area = float(np.average([image.area for image in images], weights=power))
         self._seen = float(np.count_nonzero(~np.isnan(self._values)))
         self._pitch = pitch_of(settings.cells)
         self._place = float(np.mean([image.place_deviation**2 for image in images]))
@@ -133,89 +132,84 @@ class ImageSeries:
 
     def _spin_of(self, mean: NDArray[np.float64], sums: NDArray[np.float64]) -> Spin:
         """A spin with its covariance and evidence from the sums over all pairs of images."""
-        normal = sums[:GRADIENT].reshape(3, 3)
-        inverse = np.linalg.inv(normal + (1e-6 * np.trace(normal) + 1e-12) * np.eye(3))
         # Each image is in many pairs, which have its errors in common.
         shared = 0.5 + sums[CELLS] / self._seen
+        correlation = float(sums[PRODUCT] / max(sums[POWER], 1e-12))
+        together = float(np.clip(correlation, 0.0, SURE))
+        count = sums[CELLS] / (self._area * shared)
+        likelihood = -0.5 * count * float(np.log1p(-(together**2)))
+        return Spin(mean, self._covariance(mean, sums, shared), correlation, likelihood)
+
+    def _covariance(
+        self, mean: NDArray[np.float64], sums: NDArray[np.float64], shared: float
+    ) -> NDArray[np.float64]:
+        """Covariance of a spin from the sums over all pairs of images; of one that explains little
+        only what the cells' own errors make."""
+        normal = sums[:GRADIENT].reshape(3, 3)
+        inverse = np.linalg.inv(normal + (1e-6 * np.trace(normal) + 1e-12) * np.eye(3))
         covariance = shared * inverse @ sums[MEAT:CELLS].reshape(3, 3) @ inverse
+        if sums[PRODUCT] < HOPELESS * sums[POWER]:
+            return np.asarray(covariance)
+        # Of all cells those count that would have the whole power if it were the same in all pairs.
+        shown = float(sums[POWER] ** 2 / max(sums[UNEVEN], 1e-12))
         # What is wrong with the cells at an edge is wrong in all pairs.
-        misfit = 2.0 * (sums[POWER] - sums[PRODUCT]) / max(sums[CELLS], 1.0)
+        misfit = 2.0 * (sums[POWER] - sums[PRODUCT]) / max(shown, 1.0)
         pairs = sums[CELLS] / self._seen * len(self.times)
         covariance += ALIKE * misfit * pairs * inverse
         # What stands still beside the pattern draws the spin towards zero.
-        apart = np.square(self.times[:, None] - self.times).sum() / len(self.times) ** 2
-        drawn = self._settings.light_slope**2 * sums[CELLS] * apart * inverse @ mean
+        pull = self._settings.light_slope**2 * sums[CELLS] * self._pull_of_light(mean)
+        drawn = inverse @ pull
         covariance += np.outer(drawn, drawn)
-        correlation = float(sums[PRODUCT] / max(sums[POWER], 1e-12))
-        together = float(np.clip(correlation, 0.0, SURE))
-        count = sums[CELLS] / (float(np.mean(self._areas)) * shared)
-        return Spin(
-            mean,
-            covariance + self._geometry_covariance(mean),
-            correlation,
-            -0.5 * count * float(np.log1p(-(together**2))),
-        )
+        covariance += self._geometry_covariance(mean)
+        return np.asarray(covariance + _bend(mean, covariance))
+
+    def _pull_of_light(self, spin: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Mean over all pairs of images of time between them times turn (3,), s rad: of turns that
+        are so small, or so near a whole one, that light still lies on itself."""
+        apart = np.abs(self.times[:, None] - self.times)
+        rate = max(float(np.linalg.norm(spin)), 1e-9)
+        turn = (rate * apart + np.pi) % (2.0 * np.pi) - np.pi
+        pull = np.mean(apart * np.abs(turn) * np.exp(-0.5 * np.square(turn / LIGHT_WIDTH)))
+        return np.asarray(pull * spin / rate)
 
     def _geometry_covariance(self, spin: NDArray[np.float64]) -> NDArray[np.float64]:
         """What errors of the grid, of the centres and of the radius make of a spin (3,) rad/s."""
-        spread = float(np.sum(np.square(self.times - self.times.mean())))
-        toward = self._axes[:, 2].mean(axis=0)
-        across = np.eye(3) - np.outer(toward, toward) / (toward @ toward)
-        turned = across @ spin
-        covariance = self._settings.alignment_deviation**2 / spread * np.eye(3)
-        covariance += self._place / spread * across
+        slopes = _slopes(spin, self.times - self.times.mean())
+        toward = self._axes[:, 2]
+        across = np.eye(3) - toward[:, :, None] * toward[:, None, :]
+        errors = self._settings.alignment_deviation**2 * np.eye(3) + self._place * across
+        turned_back = slopes.transpose(0, 2, 1)
+        inverse = np.linalg.inv((turned_back @ slopes).sum(axis=0))
+        meat = (turned_back @ errors @ slopes).sum(axis=0)
+        covariance: NDArray[np.float64] = (inverse @ meat @ inverse)[:3, :3]
+        # Where all centres are off alike, the axis of the spin is turned with the images.
+        tilt = np.cross(spin, across.mean(axis=0))
+        covariance += self._place * tilt.T @ tilt
+        turn = float(np.linalg.norm(spin) * (self.times[-1] - self.times[0]))
+        # A radius that is too large makes turns too small, as long as they are no whole ones.
+        turned = across.mean(axis=0) @ spin / max(1.0, turn)
         return np.asarray(covariance + self._scale * np.outer(turned, turned))
 
 
-class TurnSearch:
-    """How well the images of a flight go together, for each of many rotations from one frame to
-    the next.
-
-    Parameters
-    ----------
-    duration : s, from the first frame to the second
-    settings : tuned numbers
-    """
-
-    def __init__(self, duration: float, settings: AppearanceSettings) -> None:
-        self.duration = duration
-        largest = min(LARGEST_SEARCHED, settings.max_spin * duration)
-        self._turns = ball_of_turns(settings.search_step, round(largest, 2))
-        self._pitch = 2.0 * pitch_of(settings.cells)
-        self._products = np.zeros(len(self._turns))
-        self._chance = np.zeros(len(self._turns))
-
-    def add(self, first: SphereImage, second: SphereImage, duration: float) -> None:
-        """Compare two images that are some time apart, s."""
-        counts = np.zeros(len(self._turns))
-        (before, area_before), (after, area_after) = first.coarse, second.coarse
-        coarse_scores(
-            before / np.nanstd(before),
-            after / np.nanstd(after),
-            np.stack([first.axes, second.axes]),
-            self._turns * (duration / self.duration),
-            self._pitch,
-            self._products,
-            counts,
-        )
-        self._chance += np.sqrt(area_before * area_after) * counts
-
-    def best(self, count: int) -> list[NDArray[np.float64]]:
-        """Return some spins (3,) rad/s with most evidence, apart from one another."""
-        evidence = self._products / np.sqrt(np.maximum(self._chance, 100.0))
-        found: list[NDArray[np.float64]] = []
-        for _ in range(count):
-            k = int(np.argmax(evidence))
-            found.append(self._turns[k] / self.duration)
-            away = np.linalg.norm(self._turns - self._turns[k], axis=1)
-            evidence[away < APART] = -np.inf
-        return found
+def _bend(spin: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What errors of its axis make of the size of a spin (3,) rad/s: axes that are equally good lie
+    on a sphere rather than in the plane that touches it."""
+    size = max(float(np.linalg.norm(spin)), 1e-9)
+    axis = spin / size
+    away = (np.trace(covariance) - axis @ covariance @ axis) / (2.0 * size)
+    return np.asarray(away**2 * np.outer(axis, axis))
 
 
-@lru_cache(maxsize=8)
-def ball_of_turns(step: float, largest: float) -> NDArray[np.float64]:
-    """Return rotation vectors (n, 3) rad on a grid, up to a largest angle."""
-    count = int(largest / step)
-    line = step * np.arange(-count, count + 1)
-    grid = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
-    return np.ascontiguousarray(grid[np.linalg.norm(grid, axis=1) <= largest])
+def _slopes(spin: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Turns (k, 3, 6) of a ball at some times (k,) s for small changes of its spin (3,) rad/s and
+    of where it was at time zero."""
+    vectors = times[:, None] * spin
+    rotations = Rotation.from_rotvec(vectors).as_matrix()
+    angle = np.maximum(np.linalg.norm(vectors, axis=1), 1e-6)[:, None, None]
+    cross = np.zeros((len(times), 3, 3))
+    cross[:, [2, 0, 1], [1, 2, 0]] = vectors
+    cross -= cross.transpose(0, 2, 1)
+    square = cross @ cross / angle**2
+    # The left Jacobian of the rotation.
+    bent = (1.0 - np.cos(angle)) / angle**2 * cross + (1.0 - np.sin(angle) / angle) * square
+    return np.concatenate([times[:, None, None] * (np.eye(3) + bent), rotations], axis=2)

@@ -13,14 +13,34 @@ from intuitive_physics_perception.appearance.spin_fit import (
     LARGEST_TURN,
     ImageSeries,
     Spin,
-    TurnSearch,
 )
+from intuitive_physics_perception.appearance.turn_search import TurnSearch
+
+REACH = 4
+"""Images that far apart are compared first in a search: what turns fast has little in common with
+the image before."""
+
+KEPT = 0.9
+"""Part of the correlation that a spin needs to become known, below which it is forgotten."""
+
+SHORTER = 0.75
+"""Part of the time between two frames below which a new one shows that frames were left out."""
+
+PATIENCE = 4
+"""Searches in vain after which one frame more is waited for the next."""
+
+PROVEN = 3
+"""Frames that a spin has foretold, from where on a frame that contradicts it shows another spin."""
 
 NEAR_TURN = 0.35
 """rad from frame to frame, beside the best rotation, from where another one is looked for."""
 
-EVEN = 1.5
-"""Times from frame to frame that differ by a larger factor are not searched."""
+RECURRING = 1.3
+"""rad from frame to frame, above which some of the images that are compared may be a whole turn
+apart. Those are alike whatever the axis, so that more rotations have to be told apart."""
+
+RIVALS = 3
+"""Times as many rotations that are refined then."""
 
 
 class SurfaceSpin:
@@ -42,7 +62,7 @@ class SurfaceSpin:
         self._images: list[SphereImage] = []
         self._search: TurnSearch | None = None
         self._interval = np.inf
-        self._misses, self._waits = 0, 0
+        self._misses, self._waits, self._foretold = 0, 0, 0
 
     @property
     def since(self) -> float:
@@ -68,37 +88,52 @@ class SurfaceSpin:
         """Correct a spin that is known; forget it where the newest image contradicts it."""
         self._thin()
         series = ImageSeries(self._times, self._images, self._settings)
-        self.spin = self._accepted(series, [series.fitted(spin.mean, reach=len(self._times))])
+        found = [series.fitted(spin.mean, reach=len(self._times))]
+        self.spin = self._accepted(series, found, KEPT * self._settings.agreement)
+        self._foretold += 1
         if self.spin is None:
-            # Something that was not seen has changed it.
-            time, image = self._times[-1], self._images[-1]
-            self.forget()
-            self._times, self._images = [time], [image]
+            proven, time, image = self._foretold > PROVEN, self._times[-1], self._images[-1]
+            self._foretold = 0
+            if proven:
+                # Something that was not seen has changed it.
+                self.forget()
+                self._times, self._images = [time], [image]
 
     def _look(self) -> None:
         """Search for the spin among all rotations from frame to frame."""
         settings = self._settings
         del self._times[: -settings.search_frames], self._images[: -settings.search_frames]
-        # A side without a pattern says where the pattern is not, but nothing is searched on it.
-        before, newest = (self._images[-2:-1] or self._images)[0], self._images[-1]
-        if len(self._times) < 2 or min(before.contrast, newest.contrast) < settings.contrast:
+        if len(self._times) < 2:
             return
         duration = self._times[-1] - self._times[-2]
-        if self._search is None:
+        if self._search is None or duration < SHORTER * self._search.duration:
             self._search, self._interval = TurnSearch(duration, settings), duration
-        if duration < EVEN * self._search.duration:
-            self._search.add(before, newest, duration)
+        self._search.add(self._times, self._images)
+        # A side without a pattern says where the pattern is not, but nothing is found on it.
         self._waits -= 1
-        if len(self._times) < 3 or self._waits > 0:
+        if len(self._times) < 3 or self._images[-1].contrast < settings.contrast or self._waits > 0:
             return
-        first, *others = self._search.best(settings.candidates)
-        near = NEAR_TURN / duration * np.concatenate([np.eye(3), -np.eye(3)])
-        begins = [np.zeros(3), first, *others, *(first + near)]
         series = ImageSeries(self._times, self._images, settings)
-        self.spin = self._accepted(series, [series.fitted(begin) for begin in begins])
+        self.spin = self._found(series, self._search)
         # What has not been understood so far deserves less time.
         self._misses += 1
-        self._waits = 1 + self._misses // 2
+        self._waits = 1 + self._misses // PATIENCE
+
+    def _found(self, series: ImageSeries, search: TurnSearch) -> Spin | None:
+        """The spin that explains the images, found from the best of those tried."""
+        count, agreement = self._settings.candidates, self._settings.agreement
+        begins = search.best(RIVALS * count)
+        found = [series.fitted(begin, reach=REACH) for begin in begins[:count]]
+        best = self._accepted(series, found, agreement)
+        if best is None:
+            return None
+        # Before it is believed, others are looked for where they may have been missed.
+        near = NEAR_TURN / search.duration * np.concatenate([np.eye(3), -np.eye(3)])
+        rivals = [*(best.mean + near)]
+        if np.linalg.norm(best.mean) * search.duration > RECURRING:
+            rivals += begins[count:]
+        found += [series.fitted(rival, reach=REACH) for rival in rivals]
+        return self._accepted(series, found, agreement)
 
     def _thin(self) -> None:
         """Keep as many images as are compared: without the one whose neighbours are closest."""
@@ -107,20 +142,23 @@ class SurfaceSpin:
             left_out = 1 + int(np.argmin(times[2:] - times[:-2]))
             del self._times[left_out], self._images[left_out]
 
-    def _accepted(self, series: ImageSeries, found: Sequence[Spin]) -> Spin | None:
+    def _accepted(
+        self, series: ImageSeries, found: Sequence[Spin], agreement: float
+    ) -> Spin | None:
         """The spin that explains the images, if it is the only one that does."""
         settings = self._settings
+        if not found:
+            return None
         best = max(found, key=lambda one: one.likelihood)
-        others = [one.likelihood for one in found if _differ(one, best)]
         if (
             best.likelihood < settings.likelihood
-            or best.correlation < settings.agreement
+            or best.correlation < agreement
             or np.linalg.norm(best.mean) * self._interval > LARGEST_TURN
             or self._may_be_light(best, series.view_rate)
-            or max(others, default=0.0) > settings.lead * best.likelihood
         ):
             return None
-        return best
+        others = [one.likelihood for one in found if _differ(one, best)]
+        return None if max(others, default=0.0) > settings.lead * best.likelihood else best
 
     def _may_be_light(self, spin: Spin, view_rate: NDArray[np.float64]) -> bool:
         """Whether what turns so may be light, which stands still, or a highlight, which goes a part

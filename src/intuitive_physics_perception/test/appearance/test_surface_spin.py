@@ -12,17 +12,21 @@ from scipy.spatial.transform import Rotation
 
 from intuitive_physics_perception.appearance.registration import (
     CELLS,
+    DISAGREEMENT,
     GRADIENT,
     MEAT,
     POWER,
     PRODUCT,
     RIM,
+    add_scores,
+    best_apart,
     overlay,
 )
 from intuitive_physics_perception.appearance.settings import AppearanceSettings
 from intuitive_physics_perception.appearance.sphere_image import SphereImage, pitch_of
-from intuitive_physics_perception.appearance.spin_fit import ImageSeries, ball_of_turns
+from intuitive_physics_perception.appearance.spin_fit import ImageSeries, Spin
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
+from intuitive_physics_perception.appearance.turn_search import LAGS, ball_of_turns, turn_tables
 
 SETTINGS = AppearanceSettings()
 CELLS_ACROSS = SETTINGS.cells
@@ -129,6 +133,79 @@ def test_a_texture_tells_the_spin(spin: tuple[float, float, float]) -> None:
     assert error @ np.linalg.solve(found.spin.covariance, error) < 16.0
 
 
+def last_spin(
+    surface: Field, spin: NDArray[np.float64], frames: int, seed: int, noise: float = 0.05
+) -> Spin | None:
+    """What is known of a spin at the end of a flight."""
+    found, rng = SurfaceSpin(SETTINGS), np.random.default_rng(seed)
+    for time, one in zip(*flight(surface, spin, frames, seed, noise=noise, rng=rng), strict=True):
+        found.take(time, one)
+    return found.spin
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("turn", [1.4, 1.9, 2.4])
+def test_a_fast_ball_is_known(turn: float, seed: int) -> None:
+    truth = np.random.default_rng(seed).normal(size=3)
+    truth *= turn * RATE / np.linalg.norm(truth)
+    found = last_spin(waves(seed), truth, 8, seed)
+    assert found is not None
+    assert np.linalg.norm(found.mean - truth) < 1.0
+    error = found.mean - truth
+    assert error @ np.linalg.solve(found.covariance, error) < 16.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("turn", [2.9, np.pi, 3.4])
+def test_about_half_a_turn_from_frame_to_frame_is_not_believed(turn: float, seed: int) -> None:
+    truth = np.random.default_rng(seed).normal(size=3)
+    truth *= turn * RATE / np.linalg.norm(truth)
+    assert last_spin(waves(seed), truth, 8, seed) is None
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_images_a_whole_turn_apart_say_nothing_of_the_axis(seed: int) -> None:
+    truth = np.random.default_rng(seed).normal(size=3)
+    truth *= 2.0 * np.pi / 3.0 * RATE / np.linalg.norm(truth)
+    found = last_spin(waves(seed), truth, 8, seed)
+    assert found is None or np.linalg.norm(found.mean - truth) < 1.5
+
+
+def test_a_pattern_on_one_side_is_known_when_it_comes_back() -> None:
+    inner = waves(11, number=9.0)
+    cap: Field = lambda n: np.clip((n[..., 0] - 0.3) / 0.4, 0.0, 1.0) * inner(n)  # noqa: E731
+    known = 0
+    for seed in range(8):
+        truth = np.random.default_rng(seed).normal(size=3)
+        truth *= 1.9 * RATE / np.linalg.norm(truth)
+        found = last_spin(cap, truth, 10, seed)
+        known += found is not None
+        assert found is None or np.linalg.norm(found.mean - truth) < 2.0
+    assert known >= 6
+
+
+def test_views_without_a_common_part_tell_nothing() -> None:
+    found = SurfaceSpin(SETTINGS)
+    for k, toward in enumerate(([-1.0, 0.0, 0.1], [1.0, 0.0, 0.1], [0.0, 0.0, -1.0])):
+        axes = axes_towards(np.array(toward) + [0.0, 0.01, 0.0])
+        found.take(k / RATE, image(waves(k), np.eye(3), axes))
+    assert found.spin is None
+
+
+def test_centres_that_are_off_alike_turn_the_axis() -> None:
+    spin, deviation = np.array([0.0, 40.0, 30.0]), 0.02
+    times, images = flight(waves(3), spin, 6)
+    exact, unsure = (
+        ImageSeries(times, [replace(one, place_deviation=off) for one in images], SETTINGS).fitted(
+            spin
+        )
+        for off in (0.0, deviation)
+    )
+    # Turned about an axis across the line of sight, which is near -x, the spin moves along x.
+    more = unsure.covariance[0, 0] - exact.covariance[0, 0]
+    assert more > 0.9 * (deviation * np.linalg.norm(spin)) ** 2
+
+
 def test_noise_widens_the_covariance() -> None:
     spreads, exact = [], replace(SETTINGS, alignment_deviation=0.0, light_slope=0.0)
     for noise in (0.0, 0.4):
@@ -197,3 +274,29 @@ def test_rotations_are_tried_up_to_the_largest_one() -> None:
     assert angles.max() <= 2.9
     # As many as the ball's volume has cells.
     assert len(turns) == pytest.approx(4.0 / 3.0 * np.pi * (2.9 / 0.3) ** 3, rel=0.02)
+
+
+def test_a_spin_is_at_its_rotation_in_each_table() -> None:
+    step = 0.5
+    rotations, turns, places = turn_tables(step)
+    for lag in range(1, LAGS + 1):
+        back = rotations[places[::50, lag - 1]]
+        left = Rotation.from_matrix(back) * Rotation.from_rotvec(lag * turns[::50])
+        # At most half of the diagonal of a cell of the grid, which shrinks far from its middle.
+        assert left.magnitude().max() <= 0.5 * np.sqrt(3.0) * step + 1e-9
+
+
+def test_images_that_lie_on_one_another_score_by_their_power() -> None:
+    one = image(waves(8), np.eye(3), axes_towards(np.array([-1.0, 0.2, 0.1]))).coarse
+    axes, scores = np.stack([np.eye(3), np.eye(3)]), np.zeros(2)
+    add_scores(one, one, axes, np.stack([np.eye(3), np.diag([-1.0, 1.0, -1.0])]), 0.12, scores)
+    rows, columns = np.indices(one.shape)
+    power = np.nansum(np.square(one[(rows + columns) % 2 == 0]))
+    # Turned by half a turn nothing is seen in both.
+    assert scores == pytest.approx([(1.0 - DISAGREEMENT) * power, 0.0], rel=1e-4)
+
+
+def test_the_best_rotations_are_apart() -> None:
+    turns = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    chosen = best_apart(np.array([3.0, 2.5, 2.0, -1.0]), turns, 0.3, 4)
+    assert list(chosen) == [0, 2, -1, -1]

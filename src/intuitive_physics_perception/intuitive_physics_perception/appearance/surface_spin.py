@@ -157,8 +157,8 @@ class SurfaceSpin:
             or self._may_be_light(best, series.view_rate)
         ):
             return None
-        others = [one.likelihood for one in found if _differ(one, best)]
-        return None if max(others, default=0.0) > settings.lead * best.likelihood else best
+        rivals = [one for one in found if one.likelihood > settings.lead * best.likelihood]
+        return None if any(_differ(one, best) for one in rivals) else best
 
     def _may_be_light(self, spin: Spin, view_rate: NDArray[np.float64]) -> bool:
         """Whether what turns so may be light, which stands still, or a highlight, which goes a part

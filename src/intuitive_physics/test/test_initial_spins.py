@@ -59,8 +59,8 @@ def test_files_without_them_are_read():
 @given(st.floats(0.0, 1e5))
 def test_the_error_falls_with_the_number_of_throws(count):
     error = SpinSpread(3.0, count, 10.0).relative_error
-    # Without a throw the guess is right to a factor of two; each exact throw has information 6.
-    assert error**-2 == pytest.approx(6.0 * count + np.log(2.0) ** -2)
+    # Without a throw the guess is right to a factor of four; each exact throw has information 6.
+    assert error**-2 == pytest.approx(6.0 * count + np.log(4.0) ** -2)
 
 
 @pytest.mark.parametrize(

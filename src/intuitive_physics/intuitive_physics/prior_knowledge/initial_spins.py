@@ -19,16 +19,17 @@ from intuitive_physics.shapes import Shape, Sphere
 from intuitive_physics.state import ANGULAR_VELOCITY, ERROR_SIZE, ObjectState
 from intuitive_physics.validation import name_string, non_negative_float, positive_float
 
-PRIOR_THROWS = 1.0 / (6.0 * np.log(2.0) ** 2)
-"""Throws of exactly measured spin as which the guess σ₀ counts, a third of one.
+PRIOR_THROWS = 1.0 / (6.0 * np.log(4.0) ** 2)
+"""Throws of exactly measured spin as which the guess σ₀ counts, a twelfth of one.
 
-The guess is taken to be right to a factor of two: ln σ has the prior N(ln σ₀, ln² 2). One throw
-whose spin is measured exactly has three components, each with the information 2 on ln σ, so that
-the prior counts as 1 / (6 ln² 2) throws, and n throws leave the standard error
-1 / √(6 (n + n₀)). Half a throw moves the estimate 59 % of the way to what it says, two throws move
-it 85 %, and one whose trajectory says nothing of its spin does not move it at all. The prior is
-normal in ln σ, and not the scaled inverse-χ² that is conjugate: that one does not give way below
-σ₀, and in a room where σ is a fifth of it would stay two standard errors too high after ten throws.
+The guess is taken to be right to a factor of four, as rolling balls have 2 rad/s and balls from a
+launcher 200: ln σ has the prior N(ln σ₀, ln² 4). One throw whose spin is measured exactly has three
+components, each with the information 2 on ln σ, so that the prior counts as 1 / (6 ln² 4) throws,
+and n throws leave the standard error 1 / √(6 (n + n₀)). Half a throw moves the estimate 85 % of the
+way to what it says, two throws move it 96 %, and one whose trajectory says nothing of its spin does
+not move it at all. The prior is normal in ln σ, and not the scaled inverse-χ² that is conjugate:
+that one does not give way below σ₀, and in a room where σ is a fifth of it would stay two standard
+errors too high after ten throws.
 """
 
 SPIN_AXES = 3

@@ -8,13 +8,13 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.command import Outcome, report_progress, run_benchmark
+from benchmarks.command import Outcome, report_progress, run_benchmark, verdict
 from benchmarks.results.result import Column, Table
 from benchmarks.torture.bars import PATIENT, bars, use_bars
 from benchmarks.torture.cancels import measure_cancels
@@ -101,7 +101,28 @@ def run(options: argparse.Namespace) -> Outcome:
             figures.update(found)
             tables.append(table)
             complaints += missed
-    return Outcome(tables, figures, complaints=complaints)
+    part = "" if options.only is None else "_".join(wanted)
+    return judged(tables, figures, complaints, part, patient=options.patient)
+
+
+def judged(
+    tables: Sequence[Table],
+    figures: Mapping[str, Any],
+    missed: Sequence[str],
+    part: str = "",
+    *,
+    patient: bool = False,
+) -> Outcome:
+    """Return what was found, as valid where every bar was kept."""
+    limits = "Limits of time are those for a busy machine. " if patient else ""
+    return Outcome(
+        tables,
+        figures,
+        note=limits + verdict(missed),
+        complaints=missed,
+        valid=not missed,
+        part=part,
+    )
 
 
 def _kill(folder: Path, count: int, rng: np.random.Generator) -> Found:

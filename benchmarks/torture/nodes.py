@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
@@ -84,13 +85,9 @@ class Nodes:
                 self.ping(name, PATIENCE)
 
     def measure_memory(self) -> None:
-        """Note the most memory that a node has had."""
-        for process in self.processes.values():
-            status = Path(f"/proc/{process.pid}/status")
-            if status.exists():
-                for line in status.read_text().splitlines():
-                    if line.startswith("VmHWM:"):
-                        self.most_megabytes = max(self.most_megabytes, int(line.split()[1]) / 1e3)
+        """Note the most memory that a node, with what it started, has had."""
+        peaks = [peak_megabytes(process.pid) for process in self.processes.values()]
+        self.most_megabytes = max(self.most_megabytes, *peaks)
 
     def stop(self) -> dict[str, tuple[float, int]]:
         """Stop all nodes, one after another, and return the time each took, s, and its code."""
@@ -140,6 +137,20 @@ def megabytes(pid: int) -> float:
         with suppress(FileNotFoundError):
             pages += int(Path(f"/proc/{one}/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def peak_megabytes(pid: int) -> float:
+    """Return the most resident memory of a process and of each that it started and that runs, MB.
+
+    The peaks of several processes need not have been at one time: their sum is an upper bound.
+    """
+    kilobytes = 0
+    for one in family(pid):
+        with suppress(FileNotFoundError, ProcessLookupError):
+            status = Path(f"/proc/{one}/status").read_text()
+            # A process that has ended and was not waited for has no such line.
+            kilobytes += sum(map(int, re.findall(r"^VmHWM:\s+(\d+) kB$", status, re.MULTILINE)))
+    return kilobytes * 1024 / 1e6
 
 
 def thrown_ball(number: int) -> Observation:

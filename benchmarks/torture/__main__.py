@@ -126,14 +126,26 @@ def judged(
 
 
 def _kill(folder: Path, count: int, rng: np.random.Generator) -> Found:
-    found = measure_kills(folder, count, rng)
+    found = measure_kills(folder, count, SEED, rng)
     figures = {"kills": found.kills, "lost": found.lost, "corrupted": found.corrupted}
     table = Table(
         title="Killed at random instants, under load",
-        note="Every fifth kill is of perception or the predictor, the others of the learner while "
-        "it is given observations and parameters.",
-        columns=[Column(name) for name in ("kills", "answered", "lost", "corrupted", "not back")],
-        rows=[[found.kills, found.answered, found.lost, found.corrupted, found.not_back]],
+        note="Four in five are of the learner while it is given observations and parameters, the "
+        "others of perception and the predictor while they see and predict a camera's throws.",
+        columns=[
+            Column(name)
+            for name in ("kills", "answered", "lost", "corrupted", "not back", "died by themselves")
+        ],
+        rows=[
+            [
+                found.kills,
+                found.answered,
+                found.lost,
+                found.corrupted,
+                found.not_back,
+                found.died,
+            ]
+        ],
     )
     missed = [
         f"{value} {name}; expected none"
@@ -141,6 +153,7 @@ def _kill(folder: Path, count: int, rng: np.random.Generator) -> Found:
             ("lost", found.lost),
             ("corrupted", found.corrupted),
             ("not back after a kill", found.not_back),
+            ("died without being killed", found.died),
         )
         if value
     ]

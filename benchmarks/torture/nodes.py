@@ -34,7 +34,7 @@ ANSWER = 30.0
 
 
 class Nodes:
-    """The three nodes as processes; one that has died is started again.
+    """Nodes as processes; one that has died is started again.
 
     Parameters
     ----------
@@ -42,6 +42,7 @@ class Nodes:
     peer : that pings them
     arguments : of their command lines after `--ros-args`, by their names
     longest : s for which a node runs at most
+    modules : Python module that runs each node, by its name; None: the three of the suite
     """
 
     def __init__(
@@ -50,7 +51,9 @@ class Nodes:
         peer: Peer,
         arguments: Mapping[str, Sequence[str]] = MappingProxyType({}),
         longest: float = LONGEST,
+        modules: Mapping[str, str] | None = None,
     ) -> None:
+        self._modules = {name: module(name) for name in NODES} if modules is None else modules
         self._longest = longest
         self._arguments = arguments
         self.database = folder / "learner.sqlite3"
@@ -59,9 +62,9 @@ class Nodes:
         self._peer = peer
         self._stack = ExitStack()
         self.processes: dict[str, NodeProcess] = {}
-        for name in NODES:
+        for name in self._modules:
             self._start(name)
-        for name in NODES:
+        for name in self._modules:
             self.ping(name, PATIENCE)
 
     def ping(self, name: str, longest: float = ANSWER) -> float:
@@ -75,14 +78,23 @@ class Nodes:
                 return longest
         return time.monotonic() - begun
 
-    def revive(self) -> None:
-        """Note nodes that have died, with the last thing they said, and start them again."""
+    def revive(self) -> list[str]:
+        """Note nodes that have died, with the last thing they said, and start them again.
+
+        Returns
+        -------
+        list of str
+            Their names.
+        """
+        died = []
         for name, process in self.processes.items():
             if not process.is_running:
                 said = process.output.strip().splitlines()[-1:] or ["nothing"]
                 self.deaths.append(f"{name} (code {process.process.returncode}): {said[0]}")
+                died.append(name)
                 self._start(name)
                 self.ping(name, PATIENCE)
+        return died
 
     def measure_memory(self) -> None:
         """Note the most memory that a node, with what it started, has had."""
@@ -102,7 +114,7 @@ class Nodes:
         arguments = [*self._arguments.get(name, ())]
         if name == LEARNER:
             arguments += ["-p", f"database:={self.database}"]
-        process = NodeProcess(module(name), arguments, longest=self._longest)
+        process = NodeProcess(self._modules[name], arguments, longest=self._longest)
         self.processes[name] = self._stack.enter_context(process)
 
     def __enter__(self) -> Nodes:

@@ -103,6 +103,11 @@ def run_benchmark(
     return 0 if outcome.valid else 1
 
 
+def verdict(missed: Sequence[str]) -> str:
+    """Return the sentence with which a page says whether all bars were kept."""
+    return f"**Bars missed**: {'; '.join(missed)}." if missed else "All bars were kept."
+
+
 def report_progress(what: str) -> None:
     """Say on standard error what is measured next."""
     print(f"── {what}", file=sys.stderr)

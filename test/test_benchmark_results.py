@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import subprocess
 import sys
@@ -27,8 +28,10 @@ from benchmarks.results.result import (
 )
 
 ROOT = Path(__file__).parent.parent
-BENCHMARKS = ("simulation", "prediction", "perception", "learning")
-RESULTS = (*BENCHMARKS, "prediction_camera")
+BENCHMARKS = ("simulation", "prediction", "perception", "learning", "robot", "torture")
+RESULTS = sorted(path.stem for path in FOLDER.glob("*.json"))
+KEPT = {"simulation", "prediction", "prediction_camera", "perception", "learning"}
+"""Results that other pages read."""
 
 MADE_UP = Result(
     title="Made-up benchmark",
@@ -82,7 +85,8 @@ def test_page_is_what_the_json_says(name):
 
 
 def test_every_file_of_results_belongs_to_a_benchmark():
-    assert {path.stem for path in FOLDER.glob("*.json")} == set(RESULTS)
+    assert set(RESULTS) >= KEPT
+    assert {name.partition("_")[0] for name in RESULTS} <= set(BENCHMARKS)
     assert {path.stem for path in FOLDER.glob("*.md")} == set(RESULTS)
 
 
@@ -90,8 +94,10 @@ def test_every_file_of_results_belongs_to_a_benchmark():
 def test_results_have_command_and_commit(name):
     run = read_result(FOLDER / f"{name}.json").run
     benchmark, _, part = name.partition("_")
-    assert run.command.startswith(f"make bench-{benchmark}")
-    assert f"--only {part}" in run.command if part else "--only" not in run.command
+    target = "torture" if benchmark == "torture" else f"bench-{benchmark}"
+    assert run.command.startswith(f"make {target}")
+    only = part.replace("_", ",")
+    assert f"--only {only}" in run.command if part else "--only" not in run.command
     assert len(run.commit) == 40
 
 
@@ -191,6 +197,7 @@ def test_run_records_command_commit_and_machine(monkeypatch):
         started_run("simulation", ["--quick", "--write"]).command
         == 'make bench-simulation options="--quick --write"'
     )
+    assert started_run("torture", ["--write"]).command == "make torture options=--write"
 
 
 @pytest.mark.parametrize("valid", [True, False])
@@ -218,6 +225,59 @@ def test_benchmark_writes_its_result_and_prints_a_line_of_json_last(
     assert written.key_figures == {"quick": True}
     assert page(written) == (tmp_path / "made_up.md").read_text(encoding="utf-8")
     assert (tmp_path / "made_up.svg").exists()
+
+
+KEPT_BY_ROBOT = {
+    "bringup_s": 4.5,
+    "respawn_to_predicting_s": 2.8,
+    "ctrl_c_s": 1.2,
+    "graph_connected_bare": True,
+    "end_to_end_ms": {"p50": 7.0, "p99": 10.1},
+}
+
+
+@pytest.mark.parametrize(
+    ("changed", "missed"),
+    [
+        ({}, None),
+        ({"ctrl_c_s": 3.5}, "ctrl_c_s is 3.5; expected at most 3"),
+        ({"end_to_end_ms": {"p50": 7.0, "p99": 36.0}}, "p99 of end_to_end_ms is 36"),
+        ({"graph_connected_bare": False}, "plain nodes do not find one another"),
+    ],
+)
+def test_robot_that_misses_a_bar_is_no_valid_result(changed, missed):
+    judged = importlib.import_module("benchmarks.robot.__main__").judged
+    outcome = judged(MADE_UP.tables, {**KEPT_BY_ROBOT, **changed})
+    check_verdict(outcome, missed)
+
+
+@pytest.mark.parametrize("missed", [None, "1 lost; expected none"])
+def test_torture_that_misses_a_bar_is_no_valid_result(missed):
+    judged = importlib.import_module("benchmarks.torture.__main__").judged
+    outcome = judged(MADE_UP.tables, {}, [missed] if missed else [])
+    check_verdict(outcome, missed)
+
+
+def check_verdict(outcome: Outcome, missed: str | None) -> None:
+    """A missed bar stands in the page and among the complaints, and makes the exit status 1."""
+    assert outcome.valid == (missed is None)
+    if missed is None:
+        assert not outcome.complaints
+        assert outcome.note.endswith("All bars were kept.")
+    else:
+        assert missed in outcome.complaints[0]
+        assert missed in outcome.note
+
+
+def test_part_of_torture_is_kept_apart_with_its_missed_bar(tmp_path, monkeypatch, capsys):
+    torture = importlib.import_module("benchmarks.torture.__main__")
+    monkeypatch.setattr("benchmarks.command.FOLDER", tmp_path)
+    found = ({"minutes": 3.0}, MADE_UP.tables[0], ["a node grew by 9 MB"])
+    monkeypatch.setattr(torture, "_soak", lambda folder, minutes: found)
+    assert torture.main(["--only", "soak", "--write"]) == 1
+    assert "bench-torture: a node grew by 9 MB" in capsys.readouterr().err
+    assert {path.name for path in tmp_path.iterdir()} == {"torture_soak.json", "torture_soak.md"}
+    assert "**Bars missed**: a node grew by 9 MB." in (tmp_path / "torture_soak.md").read_text()
 
 
 @pytest.mark.parametrize("name", [*BENCHMARKS, "results"])

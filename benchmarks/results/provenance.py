@@ -28,6 +28,10 @@ LIBRARIES = (
 """Python libraries whose versions are recorded where they are installed."""
 
 
+TARGETS = {"torture": "torture"}
+"""Target of the Makefile of each benchmark that is not named `bench-` and its own name."""
+
+
 def started_run(name: str, arguments: Sequence[str]) -> Run:
     """Return the record of a benchmark's run that starts at this moment.
 
@@ -64,7 +68,7 @@ def _command(name: str, arguments: Sequence[str]) -> str:
     if "MAKELEVEL" not in os.environ:
         return f"python -m benchmarks.{name} {options}".rstrip()
     quoted = f'"{options}"' if len(arguments) > 1 else options
-    return f"make bench-{name}" + (f" options={quoted}" if options else "")
+    return f"make {TARGETS.get(name, f'bench-{name}')}" + (f" options={quoted}" if options else "")
 
 
 def _processor() -> str:

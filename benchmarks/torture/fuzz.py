@@ -4,69 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
-from intuitive_physics_msgs.msg import Environment, ObjectStates, Observation, StaticParameters
-from intuitive_physics_msgs.srv import (
-    AddObservation,
-    DeleteObservations,
-    ExportObservations,
-    GetStaticParameters,
-    Learn,
-    ListObservations,
-    Predict,
-    Query,
-    SetObservationStatus,
-    SetStaticParameters,
-    Suggest,
-)
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from rcl_interfaces.srv import ListParameters, SetParameters
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu, PointCloud2
+from rcl_interfaces.srv import ListParameters
+from rclpy.action import ActionClient
+from rclpy.qos import QoSProfile
 
 from benchmarks.command import report_progress
+from benchmarks.torture.answers import Answers
 from benchmarks.torture.bars import bars
-from benchmarks.torture.nodes import Nodes, thrown_ball
-from benchmarks.torture.random_messages import bent, random_message
-from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics_ros.conversions import (
-    environment_to_message,
-    object_states_to_message,
-    observation_to_message,
-    static_parameters_to_message,
+from benchmarks.torture.interfaces import (
+    CHANGE_STATE,
+    FUZZED,
+    OWN_LIMITS,
+    SETTERS,
+    forgotten,
+    full_name,
 )
+from benchmarks.torture.nodes import PATIENCE, Nodes
+from benchmarks.torture.random_messages import bent, random_message
+from benchmarks.torture.valid_messages import valid_messages
 from intuitive_physics_ros.qos import LATCHED
-from intuitive_physics_ros.scripting import Peer
-
-TOPICS: dict[str, type] = {
-    "/perception_node/depth/image": Image,
-    "/perception_node/depth/image/compressedDepth": CompressedImage,
-    "/perception_node/depth/camera_info": CameraInfo,
-    "/perception_node/points": PointCloud2,
-    "/perception_node/imu": Imu,
-    "/environment": Environment,
-    "/object_states": ObjectStates,
-    "/static_parameters": StaticParameters,
-    "/observations": Observation,
-}
-"""Topics that are sent to."""
-
-SERVICES: dict[str, Any] = {
-    "/learner_node/add_observation": AddObservation,
-    "/learner_node/delete_observations": DeleteObservations,
-    "/learner_node/export_observations": ExportObservations,
-    "/learner_node/get_static_parameters": GetStaticParameters,
-    "/learner_node/learn": Learn,
-    "/learner_node/list_observations": ListObservations,
-    "/learner_node/set_observation_status": SetObservationStatus,
-    "/learner_node/set_static_parameters": SetStaticParameters,
-    "/learner_node/suggest": Suggest,
-    "/predictor_node/predict": Predict,
-    "/predictor_node/query": Query,
-}
-"""Services that are called; nobody waits for the answers."""
+from intuitive_physics_ros.scripting import Peer, PeerTimeoutError
 
 CALLS = 0.25
 """Part of what is sent that are calls. Our choice."""
@@ -86,8 +49,20 @@ PAUSED = 0.3
 SHUTDOWNS = (5, 6, 7)
 """Transitions after which a node does as it was told, and nothing any more."""
 
+BACK = ("configure", "activate")
+"""Transitions into the active state, whatever a random one led to."""
+
+CANCELLED = 0.5
+"""Part of the goals that are cancelled as soon as they are accepted."""
+
 PING_EVERY = 40
 """Messages between two pings of all nodes."""
+
+ANSWERS = QoSProfile(depth=1000)
+"""Of a client: more answers than can wait between two looks."""
+
+DRAIN = 0.01
+"""s for which answers are taken after each round of pings."""
 
 
 @dataclass
@@ -98,100 +73,193 @@ class Fuzz:
     ----------
     sent : messages and calls
     slow : name of the node and s of each ping that took longer than a node may
+    unanswered : node and service of each request that was not answered in time
     slowest : s, of a ping
     """
 
     sent: int = 0
     slow: list[tuple[str, float]] = field(default_factory=list)
+    unanswered: list[str] = field(default_factory=list)
     slowest: float = 0.0
 
 
+Send = tuple[Callable[[Any], Any], Callable[[np.random.Generator], Any]]
+"""What sends, and what makes what is sent."""
+
+
 def measure_fuzz(nodes: Nodes, peer: Peer, count: int, rng: np.random.Generator) -> Fuzz:
-    """Send `count` messages and calls to running nodes."""
-    send = _senders(peer)
-    send["calls"] += [_parameter_sender(peer, name) for name in nodes.processes]
-    send["calls"] += [_transition_sender(peer, name) for name in nodes.processes]
+    """Send `count` messages and calls to running nodes.
+
+    Parameters
+    ----------
+    nodes : those of `start_fuzzed`
+    peer : that sends
+    count : how many, of all together
+
+    Raises
+    ------
+    RuntimeError
+        When a node hears or offers something that is not fuzzed, or does not what is.
+    """
+    _check_reach(peer)
+    answers = Answers()
+    valid = valid_messages()
+    topics, calls = _publishers(peer, valid), _callers(peer, answers, valid)
     found = Fuzz()
     while found.sent < count:
-        kinds = list(send["calls"] if rng.random() < CALLS else send["topics"])
-        target, make = kinds[int(rng.integers(len(kinds)))]
-        target(make(rng))
+        kinds = calls if rng.random() < CALLS else topics
+        send, make = kinds[int(rng.integers(len(kinds)))]
+        send(make(rng))
         found.sent += 1
         if found.sent % PING_EVERY == 0:
-            _ping_all(nodes, found)
+            _ping_all(nodes, peer, answers, found)
         if found.sent % 2000 == 0:
             report_progress(f"{found.sent} of {count} messages, {len(nodes.deaths)} deaths")
+    while not answers.look():
+        _ping_all(nodes, peer, answers, found)
+    found.unanswered = answers.hangs
     return found
 
 
-def _ping_all(nodes: Nodes, found: Fuzz) -> None:
+def _check_reach(peer: Peer) -> None:
+    try:
+        peer.spin_until(lambda: not forgotten(peer), "all topics and services", PATIENCE)
+    except PeerTimeoutError:
+        raise RuntimeError(f"fuzz does not reach all: {'; '.join(forgotten(peer))}") from None
+
+
+def _ping_all(nodes: Nodes, peer: Peer, answers: Answers, found: Fuzz) -> None:
     for name in nodes.processes:
         took = nodes.ping(name)
         found.slowest = max(found.slowest, took)
         if took > bars().answer:
             found.slow.append((name, took))
     nodes.measure_memory()
-    nodes.revive()
+    peer.spin_for(DRAIN)
+    answers.look()
+    for name in nodes.revive():
+        answers.leave(name)
 
 
-Send = tuple[Callable[[Any], Any], Callable[[np.random.Generator], Any]]
-
-
-def _senders(peer: Peer) -> dict[str, list[Send]]:
-    """What sends, and what makes what is sent."""
-    valid = _valid_messages()
-    topics: list[Send] = []
+def _publishers(peer: Peer, valid: dict[type, Any]) -> list[Send]:
+    """What sends to each topic."""
+    kinds = {
+        full_name(topic, name): kind
+        for name, node in FUZZED.items()
+        for topic, kind in node.topics.items()
+    }
     # Subscribers that ask for less than this quality of service hear it as well.
-    for name, kind in TOPICS.items():
-        publisher = peer.node.create_publisher(kind, name, LATCHED)
-        topics.append((publisher.publish, _maker(kind, valid.get(kind))))
-    calls: list[Send] = []
-    for name, kind in SERVICES.items():
-        client = peer.node.create_client(kind, name)
-
-        def call(request: Any, client: Any = client) -> None:
-            # The answer of an earlier call need not be kept.
-            client.remove_pending_request(client.call_async(request))
-
-        calls.append((call, _maker(kind.Request, valid.get(kind.Request))))
-    return {"topics": topics, "calls": calls}
+    return [
+        (peer.node.create_publisher(kind, topic, LATCHED).publish, _maker(kind, valid.get(kind)))
+        for topic, kind in kinds.items()
+    ]
 
 
-def _parameter_sender(peer: Peer, node: str) -> Send:
-    """What sets parameters of a node, most of them its own, to whatever there is."""
+def _callers(peer: Peer, answers: Answers, valid: dict[type, Any]) -> list[Send]:
+    """What calls each service and action of each node."""
+    found: list[Send] = []
+    for name, node in FUZZED.items():
+        for service, kind in node.all_services().items():
+            ask = _asker(peer, answers, name, service, kind)
+            if service in SETTERS:
+                found.append((ask, _parameter_maker(peer, name, kind)))
+            elif service == CHANGE_STATE:
+                found.append((partial(_lead, answers, name, ask), _transitions))
+            else:
+                found.append((ask, _maker(kind.Request, valid.get(kind.Request))))
+        for action, kind in node.actions.items():
+            send = _goal_sender(peer, answers, name, action, kind)
+            found.append((send, _goal_maker(_maker(kind.Goal, valid.get(kind.Goal)))))
+    return found
+
+
+def _asker(
+    peer: Peer, answers: Answers, node: str, service: str, kind: Any
+) -> Callable[[Any], None]:
+    client = peer.node.create_client(kind, full_name(service, node), qos_profile=ANSWERS)
+
+    def ask(request: Any) -> None:
+        future = client.call_async(request)
+        forget = partial(client.remove_pending_request, future)
+        if service != CHANGE_STATE and answers.awaits(node, CHANGE_STATE):
+            # A node that is not active offers nothing.
+            forget()
+        else:
+            answers.watch(node, service, future, forget)
+
+    return ask
+
+
+def _lead(answers: Answers, node: str, ask: Callable[[Any], None], requests: list[Any]) -> None:
+    """Lead a node through states, in which what it was asked before may end without an answer."""
+    answers.leave(node, but=CHANGE_STATE)
+    for request in requests:
+        ask(request)
+
+
+def _goal_sender(
+    peer: Peer, answers: Answers, node: str, action: str, kind: Any
+) -> Callable[[tuple[Any, bool]], None]:
+    client = ActionClient(
+        peer.node,
+        kind,
+        full_name(action, node),
+        goal_service_qos_profile=ANSWERS,
+        result_service_qos_profile=ANSWERS,
+        cancel_service_qos_profile=ANSWERS,
+    )
+
+    def watch(step: str, future: Any) -> None:
+        if not answers.awaits(node, CHANGE_STATE):
+            answers.watch(node, f"{action} {step}", future, lambda: None)
+
+    def go_on(handle: Any, *, is_cancelled: bool) -> None:
+        if handle.accepted:
+            watch("result", handle.get_result_async())
+            if is_cancelled:
+                watch("cancel", handle.cancel_goal_async())
+
+    def send(goal: tuple[Any, bool]) -> None:
+        message, is_cancelled = goal
+        future = client.send_goal_async(message)
+        future.add_done_callback(lambda done: go_on(done.result(), is_cancelled=is_cancelled))
+        watch("goal", future)
+
+    return send
+
+
+def _goal_maker(make: Callable[[np.random.Generator], Any]) -> Callable[[np.random.Generator], Any]:
+    return lambda rng: (make(rng), rng.random() < CANCELLED)
+
+
+def _parameter_maker(peer: Peer, node: str, kind: Any) -> Callable[[np.random.Generator], Any]:
+    """What makes requests to set parameters, most of them a node's own, to whatever there is."""
     listed = peer.call(ListParameters, f"/{node}/list_parameters", ListParameters.Request())
-    names = [name for name in listed.result.names if name != "use_sim_time"]
-    client = peer.node.create_client(SetParameters, f"/{node}/set_parameters")
+    names = [name for name in listed.result.names if name not in ("use_sim_time", *OWN_LIMITS)]
 
     def make(rng: np.random.Generator) -> Any:
-        request = random_message(SetParameters.Request, rng)
+        request = random_message(kind.Request, rng)
         for parameter in request.parameters:
             if rng.random() < OWN_NAMES:
                 parameter.name = str(rng.choice(names))
             parameter.value.type = int(rng.integers(11))
         return request
 
-    return lambda request: client.remove_pending_request(client.call_async(request)), make
+    return make
 
 
-def _transition_sender(peer: Peer, node: str) -> Send:
-    """What leads a node through its states, and asks for transitions that do not exist."""
-    client = peer.node.create_client(ChangeState, f"/{node}/change_state")
+def _transitions(rng: np.random.Generator) -> list[Any]:
+    """Requests that lead a node through its states, or ask for a transition that is not."""
+    if rng.random() < PAUSED:
+        return _led(PAUSES[int(rng.integers(len(PAUSES)))])
+    request = random_message(ChangeState.Request, rng)
+    if request.transition.id in SHUTDOWNS:
+        request.transition.id = 0
+    return [request, *_led(BACK)]
 
-    def make(rng: np.random.Generator) -> list[Any]:
-        if rng.random() < PAUSED:
-            pause = PAUSES[int(rng.integers(len(PAUSES)))]
-            return [ChangeState.Request(transition=Transition(label=label)) for label in pause]
-        request = random_message(ChangeState.Request, rng)
-        if request.transition.id in SHUTDOWNS:
-            request.transition.id = 0
-        return [request]
 
-    def send(requests: list[Any]) -> None:
-        for request in requests:
-            client.remove_pending_request(client.call_async(request))
-
-    return send, make
+def _led(labels: tuple[str, ...]) -> list[Any]:
+    return [ChangeState.Request(transition=Transition(label=label)) for label in labels]
 
 
 def _maker(kind: type, valid: Any) -> Callable[[np.random.Generator], Any]:
@@ -201,25 +269,3 @@ def _maker(kind: type, valid: Any) -> Callable[[np.random.Generator], Any]:
         return random_message(kind, rng)
 
     return make
-
-
-def _valid_messages() -> dict[type, Any]:
-    """One message of each of our types that is as it should be, by its type."""
-    seen = thrown_ball(0)
-    given = static_parameters_to_message(LearnedParameters.defaults(["rubber", "wood"]))
-    states = [one.initial_state for one in seen.objects]
-    objects = object_states_to_message(
-        [one.object for one in seen.objects], states, frame_id="environment"
-    )
-    room, observation = environment_to_message(seen.environment), observation_to_message(seen)
-    asked = {"environment": room, "objects": objects.objects, "static_parameters": [given]}
-    return {
-        Environment: room,
-        ObjectStates: objects,
-        StaticParameters: given,
-        Observation: observation,
-        AddObservation.Request: AddObservation.Request(observation=observation),
-        SetStaticParameters.Request: SetStaticParameters.Request(static_parameters=given),
-        Predict.Request: Predict.Request(**asked, horizon=0.5, time_step=0.01, sample_count=20),
-        Suggest.Request: Suggest.Request(),
-    }

@@ -14,7 +14,8 @@ from intuitive_physics_msgs.msg import ResultCode
 from intuitive_physics_msgs.srv import AddObservation, SetStaticParameters
 
 from benchmarks.command import report_progress
-from benchmarks.torture.nodes import PATIENCE, thrown_ball
+from benchmarks.torture.nodes import PATIENCE, PERCEPTION, PREDICTOR, thrown_ball
+from benchmarks.torture.suite import Suite, running_suite
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics_bringup.connections import module
 from intuitive_physics_learner import ObservationStore
@@ -22,10 +23,13 @@ from intuitive_physics_ros.conversions import observation_to_message, static_par
 from intuitive_physics_ros.scripting import NodeProcess, Peer, PeerTimeoutError
 
 LONGEST_LIFE = 2.0
-"""s for which a node lives at most after its first answer."""
+"""s for which a node lives at most after its first answer, or the first prediction."""
 
 OTHERS_EVERY = 5
-"""Kills of the learner for each of the two other nodes, which keep nothing."""
+"""Every so many kills are of perception or the predictor, which keep nothing."""
+
+OTHERS = (PERCEPTION, PREDICTOR)
+"""Killed in turn."""
 
 GIVEN_EVERY = 5
 """Observations added for each version of the static parameters that is given."""
@@ -55,7 +59,9 @@ class Kills:
     answered : observations and versions that were answered
     lost : of these, what was not there afterwards
     corrupted : databases that were damaged afterwards
-    not_back : nodes that did not answer within `PATIENCE` after the next start
+    not_back : learners that did not answer within `PATIENCE` after the next start, and others
+        without which nothing was predicted by then
+    died : nodes that ended without being killed
     """
 
     kills: int = 0
@@ -63,32 +69,43 @@ class Kills:
     lost: int = 0
     corrupted: int = 0
     not_back: int = 0
+    died: int = 0
 
 
-def measure_kills(folder: Path, count: int, rng: np.random.Generator) -> Kills:
-    """Kill the learner, and now and then one of the others, `count` times in all.
+def measure_kills(folder: Path, count: int, seed: int, rng: np.random.Generator) -> Kills:
+    """Kill the learner, and then the others, `count` times in all.
 
     Parameters
     ----------
-    folder : for the database
+    folder : for the databases and the rendered throws
+    seed : of the throws
     """
     found, kept = Kills(), Kept()
     database = folder / "killed.sqlite3"
-    others = ["perception_node", "predictor_node"]
-    while found.kills < count:
+    others = count // OTHERS_EVERY
+    while found.kills < count - others:
         if found.kills % 20 == 0:
             report_progress(f"kill {found.kills + 1} of {count}")
-        if found.kills % OTHERS_EVERY == OTHERS_EVERY - 1:
-            name = others[found.kills // OTHERS_EVERY % 2]
-            with NodeProcess(module(name)) as other:
-                time.sleep(rng.uniform(0.0, LONGEST_LIFE))
-                other.stop(signal.SIGKILL)
-        else:
-            _kill_learner(database, kept, found, rng)
-            _check(database, kept, found)
+        _kill_learner(database, kept, found, rng)
+        _check(database, kept, found)
         found.kills += 1
+    report_progress(f"{others} kills of the other nodes, which see and predict")
+    with running_suite(folder, seed) as suite:
+        _kill_others(suite, others, found, rng)
     found.answered = len(kept.ids) + kept.version
     return found
+
+
+def _kill_others(suite: Suite, count: int, found: Kills, rng: np.random.Generator) -> None:
+    """Kill perception and predictor in turn while what they see is predicted from."""
+    for number in range(count):
+        time.sleep(rng.uniform(0.0, LONGEST_LIFE))
+        suite.nodes.processes[OTHERS[number % len(OTHERS)]].stop(signal.SIGKILL)
+        found.kills += 1
+        suite.nodes.revive()
+        found.not_back += not suite.predictions.wait(suite.camera.time, PATIENCE)
+    suite.nodes.revive()
+    found.died += len(suite.nodes.deaths) - count
 
 
 def _kill_learner(database: Path, kept: Kept, found: Kills, rng: np.random.Generator) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
@@ -33,7 +34,7 @@ ANSWER = 30.0
 
 
 class Nodes:
-    """The three nodes as processes; one that has died is started again.
+    """Nodes as processes; one that has died is started again.
 
     Parameters
     ----------
@@ -41,6 +42,7 @@ class Nodes:
     peer : that pings them
     arguments : of their command lines after `--ros-args`, by their names
     longest : s for which a node runs at most
+    modules : Python module that runs each node, by its name; None: the three of the suite
     """
 
     def __init__(
@@ -49,7 +51,9 @@ class Nodes:
         peer: Peer,
         arguments: Mapping[str, Sequence[str]] = MappingProxyType({}),
         longest: float = LONGEST,
+        modules: Mapping[str, str] | None = None,
     ) -> None:
+        self._modules = {name: module(name) for name in NODES} if modules is None else modules
         self._longest = longest
         self._arguments = arguments
         self.database = folder / "learner.sqlite3"
@@ -58,9 +62,9 @@ class Nodes:
         self._peer = peer
         self._stack = ExitStack()
         self.processes: dict[str, NodeProcess] = {}
-        for name in NODES:
+        for name in self._modules:
             self._start(name)
-        for name in NODES:
+        for name in self._modules:
             self.ping(name, PATIENCE)
 
     def ping(self, name: str, longest: float = ANSWER) -> float:
@@ -74,23 +78,28 @@ class Nodes:
                 return longest
         return time.monotonic() - begun
 
-    def revive(self) -> None:
-        """Note nodes that have died, with the last thing they said, and start them again."""
+    def revive(self) -> list[str]:
+        """Note nodes that have died, with the last thing they said, and start them again.
+
+        Returns
+        -------
+        list of str
+            Their names.
+        """
+        died = []
         for name, process in self.processes.items():
             if not process.is_running:
                 said = process.output.strip().splitlines()[-1:] or ["nothing"]
                 self.deaths.append(f"{name} (code {process.process.returncode}): {said[0]}")
+                died.append(name)
                 self._start(name)
                 self.ping(name, PATIENCE)
+        return died
 
     def measure_memory(self) -> None:
-        """Note the most memory that a node has had."""
-        for process in self.processes.values():
-            status = Path(f"/proc/{process.pid}/status")
-            if status.exists():
-                for line in status.read_text().splitlines():
-                    if line.startswith("VmHWM:"):
-                        self.most_megabytes = max(self.most_megabytes, int(line.split()[1]) / 1e3)
+        """Note the most memory that a node, with what it started, has had."""
+        peaks = [peak_megabytes(process.pid) for process in self.processes.values()]
+        self.most_megabytes = max(self.most_megabytes, *peaks)
 
     def stop(self) -> dict[str, tuple[float, int]]:
         """Stop all nodes, one after another, and return the time each took, s, and its code."""
@@ -105,7 +114,7 @@ class Nodes:
         arguments = [*self._arguments.get(name, ())]
         if name == LEARNER:
             arguments += ["-p", f"database:={self.database}"]
-        process = NodeProcess(module(name), arguments, longest=self._longest)
+        process = NodeProcess(self._modules[name], arguments, longest=self._longest)
         self.processes[name] = self._stack.enter_context(process)
 
     def __enter__(self) -> Nodes:
@@ -140,6 +149,20 @@ def megabytes(pid: int) -> float:
         with suppress(FileNotFoundError):
             pages += int(Path(f"/proc/{one}/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def peak_megabytes(pid: int) -> float:
+    """Return the most resident memory of a process and of each that it started and that runs, MB.
+
+    The peaks of several processes need not have been at one time: their sum is an upper bound.
+    """
+    kilobytes = 0
+    for one in family(pid):
+        with suppress(FileNotFoundError, ProcessLookupError):
+            status = Path(f"/proc/{one}/status").read_text()
+            # A process that has ended and was not waited for has no such line.
+            kilobytes += sum(map(int, re.findall(r"^VmHWM:\s+(\d+) kB$", status, re.MULTILINE)))
+    return kilobytes * 1024 / 1e6
 
 
 def thrown_ball(number: int) -> Observation:

@@ -20,7 +20,7 @@ from rclpy.parameter import Parameter as RosParameter
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.limits import InputLimits, use_limits
 from intuitive_physics.settings import list_settings
-from intuitive_physics_ros.rclpy_internals import parameter_overrides
+from intuitive_physics_ros.rclpy_internals import parameter_overrides, refuse_unknown_types
 
 
 @dataclass(frozen=True)
@@ -145,6 +145,7 @@ def declare_parameters(node: Node, parameters: Iterable[Parameter]) -> dict[str,
     declared = {parameter.name: parameter for parameter in parameters}
     node.add_pre_set_parameters_callback(lambda new: [_converted(declared, one) for one in new])
     node.add_on_set_parameters_callback(lambda new: _check(declared, new))
+    refuse_unknown_types(node)
     return {name: _declare(node, parameter) for name, parameter in declared.items()}
 
 

@@ -5,10 +5,13 @@
 
 from __future__ import annotations
 
-from collections.abc import MutableMapping
+from collections.abc import Callable, MutableMapping
+from functools import partial
 from typing import Any
 
 from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
@@ -45,6 +48,33 @@ def release(entity: Any) -> None:
     group = entity.callback_group
     if isinstance(group, MutuallyExclusiveCallbackGroup) and not group.can_execute(entity):
         group.ending_execution(entity)
+
+
+def refuse_unknown_types(node: Node) -> None:
+    """Have a node refuse to set parameters to values of a type that does not exist.
+
+    rclpy's own services raise, and whoever asked waits for ever.
+    """
+    for service in node.services:
+        if service.srv_type in (SetParameters, SetParametersAtomically):
+            service.callback = partial(_set_if_known, service.callback)
+
+
+def _set_if_known(set_all: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
+    known = {one.value for one in Parameter.Type}
+    unknown = next((one for one in request.parameters if one.value.type not in known), None)
+    if unknown is None:
+        return set_all(request, response)
+    refused = SetParametersResult(
+        successful=False,
+        reason=f"parameter {unknown.name!r} has the type {unknown.value.type}; "
+        "expected one of rcl_interfaces/msg/ParameterType",
+    )
+    if isinstance(response, SetParameters.Response):
+        response.results = [refused] * len(request.parameters)
+    else:
+        response.result = refused
+    return response
 
 
 class AnsweringLifecycleNode(LifecycleNode):

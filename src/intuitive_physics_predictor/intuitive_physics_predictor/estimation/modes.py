@@ -129,7 +129,8 @@ def _linearised(
     moved = centres[:, None] + steps
     found = fit.residuals(np.concatenate([centres, moved.reshape(m * n, n)]))
     apart = found[m:].reshape(m, n, -1) - found[:m, None]
-    return found[:m], np.linalg.solve(steps, apart)
+    slopes: NDArray[np.float64] = np.linalg.solve(steps, apart)
+    return found[:m], slopes
 
 
 def _damped(

@@ -129,8 +129,7 @@ def _linearised(
     moved = centres[:, None] + steps
     found = fit.residuals(np.concatenate([centres, moved.reshape(m * n, n)]))
     apart = found[m:].reshape(m, n, -1) - found[:m, None]
-    slopes: NDArray[np.float64] = np.linalg.solve(steps, apart)
-    return found[:m], slopes
+    return found[:m], np.asarray(np.linalg.solve(steps, apart), dtype=np.float64)
 
 
 def _damped(

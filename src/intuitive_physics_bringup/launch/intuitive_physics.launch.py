@@ -24,6 +24,7 @@ from intuitive_physics_bringup.connections import (
     CAMERAS,
     NODES,
     RANGES,
+    clock_rules,
     default_peers,
     default_range,
     discovery_environment,
@@ -145,7 +146,7 @@ def node(name: str, given: Mapping[str, str]) -> Node:
         "use_sim_time": uses_sim_time(given),
         "autostart": as_bool("autostart", given["autostart"]),
     }
-    renamed = [("/clock", f"{prefix(given)}/clock")] if prefix(given) else []
+    renamed = clock_rules(prefix(given), replayed=bool(given["bag"]))
     if name == "perception_node":
         renamed += inputs(given)
         if given["color"]:
@@ -232,7 +233,10 @@ def rviz(given: Mapping[str, str]) -> Node:
             f"{prefix(given)}/environment".lstrip("/"),
         ],
         parameters=[{"use_sim_time": uses_sim_time(given)}],
-        remappings=[("perception_node/points", dict(inputs(given))["~/points"])],
+        remappings=[
+            ("perception_node/points", dict(inputs(given))["~/points"]),
+            *clock_rules(prefix(given), replayed=bool(given["bag"])),
+        ],
         ros_arguments=enclave("operator", given),
     )
 

@@ -140,12 +140,15 @@ def launch_arguments(*names: str) -> str:
 
 
 def _published(node: Node) -> dict[str, list[str]]:
-    """Return the type of each node's publisher by topic.
+    """Return the type of each other node's publisher by topic.
 
-    A node asks others, because a question for a topic would go through its own remapping rules.
+    Nodes are asked, because a question for a topic would go through this one's remapping rules.
     """
     found: dict[str, list[str]] = {}
+    own = (node.get_name(), node.get_namespace())
     for name, namespace in node.get_node_names_and_namespaces():
+        if (name, namespace) == own:
+            continue
         # One that has left meanwhile publishes nothing.
         with suppress(NodeNameNonExistentError):
             for topic, kinds in node.get_publisher_names_and_types_by_node(name, namespace):

@@ -46,13 +46,20 @@ class FakeNode:
         ]
 
     def get_node_names_and_namespaces(self):
-        """One node for each publisher, and one that leaves at once."""
+        """One node for each publisher, this one, and one that leaves at once."""
         self.asked += 1
         names = [f"{name} {k}" for name, kinds in self.graph.items() for k in range(len(kinds))]
-        return [(name, "/") for name in ["left", *names]]
+        return [(name, "/") for name in ["own", "left", *names]]
+
+    def get_name(self):
+        return "own"
+
+    def get_namespace(self):
+        return "/"
 
     def get_publisher_names_and_types_by_node(self, name, namespace):
         assert namespace == "/"
+        assert name != "own"
         if name == "left":
             raise NodeNameNonExistentError(name)
         topic, k = name.split(" ")

@@ -80,7 +80,9 @@ class Silence:
             f"{_others(expected, published)}; {self._remedy}"
         )
         is_published = any(kind in published.get(name, []) for name, kind in expected.items())
-        is_due = not is_published or lasted >= self._patience
+        # A bag waits for all nodes, of which another may be compiling.
+        patience = max(self._patience, WARN_AGAIN) if _stands_still(self._node) else self._patience
+        is_due = not is_published or lasted >= patience
         if is_due and now - self._warned_at >= WARN_AGAIN:
             self._warned_at = now
             self._node.get_logger().warning(text)
@@ -105,17 +107,15 @@ class ClockCheck:
             self._silence = None
             return Status(Level.OK, "time is that of the machine")
         name = self._node.resolve_topic_name(CLOCK)
-        if self._node.get_clock().now().nanoseconds > 0:
+        if not _stands_still(self._node):
             self._silence = None
             return Status(Level.OK, f"time is that of {name}")
         if self._silence is None:
-            # A bag or a simulator that is there may wait for the nodes' first compilation.
             self._silence = Silence(
                 self._node,
                 {CLOCK: Clock},
                 "use_sim_time is true, so time stands still: start the simulator or the bag, or "
                 "set use_sim_time:=false",
-                patience=WARN_AGAIN,
             )
         return Status(Level.WARN, self._silence.told() or f"no time arrived yet on {name}")
 
@@ -137,6 +137,11 @@ def launch_arguments(*names: str) -> str:
     plural = "s" if first else ""
     verb = "choose" if first else "chooses"
     return f"the launch argument{plural} {given} {verb} the topic"
+
+
+def _stands_still(node: Node) -> bool:
+    """Whether time comes from a topic and has not come yet."""
+    return node.get_parameter("use_sim_time").value and node.get_clock().now().nanoseconds == 0
 
 
 def _published(node: Node) -> dict[str, list[str]]:

@@ -84,7 +84,7 @@ def clock(monkeypatch):
 
 @pytest.fixture
 def node():
-    return FakeNode({"/camera/depth": []})
+    return FakeNode({"/camera/depth": []}, sim_time=False)
 
 
 def waiting(clock, silent, seconds):
@@ -152,6 +152,17 @@ def test_a_publisher_that_may_be_silent_is_no_warning_until_the_patience_is_over
     node.graph["/camera/depth"] = []
     endless.told()
     assert len(node.lines) == 2
+
+
+def test_while_time_stands_still_a_publisher_may_wait_for_other_nodes(clock, node):
+    node.graph["/camera/depth"] = [IMAGE]
+    node.sim_time = True
+    silent = Silence(node, {"~/depth": Image}, REMEDY)
+    waiting(clock, silent, WARN_AGAIN - 1.0)
+    assert node.lines == []
+    node.time = 1
+    waiting(clock, silent, 1.0)
+    assert len(node.lines) == 1
 
 
 def test_several_topics_of_which_one_is_enough_are_one_warning(clock, node):

@@ -108,7 +108,10 @@ BAD_ARGUMENTS = {
     "namespace:=a b": "namespace is 'a b'; expected letters, digits and _",
     "log_level:=loud": "log_level is 'loud'; expected one of debug, info",
     "rate:=fast": "rate is 'fast'; expected a number",
+    "rate:=-1": "rate is '-1'; expected a number from 0.01 to 100",
+    "rate:=nan": "rate is 'nan'; expected a number from 0.01 to 100",
     "bag:=nowhere": "bag is 'nowhere'; expected the path of a bag",
+    "bag:=/": "bag is '/', a folder without metadata.yaml; expected",
     "respawn:=often": "respawn is 'often'; expected true or false",
     "use_sim_time:=perhaps": "use_sim_time is 'perhaps'; expected true or false",
 }
@@ -130,6 +133,11 @@ def test_a_bad_argument_is_one_clear_line_and_starts_nothing(tmp_path, argument)
         (
             "predictor_node:\n  ros__parameters: {rate: 20.0}\n",
             "expected /**/predictor_node or /left",
+        ),
+        (
+            "/**/predictor_nod:\n  ros__parameters: {rate: 20.0}\n",
+            "has the key /**/predictor_nod, which is none of the nodes; expected "
+            "/**/predictor_node or /left/predictor_node",
         ),
         ("a: [1", "cannot be read"),
         ("just words", "expected names of nodes"),

@@ -122,6 +122,20 @@ zed_wrapper 5, azure_kinect_ros_driver, and topics without a name of the camera,
 suite have them."""
 
 
+def clock_rules(prefix: str, *, replayed: bool) -> list[tuple[str, str]]:
+    """Return the remapping rules for simulated time.
+
+    A bag's replay has a clock below the namespace, so that each robot's bag has its own; the clock
+    of a simulator is one for all.
+
+    Parameters
+    ----------
+    prefix : namespace with a slash before it; empty: none
+    replayed : whether time is that of a bag which is replayed
+    """
+    return [("/clock", f"{prefix}/clock")] if prefix and replayed else []
+
+
 def session_topics(
     camera: Camera, namespace: str = "", *, color: bool = False, clouds: bool = False
 ) -> list[str]:

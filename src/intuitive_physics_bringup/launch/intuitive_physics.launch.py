@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
 from ament_index_python.packages import (
     PackageNotFoundError,
     get_package_prefix,
@@ -20,10 +19,12 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_bringup.checks import check_bag, check_parameter_file, check_rate
 from intuitive_physics_bringup.connections import (
     CAMERAS,
     NODES,
     RANGES,
+    clock_rules,
     default_peers,
     default_range,
     discovery_environment,
@@ -122,9 +123,9 @@ def check(given: Mapping[str, str]) -> None:
     _expect(given, "camera", CAMERAS.__contains__, f"one of {', '.join(CAMERAS)}")
     _expect(given, "log_level", LOG_LEVELS.__contains__, f"one of {', '.join(LOG_LEVELS)}")
     _expect(given, "params_file", lambda path: Path(path).is_file(), "the path of a YAML file")
-    _check_parameters(given)
-    _expect(given, "bag", lambda path: not path or Path(path).exists(), "the path of a bag")
-    _expect(given, "rate", _is_number, "a number")
+    check_parameter_file(given["params_file"], prefix(given))
+    check_bag(given["bag"])
+    check_rate(given["rate"])
     for name in ("respawn", "autostart", "loop", "rviz"):
         as_bool(name, given[name])
     if given["use_sim_time"]:
@@ -145,7 +146,7 @@ def node(name: str, given: Mapping[str, str]) -> Node:
         "use_sim_time": uses_sim_time(given),
         "autostart": as_bool("autostart", given["autostart"]),
     }
-    renamed = [("/clock", f"{prefix(given)}/clock")] if prefix(given) else []
+    renamed = clock_rules(prefix(given), replayed=bool(given["bag"]))
     if name == "perception_node":
         renamed += inputs(given)
         if given["color"]:
@@ -232,7 +233,10 @@ def rviz(given: Mapping[str, str]) -> Node:
             f"{prefix(given)}/environment".lstrip("/"),
         ],
         parameters=[{"use_sim_time": uses_sim_time(given)}],
-        remappings=[("perception_node/points", dict(inputs(given))["~/points"])],
+        remappings=[
+            ("perception_node/points", dict(inputs(given))["~/points"]),
+            *clock_rules(prefix(given), replayed=bool(given["bag"])),
+        ],
         ros_arguments=enclave("operator", given),
     )
 
@@ -262,35 +266,6 @@ def as_bool(name: str, text: str) -> bool:
     if value is None:
         raise InvalidInputError(f"{name} is {text!r}; expected true or false")
     return value
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _check_parameters(given: Mapping[str, str]) -> None:
-    """Refuse a file of parameters that cannot be read, or has some that would count for nothing."""
-    path = given["params_file"]
-    try:
-        parameters = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())
-        raise InvalidInputError(
-            f"params_file is {path!r}, which cannot be read: {reason}"
-        ) from None
-    if not isinstance(parameters, dict):
-        raise InvalidInputError(f"params_file is {path!r}; expected names of nodes, such as /**:")
-    for key in map(str, parameters):
-        bare = key.strip("/")
-        if prefix(given) and bare in NODES:
-            raise InvalidInputError(
-                f"params_file {path!r} has the key {key}, which does not hold in the namespace "
-                f"{prefix(given)}; expected /**/{bare} or {prefix(given)}/{bare}"
-            )
 
 
 def _expect(

@@ -11,7 +11,7 @@ import yaml
 
 from intuitive_physics_bringup.connections import CAMERAS, NODES, module
 from intuitive_physics_learner.nodes import learner_node
-from intuitive_physics_perception.nodes import perception_node
+from intuitive_physics_perception.nodes import frame_input, perception_node
 from intuitive_physics_predictor.nodes import predictor_node
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 from intuitive_physics_ros.topics import ENVIRONMENT, OBJECT_STATES, OBSERVATIONS, STATIC_PARAMETERS
@@ -33,6 +33,21 @@ def test_configuration_names_parameters_the_nodes_have():
         for name, value in entries["ros__parameters"].items():
             assert known[name].accepts(value), (node, name)
             assert type(value) is type(known[name].default), (node, name)
+
+
+def test_arguments_that_warnings_name_are_those_of_the_launch_file():
+    """Read from its text: launch is not everywhere where the nodes are."""
+    text = (PACKAGE / "launch" / "intuitive_physics.launch.py").read_text(encoding="utf-8")
+    assigned = {
+        target.id: statement.value
+        for statement in ast.parse(text).body
+        if isinstance(statement, ast.Assign)
+        for target in statement.targets
+        if isinstance(target, ast.Name)
+    }
+    declared = {ast.literal_eval(key) for key in assigned["ARGUMENTS"].keys}
+    named = {*frame_input.LAUNCH_ARGUMENTS.values(), "camera", "camera_info", "color", "imu"}
+    assert named | {"namespace", "discovery", "bag", "use_sim_time"} <= declared
 
 
 @pytest.mark.parametrize("node", NODES)

@@ -17,6 +17,7 @@ from intuitive_physics_ros.conversions import seconds_from_stamp
 from intuitive_physics_ros.conversions.primitives import xyz
 from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.qos import QOS_OVERRIDES, SENSOR_DATA
+from intuitive_physics_ros.silence import Silence, launch_arguments
 from intuitive_physics_ros.transforms import Transforms, UnknownTransformError
 
 Sample = Callable[[float, NDArray[np.float64], NDArray[np.float64] | None], None]
@@ -66,6 +67,7 @@ class ImuInput:
             copy(SENSOR_DATA),
             qos_overriding_options=QOS_OVERRIDES,
         )
+        self.monitor.expect(Silence(node, {topic: Imu}, launch_arguments("camera", "imu")))
 
     def _on_message(self, message: Imu) -> None:
         target = self._target_frame()

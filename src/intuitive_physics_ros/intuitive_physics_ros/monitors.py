@@ -9,6 +9,7 @@ import numpy as np
 from rclpy.node import Node
 
 from intuitive_physics_ros.diagnostics import Level, Status
+from intuitive_physics_ros.silence import Silence
 
 REPEAT_AFTER = 10.0
 """Seconds after which the same complaint about an input is logged again."""
@@ -39,6 +40,7 @@ class InputMonitor:
         self._accepted = 0
         self._rejected = 0
         self._arrived_at: float | None = None
+        self._silence: Silence | None = None
         self._error = ""
         self._logged = ""
         self._logged_at = 0.0
@@ -46,6 +48,10 @@ class InputMonitor:
         self._lost = False
         self._checked_at = time.monotonic()
         self._checked_count = 0
+
+    def expect(self, silence: Silence) -> None:
+        """Have publishers looked for from now on, as long as nothing has ever arrived."""
+        self._silence = silence
 
     def accepted(self) -> None:
         """Take note of a good message."""
@@ -87,7 +93,8 @@ class InputMonitor:
             "accepted per second": f"{rate:.1f}",
         }
         if self._arrived_at is None:
-            return Status(Level.WARN, f"nothing arrived yet on {self._name}", values)
+            told = self._silence.told() if self._silence else ""
+            return Status(Level.WARN, told or f"nothing arrived yet on {self._name}", values)
         silence = now - self._arrived_at
         if self._timeout is not None and silence > self._timeout:
             if not self._lost:
@@ -102,6 +109,8 @@ class InputMonitor:
 
     def _arrived(self) -> None:
         self._arrived_at = time.monotonic()
+        if self._silence is not None:
+            self._silence.end()
         if self._lost:
             self._node.get_logger().info(f"{self._name} arrives again")
         self._lost = False

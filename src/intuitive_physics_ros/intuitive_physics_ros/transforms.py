@@ -113,5 +113,5 @@ def _rigid(found: TransformStamped) -> RigidTransform:
 def _unknown(target: str, source: str, error: Exception) -> UnknownTransformError:
     return UnknownTransformError(
         f"tf does not know where {source!r} is in {target!r} ({error}); expected it on /tf or "
-        "/tf_static"
+        f"/tf_static, look with: ros2 run tf2_ros tf2_echo {target} {source}"
     )

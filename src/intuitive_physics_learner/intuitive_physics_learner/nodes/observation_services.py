@@ -38,6 +38,7 @@ from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.qos import OBSERVATIONS as OBSERVATIONS_QOS
 from intuitive_physics_ros.qos import QOS_OVERRIDES
 from intuitive_physics_ros.result_codes import error_result, ok_result
+from intuitive_physics_ros.silence import SAME_NAMESPACE, Silence
 from intuitive_physics_ros.topics import OBSERVATIONS
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
@@ -205,6 +206,9 @@ class ObservationServices:
             copy(OBSERVATIONS_QOS),
             qos_overriding_options=QOS_OVERRIDES,
         )
+        # One comes for each motion: it is no complaint that none has come from who is there.
+        topics = {OBSERVATIONS: ObservationMessage}
+        self._input.expect(Silence(node, topics, SAME_NAMESPACE, patience=math.inf))
         # While an answer waits for the database, others must go on.
         together = ReentrantCallbackGroup()
         for kind, name, answer in (

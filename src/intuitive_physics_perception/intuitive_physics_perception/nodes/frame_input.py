@@ -24,6 +24,7 @@ from intuitive_physics_ros.conversions import seconds_from_stamp
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
 from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.qos import QOS_OVERRIDES, SENSOR_DATA
+from intuitive_physics_ros.silence import Silence, launch_arguments
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 Frame: TypeAlias = Image | CompressedImage | PointCloud2
@@ -35,6 +36,13 @@ TOPICS: dict[type[Frame], str] = {
     PointCloud2: "~/points",
 }
 """Topic of each kind of frame; compressed images are where image_transport has them."""
+
+LAUNCH_ARGUMENTS: dict[type[Frame], str] = {
+    Image: "depth_image",
+    CompressedImage: "depth_image",
+    PointCloud2: "points",
+}
+"""Argument of the launch file that chooses the topic of each kind of frame."""
 
 CAMERA_INFO = "~/depth/camera_info"
 """Topic of the depth camera's calibration."""
@@ -106,7 +114,7 @@ class FrameInput:
         self._camera_monitor = InputMonitor(node, CAMERA_INFO, None)
         self._has_images = Image in kinds or CompressedImage in kinds
         if self._has_images:
-            diagnostics.add(CAMERA_INFO.removeprefix("~/"), self._camera_monitor.check)
+            diagnostics.add(CAMERA_INFO.removeprefix("~/"), self._check_camera)
         self._color: ColorInput | None = None
         if color and self._has_images:
             color_kind = CompressedImage if CompressedImage in kinds else Image
@@ -136,6 +144,7 @@ class FrameInput:
             self._ready.trigger()
 
     def _subscribe(self) -> None:
+        self._expect()
         for kind in self._monitors:
             self._node.create_subscription(
                 kind,
@@ -152,6 +161,17 @@ class FrameInput:
                 copy(SENSOR_DATA),
                 qos_overriding_options=QOS_OVERRIDES,
             )
+
+    def _expect(self) -> None:
+        """Have it said when nothing arrives on what is subscribed to now."""
+        arguments = [LAUNCH_ARGUMENTS[kind] for kind in self._monitors]
+        frames = {TOPICS[kind]: kind for kind in self._monitors}
+        silence = Silence(self._node, frames, launch_arguments("camera", *arguments))
+        for monitor in self._monitors.values():
+            monitor.expect(silence)
+        if self._has_images:
+            remedy = launch_arguments("camera", "camera_info")
+            self._camera_monitor.expect(Silence(self._node, {CAMERA_INFO: CameraInfo}, remedy))
 
     def _on_camera(self, message: CameraInfo) -> None:
         try:
@@ -199,6 +219,11 @@ class FrameInput:
             return Status(Level.OK, f"not used: {self._kind.__name__} messages came first")
         return self._monitors[kind].check()
 
+    def _check_camera(self) -> Status:
+        if self._kind is PointCloud2:
+            return Status(Level.OK, "not used: PointCloud2 messages came first")
+        return self._camera_monitor.check()
+
 
 class ColorInput:
     """Subscribes to colour images that are registered to the depth images pixel by pixel.
@@ -225,6 +250,8 @@ class ColorInput:
             copy(SENSOR_DATA),
             qos_overriding_options=QOS_OVERRIDES,
         )
+        topics = {COLOR_TOPICS[kind]: kind}
+        self._monitor.expect(Silence(node, topics, launch_arguments("camera", "color")))
 
     def of_frame(self, header: Header, points: NDArray[np.float32]) -> NDArray[np.uint8] | None:
         """Return the colours (height, width, 3) of a frame, None where there are none.

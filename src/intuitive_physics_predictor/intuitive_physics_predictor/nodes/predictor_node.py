@@ -56,6 +56,7 @@ from intuitive_physics_ros.parameters import (
     use_limits_of,
 )
 from intuitive_physics_ros.qos import LATCHED, QOS_OVERRIDES, SENSOR_DATA, STREAM
+from intuitive_physics_ros.silence import SAME_NAMESPACE, WARN_AGAIN, Silence
 from intuitive_physics_ros.topics import ENVIRONMENT, OBJECT_STATES, STATIC_PARAMETERS
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
@@ -184,6 +185,9 @@ class PredictorNode(ManagedNode):
             self.create_subscription(
                 kind, name, heard, copy(qos), qos_overriding_options=QOS_OVERRIDES, raw=True
             )
+            if kind is not StaticParametersMessage:
+                # A learner is not needed; perception that is there says itself what it waits for.
+                monitor.expect(Silence(self, {name: kind}, SAME_NAMESPACE, patience=WARN_AGAIN))
             self.diagnostics.add(name, monitor.check)
         self.diagnostics.add("prediction", self._ticks.monitor.check)
 

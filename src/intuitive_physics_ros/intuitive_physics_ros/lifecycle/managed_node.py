@@ -36,6 +36,7 @@ from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
 from intuitive_physics_ros.parameters import Parameter, declare_parameters
 from intuitive_physics_ros.rclpy_internals import AnsweringLifecycleNode
+from intuitive_physics_ros.silence import CLOCK, ClockCheck
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 AUTOSTART = Parameter(
@@ -51,9 +52,6 @@ LAST_ANSWERS = 0.2
 STOP_PATIENCE = 0.5
 """s that a deactivation waits for its threads at most, all together. Meanwhile the node answers
 nobody, and with the farewell to subscribers that must stay well below a second."""
-
-CLOCK = "/clock"
-"""End of the topic of simulated time, whose subscription is rclpy's own."""
 
 
 class ManagedNode(AnsweringLifecycleNode):
@@ -91,6 +89,7 @@ class ManagedNode(AnsweringLifecycleNode):
         self._leave_timer: Timer | None = None
         self.diagnostics = Diagnostics(self)
         self.diagnostics.add("state", self._check_state)
+        self.diagnostics.add("clock", ClockCheck(self))
         self._lasting_checks = self.diagnostics.names
 
     def configure(self) -> None:
@@ -250,6 +249,7 @@ def _entities(node: Node) -> list[Any]:
 
 
 def _is_clock(entity: Any) -> bool:
+    """Whether it is rclpy's own subscription to simulated time, in whatever namespace."""
     return str(getattr(entity, "topic_name", "")).endswith(CLOCK)
 
 

@@ -1,0 +1,54 @@
+"""What the launch file starts, and what it refuses before anything is started."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+from intuitive_physics_bringup.connections import NODES, clock_rules
+
+LAUNCH_FILE = Path(__file__).parent.parent / "launch" / "intuitive_physics.launch.py"
+
+
+def loaded():
+    spec = importlib.util.spec_from_file_location("suite_launch", LAUNCH_FILE)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def arguments(suite, **given):
+    return {name: default for name, (default, _) in suite.ARGUMENTS.items()} | given
+
+
+def renamed(action) -> dict[str, str]:
+    """Return what launch was told to remap, as texts."""
+    rules = action._Node__remappings
+    return dict(tuple("".join(one.text for one in side) for side in rule) for rule in rules)
+
+
+@pytest.mark.parametrize(
+    ("prefix", "replayed", "clock"),
+    [("/left", True, "/left/clock"), ("/left", False, None), ("", True, None), ("", False, None)],
+)
+def test_time_is_below_the_namespace_with_a_bag_only(prefix, replayed, clock):
+    assert dict(clock_rules(prefix, replayed=replayed)).get("/clock") == clock
+
+
+@pytest.mark.needs("ros2launch")
+@pytest.mark.parametrize(
+    ("given", "clock"),
+    [
+        ({"namespace": "left", "use_sim_time": "true"}, None),
+        ({"namespace": "left", "bag": "monday"}, "/left/clock"),
+        ({"bag": "monday"}, None),
+    ],
+)
+def test_nodes_and_rviz_take_the_time_of_a_simulator_or_of_their_bag(given, clock):
+    suite = loaded()
+    given = arguments(suite, **given)
+    assert suite.uses_sim_time(given)
+    for action in [*(suite.node(name, given) for name in NODES), suite.rviz(given)]:
+        assert renamed(action).get("/clock") == clock

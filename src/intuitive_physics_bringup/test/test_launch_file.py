@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
 from pathlib import Path
 
 import pytest
@@ -46,7 +47,8 @@ def test_time_is_below_the_namespace_with_a_bag_only(prefix, replayed, clock):
         ({"bag": "monday"}, None),
     ],
 )
-def test_nodes_and_rviz_take_the_time_of_a_simulator_or_of_their_bag(given, clock):
+def test_nodes_and_rviz_take_the_time_of_a_simulator_or_of_their_bag(monkeypatch, given, clock):
+    monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
     suite = loaded()
     given = arguments(suite, **given)
     assert suite.uses_sim_time(given)

@@ -447,7 +447,7 @@ def test_each_argument_of_launch_counts(home) -> None:
     words = [f"{name}:={value}" for name, value in given.items()]
     with Ros2Process(home, *LAUNCH, *words) as launch:
         with Peer("inspector", 60.0) as peer:
-            for topic in (*(given[name] for name in inputs), "/some/clock"):
+            for topic in (*(given[name] for name in inputs), "/clock"):
                 peer.spin_until(
                     lambda topic=topic: peer.node.count_subscribers(topic), f"who hears {topic}"
                 )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -47,6 +45,7 @@ from std_srvs.srv import Trigger
 from type_description_interfaces.srv import GetTypeDescription
 
 from benchmarks.torture.nodes import LEARNER, PERCEPTION, PREDICTOR, Nodes
+from benchmarks.torture.valid_messages import TF_MESSAGE
 from intuitive_physics_bringup.connections import module
 from intuitive_physics_experiments.rendering.camera import Camera
 from intuitive_physics_recordings.depth_bag_writer import DepthBagWriter
@@ -218,12 +217,8 @@ FUZZED: dict[str, Fuzzed] = {
 }
 """All by their names. Where an input excludes another, there is a node for each."""
 
-if importlib.util.find_spec("tf2_msgs") is not None:
-    FUZZED["bridge_of_tf"] = Fuzzed(
-        POSE_BRIDGE,
-        ("-p", "input:=tf"),
-        {"/tf": importlib.import_module("tf2_msgs.msg").TFMessage},
-    )
+if TF_MESSAGE is not None:
+    FUZZED["bridge_of_tf"] = Fuzzed(POSE_BRIDGE, ("-p", "input:=tf"), {"/tf": TF_MESSAGE})
 
 
 def full_name(name: str, node: str) -> str:

@@ -26,6 +26,13 @@ from intuitive_physics_ros.conversions import (
     static_parameters_to_message,
 )
 
+TF_MESSAGE: Any = (
+    importlib.import_module("tf2_msgs.msg").TFMessage
+    if importlib.util.find_spec("tf2_msgs") is not None
+    else None
+)
+"""Type of the messages on /tf; None where tf2_msgs is not installed."""
+
 
 def valid_messages() -> dict[type, Any]:
     """One message of each of our types that is as it should be, by its type."""
@@ -61,7 +68,6 @@ def _valid_poses() -> dict[type, Any]:
     moved.child_frame_id = "object"
     moved.transform.rotation.w = pose.pose.orientation.w = covered.pose.pose.orientation.w = 1.0
     found: dict[type, Any] = {type(one): one for one in (pose, covered, moved)}
-    if importlib.util.find_spec("tf2_msgs") is not None:
-        transforms = importlib.import_module("tf2_msgs.msg").TFMessage
-        found[transforms] = transforms(transforms=[moved])
+    if TF_MESSAGE is not None:
+        found[TF_MESSAGE] = TF_MESSAGE(transforms=[moved])
     return found

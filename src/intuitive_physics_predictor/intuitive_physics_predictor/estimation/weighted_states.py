@@ -41,8 +41,8 @@ MOST_HALVINGS = 8
 """Halvings of the logarithms: by then all weights are alike."""
 
 
-TOLD = 0.5
-"""Part of a guess's standard deviation of a spin that has to be left for it to be a guess still."""
+STILL_GUESS = 0.5
+"""A spin counts as a guess while its standard deviation is more than this part of the guess's."""
 
 LEAST_POSSIBLE = 10.0
 """Independent samples that have to be possible: of fewer a prediction would repeat some."""
@@ -73,10 +73,12 @@ class WeightedStates:
 
     @property
     def spin_is_guess(self) -> bool:
-        """Whether the motion has told little of a spin that was a guess."""
-        spins = np.cov(self.values[:, SPIN], rowvar=False, aweights=self.weights)
+        """Whether the spin was a guess, and the detections have hardly narrowed it."""
         guess = self.unknowns.guessed_spin
-        return guess > 0.0 and bool(np.linalg.det(spins / (TOLD * guess) ** 2) > 1.0)
+        _, covariance = self.moments
+        return guess > 0.0 and bool(
+            np.linalg.det(covariance[SPIN, SPIN] / (STILL_GUESS * guess) ** 2) > 1.0
+        )
 
     @property
     def effective_count(self) -> float:

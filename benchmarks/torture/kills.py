@@ -26,7 +26,7 @@ LONGEST_LIFE = 2.0
 """s for which a node lives at most after its first answer, or the first prediction."""
 
 OTHERS_EVERY = 5
-"""Every so many kills are of perception or the predictor, which keep nothing."""
+"""One kill in this many is of perception or the predictor, which store nothing."""
 
 OTHERS = (PERCEPTION, PREDICTOR)
 """Killed in turn."""

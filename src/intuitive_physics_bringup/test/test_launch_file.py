@@ -25,7 +25,7 @@ def arguments(suite, **given):
 
 
 def renamed(action) -> dict[str, str]:
-    """Return what launch was told to remap, as texts."""
+    """Return the remapping rules of a launch action, new name by old name."""
     rules = action._Node__remappings
     return dict(tuple("".join(one.text for one in side) for side in rule) for rule in rules)
 

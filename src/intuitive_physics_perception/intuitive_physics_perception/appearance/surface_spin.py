@@ -30,14 +30,14 @@ PATIENCE = 4
 """Searches in vain after which one frame more is waited for the next."""
 
 PROVEN = 3
-"""Frames that a spin has foretold, from where on a frame that contradicts it shows another spin."""
+"""Frames that agree with a known spin before a frame that does not is taken for a new spin."""
 
 NEAR_TURN = 0.35
 """rad from frame to frame, beside the best rotation, from where another one is looked for."""
 
 RECURRING = 1.3
 """rad from frame to frame, above which some of the images that are compared may be a whole turn
-apart. Those are alike whatever the axis, so that more rotations have to be told apart."""
+apart. Those look alike for every axis, so more candidate rotations have to be compared."""
 
 RIVALS = 3
 """Times as many rotations that are refined then."""
@@ -62,7 +62,7 @@ class SurfaceSpin:
         self._images: list[SphereImage] = []
         self._search: TurnSearch | None = None
         self._interval = np.inf
-        self._misses, self._waits, self._foretold = 0, 0, 0
+        self._misses, self._waits, self._confirmed = 0, 0, 0
 
     @property
     def since(self) -> float:
@@ -90,10 +90,10 @@ class SurfaceSpin:
         series = ImageSeries(self._times, self._images, self._settings)
         found = [series.fitted(spin.mean, reach=len(self._times))]
         self.spin = self._accepted(series, found, KEPT * self._settings.agreement)
-        self._foretold += 1
+        self._confirmed += 1
         if self.spin is None:
-            proven, time, image = self._foretold > PROVEN, self._times[-1], self._images[-1]
-            self._foretold = 0
+            proven, time, image = self._confirmed > PROVEN, self._times[-1], self._images[-1]
+            self._confirmed = 0
             if proven:
                 # Something that was not seen has changed it.
                 self.forget()

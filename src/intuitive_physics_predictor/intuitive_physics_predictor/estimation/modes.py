@@ -104,8 +104,8 @@ def find_modes(
 def derivative_steps(information: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the differences by which derivatives are taken: along the posterior's own axes.
 
-    Along the unknowns themselves a step would be as long as what is known least: a spin about the
-    normal of a bounce, which nothing tells, would make a step of spins that are known well.
+    Along a single unknown a step would be as long as the least certain combination it is part of:
+    the uncertainty of the spin about a bounce's normal would set the step of well-known spins.
 
     Parameters
     ----------

@@ -66,8 +66,8 @@ FREE_FALL = 0.3
 """Part of gravity by which the mean's acceleration may be off before a contact is predicted."""
 
 KINDS = ("state", "spin")
-"""What is compared: predictions beyond a contact of spins that are a guess, which decide all of
-those; and all others, which begin with what was estimated."""
+"""The factors. `spin` is on the prior of guessed spins: it follows predictions that begin with one
+and go beyond a contact. `state` is on estimated poses and velocities: it follows all others."""
 
 
 @dataclass(frozen=True)

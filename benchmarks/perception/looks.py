@@ -15,17 +15,15 @@ from benchmarks.perception.scenes import first_bounce
 from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics.shapes import Sphere
 from intuitive_physics_experiments.rendering.ball_surface import PATTERNS, BallSurface
-from intuitive_physics_experiments.rendering.color_camera import ColorCamera, ColorNoise, RoomLight
+from intuitive_physics_experiments.rendering.color_camera import RoomLight
 from intuitive_physics_experiments.rendering.corner_room import (
     corner_camera,
     corner_environment,
     true_parameters,
 )
-from intuitive_physics_experiments.rendering.depth_noise import DepthNoise, NoisyDepthCamera
+from intuitive_physics_experiments.rendering.depth_color_camera import DepthColorCamera
 from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer
 from intuitive_physics_experiments.rendering.throws import Throw, make_throws
-from intuitive_physics_perception.input.camera import Intrinsics
-from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_predictor.scores.highest_density import WITHIN_TWO_SIGMA
@@ -77,28 +75,18 @@ class LookedAtRoom:
     ----------
     rng : of the cameras' noise
     light : of the room
-    noise : of the colour image
     """
 
-    def __init__(
-        self,
-        rng: np.random.Generator,
-        light: RoomLight | None = None,
-        noise: ColorNoise | None = None,
-    ) -> None:
-        self.camera, environment = corner_camera(), corner_environment()
-        self._renderer = DepthRenderer(self.camera, environment)
-        focal, background = self.camera.focal_length, self._renderer.background
-        self._depth = NoisyDepthCamera(background, focal, DepthNoise(), rng)
-        self._colors = ColorCamera(self._renderer, light or RoomLight(), noise or ColorNoise(), rng)
-        matrix = self.camera.matrix()
-        self._rays = Intrinsics(self.camera.width, self.camera.height, matrix).rays()
+    def __init__(self, rng: np.random.Generator, light: RoomLight) -> None:
+        self.camera = corner_camera()
+        renderer = DepthRenderer(self.camera, corner_environment())
+        self._images = DepthColorCamera(renderer, rng, light)
         self.pipeline = PerceptionPipeline(
             PerceptionSettings(), np.random.default_rng(0), clock=thread_time
         )
         self._frame = 0
         while self.pipeline.model is None:
-            self._perceive(points_from_depth(self._depth.read(), self._rays), None)
+            self._perceive(self._images.points(), None)
 
     def _perceive(self, points: NDArray[np.float32], colors: NDArray[np.uint8] | None) -> Any:
         self._frame += 1
@@ -112,10 +100,7 @@ class LookedAtRoom:
         count, first, covariance = 0, 0, np.eye(3)
         while count / RATE < end:
             ball = throw.colored_at(throw.start_time + count / RATE, surface)
-            rendered = self._renderer.render_balls([ball.center], [ball.radius])
-            depth = self._depth.read(rendered.image, rendered.region)
-            points = points_from_depth(depth, self._rays)
-            result = self._perceive(points, self._colors.read([ball]))
+            result = self._perceive(self._images.points([ball]), self._images.colors([ball]))
             count += 1
             found.seconds.append(result.diagnostics.seconds.get("tracking", 0.0))
             states = [

@@ -20,6 +20,7 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics.state import ANGULAR_VELOCITY, ObjectState
+from intuitive_physics_cli.evaluation.prequential import AFTER_BOUNCE
 from intuitive_physics_experiments.calibration.calibrate import FIXED_NOISE
 from intuitive_physics_experiments.rendering.ball_surface import PATTERNS, PLAIN
 from intuitive_physics_learner.learning_session import LearningOptions, learn
@@ -44,9 +45,6 @@ AHEAD = (0.2, 0.5, 1.0, 1.5, 2.0)
 
 SAMPLES = 200
 """Simulations of each prediction: the error of their mean adds little to what is measured."""
-
-AFTER_BOUNCE = 6
-"""Frames from a bounce to the prediction after it."""
 
 MOMENTS = ("first_flight", "after_first_bounce", "after_second_bounce")
 """When predictions begin."""

@@ -11,17 +11,15 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.observation import Observation
-from intuitive_physics_experiments.rendering.ball_surface import BallSurface
-from intuitive_physics_experiments.rendering.color_camera import ColorCamera, ColorNoise, RoomLight
+from intuitive_physics_experiments.rendering.ball_surface import PLAIN, BallSurface
 from intuitive_physics_experiments.rendering.corner_room import (
     BALL_RADII,
     corner_camera,
     corner_environment,
     true_parameters,
 )
-from intuitive_physics_experiments.rendering.depth_noise import DepthNoise, NoisyDepthCamera
+from intuitive_physics_experiments.rendering.depth_color_camera import DepthColorCamera
 from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer
-from intuitive_physics_experiments.rendering.rendered_bag import balls_at
 from intuitive_physics_experiments.rendering.throws import Throw, make_throws
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.frame_result import PerceivedObject
@@ -132,23 +130,17 @@ def _frames(
 ) -> Iterator[tuple[float, NDArray[np.float32], NDArray[np.uint8] | None]]:
     """Yield the time in s of each frame, its points (height, width, 3) m, and its colours, if any,
     of the same shape."""
-    camera = corner_camera()
-    renderer = DepthRenderer(camera, corner_environment())
-    sensor = NoisyDepthCamera(renderer.background, camera.focal_length, DepthNoise(), rng)
-    colors = ColorCamera(renderer, RoomLight(), ColorNoise(), rng)
-    painted = list(zip(throws, map(BallSurface, cycle(patterns)), strict=False))
-    rays = camera.rays().astype(np.float32)
+    camera = DepthColorCamera(DepthRenderer(corner_camera(), corner_environment()), rng)
+    painted = list(zip(throws, map(BallSurface, cycle(patterns or [PLAIN])), strict=False))
     for frame in range(int((throws[-1].end_time + PAUSE) * FRAME_RATE)):
         time = frame / FRAME_RATE
-        rendered = renderer.render_balls(*balls_at(throws, time))
-        image = sensor.read(rendered.image, rendered.region)
-        depth = np.where(image > 0, image.astype(np.float32) / 1000.0, np.nan)
-        shown = [
+        balls = [
             throw.colored_at(time, surface)
             for throw, surface in painted
             if throw.start_time <= time <= throw.end_time
         ]
-        yield time, rays * depth[..., None], colors.read(shown) if painted else None
+        points = camera.points(balls)
+        yield time, points, camera.colors(balls) if patterns else None
 
 
 def bounces(throw: Throw) -> list[float]:

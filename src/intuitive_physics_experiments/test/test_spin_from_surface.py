@@ -24,7 +24,7 @@ from intuitive_physics_experiments.rendering.corner_room import (
     corner_environment,
     true_parameters,
 )
-from intuitive_physics_experiments.rendering.depth_noise import DepthNoise, NoisyDepthCamera
+from intuitive_physics_experiments.rendering.depth_color_camera import DepthColorCamera
 from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer, cast_sphere
 from intuitive_physics_experiments.rendering.throws import make_throws
 from intuitive_physics_perception.appearance.settings import AppearanceSettings
@@ -32,8 +32,6 @@ from intuitive_physics_perception.appearance.sphere_image import sphere_image
 from intuitive_physics_perception.appearance.spin_fit import LARGEST_TURN, Spin
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
 from intuitive_physics_perception.detection.detections import DetectedSphere
-from intuitive_physics_perception.input.camera import Intrinsics
-from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_predictor.scores.highest_density import WITHIN_TWO_SIGMA
@@ -169,13 +167,10 @@ def states_of_a_throw(pattern: str, settings: PerceptionSettings, duration: floa
     through all of perception, and whether the ball has bounced by then."""
     rng = np.random.default_rng(3)
     camera, environment = corner_camera(), corner_environment()
-    renderer = DepthRenderer(camera, environment)
-    depths = NoisyDepthCamera(renderer.background, camera.focal_length, DepthNoise(), rng)
-    colors = ColorCamera(renderer, RoomLight(), ColorNoise(), rng)
-    rays = Intrinsics(camera.width, camera.height, camera.matrix()).rays()
+    images = DepthColorCamera(DepthRenderer(camera, environment), rng)
     pipeline = PerceptionPipeline(settings, np.random.default_rng(0))
     for k in range(settings.environment_frames):
-        pipeline.process(points_from_depth(depths.read(), rays), (k - 20) / RATE)
+        pipeline.process(images.points(), (k - 20) / RATE)
     (throw,) = make_throws(
         1,
         camera,
@@ -191,9 +186,7 @@ def states_of_a_throw(pattern: str, settings: PerceptionSettings, duration: floa
     first = throw.motion.angular_velocities[0]
     for k in range(int(duration * RATE)):
         ball = throw.colored_at(k / RATE, BallSurface(pattern))
-        rendered = renderer.render_balls([ball.center], [ball.radius])
-        points = points_from_depth(depths.read(rendered.image, rendered.region), rays)
-        result = pipeline.process(points, k / RATE, colors.read([ball]))
+        result = pipeline.process(images.points([ball]), k / RATE, images.colors([ball]))
         for seen in result.objects:
             turn = result.model.rotation @ camera.rotation.T
             bounced = not np.allclose(ball.angular_velocity, first, atol=1e-3)

@@ -187,8 +187,8 @@ class _ThrowSum:
         logarithms = self.log_likelihoods + log_normal(stated, PRIOR_THROWS)
         top = int(np.clip(np.argmax(logarithms), 1, GRID.size - 2))
         before, here, after = logarithms[top - 1 : top + 2]
-        bend = max(2.0 * here - before - after, np.finfo(float).tiny)
-        away = 0.5 * float(np.clip((after - before) / bend, -1.0, 1.0))
+        lean, bend = float(after - before), float(2.0 * here - before - after)
+        away = 0.5 * (lean / bend if abs(lean) < bend else np.sign(lean))
         place = GRID[top] + away * (GRID[1] - GRID[0])
         count = float(np.interp(place, GRID, self.counts))
         return SpinSpread(float(np.exp(place)), count, stated)

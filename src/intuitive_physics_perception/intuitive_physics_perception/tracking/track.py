@@ -14,7 +14,6 @@ from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ANGULAR_VELOCITY, ERROR_SIZE, LINEAR_VELOCITY, ObjectState
 from intuitive_physics.state import POSITION as STATE_POSITION
-from intuitive_physics_perception.appearance.spin_fit import Spin
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
 from intuitive_physics_perception.detection.detections import DetectedSolid, Detection, kind_of
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
@@ -105,13 +104,8 @@ class Track:
         self.color = color if self.color is None else self.color + weight * (color - self.color)
 
     @property
-    def spin(self) -> Spin | None:
-        """Its spin as its surface shows it, None where that is unknown."""
-        return self.surface.spin if self.surface is not None else None
-
-    @property
     def seen_spin(self) -> SeenSpin | None:
-        """The same, with the time since when it has been seen."""
+        """Its spin as its surface shows it, None where that is unknown."""
         if self.surface is None or self.surface.spin is None:
             return None
         spin = self.surface.spin
@@ -204,7 +198,7 @@ class Track:
         normal = self._rolls_on(environment, settings.motion)
         if normal is None:
             unknown = unknown_angular_velocity(settings.angular_velocity_deviation)
-            return unknown if self.spin is None else combined(unknown, self.spin)
+            return unknown if self.seen_spin is None else combined(unknown, self.seen_spin)
         return rolling_angular_velocity(
             self.mean[VELOCITY],
             self.covariance[VELOCITY, VELOCITY],
@@ -356,7 +350,7 @@ class TrackFilter:
 
 
 def combined(
-    known: tuple[NDArray[np.float64], NDArray[np.float64]], spin: Spin
+    known: tuple[NDArray[np.float64], NDArray[np.float64]], spin: SeenSpin
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return mean (3,) rad/s and covariance (3, 3) of the product of two normal densities of an
     angular velocity.

@@ -9,7 +9,10 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from itertools import repeat
+from multiprocessing import get_context
 from typing import Any
 
 from benchmarks.command import Outcome, report_progress, run_benchmark
@@ -19,6 +22,7 @@ from benchmarks.prediction.camera_report import (
     camera_complaints,
     camera_figures,
     camera_table,
+    coverage_table,
 )
 from benchmarks.prediction.feed import SCENES, SEEN, Feed
 from benchmarks.prediction.node import MOST_PUBLISHED, NodeUnderTest, largest_sample_count
@@ -59,7 +63,7 @@ SMALL_SET = PaperCalibrationOptions(samples=30, held_out=40, point_counts=(), sa
 """Too small to hold the bars for sure: it shows that all works."""
 
 FULL = Effort(
-    300.0, trial=10.0, loop=10.0, truth=PaperCalibrationOptions(point_counts=()), throws=60
+    300.0, trial=10.0, loop=10.0, truth=PaperCalibrationOptions(point_counts=()), throws=120
 )
 """Of the results that are kept."""
 
@@ -111,7 +115,7 @@ def run(options: argparse.Namespace) -> Outcome:
         missed += complaints(results)
     if options.only != "node":
         worlds = see_worlds(effort.throws, options.first_seed)
-        found.append(camera_table(worlds))
+        found += [camera_table(worlds), coverage_table(worlds)]
         figures["camera"] = camera_figures(worlds)
         missed += camera_complaints(worlds)
     return Outcome(
@@ -123,12 +127,12 @@ def run(options: argparse.Namespace) -> Outcome:
 
 
 def see_worlds(throws: int, first_seed: int) -> dict[float, JudgedWorld]:
-    """Judge predictions in each of the camera's worlds, by their spin in rad/s."""
-    worlds = {}
-    for k, spin in enumerate(WORLDS):
-        report_progress(f"a camera's world of spins of {spin:g} rad/s")
-        worlds[spin] = judge_world(spin, throws, first_seed + k)
-    return worlds
+    """Judge predictions in each of the camera's worlds, side by side, by their spin in rad/s."""
+    report_progress(f"the camera's worlds, {throws} throws each")
+    seeds = range(first_seed, first_seed + len(WORLDS))
+    with ProcessPoolExecutor(CORES, mp_context=get_context("spawn")) as pool:
+        judged = pool.map(judge_world, WORLDS, repeat(throws), seeds)
+        return dict(zip(WORLDS, judged, strict=True))
 
 
 def measure(effort: Effort) -> Results:

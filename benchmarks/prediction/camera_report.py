@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.prediction.camera import AHEAD, MOMENTS, Judged, JudgedWorld
-from benchmarks.results.result import Column, Table
+from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics_predictor.scores.highest_density import WITHIN_TWO_SIGMA, coverage
 
 WORLDS = (2.0, 10.0, 40.0)
@@ -30,8 +30,14 @@ MOST_PATTERN_OVER_KNOWN = 2.0
 MOST_OVER_GUESS = 0.8
 """Bar of the error over that of the guess, in the first flight of the world of least spin."""
 
+SPIN_BARS = (0.90, 0.99)
+"""Bars of the share of spins within two standard deviations."""
+
 COVERAGE_BARS = {0.5: (0.45, 0.55), 0.9: (0.86, 0.94)}
 """Bars of what regions hold, by their probability."""
+
+FEWEST = 30
+"""Predictions of which a share can be held against a bar: a first look has fewer."""
 
 Worlds = Mapping[float, JudgedWorld]
 """What was judged, by spin."""
@@ -42,10 +48,7 @@ def camera_figures(worlds: Worlds) -> dict[str, Any]:
     everything = _of(worlds, MOMENTS)
     seconds = [each for world in worlds.values() for each in world.seconds]
     return {
-        **{
-            f"world_{spin:g}": {name: _moment_figures(world.moments[name]) for name in MOMENTS}
-            for spin, world in worlds.items()
-        },
+        **{f"world_{spin:g}": _world_figures(spin, world) for spin, world in worlds.items()},
         "pattern_first_flight_error_over_known_spin": {
             f"world_{spin:g}": _ratio(world.patterned, "known_spin", 1.0)
             for spin, world in worlds.items()
@@ -106,6 +109,37 @@ def camera_table(worlds: Worlds) -> Table:
     )
 
 
+def coverage_table(worlds: Worlds) -> Table:
+    """Return how often regions hold the ball, one row for each world and one for all."""
+    rows: list[list[Cell]] = []
+    for name, found in _by_world(worlds).items():
+        for probability in COVERAGE_BARS:
+            levels = _levels(found, AHEAD[0])
+            shares = _coverages(found, probability).values()
+            rows.append(
+                [
+                    name,
+                    100.0 * probability,
+                    len(levels),
+                    100.0 * _error(probability, len(levels)),
+                    *(None if share is None else 100.0 * share for share in shares),
+                ]
+            )
+    return Table(
+        title="How often regions hold the ball that a camera sees",
+        note="Of all moments together, by the time ahead. The error is that of a share of so many "
+        "predictions, if each were by itself: those of one throw are not.",
+        columns=[
+            Column("world"),
+            Column("region", "%", ".0f"),
+            Column("predictions"),
+            Column("error of a share", "%", ".1f"),
+            *(Column(f"{ahead:g} s", "%", ".0f") for ahead in AHEAD),
+        ],
+        rows=rows,
+    )
+
+
 def camera_complaints(worlds: Worlds) -> list[str]:
     """Return the bars that were missed."""
     found = []
@@ -124,14 +158,44 @@ def camera_complaints(worlds: Worlds) -> list[str]:
     ratio = _ratio(worlds[WORLDS[0]].moments["first_flight"], "guess", 1.0)
     if ratio is not None and ratio > MOST_OVER_GUESS:
         found.append(f"first_flight of world_{WORLDS[0]:g}: error {ratio:.2f} of the guess's")
-    everything = _of(worlds, MOMENTS)
-    for probability, (least, most) in COVERAGE_BARS.items():
-        for ahead, share in _coverages(everything, probability).items():
-            if share is not None and not least <= share <= most:
-                found.append(
-                    f"{100 * probability:.0f} % regions hold {100 * share:.0f} % after {ahead} s"
-                )
-    return found
+    return found + _spin_complaints(worlds) + _coverage_complaints(worlds)
+
+
+def _spin_complaints(worlds: Worlds) -> list[str]:
+    """Moments at which spins are too seldom or too often within two standard deviations."""
+    least, most = SPIN_BARS
+    return [
+        f"{name} of world_{spin:g}: {100 * share:.0f} % of {len(world.moments[name])} spins "
+        "within 2 σ"
+        for spin, world in worlds.items()
+        for name in MOMENTS
+        if len(world.moments[name]) >= FEWEST
+        and not least <= (share := _within(world.moments[name])) <= most
+    ]
+
+
+def _coverage_complaints(worlds: Worlds) -> list[str]:
+    """Regions that hold too much or too little, of each world by itself and of all together."""
+    return [
+        f"{name}: {100 * probability:.0f} % regions hold {100 * share:.0f} % after {ahead} s"
+        for name, judged in _by_world(worlds).items()
+        for probability, (least, most) in COVERAGE_BARS.items()
+        for ahead, share in _coverages(judged, probability).items()
+        if share is not None
+        and len(_levels(judged, float(ahead))) >= FEWEST
+        and not least <= share <= most
+    ]
+
+
+def _by_world(worlds: Worlds) -> dict[str, list[Judged]]:
+    """Return all that was judged, of each world and of all together, by the name of its row."""
+    own = {f"world_{spin:g}": _of({spin: world}, MOMENTS) for spin, world in worlds.items()}
+    return {**own, "all": _of(worlds, MOMENTS)}
+
+
+def _error(probability: float, count: int) -> float:
+    """Standard error of the share of `count` predictions that their regions hold."""
+    return float(np.sqrt(probability * (1.0 - probability) / count)) if count else float("nan")
 
 
 def _rows(world: JudgedWorld) -> dict[str, list[Judged]]:
@@ -142,6 +206,15 @@ def _rows(world: JudgedWorld) -> dict[str, list[Judged]]:
 def _of(worlds: Worlds, names: Sequence[str]) -> list[Judged]:
     """All that was judged at some moments."""
     return [one for world in worlds.values() for name in names for one in world.moments[name]]
+
+
+def _world_figures(spin: float, world: JudgedWorld) -> dict[str, Any]:
+    judged = _of({spin: world}, MOMENTS)
+    return {
+        **{name: _moment_figures(world.moments[name]) for name in MOMENTS},
+        "coverage_50": _coverages(judged, 0.5),
+        "coverage_90": _coverages(judged, 0.9),
+    }
 
 
 def _moment_figures(found: Sequence[Judged]) -> dict[str, Any]:

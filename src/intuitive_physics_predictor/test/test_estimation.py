@@ -18,7 +18,7 @@ from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.simulation import make_simulator, pack_worlds
 from intuitive_physics.state import ANGULAR_VELOCITY, LINEAR_VELOCITY, POSITION, ObjectState
 from intuitive_physics_predictor.estimation import trajectory_fit
-from intuitive_physics_predictor.estimation.modes import derivative_steps, find_modes
+from intuitive_physics_predictor.estimation.modes import Modes, derivative_steps, find_modes
 from intuitive_physics_predictor.estimation.object_estimate import (
     ObjectEstimate,
     SceneEstimate,
@@ -626,3 +626,35 @@ def test_too_few_possible_samples_are_not_all_there_is():
     assert estimate.where(possible) is estimate
     half = estimate.where(np.arange(50) < 25)
     np.testing.assert_allclose(half.weights, np.where(np.arange(50) < 25, 1 / 25, 0.0))
+
+
+class LinearFit:
+    """Residuals r = k (a · ξ) of one row: the posterior is normal with H = I + k² a aᵀ."""
+
+    unknowns = None
+
+    def __init__(self, axis, slope):
+        self.axis, self.slope = axis, slope
+
+    def residuals_and_states(self, standard, time):
+        return self.slope * (standard @ self.axis)[:, None], standard
+
+
+@given(st.floats(0.0, 12.0), st.integers(0, 1000))
+def test_what_is_known_too_well_for_rounding_can_be_drawn(decades, seed):
+    # Along a the variance is 1 / (1 + k²), across it 1. Rounding takes k² ε from H: from k = 10⁸ on
+    # nothing is left of the prior, and H may have negative eigenvalues.
+    rng = np.random.default_rng(seed)
+    axis = rng.standard_normal(12)
+    axis /= np.linalg.norm(axis)
+    slope = 10.0**decades
+    information = np.eye(12) + slope**2 * np.outer(axis, axis)
+    modes = Modes(np.zeros((1, 12)), information[None], np.zeros(1), np.zeros((1, 1)))
+    states = draw_weighted(LinearFit(axis, slope), modes, 400, 0.0, rng)
+    along = states.values @ axis
+    across = states.values - along[:, None] * axis
+    assert np.isfinite(states.weights).all()
+    assert np.std(along) < 1.3 / np.hypot(1.0, slope) + 1e-6
+    if decades < 7.0:
+        # Samples are drawn 1.1 times as wide; the sum of 11 · 400 squares is known to 2 %.
+        assert np.mean(np.sum(across**2, axis=1)) / 11.0 == pytest.approx(1.21, abs=0.12)

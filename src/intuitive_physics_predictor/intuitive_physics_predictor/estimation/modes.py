@@ -115,10 +115,28 @@ def derivative_steps(information: NDArray[np.float64]) -> NDArray[np.float64]:
     -------
     (m, n, n), one difference a row
     """
-    precisions, axes = np.linalg.eigh(information)
-    # The prior alone has the precision 1: what is below it is rounding.
-    deviations = np.maximum(precisions, 1.0) ** -0.5
+    deviations, axes = principal_deviations(information)
     return np.asarray(STEP_SHARE * (axes * deviations[:, None]).swapaxes(1, 2))
+
+
+def principal_deviations(
+    information: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the standard deviations along the posterior's axes, and these axes.
+
+    Parameters
+    ----------
+    information : (m, n, n) H
+
+    Returns
+    -------
+    deviations : (m, n)
+    axes : (m, n, n), one unit vector a column
+    """
+    precisions, axes = np.linalg.eigh(information)
+    # The prior alone has the precision 1: what is below it is rounding, where another unknown is
+    # known 10⁸ times better.
+    return np.maximum(precisions, 1.0) ** -0.5, axes
 
 
 def _linearised(

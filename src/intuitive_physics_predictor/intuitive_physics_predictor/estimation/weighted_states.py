@@ -14,7 +14,7 @@ from intuitive_physics.state import (
     POSITION,
     ObjectState,
 )
-from intuitive_physics_predictor.estimation.modes import Modes, misfit
+from intuitive_physics_predictor.estimation.modes import Modes, misfit, principal_deviations
 from intuitive_physics_predictor.estimation.trajectory_fit import TrajectoryFit
 from intuitive_physics_predictor.estimation.unknowns import (
     KINEMATIC,
@@ -160,12 +160,12 @@ def draw_weighted(
     time : s
     rng : of the draws
     """
-    covariances = WIDENING**2 * np.linalg.inv(modes.information)
-    volumes = np.linalg.slogdet(covariances)[1]
+    deviations, axes = principal_deviations(modes.information)
+    roots = WIDENING * axes * deviations[:, None]
+    volumes = 2.0 * np.log(WIDENING * deviations).sum(axis=1)
     shares = np.exp(0.5 * volumes - modes.misfits - (0.5 * volumes - modes.misfits).max())
     shares = np.maximum(shares / shares.sum(), LEAST_SHARE)
     shares /= shares.sum()
-    roots = np.linalg.cholesky(covariances)
     drawn = np.concatenate(
         [
             centre + rng.standard_normal((own, len(centre))) @ root.T

@@ -148,16 +148,18 @@ def _check_reach(peer: Peer) -> None:
 
 
 def _ping_all(nodes: Nodes, peer: Peer, answers: Answers, found: Fuzz) -> None:
-    for name in nodes.processes:
+    for name, process in nodes.processes.items():
         took = nodes.ping(name)
+        if not process.is_running:  # that is its death, and no hang
+            continue
         found.slowest = max(found.slowest, took)
         if took > bars().answer:
             found.slow.append((name, took))
     nodes.measure_memory()
     peer.spin_for(DRAIN)
-    answers.look()
     for name in nodes.revive():
         answers.leave(name)
+    answers.look()
     check_deaths(nodes.deaths)
 
 

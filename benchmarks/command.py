@@ -83,18 +83,19 @@ def run_benchmark(
         print(f"bench-{name}: {error}", file=sys.stderr)
         return 1
     seconds = time.perf_counter() - start
-    part = f", {outcome.part}" if outcome.part else ""
+    stem = "_".join(filter(None, (name, outcome.part)))
+    part = f", {outcome.part.replace('_', ' ')}" if outcome.part else ""
     title = f"{name.capitalize()} benchmark{part}"
     print(f"# {title}\n\n{tables_text(outcome.note, outcome.tables)}\n")
     print(f"Measured in {seconds:.0f} s.")
     if outcome.draw is not None:
-        figure = (FOLDER if options.write else Path("build")) / f"{name}.svg"
+        figure = (FOLDER if options.write else Path("build")) / f"{stem}.svg"
         figure.parent.mkdir(parents=True, exist_ok=True)
         outcome.draw(figure)
         print(f"figure: {figure}")
     if options.write:
         run = replace(run, seconds=round(seconds, 1))
-        path = FOLDER / f"{'_'.join(filter(None, (name, outcome.part)))}.json"
+        path = FOLDER / f"{stem}.json"
         write_result(path, Result(title, run, outcome.tables, outcome.note, outcome.key_figures))
         write_page(path)
     for complaint in outcome.complaints:

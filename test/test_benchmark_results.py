@@ -272,12 +272,17 @@ def check_verdict(outcome: Outcome, missed: str | None) -> None:
 def test_part_of_torture_is_kept_apart_with_its_missed_bar(tmp_path, monkeypatch, capsys):
     torture = importlib.import_module("benchmarks.torture.__main__")
     monkeypatch.setattr("benchmarks.command.FOLDER", tmp_path)
-    found = ({"minutes": 3.0}, MADE_UP.tables[0], ["a node grew by 9 MB"])
-    monkeypatch.setattr(torture, "_soak", lambda folder, minutes: found)
+    found = torture.parts.Found({}, MADE_UP.tables[0], ["a node grew by 9 MB"])
+    monkeypatch.setattr(torture.parts, "soak", lambda folder, minutes: found)
     assert torture.main(["--only", "soak", "--write"]) == 1
-    assert "bench-torture: a node grew by 9 MB" in capsys.readouterr().err
-    assert {path.name for path in tmp_path.iterdir()} == {"torture_soak.json", "torture_soak.md"}
-    assert "**Bars missed**: a node grew by 9 MB." in (tmp_path / "torture_soak.md").read_text()
+    assert "bench-torture: soak: a node grew by 9 MB" in capsys.readouterr().err
+    usual = {"torture_soak.json", "torture_soak.md"}
+    assert {path.name for path in tmp_path.iterdir()} == usual
+    page = (tmp_path / "torture_soak.md").read_text()
+    assert "**Bars missed**: soak: a node grew by 9 MB." in page
+    assert torture.main(["--only", "soak", "--hours", "2", "--write"]) == 1
+    long = {"torture_soak_long.json", "torture_soak_long.md"}
+    assert {path.name for path in tmp_path.iterdir()} == usual | long
 
 
 @pytest.mark.parametrize("name", [*BENCHMARKS, "results"])

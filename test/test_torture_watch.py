@@ -8,11 +8,16 @@ import time
 from pathlib import Path
 
 import pytest
+from benchmarks.results.result import Column, Table
 from benchmarks.torture.answers import Answers
+from benchmarks.torture.early_end import EarlyEndError, noted
+from benchmarks.torture.faults_around import result_of
 from benchmarks.torture.interfaces import FUZZED
-from benchmarks.torture.nodes import megabytes, peak_megabytes
+from benchmarks.torture.nodes import blamed_on_death, megabytes, peak_megabytes
+from benchmarks.torture.soak import Watched
 
 from intuitive_physics.processes import ChildProcess
+from intuitive_physics_ros.scripting import PeerTimeoutError
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "docs" / "_extensions"))
@@ -128,3 +133,59 @@ def test_node_that_has_ended_owes_no_answer():
     time.sleep(0.1)
     assert answers.look()
     assert answers.hangs == ["node ~/change_state", "other ~/ask"]
+
+
+def test_death_of_a_node_is_named_in_place_of_what_follows_from_it():
+    dying = [sys.executable, "-c", "print('all is well', flush=True); raise SystemExit(7)"]
+    with ChildProcess(dying) as node:
+        node.wait()
+        died = r"learner died \(code 7\) .* all is well"
+        with pytest.raises(EarlyEndError, match=died), blamed_on_death("learner", node):
+            raise PeerTimeoutError("waited in vain")
+        # What a check complains of is no consequence of the death.
+        with pytest.raises(ValueError, match="lost"), blamed_on_death("learner", node):
+            raise ValueError("two are lost")
+
+
+def test_node_that_lives_is_not_blamed():
+    with ChildProcess([sys.executable, "-c", ALONE]) as node:
+        node.wait_for("runs")
+        with pytest.raises(PeerTimeoutError), blamed_on_death("learner", node):
+            raise PeerTimeoutError("waited in vain")
+
+
+def test_early_end_is_one_line_with_the_place_of_what_nobody_expected():
+    failures: list[str] = []
+    with noted(failures):
+        raise EarlyEndError("node died\nlong output\nlast words\n")
+    with noted(failures):
+        Path("/proc/none/task").read_text()
+    assert failures[0] == "ended early: node died last words"
+    assert failures[1].startswith("ended early: FileNotFoundError in ")
+    assert result_of(lambda: [][0]).startswith("IndexError in test_torture_watch.py:")
+
+
+def test_growth_is_that_since_the_second_minute():
+    node = Watched()
+    for minute, memory in enumerate((900.0, 400.0, 410.0, 405.0)):
+        node.note(minute, memory - 50.0, 3, 5)
+        node.note(minute, memory, 4, 5)
+        node.note(minute, memory - 20.0, 3, 6)
+    assert node.memory == [900.0, 400.0, 410.0, 405.0]
+    assert (node.threads, node.files) == ([4] * 4, [6] * 4)
+    assert node.growth() == 5.0
+
+
+def test_part_that_ends_early_is_a_missed_bar_and_the_others_go_on(tmp_path, monkeypatch, capsys):
+    torture = importlib.import_module("benchmarks.torture.__main__")
+    monkeypatch.setattr("benchmarks.command.FOLDER", tmp_path)
+    table = Table("cancels", [Column("cancelled")], [[3]])
+    monkeypatch.setattr(torture.parts, "kill", lambda *_: {}["no such"])
+    monkeypatch.setattr(torture.parts, "cancel", lambda *_: torture.parts.Found({}, table, []))
+    assert torture.main(["--only", "kills,cancels", "--write"]) == 1
+    written = capsys.readouterr()
+    assert "bench-torture: kills: ended early: KeyError in " in written.err
+    assert "Traceback" not in written.err
+    page = (tmp_path / "torture_kills_cancels.md").read_text()
+    assert "**Bars missed**: kills: ended early" in page
+    assert "## cancels" in page

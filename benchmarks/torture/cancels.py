@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ from intuitive_physics_msgs.msg import LearningOptions, ResultCode
 from intuitive_physics_msgs.srv import AddObservation
 from rclpy.action import ActionClient
 
-from benchmarks.torture.nodes import LEARNER, PATIENCE, thrown_ball
+from benchmarks.torture.early_end import noted
+from benchmarks.torture.nodes import LEARNER, PATIENCE, blamed_on_death, thrown_ball
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Box
@@ -32,29 +34,43 @@ TIMES_LONG = 4
 """Every so many cancelled searches learn from what takes long to simulate."""
 
 
-def measure_cancels(folder: Path, count: int, rng: np.random.Generator) -> list[float]:
-    """Return for each of `count` searches the s from the request to cancel it to its result.
+@dataclass
+class Cancels:
+    """What cancels did.
+
+    Parameters
+    ----------
+    took : s of each, from the request to cancel a search to its result
+    failures : searches that ended otherwise, and what ended it all early
+    """
+
+    took: list[float] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+
+
+def measure_cancels(folder: Path, count: int, rng: np.random.Generator) -> Cancels:
+    """Cancel `count` searches, some of which may have ended before.
 
     Parameters
     ----------
     folder : for the database
     rng : chooses methods and instants
-
-    Raises
-    ------
-    RuntimeError
-        When a search was not cancelled.
     """
+    found = Cancels()
     parameters = [f"database:={folder / 'cancelled.sqlite3'}", "online:=false"]
     given = [word for one in parameters for word in ("-p", one)]
     short, long = [thrown_ball(number) for number in range(5)], _long_observation()
-    with NodeProcess(module(LEARNER), given), Peer("torturer", PATIENCE) as peer:
+    with (
+        noted(found.failures),
+        NodeProcess(module(LEARNER), given) as learner,
+        Peer("torturer", PATIENCE) as peer,
+        blamed_on_death(LEARNER, learner),
+    ):
         for one in (*short, long):
             request = AddObservation.Request(observation=observation_to_message(one))
             peer.call(AddObservation, f"/{LEARNER}/add_observation", request)
         client = ActionClient(peer.node, LearnParameters, f"/{LEARNER}/learn_parameters")
         peer.spin_until(client.server_is_ready, "the action")
-        took = []
         for number in range(count):
             chosen = [long] if number % TIMES_LONG == 0 else short
             options = LearningOptions(
@@ -62,29 +78,30 @@ def measure_cancels(folder: Path, count: int, rng: np.random.Generator) -> list[
                 max_iterations=1_000_000,
                 observation_ids=[one.id for one in chosen],
             )
-            took.append(_cancel_one(peer, client, options, rng.uniform(0.0, LATEST)))
-        return [seconds for seconds in took if seconds is not None]
+            _cancel_one(peer, client, options, rng.uniform(0.0, LATEST), found)
+    return found
 
 
 def _cancel_one(
-    peer: Peer, client: ActionClient, options: LearningOptions, after: float
-) -> float | None:
-    """Return the s from a cancel to the result; None where the search had ended before."""
+    peer: Peer, client: ActionClient, options: LearningOptions, after: float, found: Cancels
+) -> None:
+    """Start a search and cancel it, unless it has ended before."""
     sent = client.send_goal_async(LearnParameters.Goal(options=options))
     peer.spin_until(sent.done, "the goal's answer")
     handle = sent.result()
     result = handle.get_result_async()
     peer.spin_for(after)
     if result.done():
-        return None
+        return
     begun = time.monotonic()
     handle.cancel_goal_async()
     peer.spin_until(result.done, "the end of a cancelled search")
-    took = time.monotonic() - begun
-    found = result.result().result.result
-    if found.value not in (ResultCode.CANCELLED, ResultCode.OK):
-        raise RuntimeError(f"{options.method}: a cancelled search ended with {found}")
-    return took
+    found.took.append(time.monotonic() - begun)
+    end = result.result().result.result
+    if end.value not in (ResultCode.CANCELLED, ResultCode.OK):
+        found.failures.append(
+            f"a cancelled search by {options.method} ended with {end.value} ({end.message})"
+        )
 
 
 def _long_observation() -> Observation:

@@ -14,8 +14,10 @@ from pathlib import Path
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from benchmarks.torture.bars import bars
+from benchmarks.torture.early_end import in_one_line, noted
 from benchmarks.torture.nodes import LEARNER, PATIENCE, PERCEPTION, PREDICTOR, Nodes, megabytes
 from benchmarks.torture.suite import Suite, running_suite
+from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.processes import ChildProcess, ProcessFailedError
 from intuitive_physics_bringup.connections import module
 from intuitive_physics_ros.scripting import NodeProcess, PeerTimeoutError
@@ -58,7 +60,7 @@ LONGEST_HOG = 120.0
 """s after which such a process is ended, should nobody have done so."""
 
 
-class FaultError(Exception):
+class FaultError(IntuitivePhysicsError):
     """The nodes did not bear a fault as they should."""
 
 
@@ -83,29 +85,37 @@ def measure_faults_around(folder: Path, seed: int, *, quick: bool = False) -> di
         },
     }
     for has_clock, some in faults.items():
-        with running_suite(folder, seed, has_clock=has_clock) as suite:
+        failures: list[str] = []
+        with noted(failures), running_suite(folder, seed, has_clock=has_clock) as suite:
             for name, fault in some.items():
-                found[name] = result_of(partial(_bear, fault, suite))
+                found[name] = _borne(fault, suite)
+        for name in some if failures else ():
+            found.setdefault(name, f"not tried: {failures[0]}")
     return found
 
 
 def result_of(check: Callable[[], None]) -> str:
-    """Return "ok", or in one line what a check complains of."""
+    """Return "ok", or in one line what a check complains of or cannot do."""
     try:
         check()
-    except FaultError as error:
-        return str(error)
+    except Exception as error:
+        return in_one_line(error)
     return "ok"
 
 
-def _bear(fault: Callable[[Suite], None], suite: Suite) -> None:
-    fault(suite)
-    for name, process in suite.nodes.processes.items():
-        if not process.is_running:
-            raise FaultError(f"{name} died: {(process.output.splitlines() or ['nothing'])[-1]}")
-        if "Traceback" in process.output:
-            raise FaultError(f"{name} wrote a traceback")
-    check_pings(suite.nodes)
+def _borne(fault: Callable[[Suite], None], suite: Suite) -> str:
+    """Return "ok", or in one line what is wrong; the next fault finds all nodes alive again."""
+    known = len(suite.nodes.deaths)
+    found = result_of(partial(fault, suite))
+    wrote = [
+        name for name, process in suite.nodes.processes.items() if "Traceback" in process.output
+    ]
+    suite.nodes.revive()
+    if died := suite.nodes.deaths[known:]:
+        return "; ".join(died)
+    if wrote:
+        return f"{wrote[0]} wrote a traceback"
+    return found if found != "ok" else result_of(partial(check_pings, suite.nodes))
 
 
 def check_pings(nodes: Nodes, share: float = 1.0) -> None:
@@ -197,7 +207,7 @@ def _subscriber() -> Iterator[None]:
         process.send_signal(signal.SIGSTOP)
         yield
     except ProcessFailedError as error:
-        raise FaultError(str(error)) from None
+        raise FaultError(in_one_line(error)) from None
     finally:
         process.stop(signal.SIGKILL)
 

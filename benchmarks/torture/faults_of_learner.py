@@ -27,13 +27,19 @@ from rclpy.action import ActionClient
 
 from benchmarks.torture.bars import bars
 from benchmarks.torture.faults_around import FaultError, result_of
-from benchmarks.torture.nodes import LEARNER, PATIENCE, family, thrown_ball
+from benchmarks.torture.nodes import (
+    LEARNER,
+    PATIENCE,
+    blamed_on_death,
+    family,
+    thrown_ball,
+)
 from intuitive_physics.processes import ChildProcess
 from intuitive_physics_bringup.connections import module
 from intuitive_physics_learner import ObservationStore
 from intuitive_physics_ros.conversions import observation_to_message
 from intuitive_physics_ros.qos import OBSERVATIONS as OBSERVATIONS_QOS
-from intuitive_physics_ros.scripting import NodeProcess, Peer, PeerTimeoutError
+from intuitive_physics_ros.scripting import NodeProcess, Peer
 from intuitive_physics_ros.topics import OBSERVATIONS
 
 SMALL_DISK, LARGER_DISK = "2m", "64m"
@@ -159,11 +165,12 @@ def _learner(database: Path, *arguments: str) -> Iterator[Learner]:
     """Run a learner; what it does not answer in time is a fault."""
     parameters = [f"database:={database}", *arguments]
     given = [word for one in parameters for word in ("-p", one)]
-    with NodeProcess(module(LEARNER), given) as process, Peer("torturer", PATIENCE) as peer:
-        try:
-            yield Learner(process, peer)
-        except PeerTimeoutError as error:
-            raise FaultError(str(error)) from None
+    with (
+        NodeProcess(module(LEARNER), given) as process,
+        Peer("torturer", PATIENCE) as peer,
+        blamed_on_death(LEARNER, process),
+    ):
+        yield Learner(process, peer)
 
 
 def _disk_full(folder: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from rclpy.qos import QoSProfile
 from benchmarks.command import report_progress
 from benchmarks.torture.answers import Answers
 from benchmarks.torture.bars import bars
+from benchmarks.torture.early_end import EarlyEndError, check_deaths, noted
 from benchmarks.torture.interfaces import (
     CHANGE_STATE,
     FUZZED,
@@ -24,6 +26,7 @@ from benchmarks.torture.interfaces import (
     SETTERS,
     forgotten,
     full_name,
+    start_fuzzed,
 )
 from benchmarks.torture.nodes import PATIENCE, Nodes
 from benchmarks.torture.random_messages import bent, random_message
@@ -75,37 +78,55 @@ class Fuzz:
     slow : name of the node and s of each ping that took longer than a node may
     unanswered : node and service of each request that was not answered in time
     slowest : s, of a ping
+    deaths : of nodes, with the last thing each said
+    megabytes : the most memory that a node has had
+    stops : s that each node took to stop afterwards, and its exit code
+    failures : what ended it early
     """
 
     sent: int = 0
     slow: list[tuple[str, float]] = field(default_factory=list)
     unanswered: list[str] = field(default_factory=list)
     slowest: float = 0.0
+    deaths: list[str] = field(default_factory=list)
+    megabytes: float = 0.0
+    stops: dict[str, tuple[float, int]] = field(default_factory=dict)
+    failures: list[str] = field(default_factory=list)
 
 
 Send = tuple[Callable[[Any], Any], Callable[[np.random.Generator], Any]]
 """What sends, and what makes what is sent."""
 
 
-def measure_fuzz(nodes: Nodes, peer: Peer, count: int, rng: np.random.Generator) -> Fuzz:
-    """Send `count` messages and calls to running nodes.
+def measure_fuzz(folder: Path, count: int, rng: np.random.Generator) -> Fuzz:
+    """Send messages and calls to all nodes, and stop them.
 
     Parameters
     ----------
-    nodes : those of `start_fuzzed`
-    peer : that sends
-    count : how many, of all together
-
-    Raises
-    ------
-    RuntimeError
-        When a node hears or offers something that is not fuzzed, or does not what is.
+    folder : for the learner's database and the bag that is replayed
+    count : how many, to all nodes together
     """
+    found = Fuzz()
+    with (
+        noted(found.failures),
+        Peer("torturer", timeout=60.0) as peer,
+        start_fuzzed(folder, peer) as nodes,
+    ):
+        found.deaths = nodes.deaths
+        with noted(found.failures):
+            _send_all(nodes, peer, count, found, rng)
+        nodes.revive()
+        found.megabytes = nodes.most_megabytes
+        found.stops = nodes.stop()
+    return found
+
+
+def _send_all(nodes: Nodes, peer: Peer, count: int, found: Fuzz, rng: np.random.Generator) -> None:
     _check_reach(peer)
     answers = Answers()
     valid = valid_messages()
     topics, calls = _publishers(peer, valid), _callers(peer, answers, valid)
-    found = Fuzz()
+    found.unanswered = answers.hangs
     while found.sent < count:
         kinds = calls if rng.random() < CALLS else topics
         send, make = kinds[int(rng.integers(len(kinds)))]
@@ -117,28 +138,29 @@ def measure_fuzz(nodes: Nodes, peer: Peer, count: int, rng: np.random.Generator)
             report_progress(f"{found.sent} of {count} messages, {len(nodes.deaths)} deaths")
     while not answers.look():
         _ping_all(nodes, peer, answers, found)
-    found.unanswered = answers.hangs
-    return found
 
 
 def _check_reach(peer: Peer) -> None:
     try:
         peer.spin_until(lambda: not forgotten(peer), "all topics and services", PATIENCE)
     except PeerTimeoutError:
-        raise RuntimeError(f"fuzz does not reach all: {'; '.join(forgotten(peer))}") from None
+        raise EarlyEndError(f"fuzz does not reach all: {'; '.join(forgotten(peer))}") from None
 
 
 def _ping_all(nodes: Nodes, peer: Peer, answers: Answers, found: Fuzz) -> None:
-    for name in nodes.processes:
+    for name, process in nodes.processes.items():
         took = nodes.ping(name)
+        if not process.is_running:  # that is its death, and no hang
+            continue
         found.slowest = max(found.slowest, took)
         if took > bars().answer:
             found.slow.append((name, took))
     nodes.measure_memory()
     peer.spin_for(DRAIN)
-    answers.look()
     for name in nodes.revive():
         answers.leave(name)
+    answers.look()
+    check_deaths(nodes.deaths)
 
 
 def _publishers(peer: Peer, valid: dict[type, Any]) -> list[Send]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import sqlite3
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,11 +14,20 @@ from intuitive_physics_msgs.msg import ResultCode
 from intuitive_physics_msgs.srv import AddObservation, SetStaticParameters
 
 from benchmarks.command import report_progress
-from benchmarks.torture.nodes import PATIENCE, PERCEPTION, PREDICTOR, thrown_ball
+from benchmarks.torture.early_end import check_deaths, in_one_line, noted
+from benchmarks.torture.nodes import (
+    LEARNER,
+    PATIENCE,
+    PERCEPTION,
+    PREDICTOR,
+    last_words,
+    thrown_ball,
+)
 from benchmarks.torture.suite import Suite, running_suite
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics_bringup.connections import module
 from intuitive_physics_learner import ObservationStore
+from intuitive_physics_learner.errors import StorageError
 from intuitive_physics_ros.conversions import observation_to_message, static_parameters_to_message
 from intuitive_physics_ros.scripting import NodeProcess, Peer, PeerTimeoutError
 
@@ -48,6 +57,9 @@ class Kept:
     ids: set[str] = field(default_factory=set)
     version: int = 0
 
+    def __len__(self) -> int:
+        return len(self.ids) + self.version
+
 
 @dataclass
 class Kills:
@@ -58,18 +70,20 @@ class Kills:
     kills : how many there were
     answered : observations and versions that were answered
     lost : of these, what was not there afterwards
-    corrupted : databases that were damaged afterwards
+    corrupted : databases that were damaged afterwards, and how
     not_back : learners that did not answer within `PATIENCE` after the next start, and others
         without which nothing was predicted by then
-    died : nodes that ended without being killed
+    deaths : nodes that ended without being killed
+    failures : what ended it early
     """
 
     kills: int = 0
     answered: int = 0
     lost: int = 0
-    corrupted: int = 0
+    corrupted: list[str] = field(default_factory=list)
     not_back: int = 0
-    died: int = 0
+    deaths: list[str] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
 
 
 def measure_kills(folder: Path, count: int, seed: int, rng: np.random.Generator) -> Kills:
@@ -80,57 +94,83 @@ def measure_kills(folder: Path, count: int, seed: int, rng: np.random.Generator)
     folder : for the databases and the rendered throws
     seed : of the throws
     """
-    found, kept = Kills(), Kept()
-    database = folder / "killed.sqlite3"
+    found = Kills()
     others = count // OTHERS_EVERY
-    while found.kills < count - others:
+    with noted(found.failures):
+        _kill_learners(folder, count - others, found, rng)
+    report_progress(f"{others} kills of the other nodes, which see and predict")
+    with noted(found.failures), running_suite(folder, seed) as suite:
+        _kill_others(suite, others, found, rng)
+    return found
+
+
+def _kill_learners(folder: Path, count: int, found: Kills, rng: np.random.Generator) -> None:
+    database, kept = folder / "killed.sqlite3", Kept()
+    while found.kills < count:
         if found.kills % 20 == 0:
             report_progress(f"kill {found.kills + 1} of {count}")
+        known = len(kept)
         _kill_learner(database, kept, found, rng)
-        _check(database, kept, found)
         found.kills += 1
-    report_progress(f"{others} kills of the other nodes, which see and predict")
-    with running_suite(folder, seed) as suite:
-        _kill_others(suite, others, found, rng)
-    found.answered = len(kept.ids) + kept.version
-    return found
+        found.answered += len(kept) - known
+        if not _is_whole(database, kept, found):
+            # What comes after shall not be lost in the same damage.
+            database, kept = folder / f"after_kill_{found.kills}.sqlite3", Kept()
+        check_deaths(found.deaths)
 
 
 def _kill_others(suite: Suite, count: int, found: Kills, rng: np.random.Generator) -> None:
     """Kill perception and predictor in turn while what they see is predicted from."""
     for number in range(count):
         time.sleep(rng.uniform(0.0, LONGEST_LIFE))
-        suite.nodes.processes[OTHERS[number % len(OTHERS)]].stop(signal.SIGKILL)
+        _note_deaths(suite, found)
+        killed = OTHERS[number % len(OTHERS)]
+        suite.nodes.processes[killed].stop(signal.SIGKILL)
         found.kills += 1
-        suite.nodes.revive()
+        _note_deaths(suite, found, killed)
         found.not_back += not suite.predictions.wait(suite.camera.time, PATIENCE)
-    suite.nodes.revive()
-    found.died += len(suite.nodes.deaths) - count
+    _note_deaths(suite, found)
+
+
+def _note_deaths(suite: Suite, found: Kills, killed: str = "") -> None:
+    """Start again what has died, and note what was not killed."""
+    known = len(suite.nodes.deaths)
+    died = suite.nodes.revive()
+    new = suite.nodes.deaths[known:]
+    found.deaths += [words for name, words in zip(died, new, strict=True) if name != killed]
+    check_deaths(found.deaths)
 
 
 def _kill_learner(database: Path, kept: Kept, found: Kills, rng: np.random.Generator) -> None:
     """Add observations and give parameters until the learner is killed."""
     arguments = ["-p", f"database:={database}"]
-    with NodeProcess(module("learner_node"), arguments) as learner, Peer("killer") as peer:
-        number = len(kept.ids)
-        end = None
-        while end is None or time.monotonic() < end:
+    with NodeProcess(module(LEARNER), arguments) as learner, Peer("killer") as peer:
+        _load(peer, kept, found, rng)
+        if not learner.is_running:
+            found.deaths.append(last_words(LEARNER, learner))
+        learner.stop(signal.SIGKILL)
+
+
+def _load(peer: Peer, kept: Kept, found: Kills, rng: np.random.Generator) -> None:
+    """Give a learner work until it is to be killed, or has stopped answering."""
+    number = len(kept.ids) + 1
+    try:
+        _ask(peer, number, kept, PATIENCE)
+    except PeerTimeoutError:
+        found.not_back += 1
+        return
+    end = time.monotonic() + rng.uniform(0.0, LONGEST_LIFE)
+    with suppress(PeerTimeoutError):
+        while time.monotonic() < end:
             number += 1
-            try:
-                _ask(peer, number, kept, PATIENCE if end is None else LONGEST_LIFE)
-            except PeerTimeoutError:
-                found.not_back += end is None
-                break
-            if end is None:
-                end = time.monotonic() + rng.uniform(0.0, LONGEST_LIFE)
+            _ask(peer, number, kept, LONGEST_LIFE)
         # The last request is under way when it is killed.
         if number % GIVEN_EVERY:
             request = AddObservation.Request(
                 observation=observation_to_message(thrown_ball(number + 1))
             )
-            peer.send(AddObservation, "/learner_node/add_observation", request)
+            peer.send(AddObservation, f"/{LEARNER}/add_observation", request)
             time.sleep(rng.uniform(0.0, 0.02))
-        learner.stop(signal.SIGKILL)
 
 
 def _ask(peer: Peer, number: int, kept: Kept, timeout: float) -> None:
@@ -139,7 +179,7 @@ def _ask(peer: Peer, number: int, kept: Kept, timeout: float) -> None:
         given = static_parameters_to_message(LearnedParameters.defaults(["rubber", "wood"]))
         answer = peer.call(
             SetStaticParameters,
-            "/learner_node/set_static_parameters",
+            f"/{LEARNER}/set_static_parameters",
             SetStaticParameters.Request(static_parameters=given),
             timeout,
         )
@@ -147,17 +187,23 @@ def _ask(peer: Peer, number: int, kept: Kept, timeout: float) -> None:
             kept.version = max(kept.version, answer.version)
     one = thrown_ball(number)
     request = AddObservation.Request(observation=observation_to_message(one))
-    answer = peer.call(AddObservation, "/learner_node/add_observation", request, timeout)
+    answer = peer.call(AddObservation, f"/{LEARNER}/add_observation", request, timeout)
     if answer.result.value == ResultCode.OK:
         kept.ids.add(one.id)
 
 
-def _check(database: Path, kept: Kept, found: Kills) -> None:
-    """Look whether what was answered is in the database."""
-    with closing(sqlite3.connect(database)) as connection:
-        ((state,),) = connection.execute("PRAGMA integrity_check").fetchall()
-    found.corrupted += state != "ok"
-    with ObservationStore(database) as store:
-        lost = kept.ids - {entry.id for entry in store.entries()}
-        found.lost += len(lost) + max(0, kept.version - store.newest_version())
+def _is_whole(database: Path, kept: Kept, found: Kills) -> bool:
+    """Whether a database is undamaged; note what was answered and is not in it."""
+    try:
+        with closing(sqlite3.connect(database)) as connection:
+            ((state,),) = connection.execute("PRAGMA integrity_check").fetchall()
+        with ObservationStore(database) as store:
+            lost = kept.ids - {entry.id for entry in store.entries()}
+            found.lost += len(lost) + max(0, kept.version - store.newest_version())
+    except (sqlite3.Error, StorageError) as error:
+        state = in_one_line(error)
+    else:
         kept.ids -= lost
+    if state != "ok":
+        found.corrupted.append(f"{database.name} after kill {found.kills}: {state}")
+    return bool(state == "ok")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import re
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from rcl_interfaces.srv import GetParameters
 
+from benchmarks.torture.early_end import EarlyEndError
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.processes.child_process import LONGEST
 from intuitive_physics.scene import Environment, Plane, SceneObject
@@ -21,7 +22,7 @@ from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_bringup.connections import NODES, module
-from intuitive_physics_ros.scripting import NodeProcess, Peer
+from intuitive_physics_ros.scripting import NodeProcess, Peer, PeerTimeoutError
 
 PERCEPTION, LEARNER, PREDICTOR = "perception_node", "learner_node", "predictor_node"
 """Names of the nodes."""
@@ -89,8 +90,7 @@ class Nodes:
         died = []
         for name, process in self.processes.items():
             if not process.is_running:
-                said = process.output.strip().splitlines()[-1:] or ["nothing"]
-                self.deaths.append(f"{name} (code {process.process.returncode}): {said[0]}")
+                self.deaths.append(last_words(name, process))
                 died.append(name)
                 self._start(name)
                 self.ping(name, PATIENCE)
@@ -127,6 +127,24 @@ class Nodes:
         traceback: TracebackType | None,
     ) -> None:
         self._stack.close()
+
+
+def last_words(name: str, process: NodeProcess) -> str:
+    """Return of a node that has died its name, its exit code, and the last thing it said."""
+    code = process.wait()
+    said = process.output.strip().splitlines()[-1:] or ["nothing"]
+    return f"{name} died (code {code}) and said last: {said[0]}"
+
+
+@contextmanager
+def blamed_on_death(name: str, process: NodeProcess) -> Iterator[None]:
+    """Say that a node died where it did, instead of that it does not answer or is not there."""
+    try:
+        yield
+    except (PeerTimeoutError, OSError):
+        if process.is_running:
+            raise
+        raise EarlyEndError(last_words(name, process)) from None
 
 
 def family(pid: int) -> dict[int, str]:

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from benchmarks.command import report_progress
-from benchmarks.torture.nodes import megabytes
+from benchmarks.torture.early_end import EarlyEndError, noted
+from benchmarks.torture.nodes import blamed_on_death, last_words, megabytes
 from benchmarks.torture.suite import Suite, rate_of, running_suite
 from intuitive_physics.processes.child_process import LONGEST
 
@@ -17,11 +18,36 @@ MINUTE = 60.0
 SAMPLE = 5.0
 """s between two looks at the processes."""
 
-LOOKS = round(MINUTE / SAMPLE)
-"""In a minute."""
-
 SPOKEN = 5
 """Minutes between two lines of progress."""
+
+
+@dataclass
+class Watched:
+    """A node, and what it started: the most of each minute.
+
+    Parameters
+    ----------
+    memory : MB resident
+    threads, files : of the node alone, open ones
+    """
+
+    memory: list[float] = field(default_factory=list)
+    threads: list[int] = field(default_factory=list)
+    files: list[int] = field(default_factory=list)
+
+    def note(self, minute: int, memory: float, threads: int, files: int) -> None:
+        """Take account of a look in a minute."""
+        self.memory[minute:] = [max([memory, *self.memory[minute:]])]
+        self.threads[minute:] = [max([threads, *self.threads[minute:]])]
+        self.files[minute:] = [max([files, *self.files[minute:]])]
+
+    def growth(self) -> float | None:
+        """Return the MB from the second minute to the last; None where it did not live so long.
+
+        What goes up and down with each search and comes back within a minute is no growth.
+        """
+        return round(self.memory[-1] - self.memory[1], 1) if len(self.memory) > 2 else None
 
 
 @dataclass
@@ -30,34 +56,26 @@ class Soak:
 
     Parameters
     ----------
-    minutes : how long
+    minutes : how long it was to last
     frames : images that the camera published
-    memory : MB resident of each node, and of what it started, at each look, later ones last
-    threads, files : the same of threads, and of open files
-    rates : predictions a second of each minute, while something was followed
+    nodes : by their names
+    rates : predictions a second of each whole minute, while something was followed
+    slowest : s, of a ping of any node, one a minute each
+    stops : s that each node took to stop at the end, and its exit code
+    failures : what ended it early
     """
 
-    minutes: float = 0.0
+    minutes: float
     frames: int = 0
-    memory: dict[str, list[float]] = field(default_factory=dict)
-    threads: dict[str, list[int]] = field(default_factory=dict)
-    files: dict[str, list[int]] = field(default_factory=dict)
+    nodes: dict[str, Watched] = field(default_factory=dict)
     rates: list[float] = field(default_factory=list)
-
-    def growth(self) -> dict[str, float]:
-        """Return the MB by which the memory of each node has grown since the first minute.
-
-        Compared are the largest of the minute after the first, and of the last minute: what goes up
-        and down with each search and comes back is no growth.
-        """
-        return {
-            name: round(max(values[-LOOKS:]) - max(values[LOOKS : 2 * LOOKS]), 1)
-            for name, values in self.memory.items()
-        }
+    slowest: float = 0.0
+    stops: dict[str, tuple[float, int]] = field(default_factory=dict)
+    failures: list[str] = field(default_factory=list)
 
 
 def measure_soak(folder: Path, minutes: float, seed: int) -> Soak:
-    """Run the suite for so long, and look at it now and then.
+    """Run the suite for so long, or until a node dies, and look at it now and then.
 
     Parameters
     ----------
@@ -66,29 +84,44 @@ def measure_soak(folder: Path, minutes: float, seed: int) -> Soak:
     seed : of the throws
     """
     found = Soak(minutes=minutes)
-    with running_suite(folder, seed, longest=2.0 * minutes * MINUTE + LONGEST) as suite:
+    longest = 2.0 * minutes * MINUTE + LONGEST
+    with noted(found.failures), running_suite(folder, seed, longest=longest) as suite:
         first = suite.camera.frames
-        end = time.monotonic() + minutes * MINUTE
-        while time.monotonic() < end:
-            _watch_minute(suite, found, min(MINUTE, end - time.monotonic()))
-            if len(found.rates) % SPOKEN == 0:
-                report_progress(f"soak: {len(found.rates)} of {minutes:g} minutes")
+        with noted(found.failures):
+            _watch(suite, found)
         found.frames = suite.camera.frames - first
-        suite.nodes.revive()
-        if suite.nodes.deaths:
-            raise RuntimeError(f"a node died: {suite.nodes.deaths[0]}")
+        found.stops = suite.nodes.stop()
     return found
 
 
+def _watch(suite: Suite, found: Soak) -> None:
+    begun = time.monotonic()
+    end = begun + found.minutes * MINUTE
+    while (now := time.monotonic()) < end:
+        try:
+            _watch_minute(suite, found, min(MINUTE, end - now))
+        except EarlyEndError as error:
+            passed = (time.monotonic() - begun) / MINUTE
+            raise EarlyEndError(
+                f"{error} (after {passed:.1f} of {found.minutes:g} minutes)"
+            ) from None
+        if len(found.rates) % SPOKEN == 0:
+            report_progress(f"soak: {len(found.rates)} of {found.minutes:g} minutes")
+
+
 def _watch_minute(suite: Suite, found: Soak, seconds: float) -> None:
-    end = time.monotonic() + seconds
+    minute, end = len(found.rates), time.monotonic() + seconds
     arrivals: list[float] = []
     while (left := end - time.monotonic()) > 0.0:
         time.sleep(min(SAMPLE, left))
         arrivals += [arrival for arrival, _ in suite.predictions.take()]
         for name, process in suite.nodes.processes.items():
             folder = Path(f"/proc/{process.pid}")
-            found.memory.setdefault(name, []).append(megabytes(process.pid))
-            found.threads.setdefault(name, []).append(len(list((folder / "task").iterdir())))
-            found.files.setdefault(name, []).append(len(list((folder / "fd").iterdir())))
+            with blamed_on_death(name, process):
+                threads, files = (len(list((folder / of).iterdir())) for of in ("task", "fd"))
+            if not process.is_running:
+                raise EarlyEndError(last_words(name, process))
+            watched = found.nodes.setdefault(name, Watched())
+            watched.note(minute, megabytes(process.pid), threads, files)
     found.rates.append(rate_of(arrivals))
+    found.slowest = max(found.slowest, *map(suite.nodes.ping, suite.nodes.processes))

@@ -15,6 +15,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from benchmarks.perception.end_to_end import states_stamp
 from benchmarks.torture.camera import PERCEPTION_ARGUMENTS, Camera
+from benchmarks.torture.early_end import EarlyEndError
 from benchmarks.torture.nodes import LEARNER, PERCEPTION, PREDICTOR, Nodes
 from intuitive_physics.processes.child_process import LONGEST
 from intuitive_physics_ros.scripting import Peer
@@ -138,7 +139,7 @@ def running_suite(
 
     Raises
     ------
-    RuntimeError
+    EarlyEndError
         When no prediction comes.
     """
     clock = ["-p", "use_sim_time:=true"] if has_clock else []
@@ -149,8 +150,7 @@ def running_suite(
         predictions = Predictions(peer)
         with Nodes(folder, peer, arguments, longest) as nodes:
             if not predictions.wait(camera.time, START_TIMEOUT):
-                said = "\n".join(process.output for process in nodes.processes.values())
-                raise RuntimeError(
-                    f"no prediction within {START_TIMEOUT:.0f} s; nodes said:\n{said}"
-                )
+                nodes.revive()
+                why = "; ".join(nodes.deaths) or "no node has died"
+                raise EarlyEndError(f"no prediction within {START_TIMEOUT:.0f} s: {why}")
             yield Suite(peer, nodes, camera, predictions, diagnostics)

@@ -40,9 +40,10 @@ class InputLimits:
 
     largest_database: int = number(
         20_000_000_000,
-        1_000_000,
+        0,
         1_000_000_000_000,
-        "size of a database to which observations are still added at most",
+        "size to which observations may make a database grow at most, about a million throws; "
+        "0: no limit",
         unit="bytes",
     )
     largest_unpacked: int = number(

@@ -3,16 +3,24 @@
 `ros2 launch intuitive_physics_bringup record.launch.py output:=FOLDER`
 """
 
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
-from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
+from launch.actions import (
+    DeclareLaunchArgument,
+    ExecuteProcess,
+    LogInfo,
+    OpaqueFunction,
+    Shutdown,
+    TimerAction,
+)
 from launch.substitutions import LaunchConfiguration
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_bringup.connections import CAMERAS, session_topics
-from launch import LaunchContext, LaunchDescription
+from launch import Action, LaunchContext, LaunchDescription
 
 ARGUMENTS = {
     "output": ("session", "folder of the bag, which must not exist"),
@@ -22,6 +30,13 @@ ARGUMENTS = {
     "clouds": ("false", "true: record point clouds instead of depth images"),
 }
 """Default and meaning of each argument."""
+
+LEAST_FREE_SPACE = 5_000_000_000
+"""Bytes below which a disk is warned of: depth images of 640 x 480 at 30 Hz take 1.1 GB a
+minute."""
+
+LOOK_EVERY = 10.0
+"""s between two looks at the disk."""
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -33,11 +48,27 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([*declared, OpaqueFunction(function=recorder)])
 
 
-def recorder(context: LaunchContext) -> list[ExecuteProcess]:
+def recorder(context: LaunchContext) -> list[Action]:
     """Return `ros2 bag record` with its arguments, once these are known to be good."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     check(given)
-    return [ExecuteProcess(cmd=command(given), output="screen")]
+    # What looks at the disk must not keep launch running.
+    recorded = ExecuteProcess(cmd=command(given), output="screen", on_exit=Shutdown())
+    return [recorded, *disk_watch(Path(given["output"]))]
+
+
+def disk_watch(output: Path, *, was_low: bool = False) -> list[Action]:
+    """Warn once when the disk of a folder fills, and look again later."""
+    folder = next(one for one in output.absolute().parents if one.exists())
+    free = shutil.disk_usage(folder).free
+    is_low = free < LEAST_FREE_SPACE
+    warning = LogInfo(
+        msg=f"warning: the disk of {output} has {free} bytes free, expected at least "
+        f"{LEAST_FREE_SPACE}; make room, or end the recording before it is full"
+    )
+    again = OpaqueFunction(function=lambda _: disk_watch(output, was_low=is_low))
+    later = TimerAction(period=LOOK_EVERY, actions=[again])
+    return [warning, later] if is_low and not was_low else [later]
 
 
 def check(given: Mapping[str, str]) -> None:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from intuitive_physics.limits import InputLimits, use_limits
 from intuitive_physics_cli.command_line import main
 from intuitive_physics_learner import ObservationStore
 
@@ -84,6 +87,25 @@ def test_checks_every_row(database: Path, capsys: pytest.CaptureFixture[str]) ->
     assert "b cannot be read" in text
     assert "is not damaged and holds 3 used, 0 excluded, 0 doubtful, 1 unreadable" in text
     assert [one["id"] for one in run_json(capsys, "check", database)["unreadable"]] == ["b"]
+
+
+def test_says_when_the_disk_or_the_database_fills(
+    database: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(capsys, "export", database, "folder")
+    assert "warning" not in capsys.readouterr().err
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=3_000_000))
+    assert main(["import", "a.sqlite3", "folder"]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("intuitive-physics: warning: the disk of a.sqlite3 has 3000000 bytes")
+    use_limits(InputLimits(largest_database=1000))
+    try:
+        with ObservationStore("a.sqlite3") as store:
+            store.delete(["a"])
+        assert main(["observations", "list", "a.sqlite3"]) == 0
+    finally:
+        use_limits(InputLimits())
+    assert "of at most 1000 bytes" in capsys.readouterr().err
 
 
 def test_learning_passes_over_what_cannot_be_read(

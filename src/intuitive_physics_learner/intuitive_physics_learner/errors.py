@@ -37,6 +37,10 @@ class UnreadableVersionError(StorageError):
     """A stored version of θ_s cannot be read; the rest of the database can."""
 
 
+class DatabaseFullError(StorageError):
+    """A database has its largest size; nothing was added, and what it holds is unharmed."""
+
+
 class DatabaseBusyError(StorageError):
     """Another process has been writing for too long; the same may succeed later."""
 

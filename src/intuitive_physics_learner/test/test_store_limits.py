@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 import stat
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -15,9 +16,10 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.limits import InputLimits, limits, use_limits
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_learner import ObservationStore
-from intuitive_physics_learner.errors import UnreadableVersionError
+from intuitive_physics_learner.errors import DatabaseFullError, UnreadableVersionError
 from intuitive_physics_learner.store import CurrentParameters
 from intuitive_physics_learner.store.observation_entries import UNREADABLE, USED
+from intuitive_physics_learner.store.room import Room
 
 
 @pytest.fixture(autouse=True)
@@ -46,6 +48,12 @@ def of_materials(glides):
         return replace(seen, environment=environment, start_time=seen.start_time)
 
     return make
+
+
+@pytest.fixture
+def thrown(glides):
+    """Make the observation of a number."""
+    return lambda number: glides(np.random.default_rng(number), 0.5, id=f"throw {number}")
 
 
 def test_an_observation_with_too_many_materials_is_not_stored(path, of_materials):
@@ -139,12 +147,30 @@ def test_the_permissions_of_an_old_database_stay(path):
     assert stat.S_IMODE(path.stat().st_mode) == 0o664
 
 
-def test_a_database_has_a_largest_size(path, of_materials):
-    use_limits(replace(limits(), largest_database=1_000_000))
+def test_a_database_has_a_largest_size(path, thrown):
+    use_limits(replace(limits(), largest_database=300_000))
     with ObservationStore(path) as store:
-        assert store.add(of_materials("a"))
-        with store.database.writing() as connection:
-            connection.execute("CREATE TABLE filler AS SELECT zeroblob(1000000) AS zeros")
-        with pytest.raises(InvalidInputError, match="expected at most 1000000 bytes"):
-            store.add(of_materials("b"))
-        assert store.count() == 1
+        with pytest.raises(DatabaseFullError, match=r"may have 300000, .* raise largest_database"):
+            deque(map(store.add, map(thrown, range(1000))), maxlen=0)
+        assert 10 < store.count() < 1000
+        assert 200_000 < store.room().size <= 300_000
+        # Versions of θ_s are few and small, and the last one must not be lost.
+        assert store.add_parameters(LearnedParameters.defaults(["x"])).version == 1
+        store.delete(store.ids()[:5])
+        assert store.add(thrown(2000))
+        assert store.room().size <= 310_000
+        use_limits(replace(limits(), largest_database=0))
+        assert all(store.add(thrown(3000 + number)) for number in range(50))
+
+
+def test_a_database_warns_of_its_size_and_its_disk_in_time(path):
+    room = Room(path, size=890, free=10_000, largest=1000)
+    assert room.warning(least_free=10_000) == ""
+    assert "10000 bytes free, expected at least 10001; make room" in room.warning(10_001)
+    assert "900 of at most 1000 bytes" in replace(room, size=900).warning(0)
+    assert replace(room, size=10**12, largest=0).warning(0) == ""
+    with ObservationStore(path) as store:
+        measured = store.room()
+    # Its write-ahead log is in the file once it is closed.
+    assert measured.size == path.stat().st_size
+    assert measured.free > 0

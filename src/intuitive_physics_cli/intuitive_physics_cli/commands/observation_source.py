@@ -39,7 +39,18 @@ def open_database(path: Path, *, new: bool = False) -> Any:
 
     if not new and not path.expanduser().is_file():
         raise InvalidInputError(f"there is no database {path}; expected a file of a learner")
-    return ObservationStore(path)
+    store = ObservationStore(path)
+    _warn_of_room(store)
+    return store
+
+
+def _warn_of_room(store: Any) -> None:
+    """Say on standard error when a database or its disk is nearly full."""
+    from intuitive_physics_learner.store.room import RoomSettings
+
+    warning = store.room().warning(RoomSettings().least_free_space)
+    if warning:
+        print(f"intuitive-physics: warning: {warning}", file=sys.stderr)
 
 
 def warn_of_unreadable(store: Any) -> None:

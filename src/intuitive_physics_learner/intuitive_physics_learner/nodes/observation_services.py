@@ -27,10 +27,15 @@ from rclpy.node import Node
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.observation import Observation
 from intuitive_physics.simulation.stop_flag import StopFlag
-from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
+from intuitive_physics_learner.errors import (
+    DatabaseBusyError,
+    DatabaseFullError,
+    StorageError,
+)
 from intuitive_physics_learner.nodes.learning_services import CODES
 from intuitive_physics_learner.store import ObservationEntry, ObservationStore
 from intuitive_physics_learner.store.observation_entries import EXCLUDED, UNREADABLE, USED
+from intuitive_physics_learner.store.room import Room
 from intuitive_physics_ros.background import Background
 from intuitive_physics_ros.conversions import observation_from_message, stamp_from_seconds
 from intuitive_physics_ros.diagnostics import Level, Status
@@ -94,6 +99,7 @@ class ObservationQueue:
         self._stopped = False
         self._error = ""
         self._lost = 0
+        self._refused = 0
         self._thread = threading.Thread(target=self._run, name="observation queue", daemon=True)
         self._thread.start()
 
@@ -128,10 +134,16 @@ class ObservationQueue:
     def check(self) -> Status:
         """Say whether observations wait, and why."""
         with self._changed:
-            values = {"waiting": len(self._waiting), "lost": self._lost}
+            values = {
+                "waiting": len(self._waiting),
+                "lost": self._lost,
+                "refused by a full database": self._refused,
+            }
             error = self._error
         if values["lost"]:
             return Status(Level.ERROR, f"observations were lost: {error or 'too many'}", values)
+        if self._refused and error:
+            return Status(Level.ERROR, f"{self._refused} observations refused: {error}", values)
         if error:
             return Status(Level.WARN, f"observations wait to be stored: {error}", values)
         return Status(Level.OK, "observations are stored as they come", values)
@@ -145,6 +157,12 @@ class ObservationQueue:
                 first = self._waiting[0]
             try:
                 self._store.add(first)
+            except DatabaseFullError as error:
+                # It says so once on the log and all the while on /diagnostics, with the count.
+                with self._changed:
+                    self._refused += 1
+                self._done(str(error))
+                self._on_refused(error)
             except StorageError as error:
                 with self._changed:
                     self._error = str(error)
@@ -159,9 +177,9 @@ class ObservationQueue:
                 self._done()
                 self._on_stored()
 
-    def _done(self) -> None:
+    def _done(self, error: str = "") -> None:
         with self._changed:
-            self._error = ""
+            self._error = error
             self._waiting.popleft()
 
 
@@ -199,6 +217,8 @@ class ObservationServices:
         self._counts: dict[str, int] = store.counts()
         self._counts_error = ""
         self._counted_at = time.monotonic()
+        self._room: Room | None = None
+        self._warned_of_room = False
         node.create_subscription(
             ObservationMessage,
             OBSERVATIONS,
@@ -229,6 +249,7 @@ class ObservationServices:
             "observation input": self._input.check,
             "observation queue": self._queue.check,
             "stored observations": self._check_stored,
+            "room for the database": self._check_room,
         }
 
     def stop(self, patience: float) -> None:
@@ -345,9 +366,22 @@ class ObservationServices:
     def _read_counts(self) -> None:
         try:
             self._counts, self._counts_error = self._store.counts(), ""
-        except StorageError as error:
+            self._room = self._store.room()
+        except (StorageError, OSError) as error:
             self._counts_error = str(error)
         self._counted_at = time.monotonic()
+
+    def _check_room(self) -> Status:
+        room = self._room
+        if room is None:
+            return Status(Level.OK, "not measured yet")
+        warning = room.warning(self._node.get_parameter("least_free_space").value)
+        if warning and not self._warned_of_room:
+            self._node.get_logger().warning(warning)
+        self._warned_of_room = bool(warning)
+        values = {"bytes": room.size, "at most": room.largest or "", "free on the disk": room.free}
+        level = Level.WARN if warning else Level.OK
+        return Status(level, warning or "there is room for more", values)
 
     def _check_stored(self) -> Status:
         silence = time.monotonic() - self._counted_at

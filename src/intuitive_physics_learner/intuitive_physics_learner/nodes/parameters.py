@@ -30,6 +30,7 @@ from intuitive_physics_learner.store.database import (
     PLACEHOLDER_GUIDE,
     default_database_path,
 )
+from intuitive_physics_learner.store.room import RoomSettings
 from intuitive_physics_ros.background import RequestLimits
 from intuitive_physics_ros.conversions import bounds_from_messages
 from intuitive_physics_ros.parameters import Parameter, setting_parameters
@@ -118,6 +119,7 @@ def node_parameters() -> tuple[Parameter, ...]:
         *setting_parameters(RequestedSearchSettings, read_only=False),
         *setting_parameters(RequestLimits, read_only=False),
         *setting_parameters(InputLimits, read_only=False),
+        *setting_parameters(RoomSettings, read_only=False),
         *_online_parameters(),
     )
 

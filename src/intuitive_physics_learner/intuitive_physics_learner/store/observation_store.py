@@ -19,7 +19,7 @@ from pathlib import Path
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.limits import check_limit
+from intuitive_physics.limits import check_limit, limits
 from intuitive_physics.observation import (
     Observation,
     observation_materials,
@@ -27,6 +27,7 @@ from intuitive_physics.observation import (
 )
 from intuitive_physics_learner.errors import (
     DatabaseBusyError,
+    DatabaseFullError,
     StorageError,
     UnreadableVersionError,
 )
@@ -56,6 +57,7 @@ from intuitive_physics_learner.store.observation_rows import (
     set_status,
     set_unreadable,
 )
+from intuitive_physics_learner.store.room import Room
 from intuitive_physics_learner.store.search_checkpoint import SearchCheckpoint
 
 LARGEST_SEARCH_COUNT = 8
@@ -125,6 +127,8 @@ class ObservationStore:
         ------
         InvalidInputError
             When it could not be read again, or there would be too many materials (`limits`).
+        DatabaseFullError
+            When the file would grow beyond `largest_database`.
         StorageError
             When the file cannot be written.
         """
@@ -148,8 +152,17 @@ class ObservationStore:
         materials = observation_materials(new)
         with self._database.writing() as connection:
             self._check_materials(connection, materials)
-            check_limit("largest_database", database_bytes(connection), f"bytes of {self.path}")
-            return sum(insert_observation(connection, row) for row in rows)
+            before = database_bytes(connection)
+            count = sum(insert_observation(connection, row) for row in rows)
+            # SQLite's max_page_count would refuse versions of θ_s too, as if the disk were full.
+            self._check_size(before, database_bytes(connection))
+            return count
+
+    def room(self) -> Room:
+        """Return how much room there is for more."""
+        with self._database.reading() as connection:
+            size = database_bytes(connection)
+        return Room.of(self.path, size)
 
     def count(self, status: str | None = None) -> int:
         """Return the number of observations, of one status or of all."""
@@ -545,6 +558,16 @@ class ObservationStore:
         if new - known:
             check_limit(
                 "most_materials", len(known | new), f"materials of {self.path} together with these"
+            )
+
+    def _check_size(self, before: int, after: int) -> None:
+        """Refuse to let the file grow beyond its largest size; pages that are free may be used."""
+        largest = limits().largest_database
+        if largest and after > max(before, largest):
+            raise DatabaseFullError(
+                f"{self.path} has {before} bytes and may have {largest}, so nothing was added; "
+                "what it holds is unharmed: delete observations, raise largest_database, or take "
+                "another database"
             )
 
     def _set_status(self, ids: Sequence[str], status: str, weight: float, reason: str) -> int:

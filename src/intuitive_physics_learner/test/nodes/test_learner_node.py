@@ -732,6 +732,53 @@ def test_full_disk(start, caller, glides):
     assert caller.call(Learn, options=options).result.value == ResultCode.OK
 
 
+def status_of(caller, name):
+    """The newest level and message of a check, and its values."""
+    for message in reversed(caller.diagnostics):
+        for status in message.status:
+            if status.name == f"learner_node: {name}":
+                values = {pair.key: pair.value for pair in status.values}
+                return status.level, status.message, values
+    return None
+
+
+def level_of_room(caller):
+    found = status_of(caller, "room for the database")
+    return None if found is None else found[0]
+
+
+def test_a_database_of_its_largest_size_refuses_counts_and_says_so(start, caller, glides):
+    node = start()
+    generator = np.random.default_rng(0)
+    assert caller.add(glides(generator, 0.5)).added
+    caller.set_parameter("largest_database", 1000)
+    answer = caller.add(glides(generator, 0.5))
+    assert answer.result.value == ResultCode.STORAGE_FAILED
+    assert "raise largest_database" in answer.result.message
+    caller.spin_until(lambda: caller.observations.get_subscription_count() == 1)
+    caller.observations.publish(observation_to_message(glides(generator, 0.5)))
+
+    def is_refused():
+        found = status_of(caller, "observation queue")
+        refused = (DiagnosticStatus.ERROR, "1")
+        return found and (found[0], found[2]["refused by a full database"]) == refused
+
+    caller.spin_until(is_refused)
+    caller.spin_until(lambda: level_of_room(caller) == DiagnosticStatus.WARN)
+    caller.set_parameter("largest_database", 0)
+    assert caller.add(glides(generator, 0.5)).observation_count == 2
+    caller.spin_until(lambda: level_of_room(caller) == DiagnosticStatus.OK)
+    assert node.output.count("beyond which no observation is added") == 1
+
+
+def test_a_disk_that_fills_is_warned_of_in_time(start, caller):
+    node = start(f"least_free_space:={10**12}")
+    caller.spin_until(lambda: level_of_room(caller) == DiagnosticStatus.WARN)
+    assert "expected at least 1000000000000; make room" in node.output
+    caller.set_parameter("least_free_space", 0)
+    caller.spin_until(lambda: level_of_room(caller) == DiagnosticStatus.OK)
+
+
 def test_a_file_that_is_no_database_stops_it_with_one_line(start, tmp_path):
     garbage = tmp_path / "garbage"
     garbage.write_bytes(os.urandom(5000))

@@ -1,0 +1,42 @@
+"""What ends a part before its time, in one line, so that the rest of the run goes on."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from intuitive_physics.errors import IntuitivePhysicsError
+
+MOST_DEATHS = 10
+"""After which a part is given up: each next start may take a minute, and nothing new is learned."""
+
+
+class EarlyEndError(IntuitivePhysicsError):
+    """A part cannot go on; the message says what died, or what does not happen."""
+
+
+def check_deaths(deaths: Sequence[str]) -> None:
+    """Raise `EarlyEndError` when there were too many."""
+    if len(deaths) > MOST_DEATHS:
+        raise EarlyEndError(f"nodes died {len(deaths)} times by themselves")
+
+
+@contextmanager
+def noted(failures: list[str]) -> Iterator[None]:
+    """Note in one line what ends the work within, and go on after it."""
+    try:
+        yield
+    except Exception as error:
+        failures.append(f"ended early: {in_one_line(error)}")
+
+
+def in_one_line(error: Exception) -> str:
+    """Return what an error says; of one that nobody expected, its kind and its place as well."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    said = " ".join(dict.fromkeys([*lines[:1], *lines[-1:]]))
+    if isinstance(error, IntuitivePhysicsError):
+        return said
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__} in {Path(place.filename).name}:{place.lineno}: {said}"

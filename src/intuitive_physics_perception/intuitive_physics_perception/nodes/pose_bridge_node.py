@@ -175,9 +175,7 @@ class PoseBridgeNode(ManagedNode):
         with suppress(InvalidInputError):
             self._transforms = Transforms(self)
         self._monitors = {name: InputMonitor(self, name, TIMEOUT) for name in self._names}
-        self._worker: FrameWorker[tuple[str, Any]] = FrameWorker(
-            lambda: None, self._handle, WAITING
-        )
+        self._worker: FrameWorker[tuple[str, Any]] = FrameWorker(self._handle, WAITING)
         for name, monitor in self._monitors.items():
             self.diagnostics.add(f"poses of {name}", monitor.check)
         if values["input"] == TF:

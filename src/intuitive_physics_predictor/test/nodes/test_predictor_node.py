@@ -56,6 +56,7 @@ from intuitive_physics_ros.conversions import (
     static_parameters_to_message,
     trajectory_distribution_from_message,
 )
+from intuitive_physics_ros.lifecycle.kernel_loading import KernelLoading
 from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 
@@ -591,7 +592,7 @@ def test_a_defect_of_ours_is_an_internal_error_and_the_service_goes_on(peer):
     # No request should lead to it. A prediction that is none stands for a defect; the service is
     # the node's, in this process.
     ticks = SimpleNamespace(snapshot=Snapshot(Inputs(), SETTINGS, object()))
-    services = PredictionServices(peer.node, ticks)
+    services = PredictionServices(peer.node, ticks, KernelLoading(peer.node, None))
     try:
         broken = peer.call(Query, "/tester/query", Query.Request(object_id="ball", event=3))
         assert broken.result.value == ResultCode.INTERNAL_ERROR
@@ -755,25 +756,29 @@ compilation.warm_up = warm_up
 
 def test_while_its_kernels_are_compiled_it_answers_and_refuses_what_needs_them(tmp_path):
     done = tmp_path / "done"
-    arguments = ["-r", "__node:=compiling"]
+    arguments = ["-r", "__ns:=/cold"]
     with (
         NodeProcess(MODULE, arguments, first=COMPILES.format(str(done))) as node,
         Peer("tester", timeout=60.0) as peer,
     ):
-        state = peer.call(GetState, "/compiling/get_state", GetState.Request()).current_state
+        state = peer.call(
+            GetState, "/cold/predictor_node/get_state", GetState.Request()
+        ).current_state
         assert state.label == "active"
         for kind, name, request in (
             (Predict, "predict", predict_request()),
             (Query, "query", Query.Request()),
         ):
-            result = peer.call(kind, f"/compiling/{name}", request).result
+            result = peer.call(kind, f"/cold/predictor_node/{name}", request).result
             assert result.value == ResultCode.NOT_READY
             assert "compiling kernels, about a minute, once; ask again" in result.message
         # Who waits for a subscriber waits for the kernels.
-        assert peer.node.count_subscribers("object_states") == 0
+        assert peer.node.count_subscribers("/cold/object_states") == 0
         done.touch()
-        peer.spin_until(lambda: peer.node.count_subscribers("object_states"), "a subscription")
-        answer = peer.call(Predict, "/compiling/predict", predict_request())
+        peer.spin_until(
+            lambda: peer.node.count_subscribers("/cold/object_states"), "a subscription"
+        )
+        answer = peer.call(Predict, "/cold/predictor_node/predict", predict_request())
         assert answer.result.value == ResultCode.OK, answer.result.message
         assert node.stop(signal.SIGTERM) == 0
         assert "Traceback" not in node.output

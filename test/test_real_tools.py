@@ -154,6 +154,20 @@ def test_a_parameter_file_that_counts_for_nothing_is_one_clear_line(tmp_path, te
     assert launch.children == []
 
 
+def test_what_only_a_node_finds_out_ends_everything_with_one_sentence(tmp_path) -> None:
+    (tmp_path / "mine.yaml").write_text("/**/predictor_node:\n  ros__parameters: {rate: fast}\n")
+    (tmp_path / "damaged.mcap").write_text("no bag")
+    for argument, error in (
+        (f"params_file:={tmp_path / 'mine.yaml'}", "predictor_node failed, so everything"),
+        (f"bag:={tmp_path / 'damaged.mcap'}", "replay_node failed, so everything was ended: "),
+    ):
+        with Ros2Process(tmp_path, *LAUNCH, argument) as launch:
+            assert launch.wait() == 1, launch.output
+        assert launch.left_behind() == []
+        assert error in launch.output.splitlines()[-1], launch.output
+        assert "Traceback" not in launch.output
+
+
 def test_rviz_that_is_not_installed_is_one_clear_line_and_starts_nothing(
     tmp_path, monkeypatch
 ) -> None:

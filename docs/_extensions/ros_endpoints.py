@@ -25,6 +25,9 @@ CREATORS = {
 }
 """Methods of a node by which it offers or uses something."""
 
+CALLED_BACK = ("create_guard_condition", "when_loaded")
+"""Methods whose argument is called back once, as a part of the start."""
+
 BEGINNING = ("__init__", "configure", "activate")
 """Methods that a node makes all of that in."""
 
@@ -129,8 +132,7 @@ class _Reader:
                 None if is_service or not quality else quality[0],
                 values,
             )
-        elif isinstance(function, ast.Attribute) and function.attr == "create_guard_condition":
-            # What it triggers is called back once, as a part of the start.
+        elif isinstance(function, ast.Attribute) and function.attr in CALLED_BACK:
             self._call(ast.Call(call.args[0], [], []), values, owner)
         elif isinstance(function, ast.Attribute) and _is_self(function.value):
             if (owner, function.attr) not in self._visited and hasattr(owner, function.attr):

@@ -157,6 +157,16 @@ def fall_here(tmp_path, monkeypatch):
     return run
 
 
+def test_a_compilation_is_noted_before_it_and_a_kernel_that_is_there_is_not(fall_here):
+    noted = []
+    with cache.compilations_noted(lambda: noted.append("compiling")):
+        assert fall_here() == (-6.0, 1)
+        assert noted == ["compiling"]
+        assert fall_here() == (-6.0, 0)
+    assert noted == ["compiling"]
+    assert not cache.KernelCache.listeners
+
+
 def test_folders_that_cannot_be_written_give_way_to_the_users_own(fall_here, tmp_path):
     # Nobody, not even root, makes a folder below a file.
     (tmp_path / "__pycache__").write_text("no folder")

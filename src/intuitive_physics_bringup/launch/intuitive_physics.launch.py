@@ -1,6 +1,7 @@
 """Perception, learner and predictor; optionally a bag to replay and RViz.
 
-All arguments are checked before the first process is started: an error leaves nothing behind.
+All arguments are checked before the first process is started. What only a node can know to be
+wrong, such as the value of a parameter or the inside of a bag, ends all with one sentence.
 """
 
 import os
@@ -14,7 +15,17 @@ from ament_index_python.packages import (
     get_package_prefix,
     get_package_share_directory,
 )
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    LogInfo,
+    OpaqueFunction,
+    RegisterEventHandler,
+    SetEnvironmentVariable,
+)
+from launch.event_handlers import OnProcessExit, OnProcessIO, OnProcessStart
+from launch.events import Shutdown
+from launch.events.process import ProcessExited, ProcessIO, ProcessStarted
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
@@ -23,6 +34,8 @@ from intuitive_physics_bringup.checks import check_bag, check_parameter_file, ch
 from intuitive_physics_bringup.connections import (
     CAMERAS,
     NODES,
+    PEERS,
+    RANGE,
     RANGES,
     clock_rules,
     default_peers,
@@ -30,8 +43,9 @@ from intuitive_physics_bringup.connections import (
     discovery_environment,
     with_compressed,
 )
+from intuitive_physics_bringup.failures import Failures
 from intuitive_physics_ros.topics import OBJECT_STATES, OBSERVATIONS
-from launch import LaunchContext, LaunchDescription
+from launch import Action, LaunchContext, LaunchDescription
 
 SHARE = Path(get_package_share_directory("intuitive_physics_bringup"))
 
@@ -42,10 +56,15 @@ ARGUMENTS = {
     "depth_image": ("", "topic of the depth images; empty: that of the camera"),
     "camera_info": ("", "topic of their camera's intrinsics; empty: that of the camera"),
     "points": ("", "topic of point clouds, where there are no images; empty: that of the camera"),
-    "imu": ("", "topic of an IMU, heard with gravity_source: imu only; empty: that of the camera"),
+    "imu": (
+        "",
+        "topic of an IMU, heard with gravity_source: imu only; empty: that of the camera (a "
+        "realsense needs enable_gyro, enable_accel and unite_imu_method:=2 of its own launch file)",
+    ),
     "color": (
         "",
-        "true: depth and colour images of the camera that are registered to each other; or the "
+        "true: depth and colour images of the camera that are registered to each other (a "
+        "realsense needs align_depth.enable:=true of its own launch file); or the "
         "topic of colour images registered to depth_image; empty: as params_file says",
     ),
     "log_level": ("info", "of the nodes: debug, info, warn, error or fatal"),
@@ -73,6 +92,11 @@ ARGUMENTS = {
 }
 """Default and meaning of each argument."""
 
+ONLY_HERE = (
+    "looks for other nodes on this machine only; discovery:=subnet or peers:=ADDRESS finds others"
+)
+"""Said at start, as a robot and RViz on a laptop do not see each other otherwise."""
+
 RESPAWN_DELAY = 0.5
 """s between the end of a node and its next start."""
 
@@ -95,20 +119,49 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([*declared, OpaqueFunction(function=processes)])
 
 
-def processes(context: LaunchContext) -> list[SetEnvironmentVariable | Node]:
+def processes(context: LaunchContext) -> list[Action]:
     """Return all that is started, once every argument is known to be good."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     check(given)
     variables = discovery_environment(given["discovery"], given["peers"])
-    started: list[SetEnvironmentVariable | Node] = [
+    started: list[Action] = [
         SetEnvironmentVariable(name, value) for name, value in variables.items()
     ]
+    if variables[RANGE] == "LOCALHOST" and not variables[PEERS]:
+        started.append(LogInfo(msg=ONLY_HERE))
+    started += follow(Failures(respawn=as_bool("respawn", given["respawn"])))
     started += [node(name, given) for name in NODES]
     if given["bag"]:
         started.append(replay(given))
     if as_bool("rviz", given["rviz"]):
         started.append(rviz(given))
     return started
+
+
+def follow(failures: Failures) -> list[Action]:
+    """Return what ends everything when one process fails."""
+
+    def ended(event: ProcessExited, context: LaunchContext) -> list[Action] | None:
+        # After Ctrl-C nothing is a failure any more.
+        code = 0 if context.is_shutdown else event.returncode
+        ends_all = failures.ended(event.process_name, code)
+        if failures.sentence:
+            # Launch logs it as its last line, and returns 1.
+            raise RuntimeError(failures.sentence)
+        return [EmitEvent(event=Shutdown(reason="a process failed"))] if ends_all else None
+
+    def started(event: ProcessStarted, _: LaunchContext) -> None:
+        failures.started(event.process_name)
+
+    def heard(event: ProcessIO) -> None:
+        failures.heard(event.process_name, event.text.decode(errors="replace"))
+
+    handlers = (
+        OnProcessStart(on_start=started),
+        OnProcessIO(on_stderr=heard),
+        OnProcessExit(on_exit=ended),
+    )
+    return [RegisterEventHandler(one) for one in handlers]
 
 
 def check(given: Mapping[str, str]) -> None:

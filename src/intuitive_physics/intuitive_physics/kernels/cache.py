@@ -20,8 +20,10 @@ import platform
 import re
 import shutil
 import sys
+import threading
 import uuid
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache, lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -61,6 +63,9 @@ class KernelCache(_Cache):
     used: ClassVar[set[Path]] = set()
     """Folders that kernels of this process came from or went to."""
 
+    listeners: ClassVar[dict[int, Callable[[], None]]] = {}
+    """What is called before a kernel is compiled, by the thread that needs the kernel."""
+
     def __init__(self, function: Callable) -> None:
         self._source = Path(function.__code__.co_filename)
         self._name = function.__qualname__
@@ -98,6 +103,7 @@ class KernelCache(_Cache):
             if content is not None:
                 self.used.add(folder)
                 return CompileResult._rebuild(target_context, *loads(content))
+        self.listeners.get(threading.get_ident(), lambda: None)()
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -133,6 +139,17 @@ class KernelCache(_Cache):
         except OSError:
             return None
         return content if hashlib.sha256(content).digest() == digest else None
+
+
+@contextmanager
+def compilations_noted(note: Callable[[], None]) -> Iterator[None]:
+    """Call `note` each time that this thread finds a kernel nowhere, and so compiles it next."""
+    thread = threading.get_ident()
+    KernelCache.listeners[thread] = note
+    try:
+        yield
+    finally:
+        del KernelCache.listeners[thread]
 
 
 def keeps(function: Callable) -> bool:

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from copy import copy
 from functools import partial
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import Header
 
 from intuitive_physics.errors import IntuitivePhysicsError
-from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.input.frame_decoder import FrameDecoder
 from intuitive_physics_perception.nodes.frame_worker import FrameWorker
 from intuitive_physics_ros.conversions import seconds_from_stamp
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
+from intuitive_physics_ros.lifecycle.kernel_loading import KernelLoading
 from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.qos import QOS_OVERRIDES, SENSOR_DATA
 from intuitive_physics_ros.silence import Silence, launch_arguments
@@ -74,7 +72,7 @@ KEPT = 4
 class FrameInput:
     """Subscribes to frames, decodes them in a thread of its own and reports their health.
 
-    It subscribes once its kernels are loaded: who waits for subscribers before playing a recording
+    It subscribes once the kernels are loaded: who waits for subscribers before playing a recording
     may count on the first frame. `node` must spin for that.
 
     A frame that cannot be used is named in the log, not more than every 10 s for one reason, and
@@ -88,6 +86,7 @@ class FrameInput:
         show the same scene
     rectified : whether images are without distortion already
     color : whether to subscribe to colour images registered to the depth images
+    kernels : of the perception of a frame
     use : called in the thread with header, points and colours of each frame, None for no colours;
         returns why it could not be used, empty when it could
     """
@@ -100,6 +99,7 @@ class FrameInput:
         *,
         rectified: bool,
         color: bool,
+        kernels: KernelLoading,
         use: UseFrame,
     ) -> None:
         self._node = node
@@ -119,8 +119,8 @@ class FrameInput:
         if color and self._has_images:
             color_kind = CompressedImage if CompressedImage in kinds else Image
             self._color = ColorInput(node, diagnostics, color_kind)
-        self._ready = node.create_guard_condition(self._subscribe)
-        self._worker: FrameWorker[Frame] = FrameWorker(self._prepare, self._handle)
+        self._worker: FrameWorker[Frame] = FrameWorker(self._handle)
+        kernels.when_loaded(self._subscribe)
 
     @property
     def dropped(self) -> int:
@@ -135,13 +135,6 @@ class FrameInput:
         patience : s to wait for it at most
         """
         return self._worker.stop(patience)
-
-    def _prepare(self) -> None:
-        """Load the kernels; runs in the worker's thread."""
-        warm_up()
-        # A node that was stopped meanwhile has nothing to subscribe with.
-        with suppress(InvalidHandle):
-            self._ready.trigger()
 
     def _subscribe(self) -> None:
         self._expect()

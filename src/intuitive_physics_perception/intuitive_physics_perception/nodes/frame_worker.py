@@ -15,16 +15,12 @@ class FrameWorker(Generic[Item]):
 
     Parameters
     ----------
-    prepare : called once in the thread before the first item
     handle : called with each item; must not raise
     waiting : items that may wait; when more come the oldest is dropped
     """
 
-    def __init__(
-        self, prepare: Callable[[], None], handle: Callable[[Item], None], waiting: int = 3
-    ) -> None:
+    def __init__(self, handle: Callable[[Item], None], waiting: int = 3) -> None:
         self.dropped = 0
-        self._prepare = prepare
         self._handle = handle
         self._items: deque[Item] = deque()
         self._waiting = waiting
@@ -61,7 +57,6 @@ class FrameWorker(Generic[Item]):
         return not self._thread.is_alive()
 
     def _run(self) -> None:
-        self._prepare()
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._stopping or self._items)

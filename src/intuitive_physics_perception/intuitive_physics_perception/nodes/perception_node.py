@@ -20,6 +20,7 @@ from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.messages.geometry import StampSeconds
 from intuitive_physics.observation import Observation
 from intuitive_physics.validation import unit_quaternion
+from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.environment.gravity import RestingAccelerometer
 from intuitive_physics_perception.frame_result import FrameDiagnostics, FrameResult
 from intuitive_physics_perception.nodes.frame_input import INPUTS, FrameInput
@@ -125,7 +126,7 @@ class PerceptionNode(ManagedNode):
     """Topics around `PerceptionPipeline`."""
 
     def __init__(self) -> None:
-        super().__init__("perception_node", PARAMETERS)
+        super().__init__("perception_node", PARAMETERS, warm_up)
 
     def configure(self) -> None:
         """Make the pipeline, which knows nothing yet, and what tells of its environment."""
@@ -173,6 +174,7 @@ class PerceptionNode(ManagedNode):
             INPUTS[values["input"]],
             rectified=values["image_is_rectified"],
             color=values["use_color"],
+            kernels=self.kernels,
             use=self._perceive,
         )
         self.diagnostics.add("environment", self._check_environment)

@@ -52,6 +52,7 @@ from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.parameters import Parameter
 from intuitive_physics_ros.qos import OBSERVATIONS as OBSERVATIONS_QOS
 from intuitive_physics_ros.qos import QOS_OVERRIDES, SENSOR_DATA, STREAM
+from intuitive_physics_ros.silence import Silence
 from intuitive_physics_ros.topics import OBJECT_STATES, OBSERVATIONS
 from intuitive_physics_ros.transforms import Transforms, UnknownTransformError
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
@@ -175,9 +176,7 @@ class PoseBridgeNode(ManagedNode):
         with suppress(InvalidInputError):
             self._transforms = Transforms(self)
         self._monitors = {name: InputMonitor(self, name, TIMEOUT) for name in self._names}
-        self._worker: FrameWorker[tuple[str, Any]] = FrameWorker(
-            lambda: None, self._handle, WAITING
-        )
+        self._worker: FrameWorker[tuple[str, Any]] = FrameWorker(self._handle, WAITING)
         for name, monitor in self._monitors.items():
             self.diagnostics.add(f"poses of {name}", monitor.check)
         if values["input"] == TF:
@@ -208,6 +207,9 @@ class PoseBridgeNode(ManagedNode):
             if one != wanted:
                 continue
             for name in self._names:
+                rule = f"-r '~/{name}/pose:=/TOPIC'"
+                remedy = f"choose the topic by a rule, {rule}, and its type by the parameter input"
+                self._monitors[name].expect(Silence(self, {f"~/{name}/pose": kind}, remedy))
                 self.create_subscription(
                     kind,
                     f"~/{name}/pose",
@@ -237,6 +239,9 @@ class PoseBridgeNode(ManagedNode):
                 if transform.child_frame_id in take:
                     take[transform.child_frame_id](transform)
 
+        for frame, name in zip(given, names, strict=True):
+            remedy = f"no transform of the frame {frame!r}, as object_frames names it, has come"
+            self._monitors[name].expect(Silence(self, {"/tf": TFMessage}, remedy))
         self.create_subscription(TFMessage, "/tf", on_transforms, 100)
 
     def _taking(self, name: str) -> Callable[[PoseMessage], None]:

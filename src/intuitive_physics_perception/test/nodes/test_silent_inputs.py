@@ -8,6 +8,7 @@ os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 
@@ -50,4 +51,17 @@ def test_a_wrong_camera_and_a_wrong_clock_are_warnings_with_the_right_names():
         told = {status.name: status.message for status in heard[-1].status}
         for name, text in (("depth/image", frames), ("points", frames), ("clock", time)):
             assert text in told[f"perception_node: {name}"]
+        node.check_running()
+
+
+def test_poses_that_do_not_come_are_a_warning_with_the_topics_there_are():
+    module = "intuitive_physics_perception.nodes.pose_bridge_node"
+    box = ["-p", "object_names:=[box]", "-p", "object_shapes:=['box 0.1 0.15 0.2']"]
+    with NodeProcess(module, box) as node, Peer("tracker", 60.0) as peer:
+        peer.node.create_publisher(PoseStamped, "/mocap/box/pose", SENSOR_DATA)
+        text = (
+            "on /pose_bridge/box/pose (geometry_msgs/msg/PoseStamped, no publisher); published of "
+            "the same type: /mocap/box/pose; choose the topic by a rule, -r '~/box/pose:=/TOPIC'"
+        )
+        peer.spin_until(lambda: text in node.output, f"a warning {text!r}")
         node.check_running()

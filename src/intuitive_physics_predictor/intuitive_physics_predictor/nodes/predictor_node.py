@@ -114,29 +114,28 @@ class PredictorNode(ManagedNode):
     """Parameters and topics in, around `PredictionTicks` and `PredictionServices`."""
 
     def __init__(self) -> None:
-        super().__init__("predictor_node", PARAMETERS)
+        super().__init__("predictor_node", PARAMETERS, warm_up)
         self._calibration: Mapping[str, Any] | None = None
         self._calibration_problem = ""
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
 
     def configure(self) -> None:
-        """Load the kernels; nothing is known yet."""
+        """Begin to load the kernels; nothing is known yet."""
         values = self.values()
         use_limits_of(values)
         calibration = self._stored_calibration()
         settings = settings_from_parameters(values)
         self._predictor = Predictor(settings, values["seed"], calibration=calibration)
-        warm_up()
 
     def activate(self) -> None:
-        """Predict from what is known and what comes."""
+        """Predict from what is known and what comes, once the kernels are there."""
         values = self.values()
         self._predictor.set(settings=settings_from_parameters(values))
         self._ticks = PredictionTicks(
             self, self._predictor, values["rate"], values["published_samples"]
         )
-        self._answers = PredictionServices(self, self._ticks)
+        self._answers = PredictionServices(self, self._ticks, self.kernels)
         self._estimated_publisher = self.create_publisher(
             ObjectStates, "~/estimated_states", copy(STREAM), qos_overriding_options=QOS_OVERRIDES
         )
@@ -150,10 +149,10 @@ class PredictorNode(ManagedNode):
                 PoseArray, "sample_poses", 10, qos_overriding_options=QOS_OVERRIDES
             )
             self.create_timer(1.0 / values["path_rate"], self._on_path_tick)
-        self._subscribe()
         self.create_timer(SAVE_EVERY, self._on_save_tick)
         self.diagnostics.add("calibration", self._check_calibration)
-        self._ticks.start()
+        self.diagnostics.add("prediction", self._ticks.monitor.check)
+        self.kernels.when_loaded(self._begin)
 
     def deactivate(self) -> None:
         """Stop predicting; inputs so far are kept."""
@@ -169,6 +168,11 @@ class PredictorNode(ManagedNode):
     def cleanup(self) -> None:
         """Forget the inputs."""
         del self._predictor
+
+    def _begin(self) -> None:
+        # Who waits for subscribers before playing a recording may count on its first states.
+        self._subscribe()
+        self._ticks.start()
 
     def _subscribe(self) -> None:
         for name, kind, read, qos, expected in (
@@ -189,7 +193,6 @@ class PredictorNode(ManagedNode):
                 # A learner is not needed; perception that is there says itself what it waits for.
                 monitor.expect(Silence(self, {name: kind}, SAME_NAMESPACE, patience=WARN_AGAIN))
             self.diagnostics.add(name, monitor.check)
-        self.diagnostics.add("prediction", self._ticks.monitor.check)
 
     def _on_input(self, monitor: InputMonitor, kind: Any, read: Any, message: bytes) -> None:
         """Post an input, to be decoded and taken over between two ticks."""

@@ -32,6 +32,7 @@ from intuitive_physics_ros.conversions import (
     static_parameters_from_message,
 )
 from intuitive_physics_ros.conversions.primitives import point_to_message
+from intuitive_physics_ros.lifecycle.kernel_loading import KernelLoading
 from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_result
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
@@ -57,11 +58,13 @@ class PredictionServices:
     ----------
     node : offers them
     ticks : has the newest inputs, settings and prediction
+    kernels : without which nothing is simulated
     """
 
-    def __init__(self, node: Node, ticks: PredictionTicks) -> None:
+    def __init__(self, node: Node, ticks: PredictionTicks, kernels: KernelLoading) -> None:
         self._node = node
         self._ticks = ticks
+        self._kernels = kernels
         self._background = Background(node)
         # While an answer is simulated in the background, others must go on.
         together = ReentrantCallbackGroup()
@@ -77,6 +80,7 @@ class PredictionServices:
     ) -> Predict.Response:
         started, now = time.perf_counter(), 1e-9 * self._node.get_clock().now().nanoseconds
         try:
+            self._kernels.refuse_until_loaded()
             response.distribution = await self._background.run(
                 lambda stop: self._predict(request, now, stop)
             )
@@ -89,6 +93,7 @@ class PredictionServices:
     async def _on_query(self, request: Query.Request, response: Query.Response) -> Query.Response:
         made = self._ticks.snapshot.newest
         try:
+            self._kernels.refuse_until_loaded()
             if made is None:
                 raise RefusedError(
                     ResultCode.NOT_READY,

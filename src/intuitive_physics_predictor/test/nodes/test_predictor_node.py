@@ -28,6 +28,7 @@ from intuitive_physics_msgs.msg import (
 )
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
 from intuitive_physics_msgs.srv import Predict, Query
+from lifecycle_msgs.srv import GetState
 from nav_msgs.msg import Path
 from rcl_interfaces.srv import (
     DescribeParameters,
@@ -55,6 +56,7 @@ from intuitive_physics_ros.conversions import (
     static_parameters_to_message,
     trajectory_distribution_from_message,
 )
+from intuitive_physics_ros.lifecycle.kernel_loading import KernelLoading
 from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 
@@ -590,7 +592,7 @@ def test_a_defect_of_ours_is_an_internal_error_and_the_service_goes_on(peer):
     # No request should lead to it. A prediction that is none stands for a defect; the service is
     # the node's, in this process.
     ticks = SimpleNamespace(snapshot=Snapshot(Inputs(), SETTINGS, object()))
-    services = PredictionServices(peer.node, ticks)
+    services = PredictionServices(peer.node, ticks, KernelLoading(peer.node, None))
     try:
         broken = peer.call(Query, "/tester/query", Query.Request(object_id="ball", event=3))
         assert broken.result.value == ResultCode.INTERNAL_ERROR
@@ -733,3 +735,50 @@ def test_it_publishes_where_objects_are_by_all_that_was_seen(peer, inputs):
         return any(one.objects[0].twist.covariance[0] < 0.5 * COVARIANCE[6, 6] for one in heard)
 
     feed_until(peer, is_known, "a speed that is known better", flying)
+
+
+COMPILES = """
+import threading, time
+from pathlib import Path
+import intuitive_physics_predictor.compile as compilation
+from intuitive_physics.kernels.cache import KernelCache
+
+def warm_up(warm_up=compilation.warm_up):
+    KernelCache.listeners[threading.get_ident()]()
+    while not Path({!r}).exists():
+        time.sleep(0.01)
+    warm_up()
+
+compilation.warm_up = warm_up
+"""
+"""In place of a cache without kernels: compiles until a file appears."""
+
+
+def test_while_its_kernels_are_compiled_it_answers_and_refuses_what_needs_them(tmp_path):
+    done = tmp_path / "done"
+    arguments = ["-r", "__ns:=/cold"]
+    with (
+        NodeProcess(MODULE, arguments, first=COMPILES.format(str(done))) as node,
+        Peer("tester", timeout=60.0) as peer,
+    ):
+        state = peer.call(
+            GetState, "/cold/predictor_node/get_state", GetState.Request()
+        ).current_state
+        assert state.label == "active"
+        for kind, name, request in (
+            (Predict, "predict", predict_request()),
+            (Query, "query", Query.Request()),
+        ):
+            result = peer.call(kind, f"/cold/predictor_node/{name}", request).result
+            assert result.value == ResultCode.NOT_READY
+            assert "compiling kernels, about a minute, once; ask again" in result.message
+        # Who waits for a subscriber waits for the kernels.
+        assert peer.node.count_subscribers("/cold/object_states") == 0
+        done.touch()
+        peer.spin_until(
+            lambda: peer.node.count_subscribers("/cold/object_states"), "a subscription"
+        )
+        answer = peer.call(Predict, "/cold/predictor_node/predict", predict_request())
+        assert answer.result.value == ResultCode.OK, answer.result.message
+        assert node.stop(signal.SIGTERM) == 0
+        assert "Traceback" not in node.output

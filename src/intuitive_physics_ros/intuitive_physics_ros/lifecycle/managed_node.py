@@ -3,7 +3,7 @@
 =============  ====================================================================
 transition     what it does
 =============  ====================================================================
-configure      opens files and loads what takes long; nothing is heard or said yet
+configure      opens files and begins to load what takes long; nothing is heard or said yet
 activate       subscribes, publishes, offers services
 deactivate     ends all that; what is known is kept
 cleanup        closes files and forgets what is known
@@ -34,6 +34,7 @@ from rclpy.timer import Timer
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
+from intuitive_physics_ros.lifecycle.kernel_loading import KernelLoading, spare_collections
 from intuitive_physics_ros.parameters import Parameter, declare_parameters
 from intuitive_physics_ros.rclpy_internals import AnsweringLifecycleNode
 from intuitive_physics_ros.silence import CLOCK, ClockCheck
@@ -66,10 +67,12 @@ class ManagedNode(AnsweringLifecycleNode):
     ----------
     name : of the node
     parameters : that it declares
+    warm_up : calls the kernels that it needs, in a thread from its configuration on; None: none
 
     Attributes
     ----------
     configured, active : whether it is; what is active is configured
+    kernels : those that `warm_up` calls; what needs them waits for them, and no transition does
     diagnostics : to which `activate` adds checks
 
     Raises
@@ -78,7 +81,12 @@ class ManagedNode(AnsweringLifecycleNode):
         When a parameter has a value it cannot have.
     """
 
-    def __init__(self, name: str, parameters: Iterable[Parameter]) -> None:
+    def __init__(
+        self,
+        name: str,
+        parameters: Iterable[Parameter],
+        warm_up: Callable[[], None] | None = None,
+    ) -> None:
         super().__init__(name)
         self._declared = declare_parameters(self, [AUTOSTART, *parameters])
         self.configured = self.active = False
@@ -90,10 +98,13 @@ class ManagedNode(AnsweringLifecycleNode):
         self.diagnostics = Diagnostics(self)
         self.diagnostics.add("state", self._check_state)
         self.diagnostics.add("clock", ClockCheck(self))
+        self.kernels = KernelLoading(self, warm_up)
+        if warm_up is not None:
+            self.diagnostics.add("kernels", self.kernels.check)
         self._lasting_checks = self.diagnostics.names
 
     def configure(self) -> None:
-        """Open files and load what takes long."""
+        """Open files; what takes long is begun in a thread."""
         raise NotImplementedError
 
     def activate(self) -> None:
@@ -144,6 +155,7 @@ class ManagedNode(AnsweringLifecycleNode):
         except Exception as error:
             return self._failed(error, "configuring")
         self.configured = True
+        self.kernels.start()
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -157,7 +169,9 @@ class ManagedNode(AnsweringLifecycleNode):
             self._destroy_what_came()
             return failed
         self.active = True
-        _spare_collections()
+        # Once in the life of a process; kernels that come later have it done once more.
+        if self.kernels.is_loaded and gc.get_freeze_count() == 0:
+            spare_collections()
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -228,17 +242,6 @@ class ManagedNode(AnsweringLifecycleNode):
         if self.active:
             return Status(Level.OK, "active")
         return Status(Level.OK, "inactive" if self.configured else "unconfigured")
-
-
-def _spare_collections() -> None:
-    """Exempt what lives as long as the process from garbage collection, once in its life.
-
-    A collection that looks at all modules and kernels takes 0.1 s of a processor and holds every
-    thread: longer than a tick may be late, and several times as long on a busy machine.
-    """
-    if gc.get_freeze_count() == 0:
-        gc.collect()
-        gc.freeze()
 
 
 def _entities(node: Node) -> list[Any]:

@@ -147,14 +147,6 @@ def _online_parameters() -> tuple[Parameter, ...]:
             choices=PRIORITIES,
             read_only=False,
         ),
-        Parameter(
-            f"{ONLINE_PREFIX}_iterations_without_gain",
-            0,
-            "accepted for configurations of earlier versions and without effect: what an "
-            "observation takes is bounded by itself",
-            range=(0, 10_000_000),
-            read_only=False,
-        ),
         *(
             replace(parameter, name=f"{ONLINE_PREFIX}_{parameter.name}")
             for parameter in setting_parameters(OnlineOptions, read_only=False)

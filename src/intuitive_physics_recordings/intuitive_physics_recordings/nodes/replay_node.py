@@ -52,15 +52,6 @@ LARGEST_DEPTH = 1000
 """Messages kept at most, whatever a bag says: rosbag2 records a publisher that keeps all as one
 with an enormous depth. Our choice."""
 
-EARLIER_TOPICS = {
-    "/perception_node/observation": OBSERVATIONS,
-    "/perception_node/environment": ENVIRONMENT,
-    "/perception_node/object_states": OBJECT_STATES,
-    "/learner_node/static_parameters": STATIC_PARAMETERS,
-    "/predictor_node/trajectory_distribution": PREDICTIONS,
-}
-"""Topics of version 0.1.0 in a bag, which are played where today's nodes listen."""
-
 STOP_PATIENCE = 0.5
 """s to wait at the end for the message under way."""
 
@@ -191,10 +182,9 @@ class ReplayNode(Node):
         return publishers
 
     def _played_name(self, topic: str) -> str:
-        name = _today(topic)
-        if name in TRANSFORM_TOPICS or name.startswith(f"{self._prefix}/"):
-            return name
-        return f"{self._prefix}{name}"
+        if topic in TRANSFORM_TOPICS or topic.startswith(f"{self._prefix}/"):
+            return topic
+        return f"{self._prefix}{topic}"
 
     def _run(self) -> None:
         try:
@@ -294,14 +284,6 @@ def _message_class(type_name: str) -> Any | None:
         return getattr(importlib.import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError):
         return None
-
-
-def _today(topic: str) -> str:
-    """Return where a recorded topic is played."""
-    for earlier, name in EARLIER_TOPICS.items():
-        if topic.endswith(earlier):
-            return f"{topic.removesuffix(earlier)}/{name}"
-    return topic
 
 
 def _has_messages(package: str) -> bool:

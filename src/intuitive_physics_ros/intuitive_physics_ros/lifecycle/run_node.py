@@ -36,7 +36,6 @@ from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
 from intuitive_physics_ros.lifecycle.start_node import STOP_SIGNALS
 from intuitive_physics_ros.parameters import unknown_overrides
 from intuitive_physics_ros.rclpy_internals import RCLError, release
-from intuitive_physics_ros.topics import with_earlier_remappings
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 START_ERRORS = (IntuitivePhysicsError, NameValidationException, ParameterException, RCLError)
@@ -87,7 +86,7 @@ def run_node(factory: Callable[[], Node], args: Sequence[str] | None = None) -> 
     try:
         freed = remove_abandoned_segments()
         rclpy.init(
-            args=with_earlier_remappings(sys.argv if args is None else args),
+            args=sys.argv if args is None else args,
             signal_handler_options=SignalHandlerOptions.NO,
         )
         node = factory()

@@ -113,7 +113,7 @@ def test_an_observation_of_many_materials_is_refused_and_stored_nowhere(start, p
         assert result.value == ResultCode.INVALID_INPUT
         assert "expected at most 32" in result.message
     # Over the topic too, where nobody is answered.
-    topic = peer.publisher(Observation, "observations", OBSERVATIONS)
+    topic = peer.publisher(Observation, "intuitive_physics/observations", OBSERVATIONS)
     topic.publish(observation_to_message(stage(materials=materials(20), name="first")))
     topic.publish(observation_to_message(stage(materials=materials(40)[20:], name="second")))
     node.wait_for("observations rejected: ")

@@ -312,7 +312,7 @@ def test_observations_that_wait_take_little_memory():
     with pytest.raises(StorageError, match="1 observations of 600000 points wait"):
         queue.put(large)
     queue.put(one)
-    assert queue.check().values == {"waiting": 2, "lost": 1}
+    assert queue.check().values == {"waiting": 2, "lost": 1, "refused by a full database": 0}
     assert queue.stop(5.0) == 2
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import math
 import os
-import subprocess
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from intuitive_physics.processes import ChildProcess
 
 RATE = 100.0
 """Hz, of the predictor."""
@@ -42,19 +43,17 @@ class Lateness:
 def watch_loops(beside: str, seconds: float, cores: Sequence[int]) -> Lateness:
     """Run a loop on each of these cores, each a process of its own, for some seconds."""
     loops = [
-        subprocess.Popen(
+        ChildProcess(
             [sys.executable, "-m", "benchmarks.steady_loop", str(seconds), str(core)],
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+            name="a steady loop",
+            environment={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
         )
         for core in cores
     ]
-    printed = [loop.communicate(timeout=seconds + STARTING)[0] for loop in loops]
     for loop in loops:
-        if loop.returncode != 0:
-            raise subprocess.CalledProcessError(loop.returncode, loop.args)
-    late = 1e3 * np.concatenate([json.loads(text) for text in printed])
+        if loop.wait(seconds + STARTING) != 0:
+            loop.check_running()
+    late = 1e3 * np.concatenate([json.loads(loop.output) for loop in loops])
     return Lateness(beside, *(float(q) for q in np.percentile(late, (50.0, 99.0, 100.0))))
 
 

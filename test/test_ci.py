@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from intuitive_physics.processes import ChildProcess
+
 ROOT = Path(__file__).parent.parent
 
 MAKEFILE = """\
@@ -43,7 +45,7 @@ def started(tmp_path, monkeypatch):
     for name in ("MAKELEVEL", "MAKEFLAGS"):
         monkeypatch.delenv(name, raising=False)
 
-    def start(alone: str) -> subprocess.Popen[str]:
+    def start(alone: str) -> ChildProcess:
         main = tmp_path / "main"
         segments = main / "src/intuitive_physics/intuitive_physics/processes/segments.py"
         segments.parent.mkdir(parents=True)
@@ -52,13 +54,7 @@ def started(tmp_path, monkeypatch):
         shutil.copytree(ROOT / ".ci", main / ".ci")
         for command in ("init", "add --all", "-c user.name=x -c user.email=x commit -m x"):
             subprocess.run(["git", *command.split()], cwd=main, check=True, capture_output=True)
-        return subprocess.Popen(
-            [main / ".ci" / "run"],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
+        return ChildProcess([str(main / ".ci" / "run")])
 
     yield start
     assert list(temporary.iterdir()) == []
@@ -66,16 +62,15 @@ def started(tmp_path, monkeypatch):
 
 def test_a_red_stage_hides_no_other(started, tmp_path):
     process = started("false")
-    said, _ = process.communicate(timeout=60)
-    assert process.returncode == 1
-    lines = said.splitlines()
+    assert process.wait(60.0) == 1
+    lines = process.output.splitlines()
     assert lines[0] == "freed"
-    assert f"alone in {tmp_path}/temporary/ci-" in said
+    assert f"alone in {tmp_path}/temporary/ci-" in process.output
     # Nothing lies beside the clone when it stands alone.
     assert lines[lines.index("clone") + 1].startswith("make: ***")
     assert "shared" not in lines[: lines.index("── ci: tools")]
-    assert "tools into " in said
-    assert "libraries needs --deselect=test/test_torture.py" in said
+    assert "tools into " in process.output
+    assert "libraries needs --deselect=test/test_torture.py" in process.output
     assert "===== 3 passed in 0.10s =====" in lines[-3:]
     assert lines[-1] == "ci: failed: alone needs"
     assert {path.stem for path in (tmp_path / "main/build/ci").iterdir()} == {
@@ -92,8 +87,6 @@ def test_a_run_that_is_cut_off_takes_its_stage_along(started, tmp_path):
         time.sleep(0.05)
     shell = int(written.read_text())
     written.unlink()
-    process.send_signal(signal.SIGTERM)
-    process.communicate(timeout=30)
-    assert process.returncode == 143
+    assert process.stop(signal.SIGTERM, timeout=30.0) == 143
     with pytest.raises(ProcessLookupError):
         os.kill(shell, 0)

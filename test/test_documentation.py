@@ -266,7 +266,12 @@ def test_topics_named_in_the_pages_exist():
         name = node_pages.node_name(node_class)
         for one in ros_endpoints.endpoints(node_class, plays_a_bag=module == node_pages.BAG_TOPICS):
             known |= {one.name, one.name.replace("~", f"/{name}")}
-    assert {"environment", "/predictor_node/query", "/tf_static", "/clock"} <= known
+    assert {
+        "intuitive_physics/environment",
+        "/predictor_node/query",
+        "/tf_static",
+        "/clock",
+    } <= known
     # Parts of names that only a running node knows are in braces.
     open_names = [re.sub(r"\\\{\w+\\\}", r"\\w+", re.escape(one)) for one in known if "{" in one]
     for page in PAGES:

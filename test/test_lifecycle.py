@@ -91,11 +91,12 @@ def test_the_learner_keeps_observations_and_versions(nodes: Nodes, manager: Mana
     ball = thrown_ball(7)
     seen = AddObservation.Request(observation=observation_to_message(ball))
     assert manager.call(AddObservation, "/learner_node/add_observation", seen).added
-    heard = manager.listen(StaticParameters, "static_parameters", LATCHED)
+    heard = manager.listen(StaticParameters, "intuitive_physics/static_parameters", LATCHED)
     manager.spin_until(lambda: heard, "static parameters")
     manager.pause(LEARNER)
     manager.spin_until(
-        lambda: not manager.node.count_publishers("static_parameters"), "the end of publishing"
+        lambda: not manager.node.count_publishers("intuitive_physics/static_parameters"),
+        "the end of publishing",
     )
     heard.clear()
     manager.go_on(LEARNER)
@@ -115,9 +116,11 @@ def test_the_learner_keeps_observations_and_versions(nodes: Nodes, manager: Mana
 def test_perception_and_predictor_go_on_with_what_they_know(
     nodes: Nodes, manager: Manager, folder: Path
 ) -> None:
-    environments = manager.listen(Environment, "environment", LATCHED)
-    states = manager.listen(ObjectStates, "object_states", SENSOR_DATA)
-    predictions = manager.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
+    environments = manager.listen(Environment, "intuitive_physics/environment", LATCHED)
+    states = manager.listen(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
+    predictions = manager.listen(
+        TrajectoryDistribution, "intuitive_physics/predictions", SENSOR_DATA
+    )
 
     def none_come(heard: list, seconds: float = 1.0) -> bool:
         manager.spin_for(0.3)
@@ -140,7 +143,7 @@ def test_perception_and_predictor_go_on_with_what_they_know(
         manager.pause(PERCEPTION)
         assert none_come(states)
         # Who comes late hears of the room while perception is inactive.
-        late = manager.listen(Environment, "environment", LATCHED)
+        late = manager.listen(Environment, "intuitive_physics/environment", LATCHED)
         manager.spin_until(lambda: late, "the environment")
         assert late[-1] == environments[-1]
         manager.go_on(PERCEPTION)
@@ -152,7 +155,8 @@ def test_perception_and_predictor_go_on_with_what_they_know(
         manager.pause(PERCEPTION)
         manager.lead(PERCEPTION, "cleanup", "unconfigured")
         manager.spin_until(
-            lambda: not manager.node.count_publishers("environment"), "the end of the environment"
+            lambda: not manager.node.count_publishers("intuitive_physics/environment"),
+            "the end of the environment",
         )
         manager.lead(PERCEPTION, "configure", "inactive")
         environments.clear()

@@ -25,6 +25,7 @@ from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings,
 from intuitive_physics_ros.conversions import observation_to_message
 from intuitive_physics_ros.qos import LATCHED
 from intuitive_physics_ros.scripting import Peer
+from intuitive_physics_ros.topics import ENVIRONMENT, OBJECT_STATES, OBSERVATIONS, STATIC_PARAMETERS
 
 pytestmark = [pytest.mark.long, pytest.mark.needs("ros2launch")]
 
@@ -211,7 +212,7 @@ def test_a_session_is_recorded_by_ros2_bag(tmp_path, monkeypatch) -> None:
     arguments = told.read_text().splitlines()
     assert arguments[:6] == ["bag", "record", "--storage", "mcap", "--output", str(folder)]
     assert "/left/camera/camera/depth/image_rect_raw" in arguments
-    assert "/left/predictions" in arguments
+    assert "/left/intuitive_physics/predictions" in arguments
 
 
 def test_every_argument_is_listed(tmp_path) -> None:
@@ -233,7 +234,7 @@ def test_plain_nodes_meet_and_take_whole_numbers(home) -> None:
     ]
     try:
         with Peer("inspector", 60.0) as peer:
-            for topic in ("environment", "object_states", "observations", "static_parameters"):
+            for topic in (ENVIRONMENT, OBJECT_STATES, OBSERVATIONS, STATIC_PARAMETERS):
                 peer.spin_until(
                     lambda topic=topic: (
                         peer.node.count_publishers(f"/one/{topic}")
@@ -285,9 +286,9 @@ def test_two_robots_replay_side_by_side(home, bag) -> None:
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
         for name in ("left", "right"):
             heard[name] = [
-                peer.listen(ObjectStates, f"/{name}/object_states"),
-                peer.listen(TrajectoryDistribution, f"/{name}/predictions"),
-                peer.listen(Environment, f"/{name}/environment", LATCHED),
+                peer.listen(ObjectStates, f"/{name}/intuitive_physics/object_states"),
+                peer.listen(TrajectoryDistribution, f"/{name}/intuitive_physics/predictions"),
+                peer.listen(Environment, f"/{name}/intuitive_physics/environment", LATCHED),
             ]
         for name, launch in (("left", left), ("right", right)):
             peer.spin_until(
@@ -299,7 +300,9 @@ def test_two_robots_replay_side_by_side(home, bag) -> None:
         )
         for name, launch in (("left", left), ("right", right)):
             states, predictions, environments = heard[name]
-            assert {message.header.frame_id for message in environments} == {f"{name}/environment"}
+            assert {message.header.frame_id for message in environments} == {
+                f"{name}/intuitive_physics/environment"
+            }
             assert len(states) > 100
             assert len(predictions) > 10
             # A second clock or camera would make time go back again and again.
@@ -399,7 +402,10 @@ def test_every_service_and_action_answers_the_command_line(home) -> None:
     with Ros2Process(home, *LAUNCH, "namespace:=asked") as launch:
         launch.wait_for("version 0 of the static parameters")
         with Peer("inspector", 60.0) as peer:
-            peer.spin_until(lambda: peer.node.count_publishers("/asked/predictions"), "predictor")
+            peer.spin_until(
+                lambda: peer.node.count_publishers("/asked/intuitive_physics/predictions"),
+                "predictor",
+            )
         mark = "[intuitive_physics_msgs/"
         listed = listed_until(
             home,

@@ -75,11 +75,13 @@ class Feed:
     def start(self, peer: Peer) -> None:
         """Publish environment and static parameters, which the node keeps."""
         first = self._throws[0]
-        environment = peer.publisher(EnvironmentMessage, "environment", LATCHED)
+        environment = peer.publisher(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
         environment.publish(environment_to_message(first.scene.environment, version=1))
-        parameters = peer.publisher(StaticParametersMessage, "static_parameters", LATCHED)
+        parameters = peer.publisher(
+            StaticParametersMessage, "intuitive_physics/static_parameters", LATCHED
+        )
         parameters.publish(static_parameters_to_message(self.learned()))
-        self._states = peer.publisher(ObjectStates, "object_states", SENSOR_DATA)
+        self._states = peer.publisher(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
 
     def learned(self) -> LearnedParameters:
         """Return θ_s of the first throw, as if it had been learned."""

@@ -102,7 +102,7 @@ class NodeUnderTest:
             self._predictor = started.enter_context(NodeProcess(PREDICTOR, arguments))
             self.peer = started.enter_context(Peer("bench", timeout=FIRST))
             self._subscription = self.peer.node.create_subscription(
-                TrajectoryDistribution, "predictions", hear, QUEUE, raw=True
+                TrajectoryDistribution, "intuitive_physics/predictions", hear, QUEUE, raw=True
             )
             feed.start(self.peer)
             self._started = started.pop_all()

@@ -44,8 +44,9 @@ import sys, time
 from intuitive_physics_msgs.msg import TrajectoryDistribution
 from rclpy.qos import QoSProfile
 from intuitive_physics_ros.scripting import Peer
+from intuitive_physics_ros.topics import PREDICTIONS
 with Peer("slow") as peer:
-    heard = peer.listen(TrajectoryDistribution, "/predictions", QoSProfile(depth=1000))
+    heard = peer.listen(TrajectoryDistribution, PREDICTIONS, QoSProfile(depth=1000))
     peer.spin_until(lambda: heard, "a prediction", 30.0)
     print("hears", flush=True)
     time.sleep(600.0)

@@ -283,7 +283,7 @@ def rviz(given: Mapping[str, str]) -> Node:
             "-d",
             str(SHARE / "rviz" / "intuitive_physics.rviz"),
             "-f",
-            f"{prefix(given)}/environment".lstrip("/"),
+            f"{prefix(given)}/intuitive_physics/environment".lstrip("/"),
         ],
         parameters=[{"use_sim_time": uses_sim_time(given)}],
         remappings=[

@@ -22,7 +22,7 @@ MAKE_KEYSTORE = PACKAGE / "security" / "make_keystore"
 
 ONLY_WHEN_ASKED = {
     "perception_node": {
-        *("imu", "/tf", "color/image", "/tf_static", "/detections"),
+        *("imu", "/tf", "color/image", "/tf_static", "/intuitive_physics/detections"),
         *TRANSPORTS.values(),
     },
 }

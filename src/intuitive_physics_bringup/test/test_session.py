@@ -6,7 +6,16 @@ import pytest
 
 from intuitive_physics_bringup.connections import CAMERAS, session_topics
 
-MADE = {"environment", "object_states", "observations", "static_parameters", "predictions"}
+MADE = {
+    f"intuitive_physics/{topic}"
+    for topic in (
+        "environment",
+        "object_states",
+        "observations",
+        "static_parameters",
+        "predictions",
+    )
+}
 
 
 @pytest.mark.parametrize("camera", CAMERAS)

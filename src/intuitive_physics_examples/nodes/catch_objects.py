@@ -23,7 +23,9 @@ class CatchObjects(Node):
         self._earliest = self.declare_parameter("earliest", 0.2).value
         self._newest = None
         self._query = self.create_client(Query, "predictor_node/query")
-        self.create_subscription(TrajectoryDistribution, "predictions", self._on_prediction, 1)
+        self.create_subscription(
+            TrajectoryDistribution, "intuitive_physics/predictions", self._on_prediction, 1
+        )
         self.create_timer(1.0, self._ask)
 
     def _on_prediction(self, message):

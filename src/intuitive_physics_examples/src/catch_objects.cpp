@@ -29,7 +29,7 @@ public:
     earliest_ = declare_parameter("earliest", 0.2);
     query_ = create_client<Query>("predictor_node/query");
     subscription_ = create_subscription<TrajectoryDistribution>(
-      "predictions", 1, [this](TrajectoryDistribution::ConstSharedPtr message) { newest_ = message; });
+      "intuitive_physics/predictions", 1, [this](TrajectoryDistribution::ConstSharedPtr message) { newest_ = message; });
     timer_ = create_wall_timer(std::chrono::seconds(1), [this] { ask(); });
   }
 

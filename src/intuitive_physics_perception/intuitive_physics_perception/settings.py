@@ -153,9 +153,9 @@ class PerceptionSettings:
         2.0, 0.05, 100.0, "what is longer is not modelled as one box, m"
     )
     environment_frame_id: str = other(
-        "environment",
+        "intuitive_physics/environment",
         "name of the gravity-aligned frame everything is published in; of a node in a namespace "
-        "the default is NAMESPACE/environment",
+        "the default is NAMESPACE/intuitive_physics/environment",
     )
 
     min_radius: float = number(0.015, 0.001, 10.0, "smallest radius of a sphere, m")

@@ -30,7 +30,7 @@ OBSERVATION_TYPE = f"{PACKAGE}/Observation"
 SUFFIX = ".mcap"
 """Of a file of observations."""
 
-TOPIC = "/observations"
+TOPIC = "/intuitive_physics/observations"
 """Where perception publishes observations, and the learner hears them."""
 
 QUEUE = 100

@@ -1,18 +1,30 @@
-"""Topics by which the suite's nodes meet: relative names, so one namespace is one robot."""
+"""Topics by which the suite's nodes meet.
+
+Names that no other package has, and relative ones, so that one namespace is one robot.
+"""
 
 from __future__ import annotations
 
-ENVIRONMENT = "environment"
+ENVIRONMENT = "intuitive_physics/environment"
 """Of intuitive_physics_msgs/Environment."""
 
-OBJECT_STATES = "object_states"
+OBJECT_STATES = "intuitive_physics/object_states"
 """Of intuitive_physics_msgs/ObjectStates."""
 
-OBSERVATIONS = "observations"
+OBSERVATIONS = "intuitive_physics/observations"
 """Of intuitive_physics_msgs/Observation."""
 
-STATIC_PARAMETERS = "static_parameters"
+STATIC_PARAMETERS = "intuitive_physics/static_parameters"
 """Of intuitive_physics_msgs/StaticParameters."""
 
-PREDICTIONS = "predictions"
+PREDICTIONS = "intuitive_physics/predictions"
 """Of intuitive_physics_msgs/TrajectoryDistribution."""
+
+DETECTIONS = "intuitive_physics/detections"
+"""Of vision_msgs/Detection3DArray, where they are asked for."""
+
+PATH = "intuitive_physics/path"
+"""Of nav_msgs/Path, where it is asked for: the mean of a prediction."""
+
+SAMPLE_POSES = "intuitive_physics/sample_poses"
+"""Of geometry_msgs/PoseArray, where they are asked for: samples of a prediction."""

@@ -75,7 +75,7 @@ def test_the_transform_is_published_where_tf2_msgs_is_installed(monkeypatch, ins
             camera_pose=pose,
         )
     publisher.hang("room", Header(frame_id="camera"), pose)
-    environments = node.published.pop(("Environment", "environment", True))
+    environments = node.published.pop(("Environment", "intuitive_physics/environment", True))
     assert [message.version for message in environments] == [1, 2]
     if not installed:
         assert node.published == {}

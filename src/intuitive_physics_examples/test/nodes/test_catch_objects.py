@@ -57,9 +57,9 @@ def test_a_thrown_ball_is_to_be_caught_where_it_will_be() -> None:
     client = start_client("-p", "center:=[0.5, 0.0, 1.0]", "-p", "size:=[0.6, 0.6, 2.0]")
     with NodeProcess(PREDICTOR, ["-p", "stale_after:=5.0"]), Peer("tester", 60.0) as peer:
         try:
-            latched = peer.publisher(EnvironmentMessage, "environment", LATCHED)
+            latched = peer.publisher(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
             latched.publish(environment_to_message(environment))
-            states = peer.publisher(ObjectStates, "object_states", SENSOR_DATA)
+            states = peer.publisher(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
 
             def feed() -> None:
                 now = stamp_from_seconds(time.time())
@@ -114,6 +114,6 @@ def test_the_example_in_c_uses_names_that_exist() -> None:
         kind = "".join(part.capitalize() for part in name.split("_"))
         assert (PACKAGE.parent / "intuitive_physics_msgs" / folder / f"{kind}.{folder}").exists()
     python = CLIENT.read_text(encoding="utf-8")
-    for topic in ('"predictions"', '"predictor_node/query"'):
+    for topic in ('"intuitive_physics/predictions"', '"predictor_node/query"'):
         assert topic in text
         assert topic in python

@@ -111,10 +111,12 @@ class Caller:
         self.published = []
         self.diagnostics = []
         self.node.create_subscription(
-            StaticParameters, "static_parameters", self.published.append, LATCHED
+            StaticParameters, "intuitive_physics/static_parameters", self.published.append, LATCHED
         )
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnostics.append, 10)
-        self.observations = self.node.create_publisher(Observation, "observations", LATCHED)
+        self.observations = self.node.create_publisher(
+            Observation, "intuitive_physics/observations", LATCHED
+        )
         self.services = {
             kind: self.node.create_client(kind, f"/learner_node/{name}")
             for kind, name in (

@@ -113,7 +113,7 @@ def test_an_observation_of_many_materials_is_refused_and_stored_nowhere(start, p
         assert result.value == ResultCode.INVALID_INPUT
         assert "expected at most 32" in result.message
     # Over the topic too, where nobody is answered.
-    topic = peer.publisher(Observation, "observations", OBSERVATIONS)
+    topic = peer.publisher(Observation, "intuitive_physics/observations", OBSERVATIONS)
     topic.publish(observation_to_message(stage(materials=materials(20), name="first")))
     topic.publish(observation_to_message(stage(materials=materials(40)[20:], name="second")))
     node.wait_for("observations rejected: ")
@@ -312,7 +312,7 @@ def test_observations_that_wait_take_little_memory():
     with pytest.raises(StorageError, match="1 observations of 600000 points wait"):
         queue.put(large)
     queue.put(one)
-    assert queue.check().values == {"waiting": 2, "lost": 1}
+    assert queue.check().values == {"waiting": 2, "lost": 1, "refused by a full database": 0}
     assert queue.stop(5.0) == 2
 
 

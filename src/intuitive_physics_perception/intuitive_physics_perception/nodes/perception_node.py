@@ -53,7 +53,7 @@ from intuitive_physics_ros.markers import (
 from intuitive_physics_ros.parameters import Parameter, setting_parameters
 from intuitive_physics_ros.qos import OBSERVATIONS as OBSERVATIONS_QOS
 from intuitive_physics_ros.qos import QOS_OVERRIDES, STREAM
-from intuitive_physics_ros.topics import OBJECT_STATES, OBSERVATIONS
+from intuitive_physics_ros.topics import DETECTIONS, OBJECT_STATES, OBSERVATIONS
 from intuitive_physics_ros.transforms import Transforms, UnknownTransformError
 
 NO_ORIENTATION = [0.0, 0.0, 0.0, 0.0]
@@ -212,7 +212,10 @@ class PerceptionNode(ManagedNode):
                 "(sudo apt install ros-jazzy-vision-msgs)"
             ) from None
         self._detections = self.create_publisher(
-            Detection3DArray, "detections", 10, qos_overriding_options=QOS_OVERRIDES
+            Detection3DArray,
+            DETECTIONS,
+            10,
+            qos_overriding_options=QOS_OVERRIDES,
         )
 
     def _make_imu(self, orientation: list[float]) -> None:

@@ -115,9 +115,9 @@ def test_images_without_camera_info_are_named_and_then_used(peer, node, room) ->
 
 
 def test_a_throw_gives_environment_states_and_one_observation(peer, node, room) -> None:
-    environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
-    states = peer.listen(ObjectStates, "object_states", SENSOR_DATA)
-    observations = peer.listen(Observation, "observations", OBSERVATIONS)
+    environments = peer.listen(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
+    states = peer.listen(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
+    observations = peer.listen(Observation, "intuitive_physics/observations", OBSERVATIONS)
     markers = peer.listen(MarkerArray, f"{NODE}/markers")
     images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     empty = room.depth()
@@ -138,7 +138,10 @@ def test_a_throw_gives_environment_states_and_one_observation(peer, node, room) 
 
     message = environments[-1]
     environment = environment_from_message(message)
-    assert (message.header.frame_id, message.camera_frame_id) == ("environment", "camera")
+    assert (message.header.frame_id, message.camera_frame_id) == (
+        "intuitive_physics/environment",
+        "camera",
+    )
     assert message.version >= 1
     assert len(environment.planes) == 3
     assert environment.gravity == pytest.approx([0, 0, -9.81])
@@ -148,7 +151,7 @@ def test_a_throw_gives_environment_states_and_one_observation(peer, node, room) 
     flying = [s[0] for objects, s in seen if objects]
     assert len(flying) >= 5
     assert np.linalg.norm(flying[3].linear_velocity) > 0.5
-    assert states[-1].header.frame_id == "environment"
+    assert states[-1].header.frame_id == "intuitive_physics/environment"
 
     observation = observation_from_message(observations[-1])
     (ball,) = observation.objects
@@ -164,13 +167,13 @@ def test_a_throw_gives_environment_states_and_one_observation(peer, node, room) 
 
 
 def test_a_late_learner_still_gets_environment_and_observations(peer) -> None:
-    environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
-    observations = peer.listen(Observation, "observations", OBSERVATIONS)
+    environments = peer.listen(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
+    observations = peer.listen(Observation, "intuitive_physics/observations", OBSERVATIONS)
     peer.spin_until(lambda: environments and observations, "what was published before")
 
 
 def test_time_that_jumps_back_restarts_the_tracker(peer, node, room) -> None:
-    observations = peer.listen(Observation, "observations", OBSERVATIONS)
+    observations = peer.listen(Observation, "intuitive_physics/observations", OBSERVATIONS)
     images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     peer.spin_until(lambda: observations, "the first observation")
     before = len(observations)
@@ -204,7 +207,7 @@ def test_images_that_cannot_be_used_are_named(peer, node, room, changes, text) -
 
 def test_an_image_without_readings_is_named_and_the_next_good_one_used(peer, room) -> None:
     heard = peer.listen(DiagnosticArray, "/diagnostics")
-    states = peer.listen(ObjectStates, "object_states", SENSOR_DATA)
+    states = peer.listen(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
     images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     blind, empty = np.zeros((240, 320)), room.depth()
     play_until(
@@ -288,7 +291,9 @@ def test_compressed_images_are_as_good(peer, room) -> None:
     arguments = [*PARAMETERS, "-p", "input:=compressed", "-r", "__ns:=/packed"]
     with NodeProcess(MODULE, arguments):
         heard = peer.listen(DiagnosticArray, "/diagnostics")
-        environments = peer.listen(EnvironmentMessage, "/packed/environment", LATCHED)
+        environments = peer.listen(
+            EnvironmentMessage, "/packed/intuitive_physics/environment", LATCHED
+        )
         infos = peer.publisher(CameraInfo, f"/packed{NODE}/depth/camera_info", SENSOR_DATA)
         name = "depth/image/compressedDepth"
         images = peer.publisher(CompressedImage, f"/packed{NODE}/{name}", SENSOR_DATA)
@@ -320,7 +325,7 @@ def test_compressed_images_are_as_good(peer, room) -> None:
 def test_no_image_makes_the_node_fall_or_hang(peer, node, room) -> None:
     """Corrupted ones, named once each, and then a good one is perceived."""
     rng = np.random.default_rng(0)
-    states = peer.listen(ObjectStates, "object_states", SENSOR_DATA)
+    states = peer.listen(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
     infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
     images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     empty = room.depth()
@@ -343,7 +348,7 @@ def test_no_image_makes_the_node_fall_or_hang(peer, node, room) -> None:
 
 
 def test_a_moved_camera_is_named_and_modelled_anew(peer, node, room) -> None:
-    environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
+    environments = peer.listen(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
     images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     peer.spin_until(lambda: environments, "the environment")
     moved = room.__class__(tilt=33.0, height=0.9, seed=6, **SMALL).depth()
@@ -359,7 +364,7 @@ def test_a_moved_camera_is_named_and_modelled_anew(peer, node, room) -> None:
 
 
 def test_the_environment_can_be_rebuilt(peer, room) -> None:
-    environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
+    environments = peer.listen(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
     peer.spin_until(lambda: environments, "the environment")
     version = environments[-1].version
     answer = peer.call(Trigger, f"{NODE}/rebuild_environment", Trigger.Request())
@@ -403,7 +408,7 @@ def test_clouds_bad_and_good(node, cloud_node, room) -> None:
     clock = iter(np.arange(1.0, 1000.0, STEP))
     with Peer("tester") as peer:
         heard = peer.listen(DiagnosticArray, "/diagnostics")
-        states = peer.listen(ObjectStates, "object_states", SENSOR_DATA)
+        states = peer.listen(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
         clouds = peer.publisher(PointCloud2, f"{NODE}/points", SENSOR_DATA)
 
         def send(points, **changes) -> None:
@@ -451,7 +456,7 @@ def test_gravity_is_that_of_the_imu(room) -> None:
     empty = room.depth()
     with NodeProcess(MODULE, arguments) as process, Peer("tester") as peer:
         heard = peer.listen(DiagnosticArray, "/diagnostics")
-        environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
+        environments = peer.listen(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
         infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
         images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
         imus = peer.publisher(Imu, f"{NODE}/imu", SENSOR_DATA)

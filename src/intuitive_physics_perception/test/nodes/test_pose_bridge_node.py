@@ -132,9 +132,9 @@ def check_state(message: ObjectStates, begin: float) -> None:
 )
 def test_poses_become_states_and_an_observation(kind, make, message) -> None:
     with bridge("-p", f"input:={kind}") as (peer, process):
-        states = peer.listen(ObjectStates, "object_states", SENSOR_DATA)
-        environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
-        observations = peer.listen(Observation, "observations", OBSERVATIONS)
+        states = peer.listen(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
+        environments = peer.listen(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
+        observations = peer.listen(Observation, "intuitive_physics/observations", OBSERVATIONS)
         poses = peer.publisher(message, f"{NODE}/box/pose", SENSOR_DATA)
         peer.spin_until(lambda: environments, "the environment")
         last = throw(peer, poses, make, 100.0)
@@ -155,7 +155,7 @@ def test_tags_are_taken_from_tf_and_other_frames_are_looked_up() -> None:
     arguments = ["-p", "input:=tf", "-p", "object_frames:=[tag_7]"]
     arguments += ["-p", "object_offsets:=['-0.05 0 0']"]
     with bridge(*arguments) as (peer, _):
-        states = peer.listen(ObjectStates, "object_states", SENSOR_DATA)
+        states = peer.listen(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
         tf = peer.publisher(TFMessage, "/tf", 100)
         static = peer.publisher(TFMessage, "/tf_static", LATCHED)
         camera = TransformStamped(child_frame_id="camera")
@@ -185,9 +185,13 @@ def test_tags_are_taken_from_tf_and_other_frames_are_looked_up() -> None:
 
 def test_the_predictor_predicts_what_the_bridge_sees() -> None:
     with bridge() as (peer, _), NodeProcess(PREDICTOR, ["-p", "use_sim_time:=false"]) as predictor:
-        predictions = peer.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
+        predictions = peer.listen(
+            TrajectoryDistribution, "intuitive_physics/predictions", SENSOR_DATA
+        )
         poses = peer.publisher(PoseStamped, f"{NODE}/box/pose", SENSOR_DATA)
-        peer.spin_until(lambda: peer.node.count_publishers("predictions"), "the predictor")
+        peer.spin_until(
+            lambda: peer.node.count_publishers("intuitive_physics/predictions"), "the predictor"
+        )
         rng = np.random.default_rng(1)
 
         def now() -> float:
@@ -210,7 +214,7 @@ def test_the_predictor_predicts_what_the_bridge_sees() -> None:
 def test_what_cannot_be_used_is_named() -> None:
     with bridge() as (peer, process):
         heard = peer.listen(DiagnosticArray, "/diagnostics")
-        states = peer.listen(ObjectStates, "object_states", SENSOR_DATA)
+        states = peer.listen(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
         poses = peer.publisher(PoseStamped, f"{NODE}/box/pose", SENSOR_DATA)
         rng = np.random.default_rng(0)
         unstamped, unreal, unturned = (pose(100.0, 0.0, rng) for _ in range(3))

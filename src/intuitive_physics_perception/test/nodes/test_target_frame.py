@@ -93,10 +93,10 @@ def transform_message(pose: RigidTransform, time: float = 0.0) -> TFMessage:
 
 
 def test_environment_states_and_observations_are_in_the_target_frame(peer, node, room) -> None:
-    environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
-    states = peer.listen(ObjectStates, "object_states", SENSOR_DATA)
-    observations = peer.listen(Observation, "observations", OBSERVATIONS)
-    detections = peer.listen(Detection3DArray, "detections")
+    environments = peer.listen(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
+    states = peer.listen(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
+    observations = peer.listen(Observation, "intuitive_physics/observations", OBSERVATIONS)
+    detections = peer.listen(Detection3DArray, "intuitive_physics/detections")
     heard = peer.listen(DiagnosticArray, "/diagnostics")
     images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
@@ -160,7 +160,7 @@ def test_environment_states_and_observations_are_in_the_target_frame(peer, node,
 
 
 def test_a_frame_that_moves_takes_the_environment_along(peer, node, room) -> None:
-    environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
+    environments = peer.listen(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
     images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
     tf = peer.publisher(TFMessage, "/tf", 100)
@@ -220,9 +220,9 @@ def test_a_camera_that_is_carried_sees_everything_where_it_is(
     """p0 + v t - g t²/2 in the frame that stands still, whatever the camera does meanwhile."""
     room = corner_model[0].__class__(tilt=25.0, seed=5, **SMALL)
     room.first, room.camera_rays = room.rotation, room.rays @ room.rotation
-    environments = peer.listen(EnvironmentMessage, "environment", LATCHED)
-    states = peer.listen(ObjectStates, "object_states", SENSOR_DATA)
-    observations = peer.listen(Observation, "observations", OBSERVATIONS)
+    environments = peer.listen(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
+    states = peer.listen(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
+    observations = peer.listen(Observation, "intuitive_physics/observations", OBSERVATIONS)
     frames = peer.listen(TFMessage, "/tf_static", LATCHED)
     images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
@@ -268,7 +268,10 @@ def test_a_camera_that_is_carried_sees_everything_where_it_is(
     assert ball.trajectory.positions == pytest.approx(truth(ball.trajectory.times), abs=0.02)
     # The environment's own frame hangs where it stands still, with z up.
     (hung,) = {one.child_frame_id: one for message in frames for one in message.transforms}.values()
-    assert (hung.header.frame_id, hung.child_frame_id) == ("base_link", "environment")
+    assert (hung.header.frame_id, hung.child_frame_id) == (
+        "base_link",
+        "intuitive_physics/environment",
+    )
     own = RigidTransform(xyz(hung.transform.translation), xyzw(hung.transform.rotation))
     assert own.directions([0.0, 0.0, 1.0]) == pytest.approx([0.0, 0.0, 1.0], abs=0.02)
     assert own.translation[2] == pytest.approx(-BASE.translation[2], abs=0.02)

@@ -57,7 +57,13 @@ from intuitive_physics_ros.parameters import (
 )
 from intuitive_physics_ros.qos import LATCHED, QOS_OVERRIDES, SENSOR_DATA, STREAM
 from intuitive_physics_ros.silence import SAME_NAMESPACE, WARN_AGAIN, Silence
-from intuitive_physics_ros.topics import ENVIRONMENT, OBJECT_STATES, STATIC_PARAMETERS
+from intuitive_physics_ros.topics import (
+    ENVIRONMENT,
+    OBJECT_STATES,
+    PATH,
+    SAMPLE_POSES,
+    STATIC_PARAMETERS,
+)
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 OPTIONS = frozenset(option.name for option in fields(PredictionOptions))
@@ -143,10 +149,13 @@ class PredictorNode(ManagedNode):
         self._marker_timer = self.create_timer(1.0 / values["marker_rate"], self._on_marker_tick)
         if values["publish_path"]:
             self._path_publisher = self.create_publisher(
-                Path, "path", 10, qos_overriding_options=QOS_OVERRIDES
+                Path, PATH, 10, qos_overriding_options=QOS_OVERRIDES
             )
             self._poses_publisher = self.create_publisher(
-                PoseArray, "sample_poses", 10, qos_overriding_options=QOS_OVERRIDES
+                PoseArray,
+                SAMPLE_POSES,
+                10,
+                qos_overriding_options=QOS_OVERRIDES,
             )
             self.create_timer(1.0 / values["path_rate"], self._on_path_tick)
         self.create_timer(SAVE_EVERY, self._on_save_tick)
@@ -192,7 +201,7 @@ class PredictorNode(ManagedNode):
             if kind is not StaticParametersMessage:
                 # A learner is not needed; perception that is there says itself what it waits for.
                 monitor.expect(Silence(self, {name: kind}, SAME_NAMESPACE, patience=WARN_AGAIN))
-            self.diagnostics.add(name, monitor.check)
+            self.diagnostics.add(name.rpartition("/")[2], monitor.check)
 
     def _on_input(self, monitor: InputMonitor, kind: Any, read: Any, message: bytes) -> None:
         """Post an input, to be decoded and taken over between two ticks."""

@@ -107,7 +107,7 @@ def predict_request(**changes):
 
 def feed_until(peer, holds, what, make=states_message):
     """Publish states about 30 times a second until something holds, and return what."""
-    publisher = peer.publisher(ObjectStates, "object_states", SENSOR_DATA)
+    publisher = peer.publisher(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
 
     def feed():
         publisher.publish(make())
@@ -130,9 +130,11 @@ def told(diagnostics, name, text):
 @pytest.fixture
 def inputs(peer):
     """Publish environment and parameters, latched: the node gets them whenever it connects."""
-    environment = peer.publisher(EnvironmentMessage, "environment", LATCHED)
+    environment = peer.publisher(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
     environment.publish(environment_to_message(ENVIRONMENT, version=3))
-    parameters = peer.publisher(StaticParametersMessage, "static_parameters", LATCHED)
+    parameters = peer.publisher(
+        StaticParametersMessage, "intuitive_physics/static_parameters", LATCHED
+    )
     parameters.publish(static_parameters_to_message(LearnedParameters.defaults(["rubber", "room"])))
 
 
@@ -147,7 +149,7 @@ def age_of(message):
 def test_it_carries_what_it_is_fed_forward_to_now(peer, inputs):
     # States seen 0.2 s ago and more. Free flight of the mean from them: x = v t, z = z0 - g t²/2,
     # until the ball lands at 0.44 s; the times published count from the tick.
-    heard = peer.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
+    heard = peer.listen(TrajectoryDistribution, "intuitive_physics/predictions", SENSOR_DATA)
     markers = peer.listen(MarkerArray, f"{NODE}/markers")
     sent = []
 
@@ -180,7 +182,7 @@ def test_it_carries_what_it_is_fed_forward_to_now(peer, inputs):
 
 
 def test_it_stops_when_its_input_stops_and_goes_on_with_it(peer, inputs, node):
-    heard = peer.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
+    heard = peer.listen(TrajectoryDistribution, "intuitive_physics/predictions", SENSOR_DATA)
     diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
     feed_until(peer, lambda: heard, "a prediction")
     diagnostics.clear()
@@ -205,7 +207,7 @@ def test_it_stops_when_its_input_stops_and_goes_on_with_it(peer, inputs, node):
     ],
 )
 def test_what_cannot_be_predicted_from_is_told_and_nothing_published(peer, inputs, changes, reason):
-    heard = peer.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
+    heard = peer.listen(TrajectoryDistribution, "intuitive_physics/predictions", SENSOR_DATA)
     feed_until(peer, lambda: heard, "a prediction")
     diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
     make = partial(states_message, **changes)
@@ -246,7 +248,7 @@ def test_everything_may_be_set_while_it_runs(peer, inputs):
 
 
 def test_what_is_set_counts_from_the_next_prediction(peer, inputs):
-    heard = peer.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
+    heard = peer.listen(TrajectoryDistribution, "intuitive_physics/predictions", SENSOR_DATA)
     feed_until(peer, lambda: heard, "a prediction")
     try:
         changes = {"horizon": 0.5, "sample_count": 30, "published_samples": 10, "seed": 1_000_000}
@@ -291,9 +293,9 @@ def test_a_tick_that_comes_too_late_is_left_out_and_told():
     # A prediction of 400 boxes 5 s ahead takes far longer than 10 ms.
     arguments = ["-p", "sample_count:=400", "-p", "simulator:=stepped", "-r", "__node:=slow"]
     with NodeProcess(MODULE, arguments) as node, Peer("tester") as peer:
-        environment = peer.publisher(EnvironmentMessage, "environment", LATCHED)
+        environment = peer.publisher(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
         environment.publish(environment_to_message(ENVIRONMENT))
-        states = peer.publisher(ObjectStates, "object_states", SENSOR_DATA)
+        states = peer.publisher(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
         peer.node.create_timer(1 / 30, lambda: states.publish(states_message((BOX,))))
         heard = peer.listen(DiagnosticArray, "/diagnostics")
 
@@ -410,7 +412,7 @@ def test_bad_states_are_one_diagnostic_and_the_node_goes_on(peer, inputs):
         return message
 
     feed_until(peer, lambda: told(diagnostics, "object_states", "position"), "a diagnostic", spoilt)
-    heard = peer.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
+    heard = peer.listen(TrajectoryDistribution, "intuitive_physics/predictions", SENSOR_DATA)
     feed_until(peer, lambda: heard, "a prediction")
 
 
@@ -421,9 +423,9 @@ def query(peer, **fields):
 @pytest.fixture
 def fed(peer, inputs):
     """States 30 times a second, always those of the same throw, and a prediction of them."""
-    publisher = peer.publisher(ObjectStates, "object_states", SENSOR_DATA)
+    publisher = peer.publisher(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
     timer = peer.node.create_timer(1 / 30, lambda: publisher.publish(states_message()))
-    heard = peer.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
+    heard = peer.listen(TrajectoryDistribution, "intuitive_physics/predictions", SENSOR_DATA)
     peer.spin_until(lambda: heard, "a prediction")
     yield heard
     peer.node.destroy_timer(timer)
@@ -573,7 +575,7 @@ FAST = ObjectState((0, 0, 100.0), (0, 0, 0, 1), (1e307, 0, 0), (0, 0, 0), COVARI
 
 
 def test_a_question_beyond_what_can_be_simulated_is_told(peer, inputs):
-    heard = peer.listen(TrajectoryDistribution, "predictions", SENSOR_DATA)
+    heard = peer.listen(TrajectoryDistribution, "intuitive_physics/predictions", SENSOR_DATA)
     make = partial(states_message, states=(FAST,))
 
     def high():
@@ -670,12 +672,12 @@ def test_a_bad_parameter_is_one_line(tmp_path):
 
 
 def test_quality_of_service_is_a_parameter():
-    override = "qos_overrides./predictions.publisher.reliability:="
+    override = "qos_overrides./intuitive_physics/predictions.publisher.reliability:="
     arguments = ["-r", "__node:=overridden", "-p", f"{override}best_effort"]
     with NodeProcess(MODULE, arguments), Peer("watcher") as peer:
 
         def reliability():
-            ends = peer.node.get_publishers_info_by_topic("/predictions")
+            ends = peer.node.get_publishers_info_by_topic("/intuitive_physics/predictions")
             return [end.qos_profile.reliability for end in ends if end.node_name == "overridden"]
 
         peer.spin_until(reliability, "the node to appear", 60.0)
@@ -690,9 +692,12 @@ def test_paths_and_poses_are_those_of_the_prediction():
     arguments = ["-p", "publish_path:=true", "-p", "horizon:=1.0", "-p", "stale_after:=2.0"]
     arguments += ["-p", "carry_forward:=false", "-p", "sample_poses_after:=0.3"]
     with NodeProcess(MODULE, arguments) as node, Peer("tester", timeout=60.0) as peer:
-        environment = peer.publisher(EnvironmentMessage, "environment", LATCHED)
+        environment = peer.publisher(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
         environment.publish(environment_to_message(ENVIRONMENT))
-        paths, poses = peer.listen(Path, "path"), peer.listen(PoseArray, "sample_poses")
+        paths, poses = (
+            peer.listen(Path, "intuitive_physics/path"),
+            peer.listen(PoseArray, "intuitive_physics/sample_poses"),
+        )
         feed_until(peer, lambda: paths and poses, "a path")
         path, samples = paths[-1], poses[-1]
         assert path.header.frame_id == samples.header.frame_id == "lab"
@@ -773,10 +778,11 @@ def test_while_its_kernels_are_compiled_it_answers_and_refuses_what_needs_them(t
             assert result.value == ResultCode.NOT_READY
             assert "compiling kernels, about a minute, once; ask again" in result.message
         # Who waits for a subscriber waits for the kernels.
-        assert peer.node.count_subscribers("/cold/object_states") == 0
+        assert peer.node.count_subscribers("/cold/intuitive_physics/object_states") == 0
         done.touch()
         peer.spin_until(
-            lambda: peer.node.count_subscribers("/cold/object_states"), "a subscription"
+            lambda: peer.node.count_subscribers("/cold/intuitive_physics/object_states"),
+            "a subscription",
         )
         answer = peer.call(Predict, "/cold/predictor_node/predict", predict_request())
         assert answer.result.value == ResultCode.OK, answer.result.message

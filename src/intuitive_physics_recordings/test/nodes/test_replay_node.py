@@ -167,7 +167,7 @@ def test_what_is_made_again_from_a_recorded_session_is_left_out(
         for number, (topic, kind) in enumerate(
             {
                 "/camera/image": "sensor_msgs/msg/CompressedImage",
-                "/object_states": "std_msgs/msg/Int32",
+                "/intuitive_physics/object_states": "std_msgs/msg/Int32",
             }.items()
         ):
             connection = writer.add_connection(topic, kind, typestore=typestore)
@@ -190,7 +190,7 @@ def test_what_is_made_again_from_a_recorded_session_is_left_out(
     plays = next(
         line for line in output.splitlines() if " plays " in line and "all the same" not in line
     )
-    assert ("/object_states" in plays) is not left_out
+    assert ("/intuitive_physics/object_states" in plays) is not left_out
     assert "/camera/image" in plays
 
 

@@ -86,7 +86,7 @@ def run_node(factory: Callable[[], Node], args: Sequence[str] | None = None) -> 
     try:
         freed = remove_abandoned_segments()
         rclpy.init(
-            args=sys.argv if args is None else args,
+            args=sys.argv if args is None else list(args),
             signal_handler_options=SignalHandlerOptions.NO,
         )
         node = factory()

@@ -123,11 +123,11 @@ def listen(peer: Peer) -> Heard:
     """Begin to hear the nodes."""
     heard = Heard()
     subscribe = peer.node.create_subscription
-    subscribe(Environment, "environment", heard.environments.append, LATCHED)
-    subscribe(Observation, "observations", heard.observations.append, RELIABLE)
+    subscribe(Environment, "intuitive_physics/environment", heard.environments.append, LATCHED)
+    subscribe(Observation, "intuitive_physics/observations", heard.observations.append, RELIABLE)
     subscribe(
         TrajectoryDistribution,
-        "predictions",
+        "intuitive_physics/predictions",
         lambda message: heard.distributions.append((time.monotonic(), message)),
         SENSOR_DATA,
     )

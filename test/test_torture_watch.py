@@ -79,7 +79,7 @@ def test_transforms_are_fuzzed():
 
 
 class Future:
-    """An answer that comes when it is told to."""
+    """A future that the test completes."""
 
     def __init__(self) -> None:
         self.has_come = False

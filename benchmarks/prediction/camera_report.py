@@ -127,8 +127,9 @@ def coverage_table(worlds: Worlds) -> Table:
             )
     return Table(
         title="How often regions hold the ball that a camera sees",
-        note="Of all moments together, by the time ahead. The error is that of a share of so many "
-        "predictions, if each were by itself: those of one throw are not.",
+        note="Predictions from all moments together, by the time ahead. The error of a share is "
+        "its binomial standard error; as the predictions of one throw are correlated, it is a "
+        "little too small.",
         columns=[
             Column("world"),
             Column("region", "%", ".0f"),

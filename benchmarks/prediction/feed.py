@@ -25,6 +25,7 @@ from intuitive_physics_ros.conversions import (
 )
 from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
 from intuitive_physics_ros.scripting import Peer
+from intuitive_physics_ros.topics import ENVIRONMENT, OBJECT_STATES, STATIC_PARAMETERS
 
 SCENES = {name: ALL_SCENES[name] for name in ("1_sphere", "3_spheres", "3_mixed")}
 """Scenes of the benchmark, by what is thrown."""
@@ -75,13 +76,11 @@ class Feed:
     def start(self, peer: Peer) -> None:
         """Publish environment and static parameters, which the node keeps."""
         first = self._throws[0]
-        environment = peer.publisher(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
+        environment = peer.publisher(EnvironmentMessage, ENVIRONMENT, LATCHED)
         environment.publish(environment_to_message(first.scene.environment, version=1))
-        parameters = peer.publisher(
-            StaticParametersMessage, "intuitive_physics/static_parameters", LATCHED
-        )
+        parameters = peer.publisher(StaticParametersMessage, STATIC_PARAMETERS, LATCHED)
         parameters.publish(static_parameters_to_message(self.learned()))
-        self._states = peer.publisher(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
+        self._states = peer.publisher(ObjectStates, OBJECT_STATES, SENSOR_DATA)
 
     def learned(self) -> LearnedParameters:
         """Return θ_s of the first throw, as if it had been learned."""

@@ -22,6 +22,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from benchmarks.prediction.feed import RATE, Feed
 from intuitive_physics_ros.scripting import NodeProcess, Peer, PeerTimeoutError
+from intuitive_physics_ros.topics import PREDICTIONS
 
 PREDICTOR = "intuitive_physics_predictor.nodes.predictor_node"
 """Module of the node that is measured."""
@@ -102,7 +103,7 @@ class NodeUnderTest:
             self._predictor = started.enter_context(NodeProcess(PREDICTOR, arguments))
             self.peer = started.enter_context(Peer("bench", timeout=FIRST))
             self._subscription = self.peer.node.create_subscription(
-                TrajectoryDistribution, "intuitive_physics/predictions", hear, QUEUE, raw=True
+                TrajectoryDistribution, PREDICTIONS, hear, QUEUE, raw=True
             )
             feed.start(self.peer)
             self._started = started.pop_all()

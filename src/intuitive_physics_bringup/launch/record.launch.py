@@ -36,7 +36,7 @@ LEAST_FREE_SPACE = 5_000_000_000
 minute."""
 
 LOOK_EVERY = 10.0
-"""s between two looks at the disk."""
+"""s between two measurements of the free space."""
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -52,13 +52,13 @@ def recorder(context: LaunchContext) -> list[Action]:
     """Return `ros2 bag record` with its arguments, once these are known to be good."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     check(given)
-    # What looks at the disk must not keep launch running.
+    # Launch must end with the recorder, although the timer of `disk_watch` is still active.
     recorded = ExecuteProcess(cmd=command(given), output="screen", on_exit=Shutdown())
     return [recorded, *disk_watch(Path(given["output"]))]
 
 
 def disk_watch(output: Path, *, was_low: bool = False) -> list[Action]:
-    """Warn once when the disk of a folder fills, and look again later."""
+    """Warn once when the disk of a folder fills, and measure again later."""
     folder = next(one for one in output.absolute().parents if one.exists())
     free = shutil.disk_usage(folder).free
     is_low = free < LEAST_FREE_SPACE

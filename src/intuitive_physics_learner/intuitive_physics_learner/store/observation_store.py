@@ -57,7 +57,7 @@ from intuitive_physics_learner.store.observation_rows import (
     set_status,
     set_unreadable,
 )
-from intuitive_physics_learner.store.room import Room
+from intuitive_physics_learner.store.room import WAYS_OUT, Room
 from intuitive_physics_learner.store.search_checkpoint import SearchCheckpoint
 
 LARGEST_SEARCH_COUNT = 8
@@ -566,8 +566,7 @@ class ObservationStore:
         if largest and after > max(before, largest):
             raise DatabaseFullError(
                 f"{self.path} has {before} bytes and may have {largest}, so nothing was added; "
-                "what it holds is unharmed: delete observations, raise largest_database, or take "
-                "another database"
+                f"what it holds is unharmed: {WAYS_OUT}"
             )
 
     def _set_status(self, ids: Sequence[str], status: str, weight: float, reason: str) -> int:

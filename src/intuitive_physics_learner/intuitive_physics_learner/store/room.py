@@ -9,6 +9,9 @@ from pathlib import Path
 from intuitive_physics.limits import limits
 from intuitive_physics.settings import check_settings, number
 
+WAYS_OUT = "delete observations, raise largest_database, or take another database"
+"""What to do where a database may not grow any more."""
+
 NEARLY = 0.9
 """Part of its largest size from which on a database is warned of."""
 
@@ -61,8 +64,7 @@ class Room:
         if self.largest and self.size >= NEARLY * self.largest:
             return (
                 f"{self.path} has {self.size} of at most {self.largest} bytes, beyond which no "
-                "observation is added; delete observations, raise largest_database, or take "
-                "another database"
+                f"observation is added; {WAYS_OUT}"
             )
         if self.free < least_free:
             return (

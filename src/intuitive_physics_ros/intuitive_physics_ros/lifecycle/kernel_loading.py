@@ -120,8 +120,9 @@ class KernelLoading:
 def spare_collections() -> None:
     """Exempt what lives as long as the process from garbage collection.
 
-    A collection that looks at all modules and kernels takes 0.1 s of a processor and holds every
-    thread: longer than a tick may be late, and several times as long on a busy machine.
+    A collection that visits the objects of all modules and kernels takes 0.1 s of processor time
+    and stops every thread: longer than a tick may be late, and several times as long on a busy
+    machine.
     """
     gc.collect()
     gc.freeze()

@@ -24,6 +24,7 @@ from intuitive_physics_recordings.depth_bag_writer import CAMERA_INFO_TOPIC, DEP
 from intuitive_physics_ros.conversions import static_parameters_from_message
 from intuitive_physics_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
 from intuitive_physics_ros.scripting import NodeProcess, Peer
+from intuitive_physics_ros.topics import ENVIRONMENT, OBSERVATIONS, PREDICTIONS
 
 REPLAY_MODULE = "intuitive_physics_recordings.nodes.replay_node"
 """The node that plays bags."""
@@ -123,11 +124,11 @@ def listen(peer: Peer) -> Heard:
     """Begin to hear the nodes."""
     heard = Heard()
     subscribe = peer.node.create_subscription
-    subscribe(Environment, "intuitive_physics/environment", heard.environments.append, LATCHED)
-    subscribe(Observation, "intuitive_physics/observations", heard.observations.append, RELIABLE)
+    subscribe(Environment, ENVIRONMENT, heard.environments.append, LATCHED)
+    subscribe(Observation, OBSERVATIONS, heard.observations.append, RELIABLE)
     subscribe(
         TrajectoryDistribution,
-        "intuitive_physics/predictions",
+        PREDICTIONS,
         lambda message: heard.distributions.append((time.monotonic(), message)),
         SENSOR_DATA,
     )

@@ -22,9 +22,8 @@ LOST = 1e3
 """Standard deviations that a point counts as which could not be simulated."""
 
 INSTANT = 2e-4
-"""s between the positions from which a velocity and a spin are taken: a parabola through three, so
-exact but for rounding unless a contact lies between them."""
-
+"""s between the positions from which a velocity is taken, by a parabola through three, so exact but
+for rounding unless a contact lies between them; and between orientations, for the spin."""
 
 CORRELATION = 2.3
 """Factor on the variances of detections. Their errors are not quite independent from frame to
@@ -147,9 +146,8 @@ class TrajectoryFit:
         moved = values.copy()
         moved[:, PLACE] = x
         moved[:, VELOCITY] = (4.0 * y - 3.0 * x - z) / (2.0 * INSTANT)
-        first, second = (motions.turn(*instants[k : k + 2]) for k in range(2))
-        # The mean rates of two intervals, carried back to the first instant.
-        moved[:, SPIN] = (1.5 * first - 0.5 * second) / INSTANT
+        # Sliding changes a spin by 0.03 rad/s meanwhile, and flight not at all.
+        moved[:, SPIN] = motions.turn(*instants[:2]) / INSTANT
         return self._residuals(values, motions), moved
 
     def _simulated(
@@ -190,7 +188,8 @@ class TrajectoryFit:
             spin = motions.turn(one.time - INSTANT, one.time) / INSTANT
             whitened.insert(0, ((spin - one.mean) @ one.whitening.T)[:, None])
         whole = np.concatenate(whitened, axis=1).reshape(len(values), -1)
-        return np.nan_to_num(whole, copy=False, nan=LOST)
+        whole[np.isnan(whole)] = LOST
+        return whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,10 +224,18 @@ class SimulatedMotions:
 
 def _turn(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rotation vectors (count, 3) of small turns between quaternions (x, y, z, w)."""
-    u, s = -before[:, :3], before[:, 3:]
-    v, t = after[:, :3], after[:, 3:]
-    axis = t * u + s * v + np.cross(v, u)
-    cosine = (s * t)[:, 0] - np.einsum("ni,ni->n", v, u)
-    sine = np.linalg.norm(axis, axis=1)
+    # The product of one with the other's conjugate, by columns: three times as fast as by np.cross.
+    a, b, c, d = before.T
+    e, f, g, h = after.T
+    axis = np.stack(
+        [
+            d * e - h * a + b * g - c * f,
+            d * f - h * b + c * e - a * g,
+            d * g - h * c + a * f - b * e,
+        ],
+        axis=1,
+    )
+    cosine = a * e + b * f + c * g + d * h
+    sine = np.sqrt(np.einsum("ni,ni->n", axis, axis))
     angle = 2.0 * np.arctan2(sine, np.abs(cosine)) * np.where(cosine < 0.0, -1.0, 1.0)
     return np.asarray(axis * (angle / np.maximum(sine, np.finfo(float).tiny))[:, None])

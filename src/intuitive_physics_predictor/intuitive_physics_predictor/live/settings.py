@@ -142,7 +142,9 @@ class PredictionSettings:
     ----------
     times : (n_times,) s, output times of a prediction
     simulator : engine with its threads
-    estimation_simulator : the same for estimating states: always the fastest that can
+    estimation_simulator : the same for estimating states: always the fastest that can, in the
+        thread that asks, as batches are so small that another thread's start costs more than it
+        brings
 
     Raises
     ------
@@ -162,7 +164,7 @@ class PredictionSettings:
         times.flags.writeable = False
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "simulator", make_simulator(options.simulator, options.threads))
-        object.__setattr__(self, "estimation_simulator", make_simulator("auto", options.threads))
+        object.__setattr__(self, "estimation_simulator", make_simulator("auto"))
 
     def stopped_by(self, flag: StopFlag) -> PredictionSettings:
         """Return the same settings whose simulations end once the flag is set."""

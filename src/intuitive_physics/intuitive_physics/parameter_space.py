@@ -141,7 +141,7 @@ class ParameterSpace:
         -------
         (count, |θ_s|) in each parameter's SI unit, in the order of `names`
         """
-        # Several times as fast as np.clip on small arrays, of which searches and estimates have many.
+        # Several times as fast as np.clip on small arrays, which searches and estimates have.
         points = np.minimum(np.maximum(units, 0.0), 1.0)
         m = len(self.materials)
         values = np.empty_like(points)

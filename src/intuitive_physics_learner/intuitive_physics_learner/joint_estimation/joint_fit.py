@@ -279,6 +279,8 @@ class JointFit:
         self._move(equations, goals)
         if self.settings.widens_spins:
             self._model.widen_spins(evidence.initial_spins())
+        if self.steps in self.settings.spin_search_steps:
+            self._model.search_spins(self._estimate)
 
     def state(self) -> dict[str, Any]:
         """Return plain data from which a fit to the same observations continues exactly."""

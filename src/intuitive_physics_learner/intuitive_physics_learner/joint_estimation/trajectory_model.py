@@ -38,6 +38,7 @@ from intuitive_physics_learner.joint_estimation.spin_evidence import (
     SpinLikelihood,
     unknown_spins,
 )
+from intuitive_physics_learner.joint_estimation.spin_search import search_spins
 from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
 from intuitive_physics_learner.search.search_space import SearchSpace
 
@@ -131,6 +132,15 @@ class TrajectoryModel:
                     if known is not None:
                         own[spin.places] = max(spin.stated, known.deviation)
             self.blocks.append(replace(block, prior_deviations=deviations))
+
+    def search_spins(self, estimate: Estimate) -> None:
+        """Move initial spins that were guesses to where they explain more, as `search_spins`."""
+        parameters = self.space.to_parameters(estimate.unit)
+        for block, fits in zip(self.blocks, estimate.fits, strict=True):
+            unknown = [self._unknown_spins[int(member)] for member in block.members]
+            self.simulations += search_spins(
+                self.cost, block, fits, unknown, parameters, self.settings
+            )
 
     def spin_likelihoods(
         self, block: ObservationBlock, fits: TrajectoryFits, covariances: NDArray[np.float64]

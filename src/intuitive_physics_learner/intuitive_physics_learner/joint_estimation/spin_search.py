@@ -75,7 +75,7 @@ def search_spins(
     rounds = [(k, width) for k in range(max(map(len, unknown))) for width in WIDTHS]
     for k, width in rounds:
         tried = np.tile(best, (TRIED, 1, 1))
-        for row in np.flatnonzero(open_ended):
+        for row in np.flatnonzero(open_ended).tolist():
             for spin in unknown[row][k : k + 1]:
                 away = width * block.prior_deviations[row, spin.places] * _standard_normal()
                 tried[:, row, spin.places] += away

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_learner.joint_estimation.spin_evidence import SpinLikelihood
+from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import SpinLikelihood
 from intuitive_physics_learner.joint_estimation.trajectory_model import Estimate, TrajectoryModel
 
 

@@ -18,6 +18,11 @@ from intuitive_physics_learner.joint_estimation.fit_horizons import (
     TrajectoryFits,
     farthest_horizons,
 )
+from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import (
+    SpinLikelihood,
+    unknown_spins,
+)
+from intuitive_physics_learner.joint_estimation.initial_spins.spin_search import search_spins
 from intuitive_physics_learner.joint_estimation.linearisation import (
     Linearisation,
     ParameterSteps,
@@ -34,11 +39,6 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     observation_blocks,
 )
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
-from intuitive_physics_learner.joint_estimation.spin_evidence import (
-    SpinLikelihood,
-    unknown_spins,
-)
-from intuitive_physics_learner.joint_estimation.spin_search import search_spins
 from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
 from intuitive_physics_learner.search.search_space import SearchSpace
 

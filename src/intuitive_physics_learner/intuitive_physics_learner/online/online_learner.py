@@ -24,9 +24,9 @@ from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import SpinEvidence
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.point_noise import detected
-from intuitive_physics_learner.joint_estimation.spin_evidence import SpinEvidence
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.online.change_point import find_change
 from intuitive_physics_learner.online.fits import LoneFit, WindowProblem, run

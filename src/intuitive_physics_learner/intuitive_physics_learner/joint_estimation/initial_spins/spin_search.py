@@ -19,10 +19,10 @@ from scipy.stats import norm, qmc
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.fit_horizons import TrajectoryFits
+from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import UnknownSpin
 from intuitive_physics_learner.joint_estimation.linearisation import residuals_at
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
-from intuitive_physics_learner.joint_estimation.spin_evidence import UnknownSpin
 
 TRIED = 64
 """Spins in each round …"""

@@ -1,0 +1,1 @@
+"""How balls are thrown, and spins that are farther from a guess than slopes reach."""

@@ -29,7 +29,7 @@ NAMES = {"3D": "ThreeDee", "DiagnosticSummary": "DiagnosticsSummary"}
 
 def configurations() -> dict[str, type]:
     """The class of each kind of panel's configuration, by the kind's name in the SDK."""
-    found = {}
+    found: dict[str, type] = {}
     for name, kind in vars(layouts).items():
         if name.endswith("Panel") and "config" in getattr(kind, "__dataclass_fields__", {}):
             (config,) = (one for one in dataclasses.fields(kind) if one.name == "config")
@@ -52,6 +52,9 @@ def complaints(kind: Any, value: Any, place: str) -> list[str]:
     if origin is list and isinstance(value, list):
         items = (complaints(parts[0], one, f"{place}[{k}]") for k, one in enumerate(value))
         return [one for item in items for one in item]
+    if origin is tuple and isinstance(value, list) and len(value) == len(parts):
+        pairs = enumerate(zip(parts, value, strict=True))
+        return [one for k, pair in pairs for one in complaints(*pair, f"{place}[{k}]")]
     if origin is dict and isinstance(value, dict):
         items = (complaints(parts[1], one, f"{place}.{k}") for k, one in value.items())
         return [one for item in items for one in item]

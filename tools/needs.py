@@ -48,6 +48,7 @@ ROS_TOOLS = "../shared/ros/install_tools.sh .venv"
 NEEDS = {
     "chromium": Need(lambda: BROWSER is not None, "apt-get install chromium"),
     "clone": Need(_in_a_clone, "git clone"),
+    "foxglove": _module("foxglove", "pip install foxglove-sdk"),
     "openssl": Need(lambda: shutil.which("openssl") is not None, "apt-get install openssl"),
     "rclpy": _module("rclpy", "make setup"),
     "recordings": Need(RECORDINGS.exists, f"put them into {RECORDINGS}"),

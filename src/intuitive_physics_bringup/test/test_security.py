@@ -125,7 +125,6 @@ def graph(tmp_path_factory) -> Iterator[Peer]:
     folder = tmp_path_factory.mktemp("security")
     arguments = {
         "learner_node": ["-p", f"database:={folder / 'learner.sqlite3'}"],
-        "predictor_node": ["-p", "publish_path:=true"],
     }
     processes = []
     try:

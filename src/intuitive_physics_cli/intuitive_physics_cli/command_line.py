@@ -8,7 +8,9 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
+from intuitive_physics.limits import InputLimits, use_limits
+from intuitive_physics.settings import list_settings
 from intuitive_physics_cli.plugins import command_modules
 
 INTERRUPTED = 130
@@ -42,6 +44,9 @@ ORDER = (
 )
 """Commands as the help lists them, in the order of work; those not named here come last."""
 
+LIMITS = {one.name: one.default for one in list_settings(InputLimits)}
+"""Limits that can be raised, with their defaults."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one subcommand.
@@ -54,6 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     try:
+        if options.input_limit:
+            use_limits(_raised(options.input_limit))
         options.run(options)
         sys.stdout.flush()
     except IntuitivePhysicsError as error:
@@ -73,6 +80,14 @@ def _parser() -> argparse.ArgumentParser:
         prog="intuitive-physics",
         description="Learn how things move from seeing them move, with no ROS needed.",
     )
+    parser.add_argument(
+        "--input-limit",
+        action="append",
+        default=[],
+        metavar="NAME=NUMBER",
+        help="another limit on what is read and stored, such as largest_database=50e9; before the "
+        f"command, as often as needed: {', '.join(LIMITS)}",
+    )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     modules = command_modules()
     for name in OWN_COMMANDS:
@@ -80,6 +95,21 @@ def _parser() -> argparse.ArgumentParser:
     for name in sorted(modules, key=lambda name: (*ORDER, name).index(name)):
         modules[name].add_to(commands)
     return parser
+
+
+def _raised(given: Sequence[str]) -> InputLimits:
+    """Return limits in which some have the numbers that were given, each as NAME=NUMBER."""
+    numbers: dict[str, float] = {}
+    for one in given:
+        name, _, text = one.partition("=")
+        try:
+            number = float(text)
+            numbers[name] = type(LIMITS[name])(number)
+        except (KeyError, ValueError, OverflowError):
+            raise InvalidInputError(
+                f"--input-limit is {one!r}; expected NAME=NUMBER with one of {', '.join(LIMITS)}"
+            ) from None
+    return InputLimits(**numbers)
 
 
 if __name__ == "__main__":

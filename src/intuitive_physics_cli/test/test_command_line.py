@@ -116,3 +116,31 @@ def test_wrong_usage_and_errors_as_a_process(tmp_path: Path) -> None:
     result = run("perceive", tmp_path / "nowhere")
     assert (result.returncode, result.stdout) == (1, "")
     assert len(result.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ("most_objects", "--input-limit is 'most_objects'; expected NAME=NUMBER with one of"),
+        ("most_balls=3", "expected NAME=NUMBER with one of most_materials, most_objects"),
+        ("most_objects=many", "--input-limit is 'most_objects=many'"),
+        ("most_objects=inf", "--input-limit is 'most_objects=inf'"),
+        ("most_objects=0", "most_objects is 0; expected a whole number from 1"),
+    ],
+)
+def test_a_bad_input_limit_is_one_line(given: str, expected: str) -> None:
+    result = run("--input-limit", given, "observations", "list", "none.sqlite3")
+    assert result.returncode == 1
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("intuitive-physics: error: ")
+    assert expected in line
+
+
+def test_an_input_limit_counts(tmp_path: Path) -> None:
+    folder, database = tmp_path / "observations", tmp_path / "learner.sqlite3"
+    save_observations(bounces(1), folder)
+    refused = run("--input-limit", "most_points=5", "import", database, folder)
+    assert refused.returncode == 1
+    assert "expected at most 5" in refused.stderr
+    taken = run("--input-limit", "most_points=1e5", "import", database, folder)
+    assert taken.returncode == 0, taken.stderr

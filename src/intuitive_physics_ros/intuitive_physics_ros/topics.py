@@ -22,9 +22,3 @@ PREDICTIONS = "intuitive_physics/predictions"
 
 DETECTIONS = "intuitive_physics/detections"
 """Of vision_msgs/Detection3DArray, where they are asked for."""
-
-PATH = "intuitive_physics/path"
-"""Of nav_msgs/Path, where it is asked for: the mean of a prediction."""
-
-SAMPLE_POSES = "intuitive_physics/sample_poses"
-"""Of geometry_msgs/PoseArray, where they are asked for: samples of a prediction."""

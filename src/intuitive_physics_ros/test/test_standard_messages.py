@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from std_msgs.msg import Header
 
-from intuitive_physics.messages.geometry import seconds_from_stamp
 from intuitive_physics.scene import SceneObject
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 from intuitive_physics.state import ObjectState
@@ -17,8 +16,6 @@ from intuitive_physics_ros.conversions.primitives import xyz
 from intuitive_physics_ros.conversions.standard_messages import (
     box_around,
     detections_to_message,
-    path_to_message,
-    poses_to_message,
 )
 
 length = st.floats(0.01, 2.0)
@@ -59,16 +56,3 @@ def test_detections_have_pose_covariance_size_and_id() -> None:
     (result,) = detection.results
     assert (result.hypothesis.class_id, result.hypothesis.score) == ("wood", 1.0)
     assert list(result.pose.covariance) == list(own.pose.covariance)
-
-
-def test_a_path_has_a_stamp_for_each_pose() -> None:
-    times, positions = np.array([0.0, 0.25, 0.5]), np.arange(9.0).reshape(3, 3)
-    path = path_to_message("room", 100.0, times, positions)
-    assert path.header.frame_id == "room"
-    stamps = [float(seconds_from_stamp(one.header.stamp)) for one in path.poses]
-    assert stamps == [100.0, 100.25, 100.5]
-    assert [xyz(one.pose.position) for one in path.poses] == [tuple(p) for p in positions.tolist()]
-    assert all(one.pose.orientation.w == 1.0 for one in path.poses)
-    poses = poses_to_message("room", 100.5, positions)
-    assert float(seconds_from_stamp(poses.header.stamp)) == 100.5
-    assert [xyz(one.position) for one in poses.poses] == [tuple(p) for p in positions.tolist()]

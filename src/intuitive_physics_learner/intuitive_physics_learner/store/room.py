@@ -9,7 +9,10 @@ from pathlib import Path
 from intuitive_physics.limits import limits
 from intuitive_physics.settings import check_settings, number
 
-WAYS_OUT = "delete observations, raise largest_database, or take another database"
+WAYS_OUT = (
+    "delete observations, raise largest_database (a parameter of the node; --input-limit of the "
+    "command), or take another database"
+)
 """What to do where a database may not grow any more."""
 
 NEARLY = 0.9

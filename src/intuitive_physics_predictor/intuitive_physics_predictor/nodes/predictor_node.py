@@ -8,15 +8,12 @@ from contextlib import contextmanager
 from copy import copy
 from dataclasses import fields
 from functools import partial
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any
 
-import numpy as np
-from geometry_msgs.msg import PoseArray
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
-from nav_msgs.msg import Path
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
@@ -44,7 +41,6 @@ from intuitive_physics_predictor.nodes.services import PredictionServices
 from intuitive_physics_predictor.nodes.ticks import PredictionTicks
 from intuitive_physics_ros.background import RequestLimits
 from intuitive_physics_ros.conversions import static_parameters_from_message
-from intuitive_physics_ros.conversions.standard_messages import path_to_message, poses_to_message
 from intuitive_physics_ros.diagnostics import Level, Status
 from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
 from intuitive_physics_ros.lifecycle.run_node import run_node
@@ -60,8 +56,6 @@ from intuitive_physics_ros.silence import SAME_NAMESPACE, WARN_AGAIN, Silence
 from intuitive_physics_ros.topics import (
     ENVIRONMENT,
     OBJECT_STATES,
-    PATH,
-    SAMPLE_POSES,
     STATIC_PARAMETERS,
 )
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
@@ -94,21 +88,6 @@ PARAMETERS = [
         "file that keeps how well was predicted, for the next start; empty: each start begins anew",
     ),
     Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0), read_only=False),
-    Parameter(
-        "publish_path",
-        False,
-        "publish nav_msgs/Path of the mean on path, and geometry_msgs/PoseArray of the samples at "
-        "one time on sample_poses, for those who read these",
-    ),
-    Parameter("path_object", "", "object that both are of; empty: the first one", read_only=False),
-    Parameter("path_rate", 10.0, "of both, messages a second", (0.1, 100.0)),
-    Parameter(
-        "sample_poses_after",
-        0.5,
-        "time after the prediction's beginning at which the samples are shown, s",
-        (0.0, 1000.0),
-        read_only=False,
-    ),
     *setting_parameters(RequestLimits, read_only=False),
     *setting_parameters(InputLimits, read_only=False),
     *setting_parameters(PredictionOptions, read_only=False),
@@ -147,17 +126,6 @@ class PredictorNode(ManagedNode):
         )
         self._marker_publisher = self.create_publisher(MarkerArray, "~/markers", 1)
         self._marker_timer = self.create_timer(1.0 / values["marker_rate"], self._on_marker_tick)
-        if values["publish_path"]:
-            self._path_publisher = self.create_publisher(
-                Path, PATH, 10, qos_overriding_options=QOS_OVERRIDES
-            )
-            self._poses_publisher = self.create_publisher(
-                PoseArray,
-                SAMPLE_POSES,
-                10,
-                qos_overriding_options=QOS_OVERRIDES,
-            )
-            self.create_timer(1.0 / values["path_rate"], self._on_path_tick)
         self.create_timer(SAVE_EVERY, self._on_save_tick)
         self.diagnostics.add("calibration", self._check_calibration)
         self.diagnostics.add("prediction", self._ticks.monitor.check)
@@ -255,7 +223,7 @@ class PredictorNode(ManagedNode):
         if not path:
             return SelfCalibration()
         try:
-            return load_calibration(FilePath(path).expanduser())
+            return load_calibration(Path(path).expanduser())
         except InvalidInputError as error:
             self.get_logger().warning(f"{error}; it begins anew")
             return SelfCalibration()
@@ -274,7 +242,7 @@ class PredictorNode(ManagedNode):
         if not path:
             return
         try:
-            save_calibration(data, FilePath(path).expanduser())
+            save_calibration(data, Path(path).expanduser())
             self._calibration_problem = ""
         except InvalidInputError as error:
             if not self._calibration_problem:
@@ -309,22 +277,6 @@ class PredictorNode(ManagedNode):
                     distribution.covariance,
                 )
             )
-
-    def _on_path_tick(self) -> None:
-        made = self._ticks.snapshot.newest
-        values = self.values()
-        wanted = values["path_object"]
-        if made is None or (wanted and wanted not in made.distribution.object_ids):
-            return
-        distribution, frame_id = made.distribution, made.scene.environment.frame_id
-        k = distribution.index(wanted) if wanted else 0
-        self._path_publisher.publish(
-            path_to_message(frame_id, made.start, distribution.times, distribution.mean[k])
-        )
-        after = int(np.abs(distribution.times - values["sample_poses_after"]).argmin())
-        shown = distribution.positions[: values["published_samples"], k, after]
-        time = made.start + float(distribution.times[after])
-        self._poses_publisher.publish(poses_to_message(frame_id, time, shown))
 
     def _check_parameters(self, new: Sequence[RosParameter]) -> SetParametersResult:
         """Refuse parameters that are valid each, but not together."""

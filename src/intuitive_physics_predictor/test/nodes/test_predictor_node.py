@@ -17,7 +17,7 @@ os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion, Vector3
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import (
     ObjectStates,
@@ -29,7 +29,6 @@ from intuitive_physics_msgs.msg import (
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
 from intuitive_physics_msgs.srv import Predict, Query
 from lifecycle_msgs.srv import GetState
-from nav_msgs.msg import Path
 from rcl_interfaces.srv import (
     DescribeParameters,
     ListParameters,
@@ -240,9 +239,7 @@ def test_everything_may_be_set_while_it_runs(peer, inputs):
     assert {"rate", "horizon", "sample_count", "stale_after", "marker_rate"} <= set(own)
     for one in described:
         assert one.description, one.name
-        assert one.read_only is (
-            one.name in ("autostart", "calibration_file", "path_rate", "publish_path")
-        ), one.name
+        assert one.read_only is (one.name in ("autostart", "calibration_file")), one.name
         number = one.type in (Parameter.Type.INTEGER.value, Parameter.Type.DOUBLE.value)
         assert number == bool(one.integer_range or one.floating_point_range), one.name
 
@@ -686,36 +683,6 @@ def test_quality_of_service_is_a_parameter():
     assert process.wait(60.0) == 1
     assert "QoS override for policy `reliability`: `sometimes`" in process.output
     assert "Traceback" not in process.output
-
-
-def test_paths_and_poses_are_those_of_the_prediction():
-    arguments = ["-p", "publish_path:=true", "-p", "horizon:=1.0", "-p", "stale_after:=2.0"]
-    arguments += ["-p", "carry_forward:=false", "-p", "sample_poses_after:=0.3"]
-    with NodeProcess(MODULE, arguments) as node, Peer("tester", timeout=60.0) as peer:
-        environment = peer.publisher(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
-        environment.publish(environment_to_message(ENVIRONMENT))
-        paths, poses = (
-            peer.listen(Path, "intuitive_physics/path"),
-            peer.listen(PoseArray, "intuitive_physics/sample_poses"),
-        )
-        feed_until(peer, lambda: paths and poses, "a path")
-        path, samples = paths[-1], poses[-1]
-        assert path.header.frame_id == samples.header.frame_id == "lab"
-        begun = float(seconds_from_stamp(path.header.stamp))
-        times = np.array([float(seconds_from_stamp(p.header.stamp)) for p in path.poses]) - begun
-        mean = np.array([[getattr(p.pose.position, c) for c in "xyz"] for p in path.poses])
-        # From (0, 0, 1) with 2 m/s, and no floor before 0.4 s: x = 2 t, z = 1 - g t² / 2. States
-        # are known to 1 mm and 10 mm/s, and 20 samples tell the mean more than four times better.
-        flies = times < 0.4
-        assert mean[flies, 0] == pytest.approx(2.0 * times[flies], abs=0.01)
-        assert mean[flies, 2] == pytest.approx(1.0 - 4.905 * times[flies] ** 2, abs=0.01)
-        after = float(seconds_from_stamp(samples.header.stamp))
-        heights = np.array([pose.position.z for pose in samples.poses])
-        assert len(heights) >= 20
-        assert np.ptp(heights) > 0.0
-        assert heights.mean() == pytest.approx(1.0 - 4.905 * 0.3**2, abs=0.02)
-        assert after > 0.3
-        assert "Traceback" not in node.output
 
 
 def test_it_publishes_where_objects_are_by_all_that_was_seen(peer, inputs):

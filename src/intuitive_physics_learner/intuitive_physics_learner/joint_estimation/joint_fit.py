@@ -172,11 +172,17 @@ class JointFit:
         return found
 
     def spin_evidence(self) -> SpinEvidence:
-        """Return what all observations say of how balls are thrown, each by its weight."""
-        evidence, likelihoods = SpinEvidence(), self.likelihoods(look_for_spins=True)
+        """Return what all observations say of how balls are thrown.
+
+        Each counts by its weight; one with another spin, which θ_s explains farther, in full.
+        """
+        evidence, likelihoods, others = SpinEvidence(), self.likelihoods(), self._other_spins()
         for block, part in zip(self._model.blocks, self._estimate.fits, strict=True):
-            for member, weight in zip(block.members, part.weights, strict=True):
-                evidence.add_all(likelihoods[member].spins, float(weight))
+            for member, weight in zip(block.members.tolist(), part.weights, strict=True):
+                if member in others:
+                    evidence.add_all(others[member])
+                else:
+                    evidence.add_all(likelihoods[member].spins, float(weight))
         return evidence
 
     def observation_fits(self) -> list[ObservationFit]:

@@ -17,6 +17,10 @@ from intuitive_physics_learner.joint_estimation.fit_horizons import (
     advanced_horizons,
     lengths_beyond,
 )
+from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import (
+    SpinEvidence,
+    SpinLikelihood,
+)
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
 from intuitive_physics_learner.joint_estimation.local_likelihood import (
     LocalLikelihood,
@@ -29,10 +33,6 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
     bounded_step,
 )
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
-from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import (
-    SpinEvidence,
-    SpinLikelihood,
-)
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
 from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.search_space import SearchSpace

@@ -18,6 +18,10 @@ from intuitive_physics_learner.joint_estimation.fit_horizons import (
     TrajectoryFits,
     farthest_horizons,
 )
+from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import (
+    SpinLikelihood,
+    unknown_spins,
+)
 from intuitive_physics_learner.joint_estimation.initial_spins.spin_search import search_spins
 from intuitive_physics_learner.joint_estimation.linearisation import (
     Linearisation,
@@ -35,10 +39,6 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     observation_blocks,
 )
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
-from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import (
-    SpinLikelihood,
-    unknown_spins,
-)
 from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
 from intuitive_physics_learner.search.search_space import SearchSpace
 
@@ -145,9 +145,7 @@ class TrajectoryModel:
         others = {}
         for block, fits in zip(self.blocks, estimate.fits, strict=True):
             unknown = [self._unknown_spins[int(member)] for member in block.members]
-            found, gained = search_spins(
-                self.cost, block, fits, unknown, parameters, self.settings
-            )
+            found, gained = search_spins(self.cost, block, fits, unknown, parameters, self.settings)
             for row in np.flatnonzero(gained).tolist():
                 others[int(block.members[row])] = found.estimate[row], float(found.horizons[row])
         return others

@@ -144,11 +144,13 @@ def measure(effort: Effort) -> Results:
     for name in (*SCENES, *SEEN):
         report_progress(f"{name}: 20 samples")
         with NodeUnderTest(Feed(name)) as node:
-            runs[name] = node.run(effort.steady)
+            runs[name] = run = node.run(effort.steady)
+        report_progress(f"{name}: {run.rate:.1f} Hz, 99 % within {run.latency_p99:.1f} ms")
     for name in SCENES:
         report_progress(f"{name}: how many samples hold 100 Hz")
         with NodeUnderTest(Feed(name), published_samples=MOST_PUBLISHED) as node:
             most[name] = largest_sample_count(node, effort.trial)
+        report_progress(f"{name}: {most[name]} samples")
     loops.append(watch_loops("nothing, after", effort.loop, cores))
     report_progress("other engines alone")
     peers = peer_times(SCENES)

@@ -11,12 +11,16 @@ from numpy.typing import NDArray
 
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.cost.cost_function import Cost
+from intuitive_physics_learner.cost.partial_cost import PartialCost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import compatible_moves
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     advanced_horizons,
     lengths_beyond,
 )
-from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import SpinEvidence
+from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import (
+    SpinEvidence,
+    SpinLikelihood,
+)
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
 from intuitive_physics_learner.joint_estimation.local_likelihood import (
     LocalLikelihood,
@@ -153,16 +157,32 @@ class JointFit:
         """
         return self._model.plausible_moves(self._estimate, first)
 
-    def likelihoods(self) -> list[LocalLikelihood]:
-        """Return the likelihood of θ_s near the estimate, of each observation."""
-        return local_likelihoods(self._model, self._estimate)
+    def likelihoods(self, *, look_for_spins: bool = False) -> list[LocalLikelihood]:
+        """Return the likelihood of θ_s near the estimate, of each observation.
+
+        Parameters
+        ----------
+        look_for_spins : whether what is said of an initial spin is that of one farther away than
+            slopes reach, where that explains more of the trajectory
+        """
+        found = local_likelihoods(self._model, self._estimate)
+        if look_for_spins:
+            for member, spins in self._other_spins().items():
+                found[member] = replace(found[member], spins=spins)
+        return found
 
     def spin_evidence(self) -> SpinEvidence:
-        """Return what all observations say of how balls are thrown, each by its weight."""
-        evidence, likelihoods = SpinEvidence(), self.likelihoods()
+        """Return what all observations say of how balls are thrown.
+
+        Each counts by its weight; one with another spin, which θ_s explains farther, in full.
+        """
+        evidence, likelihoods, others = SpinEvidence(), self.likelihoods(), self._other_spins()
         for block, part in zip(self._model.blocks, self._estimate.fits, strict=True):
-            for member, weight in zip(block.members, part.weights, strict=True):
-                evidence.add_all(likelihoods[member].spins, float(weight))
+            for member, weight in zip(block.members.tolist(), part.weights, strict=True):
+                if member in others:
+                    evidence.add_all(others[member])
+                else:
+                    evidence.add_all(likelihoods[member].spins, float(weight))
         return evidence
 
     def observation_fits(self) -> list[ObservationFit]:
@@ -267,6 +287,31 @@ class JointFit:
         model.simulations += fit.simulations
         return losses, fit.observation_fits()
 
+    def _other_spins(self) -> dict[int, tuple[SpinLikelihood, ...]]:
+        """Return what trajectories say of other spins that explain more, by observation.
+
+        θ_s and all other initial states stay as they are: a spin that is wrong does no harm there.
+        """
+        model, fits = self._model, self.observation_fits()
+        others = model.other_spins(self._estimate)
+        if not others:
+            return {}
+        members = np.array(sorted(others))
+        begun = [ObservationFit(others[m][0], fits[m].deviations, others[m][1]) for m in members]
+        prior = GaussianPrior(self.unit, HELD_PRECISION * np.eye(self.unit.size))
+        settings = self.settings.with_fixed_horizons()
+        cost, influence = PartialCost(model.cost, members), model.influence[members]
+        fit = JointFit(cost, model.space, influence, prior, settings)
+        fit._model.widen_spins(model.spins)
+        fit.begin_at(self.unit, prior.deviations, begun)
+        for _ in range(settings.held_steps):
+            fit.step()
+        found = local_likelihoods(fit._model, fit._estimate)
+        explained = np.zeros(members.size, dtype=bool)
+        for block, part in fit._model.parts(fit._estimate):
+            explained[block.members] = part.misfits == 0
+        return {int(members[k]): found[k].spins for k in np.flatnonzero(explained)}
+
     def step(self) -> None:
         """Take a damped Gauss-Newton step in all unknowns, then move the fit horizons."""
         linear = self._model.linearised(self._estimate)
@@ -279,8 +324,6 @@ class JointFit:
         self._move(equations, goals)
         if self.settings.widens_spins:
             self._model.widen_spins(evidence.initial_spins())
-        if self.steps in self.settings.spin_search_steps:
-            self._model.search_spins(self._estimate)
 
     def state(self) -> dict[str, Any]:
         """Return plain data from which a fit to the same observations continues exactly."""

@@ -195,11 +195,6 @@ class JointEstimationSettings:
     scan_steps: tuple[int, ...] = other(
         (2, 5, 9, 14), "numbers of steps after which the fit scans each parameter; set by hand"
     )
-    spin_search_steps: tuple[int, ...] = other(
-        (7, 12, 17),
-        "numbers of steps after which initial spins that were guesses are looked for farther away, "
-        "where a fit does not reach its trajectory's end; by then θ_s is known about; set by hand",
-    )
     separate_steps: int = number(
         20,
         1,

@@ -133,14 +133,22 @@ class TrajectoryModel:
                         own[spin.places] = max(spin.stated, known.deviation)
             self.blocks.append(replace(block, prior_deviations=deviations))
 
-    def search_spins(self, estimate: Estimate) -> None:
-        """Move initial spins that were guesses to where they explain more, as `search_spins`."""
+    def other_spins(self, estimate: Estimate) -> dict[int, tuple[NDArray[np.float64], float]]:
+        """Find spins that explain more than those of an estimate, as `search_spins`.
+
+        Returns
+        -------
+        of each observation where there are any: deviations (d,) from its observed initial states,
+        and the time in s up to which they explain more
+        """
         parameters = self.space.to_parameters(estimate.unit)
+        others = {}
         for block, fits in zip(self.blocks, estimate.fits, strict=True):
             unknown = [self._unknown_spins[int(member)] for member in block.members]
-            self.simulations += search_spins(
-                self.cost, block, fits, unknown, parameters, self.settings
-            )
+            found, gained = search_spins(self.cost, block, fits, unknown, parameters, self.settings)
+            for row in np.flatnonzero(gained).tolist():
+                others[int(block.members[row])] = found.estimate[row], float(found.horizons[row])
+        return others
 
     def spin_likelihoods(
         self, block: ObservationBlock, fits: TrajectoryFits, covariances: NDArray[np.float64]

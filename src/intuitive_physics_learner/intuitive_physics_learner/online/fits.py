@@ -111,7 +111,7 @@ class LoneFit:
 
     def likelihood(self) -> LocalLikelihood:
         """Return the likelihood of all n parameters near the estimate."""
-        return self._among_all(self._fit.likelihoods()[0])
+        return self._among_all(self._fit.likelihoods(look_for_spins=True)[0])
 
     def log_evidence(self, horizon: float) -> float:
         """Return ln ∫ p(points up to a horizon | θ_s) p(θ_s) dθ_s by Laplace's approximation.

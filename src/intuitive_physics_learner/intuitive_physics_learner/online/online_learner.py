@@ -390,8 +390,9 @@ class OnlineLearner:
         gains = np.linalg.solve(prior.precision[np.ix_(rest, rest)], across)
         state.unit[own] = fit.unit
         state.unit[rest] = np.clip(prior.mean[rest] - gains, 0.0, 1.0)
+        likelihoods = fit.likelihoods(look_for_spins=True)
         for member, found, likelihood in zip(
-            state.window, fit.observation_fits(), fit.likelihoods(), strict=True
+            state.window, fit.observation_fits(), likelihoods, strict=True
         ):
             member.fit = found
             member.likelihood = replace(likelihood, parameters=own[likelihood.parameters])

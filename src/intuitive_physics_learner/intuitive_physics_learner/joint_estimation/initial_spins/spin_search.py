@@ -1,9 +1,9 @@
 """Looking for initial spins farther away than slopes reach.
 
 A bounce that slips hardly tells how much a ball spun more, so from a guess that is far from the
-truth no slope leads there: the fit of such a trajectory ends before the bounce, or with a spin that
-explains the first bounce alone. These are the fastest spins. Were they left out, what is learned of
-how balls are thrown would be too slow.
+truth no slope leads there: the fit of such a trajectory ends before the bounce, or soon after it
+with another spin. These are the fastest spins. Were they left out, what is learned of how balls are
+thrown would be too slow.
 """
 
 from __future__ import annotations
@@ -39,30 +39,29 @@ def search_spins(
     unknown: Sequence[Sequence[UnknownSpin]],
     parameters: StaticParameters,
     settings: JointEstimationSettings,
-) -> int:
-    """Move fits to spins that explain more of what comes beyond their horizons.
-
-    Where one explains the points up to where the next misfit would show better than the present
-    estimate does, the fit takes it, and its horizon goes there.
+) -> tuple[TrajectoryFits, NDArray[np.bool_]]:
+    """Find spins that explain more of what comes beyond the horizons of fits.
 
     Parameters
     ----------
     cost : simulates the observations
     block : W observations
-    fits : to it, changed
+    fits : to it
     unknown : of each observation, its initial spins that were guesses
     parameters : θ_s
     settings : of horizons, and of the smallest gain
 
     Returns
     -------
-    simulations of single observations
+    fits : with such a spin where there is one, and the horizon where the next misfit of the given
+        fit would show
+    found : (W,) where that is
     """
-    open_ended = (fits.horizons < block.durations) & np.array([bool(each) for each in unknown])
-    if not open_ended.any():
-        return 0
+    ends_early = (fits.horizons < block.durations) & np.array([bool(each) for each in unknown])
+    if not ends_early.any():
+        return fits, ends_early
     reach = fits.horizons + settings.retreat + settings.largest_advance
-    ends = np.where(open_ended, np.minimum(reach, block.durations), 0.0)
+    ends = np.where(ends_early, np.minimum(reach, block.durations), 0.0)
     near, far = block.shortened(ends), replace(fits, horizons=ends)
 
     def losses(estimates: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -75,7 +74,7 @@ def search_spins(
     rounds = [(k, width) for k in range(max(map(len, unknown))) for width in WIDTHS]
     for k, width in rounds:
         tried = np.tile(best, (TRIED, 1, 1))
-        for row in np.flatnonzero(open_ended).tolist():
+        for row in np.flatnonzero(ends_early).tolist():
             for spin in unknown[row][k : k + 1]:
                 away = width * block.prior_deviations[row, spin.places] * _standard_normal()
                 tried[:, row, spin.places] += away
@@ -84,10 +83,10 @@ def search_spins(
         better = found[pick, every] < least
         best = np.where(better[:, None], tried[pick, every], best)
         least = np.minimum(found[pick, every], least)
-    moved = open_ended & (least < before - settings.smallest_scan_gain)
-    fits.estimate = np.where(moved[:, None], best, fits.estimate)
-    fits.horizons = np.where(moved, ends, fits.horizons)
-    return (1 + TRIED * len(rounds)) * int(open_ended.sum())
+    gained = ends_early & (least < before - settings.smallest_scan_gain)
+    horizons = np.where(gained, ends, fits.horizons)
+    estimate = np.where(gained[:, None], best, fits.estimate)
+    return replace(fits, estimate=estimate, horizons=horizons), gained
 
 
 @cache

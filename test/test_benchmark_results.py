@@ -30,7 +30,7 @@ from benchmarks.results.result import (
 ROOT = Path(__file__).parent.parent
 BENCHMARKS = ("simulation", "prediction", "perception", "learning", "robot", "torture")
 RESULTS = sorted(path.stem for path in FOLDER.glob("*.json"))
-KEPT = {"simulation", "prediction", "prediction_camera", "perception", "learning"}
+KEPT = {"simulation", "prediction_node", "prediction_camera", "perception", "learning"}
 """Results that other pages read."""
 
 MADE_UP = Result(

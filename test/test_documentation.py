@@ -97,6 +97,8 @@ def recorded_command(page: str, command: str) -> str:
         part = re.search(r"--only ([a-z]+)", command)
         name = f"{benchmark[1]}_{part[1]}" if part else benchmark[1]
         record = ROOT / "benchmarks" / "results" / f"{name}.json"
+        if not record.exists():
+            return "none that was kept"
         return f"`{json.loads(record.read_text(encoding='utf-8'))['run']['command']}`"
     made = (ROOT / page).read_text(encoding="utf-8").partition("Made by ")[2]
     return made.partition(" at commit ")[0]

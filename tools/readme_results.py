@@ -198,16 +198,17 @@ def camera_predictions() -> tuple[str, ...]:
 
 
 def prediction_node() -> tuple[str, ...]:
-    path = "benchmarks/results/prediction.md"
+    path = "benchmarks/results/prediction_node.md"
     rows = markdown_rows(path, "The node at 100 Hz")
     alone = {row["engine"]: row for row in markdown_rows(path, "The paper's way")}
     rates = [cell.partition("(")[2].removesuffix(" Hz)") for cell in alone["ODE"].values()]
     return (
-        "distributions a second, 20 samples of 5 s; 1 sphere, 3 spheres, 3 mixed objects",
+        "distributions a second, 20 samples of 5 s; 1 sphere, 3 spheres, 3 mixed objects; 1 and 3 "
+        "spheres whose states are estimated",
         ", ".join(row["Hz"] for row in rows),
         f"ODE alone {', '.join(rates[1:])}",
         f"[{rows[0]['for s']} s each](docs/benchmarks.md)",
-        command_of("benchmarks/results/prediction.json"),
+        command_of("benchmarks/results/prediction_node.json"),
     )
 
 

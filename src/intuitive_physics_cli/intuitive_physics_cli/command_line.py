@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from typing import Any
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.limits import InputLimits, use_limits
@@ -99,7 +100,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _raised(given: Sequence[str]) -> InputLimits:
     """Return limits in which some have the numbers that were given, each as NAME=NUMBER."""
-    numbers: dict[str, float] = {}
+    numbers: dict[str, Any] = {}
     for one in given:
         name, _, text = one.partition("=")
         try:

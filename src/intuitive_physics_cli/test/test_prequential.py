@@ -45,6 +45,13 @@ def test_the_order_of_time_counts(cases: list[PredictionCase]) -> None:
 
 
 def test_what_was_learned_makes_predictions_sharper(cases: list[PredictionCase]) -> None:
-    # Of the first ball's restitution nothing is known; the spin stays unknown of all.
-    last = [case.spread[case.times < 1.0][-1] for case in cases]
-    assert max(last[2:]) < 0.7 * last[0]
+    # Of the same ball, with nothing known of its restitution. Spreads of 30 samples are true to a
+    # tenth each, and the spin, which nothing is learned of, is part of all.
+    later = [spread_within_a_second(case) for case in cases[2:]]
+    alone = [spread_within_a_second(predicted(BALLS[k:])[0]) for k in range(2, len(BALLS))]
+    assert sum(later) < 0.95 * sum(alone)
+
+
+def spread_within_a_second(case: PredictionCase) -> float:
+    """Return the spread, m, at the last point before 1 s."""
+    return float(case.spread[case.times < 1.0][-1])

@@ -22,7 +22,6 @@ PANELS: dict[str, dict[str, Any]] = json.loads(FILE.read_text(encoding="utf-8"))
 TITLE = "foxglovePanelTitle"
 """A panel's title stands in its configuration in a layout file, and beside it in the SDK."""
 
-
 NAMES = {"3D": "ThreeDee", "DiagnosticSummary": "DiagnosticsSummary"}
 """Kinds of panels that the SDK names otherwise than a layout file does."""
 

@@ -277,15 +277,37 @@ class JointFit:
     ) -> tuple[NDArray[np.float64], list[ObservationFit]]:
         """Fit initial states with θ_s held; return the loss (n_observations,) of each, and them."""
         model = self._model
-        settings = self.settings.with_fixed_horizons()
-        prior = GaussianPrior(unit, HELD_PRECISION * np.eye(unit.size))
-        fit = JointFit(model.cost, model.space, model.influence, prior, settings)
-        fit.begin_at(unit, prior.deviations, fits)
-        for _ in range(self.settings.held_steps):
-            fit.step()
+        fit = self._held_fit(model.cost, model.influence, unit, fits)
         losses = np.array([one.loss for one in fit.likelihoods()])
         model.simulations += fit.simulations
         return losses, fit.observation_fits()
+
+    def _held_fit(
+        self,
+        cost: Cost,
+        influence: NDArray[np.bool_],
+        unit: NDArray[np.float64],
+        fits: Sequence[ObservationFit],
+        spins: InitialSpins | None = None,
+    ) -> JointFit:
+        """Return a fit of initial states alone, up to fixed horizons.
+
+        Parameters
+        ----------
+        cost : simulates the observations
+        influence : of them, as the fit's own
+        unit : (n,) θ_s on the unit cube, which is held
+        fits : of each observation, to begin from
+        spins : by which the priors of initial spins are widened; None: they are not
+        """
+        prior = GaussianPrior(unit, HELD_PRECISION * np.eye(unit.size))
+        settings = self.settings.with_fixed_horizons()
+        fit = JointFit(cost, self._model.space, influence, prior, settings)
+        fit._model.widen_spins(spins or InitialSpins())
+        fit.begin_at(unit, prior.deviations, fits)
+        for _ in range(settings.held_steps):
+            fit.step()
+        return fit
 
     def _other_spins(self) -> dict[int, tuple[SpinLikelihood, ...]]:
         """Return what trajectories say of other spins that explain more, by observation.
@@ -298,15 +320,9 @@ class JointFit:
             return {}
         members = np.array(sorted(others))
         begun = [ObservationFit(others[m][0], fits[m].deviations, others[m][1]) for m in members]
-        prior = GaussianPrior(self.unit, HELD_PRECISION * np.eye(self.unit.size))
-        settings = self.settings.with_fixed_horizons()
         cost, influence = PartialCost(model.cost, members), model.influence[members]
-        fit = JointFit(cost, model.space, influence, prior, settings)
-        fit._model.widen_spins(model.spins)
-        fit.begin_at(self.unit, prior.deviations, begun)
-        for _ in range(settings.held_steps):
-            fit.step()
-        found = local_likelihoods(fit._model, fit._estimate)
+        fit = self._held_fit(cost, influence, self.unit, begun, model.spins)
+        found = fit.likelihoods()
         explained = np.zeros(members.size, dtype=bool)
         for block, part in fit._model.parts(fit._estimate):
             explained[block.members] = part.misfits == 0

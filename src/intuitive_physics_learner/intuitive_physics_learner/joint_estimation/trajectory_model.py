@@ -145,9 +145,11 @@ class TrajectoryModel:
         others = {}
         for block, fits in zip(self.blocks, estimate.fits, strict=True):
             unknown = [self._unknown_spins[int(member)] for member in block.members]
-            found, gained = search_spins(self.cost, block, fits, unknown, parameters, self.settings)
+            estimates, ends, gained = search_spins(
+                self.cost, block, fits, unknown, parameters, self.settings
+            )
             for row in np.flatnonzero(gained).tolist():
-                others[int(block.members[row])] = found.estimate[row], float(found.horizons[row])
+                others[int(block.members[row])] = estimates[row], float(ends[row])
         return others
 
     def spin_likelihoods(

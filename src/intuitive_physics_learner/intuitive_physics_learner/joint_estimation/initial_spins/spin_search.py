@@ -1,9 +1,9 @@
 """Looking for initial spins farther away than slopes reach.
 
-A bounce that slips hardly tells how much a ball spun more, so from a guess that is far from the
-truth no slope leads there: the fit of such a trajectory ends before the bounce, or soon after it
-with another spin. These are the fastest spins. Were they left out, what is learned of how balls are
-thrown would be too slow.
+After a bounce that slips, the motion hardly depends on how fast the ball spun. The derivatives at a
+guess far below the true spin are then nearly zero, and Gauss-Newton steps do not reach it: the fit
+of such a trajectory ends before the bounce, or soon after it with another spin. This happens to the
+fastest spins; without them the learned spread of initial spins would be too small.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import Observ
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 
 TRIED = 64
-"""Spins in each round …"""
+"""Spins simulated in each round."""
 
 WIDTHS = (3.0, 1.0, 0.3, 0.1, 0.03)
-"""… each round normal about the best of the one before, with standard deviations of so many times
-the prior's: the last is as fine as slopes can take over from."""
+"""Standard deviation of the spins of each round about the best one so far, over the prior's. From
+the best spin of the last round, Gauss-Newton steps converge."""
 
 
 def search_spins(
@@ -39,7 +39,7 @@ def search_spins(
     unknown: Sequence[Sequence[UnknownSpin]],
     parameters: StaticParameters,
     settings: JointEstimationSettings,
-) -> tuple[TrajectoryFits, NDArray[np.bool_]]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     """Find spins that explain more of what comes beyond the horizons of fits.
 
     Parameters
@@ -53,13 +53,13 @@ def search_spins(
 
     Returns
     -------
-    fits : with such a spin where there is one, and the horizon where the next misfit of the given
-        fit would show
-    found : (W,) where that is
+    estimates : (W, d) as of the fits, with the best spin found
+    ends : (W,) s, where the next misfit of the given fit would show
+    gained : (W,) bool, where this spin explains more up to there
     """
     ends_early = (fits.horizons < block.durations) & np.array([bool(each) for each in unknown])
     if not ends_early.any():
-        return fits, ends_early
+        return fits.estimate, fits.horizons, ends_early
     reach = fits.horizons + settings.retreat + settings.largest_advance
     ends = np.where(ends_early, np.minimum(reach, block.durations), 0.0)
     near, far = block.shortened(ends), replace(fits, horizons=ends)
@@ -83,10 +83,7 @@ def search_spins(
         better = found[pick, every] < least
         best = np.where(better[:, None], tried[pick, every], best)
         least = np.minimum(found[pick, every], least)
-    gained = ends_early & (least < before - settings.smallest_scan_gain)
-    horizons = np.where(gained, ends, fits.horizons)
-    estimate = np.where(gained[:, None], best, fits.estimate)
-    return replace(fits, estimate=estimate, horizons=horizons), gained
+    return best, ends, ends_early & (least < before - settings.smallest_scan_gain)
 
 
 @cache

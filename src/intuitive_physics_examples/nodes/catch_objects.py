@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
 """Ask the predictor once a second where a hand could best catch each object, and when."""
 
+import sys
 from functools import partial
 
-import rclpy
 from intuitive_physics_msgs.msg import Region, ResultCode, TrajectoryDistribution
 from intuitive_physics_msgs.srv import Query
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+
+from intuitive_physics_ros.lifecycle.run_node import run_node
 
 
 class CatchObjects(Node):
@@ -65,15 +66,6 @@ class CatchObjects(Node):
             )
 
 
-def main():
-    rclpy.init()
-    try:
-        rclpy.spin(CatchObjects())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        rclpy.try_shutdown()
-
-
 if __name__ == "__main__":
-    main()
+    # It ends cleanly on Ctrl-C whatever is under way, which is an error inside of rclpy's own spin.
+    sys.exit(run_node(CatchObjects))

@@ -1,16 +1,18 @@
 #!/usr/bin/env python3
 """Publish what is predicted of one object as a path, and where it may be at one time as poses."""
 
+import sys
+
 import numpy as np
-import rclpy
 from geometry_msgs.msg import Point, Pose, PoseArray, PoseStamped
 from intuitive_physics_msgs.msg import TrajectoryDistribution
 from nav_msgs.msg import Path
 from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.time import Time
 from std_msgs.msg import Header
+
+from intuitive_physics_ros.lifecycle.run_node import run_node
 
 
 class PublishPath(Node):
@@ -66,15 +68,6 @@ def pose_at(place):
     return pose
 
 
-def main():
-    rclpy.init()
-    try:
-        rclpy.spin(PublishPath())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        rclpy.try_shutdown()
-
-
 if __name__ == "__main__":
-    main()
+    # It ends cleanly on Ctrl-C whatever is under way, which is an error inside of rclpy's own spin.
+    sys.exit(run_node(PublishPath))

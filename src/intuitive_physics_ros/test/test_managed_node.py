@@ -56,6 +56,8 @@ class Manager(Peer):
         return self.call(ChangeState, "/small/change_state", request).success
 
     def offered(self) -> tuple[set[str], set[str], set[str]]:
+        # A service may be found before the node that offers it.
+        self.spin_until(lambda: "small" in self.node.get_node_names(), "the small node")
         names = ("publisher", "subscriber", "service")
         kinds = [
             getattr(self.node, f"get_{name}_names_and_types_by_node")("small", "/")

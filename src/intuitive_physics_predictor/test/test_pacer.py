@@ -254,28 +254,34 @@ def test_a_tick_follows_urgent_work_at_once_and_the_next_ones_are_due_when_they_
     assert ticks.left_out[:5] == [0] * 5
 
 
-def test_urgent_work_that_would_delay_a_tick_is_done_after_it(paced):
-    # Four ticks a second; work takes 0.15 s and is posted 0.05 s before a tick is due.
+@pytest.mark.parametrize(("before", "waits"), [(0.05, True), (0.11, False)])
+def test_urgent_work_delays_a_tick_a_little_or_is_done_after_it(paced, before, waits):
+    # Four ticks a second, which may be 0.3 × 0.25 s late; work takes 0.15 s and is posted some time
+    # before a tick is due, which at once would make it 0.1 or 0.04 s late.
     ticks = Ticks(8)
     pacer = paced(ticks, 4.0)
-    begun = []
+    posted, begun = [], []
 
     def work():
         begun.append(time.monotonic())
         time.sleep(0.15)
 
+    while not ticks.due:
+        time.sleep(0.001)
     while len(begun) < 3:
-        following = ticks.due[-1] + 0.2 if ticks.due else time.monotonic()
-        time.sleep(max(0.0, following - time.monotonic()))
+        time.sleep((ticks.due[0] - before - time.monotonic()) % 0.25)
         count = len(begun)
+        posted.append(time.monotonic())
         pacer.post(work, urgent=True)
         while len(begun) == count:
             time.sleep(0.001)
         time.sleep(0.4)
     ticks.wait()
-    # How long it takes is known from the second time on; then no tick has to wait for it.
+    # How long it takes is known from the second time on.
     later = [late for due, late in zip(ticks.due, ticks.late, strict=True) if due > begun[0] + 0.3]
     assert max(later) < 0.08
+    waited = np.subtract(begun, posted)[1:]
+    assert (waited > 0.04).all() if waits else (waited < 0.04).all()
 
 
 def test_urgent_work_that_is_not_done_brings_no_tick_forward(paced):

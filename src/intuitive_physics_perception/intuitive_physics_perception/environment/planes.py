@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from math import sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.kernels import entry
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.range_cloud import RangeCloud, convex_hull, plane_axes
 from intuitive_physics_perception.environment.settings import PlaneDetectionSettings
@@ -54,6 +57,15 @@ class DetectedPlane:
         """Largest distance between two of its corners, m."""
         return float(np.linalg.norm(self.corners[:, None] - self.corners, axis=2).max())
 
+    @cached_property
+    def _sides(self) -> NDArray[np.float64]:
+        """Half-spaces (n, 4) of the plane's points p in the outline, outward · p ≤ bound in m, with
+        unit vectors outward."""
+        along = np.roll(self.corners, -1, axis=0) - self.corners
+        outward = np.cross(along, self.normal)
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+        return np.column_stack([outward, (outward * self.corners).sum(axis=1)])
+
     @property
     def outline_cones(self) -> NDArray[np.float64]:
         """Half-spaces (n, 4) of unit directions u, normal · u ≤ bound, that rays from the sensor
@@ -62,24 +74,30 @@ class DetectedPlane:
         A ray meets the plane at u o / c, with its offset o and c = n · u. There it lies inside a
         side, outward · p ≤ b + m |p|, where u · (|o| outward + b n) ≤ m |o|.
         """
-        along = np.roll(self.corners, -1, axis=0) - self.corners
-        outward = np.cross(along, self.normal)
-        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-        bounds = (outward * self.corners).sum(axis=1)
+        outward, bounds = self._sides[:, :3], self._sides[:, 3:]
         away = abs(self.offset)
-        normals = away * outward + bounds[:, None] * self.normal
+        normals = away * outward + bounds * self.normal
         return np.column_stack([normals, np.full(len(normals), OUTLINE_MARGIN * away)])
 
     def outlines(self, places: NDArray[Any]) -> NDArray[np.bool_]:
         """Which places (n, 3) on the plane lie in its outline, or hardly out of it."""
-        along = np.roll(self.corners, -1, axis=0) - self.corners
-        outward = np.cross(along, self.normal)
-        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-        margin = OUTLINE_MARGIN * np.linalg.norm(places, axis=1)
-        inside = np.ones(len(places), dtype=bool)
-        for direction, bound in zip(outward, (outward * self.corners).sum(axis=1), strict=True):
-            inside &= places @ direction.astype(places.dtype) <= bound + margin
+        inside = np.empty(len(places), dtype=bool)
+        _mark_inside(places, self._sides, inside)
         return inside
+
+
+@entry
+def _mark_inside(places: Any, sides: Any, inside: Any) -> None:
+    """Mark the places (n, 3) m that lie inside all sides (k, 4), or hardly out of them."""
+    for i in range(places.shape[0]):
+        x, y, z = places[i, 0], places[i, 1], places[i, 2]
+        margin = OUTLINE_MARGIN * sqrt(x * x + y * y + z * z)
+        inside[i] = True
+        for k in range(sides.shape[0]):
+            side = sides[k]
+            if x * side[0] + y * side[1] + z * side[2] > side[3] + margin:
+                inside[i] = False
+                break
 
 
 def detect_planes(

@@ -109,13 +109,11 @@ class _Placement:
     Parameters
     ----------
     model : whose environment it is
-    camera : header of the frame it was looked up for
     camera_pose : of the camera in the frame
     from_environment : from the environment's own frame into this one
     """
 
     model: EnvironmentModel
-    camera: Header
     camera_pose: RigidTransform
     from_environment: RigidTransform
 
@@ -152,8 +150,11 @@ class PublishedFrame:
         camera : header of the frame that is processed
         model : of the environment
         """
-        old, new = self._placement, self._placed(camera, model)
+        old = self._placement
         same = old is not None and old.model.environment is model.environment
+        if same and self._transforms is None:
+            return False
+        new = self._placed(camera, model)
         if new is not None and old is not None and same and _is_close(old, new):
             return False
         self._placement = new
@@ -215,14 +216,14 @@ class PublishedFrame:
     def _placed(self, camera: Header, model: EnvironmentModel) -> _Placement | None:
         sensor = model.sensor_pose
         if self._transforms is None:
-            return _Placement(model, camera, sensor, RigidTransform())
+            return _Placement(model, sensor, RigidTransform())
         try:
             pose = self._transforms.lookup(self._target, camera.frame_id, camera.stamp)
         except UnknownTransformError as error:
             self._problem = str(error)
             return None
         self._problem = ""
-        return _Placement(model, camera, pose, pose.after(sensor.inverse))
+        return _Placement(model, pose, pose.after(sensor.inverse))
 
 
 def _is_close(old: _Placement, new: _Placement) -> bool:

@@ -15,6 +15,10 @@ WORK_TIME = 5e-3
 """s before the next tick in which no posted work is begun any more; decoding an input takes less.
 Measured with the predictor's inputs."""
 
+DELAY = 0.3
+"""Part of a period by which urgent work may delay the tick that follows on it: else it waits for
+that tick, and the one after it is the first that is made of it. Our choice, so that a tick of half
+a period still is over within a period of when it was due."""
 
 REMEMBERED = 0.9
 """Part of the longest time that urgent work took by which it is shorter after the next one."""
@@ -25,10 +29,10 @@ class Pacer:
 
     After each tick the work posted until then is done, then `rest` is called. Work posted later is
     done at once where the next tick is at least `WORK_TIME` away, else after that tick; `rest`
-    follows. Urgent work is done at once where the time until the next tick is as long as urgent
-    work took lately, else right after that tick. The tick after it is made at once, without `rest`
-    and at most a period early; later ones are due when they were. Urgent work that answers False
-    has posted what is left of it, and brings no tick forward.
+    follows. Urgent work is done at once where the next tick will not be late by more than `DELAY`
+    periods, going by how long urgent work took lately, else right after that tick. The tick after
+    it is made at once, without `rest` and at most a period early; later ones are due when they
+    were. Urgent work that answers False has posted what is left of it, and brings no tick forward.
 
     So whatever ticks, work and `rest` share needs no lock. An executor's timer costs several times
     as much, and waits for every other callback.
@@ -124,15 +128,15 @@ class Pacer:
         """Wait for the tick; False where something else is to be done before it."""
         with self._changed:
             return not self._changed.wait_for(
-                lambda: self._is_over(period) or self._may_work(due),
+                lambda: self._is_over(period) or self._may_work(due, period),
                 max(0.0, due - time.monotonic()),
             )
 
     def _is_over(self, period: float) -> bool:
         return self._stopping or period != 1.0 / self._rate
 
-    def _may_work(self, due: float) -> bool:
-        needed = self._urgent_time if self._urgent else WORK_TIME
+    def _may_work(self, due: float, period: float) -> bool:
+        needed = self._urgent_time - DELAY * period if self._urgent else WORK_TIME
         return bool(self._posted) and due - time.monotonic() >= needed
 
     def _work(self) -> bool:

@@ -118,9 +118,11 @@ class InputMonitor:
 
 @dataclass
 class _Counts:
-    """What happened since the last check: s from tick to done of each, and periods left out."""
+    """What happened since the last check: s from tick to done of each, ticks at which there was
+    nothing to do, and periods left out."""
 
     seconds: list[float] = field(default_factory=list)
+    idle: int = 0
     left_out: int = 0
 
 
@@ -141,6 +143,7 @@ class RateMonitor:
         self._counts = _Counts()
         self._left_out = 0
         self._idle_reason = "not started yet"
+        self._is_normal = False
         self._checked_at = time.monotonic()
 
     def done(self, seconds: float) -> None:
@@ -152,15 +155,26 @@ class RateMonitor:
         """Take note of times it was left out, because the one before took too long."""
         self._counts.left_out += count
 
-    def idle(self, reason: str) -> None:
-        """Take note that there was nothing to do, and why."""
-        self._idle_reason = reason
+    def idle(self, reason: str, *, normal: bool = False) -> None:
+        """Take note that there was nothing to do, and why.
+
+        Parameters
+        ----------
+        reason : in a sentence
+        normal : whether nobody needs to look into it
+        """
+        self._counts.idle += 1
+        self._idle_reason, self._is_normal = reason, normal
 
     def check(self) -> Status:
-        """Return the status and restart the counts, except the sum of what was left out."""
+        """Return the status and restart the counts, except the sum of what was left out.
+
+        The rate is that of the time in which there was something to do.
+        """
         counts, self._counts = self._counts, _Counts()
         now = time.monotonic()
-        achieved = len(counts.seconds) / max(now - self._checked_at, 1e-3)
+        ticks = len(counts.seconds) + counts.idle if counts.seconds else 0
+        achieved = ticks / max(now - self._checked_at, 1e-3)
         self._checked_at = now
         self._left_out += counts.left_out
         values = {
@@ -174,7 +188,8 @@ class RateMonitor:
             values["99 % (ms)"] = f"{most:.2f}"
             values["longest (ms)"] = f"{longest:.2f}"
         if self._idle_reason:
-            return Status(Level.WARN, f"waits: {self._idle_reason}", values)
+            level = Level.OK if self._is_normal else Level.WARN
+            return Status(level, f"waits: {self._idle_reason}", values)
         sentence = f"{self._what} {achieved:.0f} times a second"
         if achieved < 0.9 * self.rate:
             return Status(

@@ -18,9 +18,12 @@ def counted(monitor, seconds, rate):
 def test_before_the_first_and_while_it_waits_it_says_so():
     monitor = RateMonitor("predicts", 100.0)
     assert monitor.check().message == "waits: not started yet"
-    monitor.idle("no objects are seen")
+    monitor.idle("the states are too old")
     status = monitor.check()
-    assert (status.level, status.message) == (Level.WARN, "waits: no objects are seen")
+    assert (status.level, status.message) == (Level.WARN, "waits: the states are too old")
+    monitor.idle("no objects are seen", normal=True)
+    status = monitor.check()
+    assert (status.level, status.message) == (Level.OK, "waits: no objects are seen")
 
 
 def test_the_rate_kept_is_ok_and_the_rate_missed_a_warning():
@@ -34,6 +37,15 @@ def test_the_rate_kept_is_ok_and_the_rate_missed_a_warning():
     status = monitor.check()
     assert status.level is Level.WARN
     assert "expected 100, 7 were left out" in status.message
+
+
+def test_ticks_without_anything_to_do_miss_no_rate():
+    monitor = RateMonitor("predicts", 100.0)
+    counted(monitor, 0.2, 100.0 / 2)
+    for _ in range(10):
+        monitor.idle("no objects are seen", normal=True)
+    monitor.done(0.002)
+    assert monitor.check().level is Level.OK
 
 
 def test_what_was_left_out_is_counted_since_the_start():

@@ -189,7 +189,7 @@ class PredictionTicks:
         reason = (
             str(error) if known else unexpected_errors(self._node).report(error, "a prediction")
         )
-        self.monitor.idle(reason)
+        self.monitor.idle(reason, normal=isinstance(error, NoObjectsError))
         # The age of the states in the reason grows: it is one reason. No states yet is no news,
         # but a wrong clock would let the user wait for ever.
         waits = isinstance(error, NothingToPredictError)

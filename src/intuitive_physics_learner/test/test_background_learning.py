@@ -3,13 +3,17 @@
 import json
 import os
 import signal
+import sys
 import threading
 import time
 
 import numpy as np
 import pytest
 
+from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.kernels.cache import KernelCache
 from intuitive_physics_learner import ObservationStore
+from intuitive_physics_learner.online import worker
 from intuitive_physics_learner.online.background_learning import BackgroundLearning
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.worker import FAILED, WAITING
@@ -148,3 +152,27 @@ def test_says_what_it_cannot_learn_from_and_goes_on(store, background, throws, b
     assert "not a sphere" in background.report.message
     assert background.report.doubtful == 1
     assert store.newest_version() == 1
+
+
+def test_says_that_it_compiles_kernels(store, monkeypatch, capsys):
+    class Compiles:
+        """Learning whose first step compiles a kernel, and which fails then."""
+
+        def __init__(self, *_):
+            pass
+
+        def advance(self):
+            KernelCache.listeners[threading.get_ident()]()
+            raise InvalidInputError("the end")
+
+    reading, _writing = os.pipe()
+    monkeypatch.setattr(worker, "StoredOnlineLearning", Compiles)
+    monkeypatch.setattr(sys, "stdin", os.fdopen(reading))
+    made = worker.Worker(store, "event_driven", 1, OPTIONS)
+    threading.Thread(target=made.run, daemon=True).start()
+    said = ""
+    while said.count("\n") < 2:
+        said += capsys.readouterr().out
+        time.sleep(0.01)
+    states = [json.loads(line)["state"] for line in said.splitlines()]
+    assert states == [worker.COMPILING, FAILED]

@@ -40,7 +40,7 @@ from intuitive_physics_learner.nodes.parameters import (
 )
 from intuitive_physics_learner.nodes.suggestion_service import SuggestionService
 from intuitive_physics_learner.online.background_learning import BackgroundLearning
-from intuitive_physics_learner.online.worker import FAILED, LEARNING
+from intuitive_physics_learner.online.worker import COMPILING, FAILED, LEARNING
 from intuitive_physics_learner.store import CurrentParameters, ObservationStore
 from intuitive_physics_learner.store.database import database_path
 from intuitive_physics_learner.stored_learning import learn_from_store
@@ -50,6 +50,7 @@ from intuitive_physics_ros.conversions import (
     static_parameters_to_message,
 )
 from intuitive_physics_ros.diagnostics import Level, Status
+from intuitive_physics_ros.lifecycle.kernel_loading import COMPILING as COMPILING_KERNELS
 from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
 from intuitive_physics_ros.lifecycle.run_node import farewell, run_node
 from intuitive_physics_ros.parameters import use_limits_of
@@ -310,6 +311,8 @@ class LearnerNode(ManagedNode):
             return Status(Level.ERROR, report.message, values)
         if report.message:
             return Status(Level.WARN, report.message, values)
+        if report.state == COMPILING:
+            return Status(Level.WARN, COMPILING_KERNELS, values)
         sentence = "learning" if report.state == LEARNING else "waiting for observations"
         return Status(Level.OK, sentence, values)
 

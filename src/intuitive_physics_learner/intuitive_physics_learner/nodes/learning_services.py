@@ -18,7 +18,9 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
 from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.kernels.cache import compilations_noted
 from intuitive_physics.learned_parameters import LearnedParameters
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics_learner.errors import (
     ClusterError,
     IncompatibleEnvironmentError,
@@ -30,9 +32,11 @@ from intuitive_physics_learner.errors import (
     UnknownMethodError,
 )
 from intuitive_physics_learner.learning_job import JobProgress, LearningJob, Work
-from intuitive_physics_learner.learning_session import LearningOptions
+from intuitive_physics_learner.learning_session import LearningOptions, LearningResult
 from intuitive_physics_learner.nodes.parameters import learning_options
+from intuitive_physics_learner.search.convergence import SearchProgress
 from intuitive_physics_ros.background import WorkerSignal
+from intuitive_physics_ros.lifecycle.kernel_loading import COMPILING
 from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_result
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
@@ -151,8 +155,18 @@ class RequestedSearches:
                 "wait for its end or cancel it",
             )
         self._on_begin()
-        self._job = LearningJob(self._make_work(options), self._changed.set)
+        self._job = LearningJob(self._noted(self._make_work(options)), self._changed.set)
         return self._job
+
+    def _noted(self, work: Work) -> Work:
+        """Return the same work, which says in the log that it compiles kernels when it does."""
+        log = self._node.get_logger()
+
+        def noted(on_progress: Callable[[SearchProgress], None], stop: StopFlag) -> LearningResult:
+            with compilations_noted(lambda: log.info(COMPILING, once=True)):
+                return work(on_progress, stop)
+
+        return noted
 
     async def _watched(
         self,

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.kernels.cache import compilations_noted
 from intuitive_physics.limits import InputLimits, use_limits
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner.online.options import OnlineOptions
@@ -29,7 +30,7 @@ class WorkerReport:
 
     Parameters
     ----------
-    state : LEARNING, WAITING (for observations) or FAILED
+    state : LEARNING, COMPILING (kernels, once), WAITING (for observations) or FAILED
     processed : observations learned from or set aside so far
     pending : observations that are still to be learned from
     doubtful : observations that are set aside
@@ -50,7 +51,7 @@ class WorkerReport:
     message: str = ""
 
 
-LEARNING, WAITING, FAILED = "learning", "waiting", "failed"
+LEARNING, COMPILING, WAITING, FAILED = "learning", "compiling", "waiting", "failed"
 """States of a worker."""
 
 
@@ -71,25 +72,30 @@ class Worker:
         self._store = store
         self._simulator = make_simulator(simulator_name, threads=cores)
         self._options = options
+        self._report = WorkerReport(WAITING)
         self._notified = threading.Event()
         threading.Thread(target=self._listen, name="commands", daemon=True).start()
 
     def run(self) -> None:
         """Learn, and wait for new observations, until the process ends."""
-        report = WorkerReport(WAITING)
         while True:
             self._notified.clear()
             try:
-                learning = StoredOnlineLearning(self._store, self._simulator, self._options)
-                while learning.advance():
-                    report = _publish(learning, LEARNING)
-                report = _publish(learning, WAITING)
+                with compilations_noted(lambda: self._say(COMPILING)):
+                    self._learn()
             except IntuitivePhysicsError as error:
-                print(
-                    json.dumps(asdict(replace(report, state=FAILED, message=str(error)))),
-                    flush=True,
-                )
+                self._say(FAILED, str(error))
             self._notified.wait()
+
+    def _learn(self) -> None:
+        """Learn from all that waits in the store."""
+        learning = StoredOnlineLearning(self._store, self._simulator, self._options)
+        while learning.advance():
+            self._report = _publish(learning, LEARNING)
+        self._report = _publish(learning, WAITING)
+
+    def _say(self, state: str, message: str = "") -> None:
+        _print(replace(self._report, state=state, message=message))
 
     def _listen(self) -> None:
         for _ in sys.stdin:
@@ -110,8 +116,12 @@ def _publish(learning: StoredOnlineLearning, state: str) -> WorkerReport:
         0 if known.published is None else known.published.version,
         learning.problem,
     )
-    print(json.dumps(asdict(report)), flush=True)
+    _print(report)
     return report
+
+
+def _print(report: WorkerReport) -> None:
+    print(json.dumps(asdict(report)), flush=True)
 
 
 def main() -> None:

@@ -97,6 +97,11 @@ CLOCKED = ("-p", "use_sim_time:=true")
 CLOCK: dict[str, Any] = {"/clock": Clock}
 """What it then hears."""
 
+TRANSFORMS: dict[str, Any] = (
+    {} if TF_MESSAGE is None else {"/tf": TF_MESSAGE, "/tf_static": TF_MESSAGE}
+)
+"""What a node hears that looks transforms up, where tf is installed."""
+
 REPLAYED_IMAGES = 30
 """In the bag that is replayed again and again."""
 
@@ -168,6 +173,7 @@ FUZZED: dict[str, Fuzzed] = {
             "~/color/image/compressed": CompressedImage,
             "~/imu": Imu,
             **CLOCK,
+            **TRANSFORMS,
         },
         {"~/rebuild_environment": Trigger},
     ),
@@ -202,7 +208,7 @@ FUZZED: dict[str, Fuzzed] = {
     ),
     **{
         f"bridge_of_{wanted}": Fuzzed(
-            POSE_BRIDGE, ("-p", f"input:={wanted}"), {"~/object/pose": kind}
+            POSE_BRIDGE, ("-p", f"input:={wanted}"), {"~/object/pose": kind, **TRANSFORMS}
         )
         for wanted, kind in POSES.items()
     },
@@ -217,8 +223,8 @@ FUZZED: dict[str, Fuzzed] = {
 }
 """All by their names. Where an input excludes another, there is a node for each."""
 
-if TF_MESSAGE is not None:
-    FUZZED["bridge_of_tf"] = Fuzzed(POSE_BRIDGE, ("-p", "input:=tf"), {"/tf": TF_MESSAGE})
+if TRANSFORMS:
+    FUZZED["bridge_of_tf"] = Fuzzed(POSE_BRIDGE, ("-p", "input:=tf"), TRANSFORMS)
 
 
 def full_name(name: str, node: str) -> str:

@@ -10,7 +10,8 @@ build() {
         -u CMAKE_PREFIX_PATH -u COLCON_PREFIX_PATH -u ROS_DISTRO \
         PATH="$prefix/bin:$PATH" AMENT_PREFIX_PATH="$prefix" COLCON_HOME="$PWD/build/colcon_home" \
         colcon --log-base build/log --log-level error build \
-        --base-paths src/intuitive_physics_msgs src/intuitive_physics_examples --build-base build/colcon --install-base "$prefix" --merge-install \
+        --base-paths src/intuitive_physics_msgs src/intuitive_physics_examples \
+        --build-base build/colcon --install-base "$prefix" --merge-install \
         --event-handlers console_start_end- summary- "$@" \
         --cmake-args -G Ninja -DBUILD_TESTING=OFF -DCMAKE_BUILD_TYPE=Release \
         -DPython3_EXECUTABLE="$prefix/bin/python" \

@@ -23,6 +23,11 @@ REPORT_PERIOD = 0.1
 Work = Callable[[Callable[[SearchProgress], None], StopFlag], LearningResult]
 """Takes `on_progress`, as `learn_from_store` does, and a flag that its simulations stop by."""
 
+YIELD_PERIOD, YIELD = 0.02, 2e-4
+"""s between two pauses of a search, and their length. A kernel releases the interpreter lock and
+takes it again within some 10 µs; a thread that waits for it is woken by each release, too late, and
+so never asks for it: it waited for 0.5 s now and then."""
+
 
 @dataclass(frozen=True)
 class JobProgress:
@@ -59,7 +64,7 @@ class LearningJob:
         self._outcome: Future[LearningResult] = Future()
         self._lock = threading.Lock()
         self._progress = JobProgress(0, np.inf, (), np.inf)
-        self._reported_at = -np.inf
+        self._reported_at = self._yielded_at = -np.inf
         self._began = time.monotonic()
         self._ended: float | None = None
         self._thread = threading.Thread(target=self._run, name="learning", daemon=True)
@@ -149,6 +154,9 @@ class LearningJob:
                 progress.seconds_left,
             )
         now = time.monotonic()
+        if now - self._yielded_at >= YIELD_PERIOD:
+            self._yielded_at = now
+            time.sleep(YIELD)
         if now - self._reported_at >= REPORT_PERIOD:
             self._reported_at = now
             self._on_change()

@@ -4,6 +4,7 @@
 set -euo pipefail
 prefix=$PWD/.venv
 
+# Of the two packages alone: colcon would ask for the others, which the examples need when they run.
 # Neither another ROS that is sourced nor the user's own colcon defaults may get into it.
 build() {
     env -u PYTHONPATH -u PYTHONHOME -u PYTHONDONTWRITEBYTECODE -u LD_LIBRARY_PATH \

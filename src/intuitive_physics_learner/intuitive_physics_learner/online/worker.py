@@ -81,21 +81,26 @@ class Worker:
         while True:
             self._notified.clear()
             try:
-                with compilations_noted(lambda: self._say(COMPILING)):
+                with compilations_noted(lambda: self._tell_state(COMPILING)):
                     self._learn()
             except IntuitivePhysicsError as error:
-                self._say(FAILED, str(error))
+                self._tell_state(FAILED, str(error))
             self._notified.wait()
 
     def _learn(self) -> None:
         """Learn from all that waits in the store."""
         learning = StoredOnlineLearning(self._store, self._simulator, self._options)
         while learning.advance():
-            self._report = _publish(learning, LEARNING)
-        self._report = _publish(learning, WAITING)
+            self._tell(_report_of(learning, LEARNING))
+        self._tell(_report_of(learning, WAITING))
 
-    def _say(self, state: str, message: str = "") -> None:
-        _print(replace(self._report, state=state, message=message))
+    def _tell_state(self, state: str, message: str = "") -> None:
+        self._tell(replace(self._report, state=state, message=message))
+
+    def _tell(self, report: WorkerReport) -> None:
+        """Keep a report and write it for the process that started this one."""
+        self._report = report
+        print(json.dumps(asdict(report)), flush=True)
 
     def _listen(self) -> None:
         for _ in sys.stdin:
@@ -104,9 +109,9 @@ class Worker:
         os._exit(0)
 
 
-def _publish(learning: StoredOnlineLearning, state: str) -> WorkerReport:
+def _report_of(learning: StoredOnlineLearning, state: str) -> WorkerReport:
     known = learning.learner.state
-    report = WorkerReport(
+    return WorkerReport(
         state,
         known.processed,
         learning.pending,
@@ -116,12 +121,6 @@ def _publish(learning: StoredOnlineLearning, state: str) -> WorkerReport:
         0 if known.published is None else known.published.version,
         learning.problem,
     )
-    _print(report)
-    return report
-
-
-def _print(report: WorkerReport) -> None:
-    print(json.dumps(asdict(report)), flush=True)
 
 
 def main() -> None:

@@ -189,7 +189,8 @@ class PredictionTicks:
         reason = (
             str(error) if known else unexpected_errors(self._node).report(error, "a prediction")
         )
-        self.monitor.idle(reason, normal=isinstance(error, NoObjectsError))
+        no_objects = isinstance(error, NoObjectsError)
+        self.monitor.idle(reason, normal=no_objects)
         # The age of the states in the reason grows: it is one reason. No states yet is no news,
         # but a wrong clock would let the user wait for ever.
         waits = isinstance(error, NothingToPredictError)
@@ -198,7 +199,7 @@ class PredictionTicks:
             self._clock_was_right = time.monotonic()
         has_clock = time.monotonic() - self._clock_was_right < CLOCK_PATIENCE
         is_start = waits and not had_prediction and has_clock
-        if not is_start and not isinstance(error, NoObjectsError) and news != self._paused_for:
+        if not is_start and not no_objects and news != self._paused_for:
             sentence = "predicts no more" if had_prediction else "does not predict"
             self._node.get_logger().warning(f"{sentence}: {reason}")
             self._paused_for = news

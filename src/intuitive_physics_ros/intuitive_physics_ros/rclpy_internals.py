@@ -81,7 +81,17 @@ class AnsweringLifecycleNode(LifecycleNode):
     """Answers a request for a transition that its state does not have, or that does not exist.
 
     rclpy's own raises in the callback of `~/change_state`, and whoever asked waits for ever.
+
+    Once destroyed it has left the middleware, which rclpy's own never does: it leaves its DDS
+    participant to the end of the process, where threads of the middleware that still run made it
+    crash or hang.
     """
+
+    def destroy_node(self) -> None:
+        """Destroy the node and its state machine, which holds on to rcl's node."""
+        super().destroy_node()
+        state_machine: Any = self._state_machine
+        state_machine.destroy_when_not_in_use()
 
     def _LifecycleNodeMixin__on_change_state(
         self, request: ChangeState.Request, response: ChangeState.Response

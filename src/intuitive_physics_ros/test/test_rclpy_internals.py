@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 
 import pytest
 import rclpy
@@ -13,6 +14,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from intuitive_physics_ros.rclpy_internals import (
+    AnsweringLifecycleNode,
     RCLError,
     parameter_overrides,
     refuse_unknown_types,
@@ -63,3 +65,26 @@ def test_a_parameter_of_a_type_that_does_not_exist_is_refused(
             assert node.get_parameter("known").value == (2 if is_set else 1)
     finally:
         node.destroy_node()
+
+
+def test_a_destroyed_lifecycle_node_has_left_the_middleware(context: rclpy.Context) -> None:
+    watching = rclpy.Context()
+    rclpy.init(context=watching)
+    watcher = Node("watcher", context=watching)
+    node = AnsweringLifecycleNode("leaving", context=context)
+    try:
+        assert _comes_true(lambda: "leaving" in watcher.get_node_names())
+        node.destroy_node()
+        assert _comes_true(lambda: "leaving" not in watcher.get_node_names())
+    finally:
+        watcher.destroy_node()
+        watching.try_shutdown()
+
+
+def _comes_true(condition: Callable[[], bool]) -> bool:
+    end = time.monotonic() + 10.0
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.05)
+    return True

@@ -111,7 +111,9 @@ def _rigid(found: TransformStamped) -> RigidTransform:
 
 
 def _unknown(target: str, source: str, error: Exception) -> UnknownTransformError:
+    # tf adds a line for each frame that it knows, and names may be of any length.
+    reason = str(error).partition("\n")[0]
     return UnknownTransformError(
-        f"tf does not know where {source!r} is in {target!r} ({error}); expected it on /tf or "
-        f"/tf_static, look with: ros2 run tf2_ros tf2_echo {target} {source}"
+        f"tf does not know where {source!r:.80} is in {target!r:.80} ({reason:.200}); expected it "
+        f"on /tf or /tf_static, look with: ros2 run tf2_ros tf2_echo {target!r:.80} {source!r:.80}"
     )

@@ -58,7 +58,7 @@ class ChildProcess:
         longest: float = LONGEST,
     ) -> None:
         self.name = command[0] if name is None else name
-        self.output = ""
+        self._lines: list[str] = []
         self._own_group = own_group
         self.process = subprocess.Popen(
             list(command),
@@ -81,6 +81,11 @@ class ChildProcess:
     def pid(self) -> int:
         """Its process id."""
         return self.process.pid
+
+    @property
+    def output(self) -> str:
+        """What it has written so far."""
+        return "".join(self._lines)
 
     @property
     def is_running(self) -> bool:
@@ -152,7 +157,7 @@ class ChildProcess:
 
     def _read(self) -> None:
         for line in self.process.stdout or ():
-            self.output += line
+            self._lines.append(line)
 
     def __enter__(self: Self) -> Self:
         return self

@@ -25,7 +25,7 @@ from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import SceneObject
 from intuitive_physics.state import ObjectState
-from intuitive_physics.validation import covariance_matrix
+from intuitive_physics.validation import covariance_matrix, name_string
 from intuitive_physics_perception.nodes.frame_worker import FrameWorker
 from intuitive_physics_perception.poses.described_objects import (
     described_objects,
@@ -292,7 +292,7 @@ class PoseBridgeNode(ManagedNode):
         if stamp.sec == 0 and stamp.nanosec == 0:
             raise InvalidInputError("stamp of a pose is 0; expected the time of its measurement")
         place, covariance = _pose_of(message)
-        frame = message.header.frame_id
+        frame = name_string(message.header.frame_id, "frame of a pose")
         position, rotation = (variance * np.eye(3) for variance in self._noise)
         if covariance is not None:
             position, rotation = covariance[:3, :3], covariance[3:, 3:]

@@ -222,11 +222,13 @@ def test_what_cannot_be_used_is_named() -> None:
         unreal.pose.position.x = float("nan")
         unturned.pose.orientation = Quaternion(w=0.0)
         elsewhere = pose(100.0, 0.0, rng, frame_id="moon")
+        endless = pose(100.0, 0.0, rng, frame_id="x" * 100_000)
         for message, text in (
             (unstamped, "stamp of a pose is 0"),
             (unreal, "translation of a frame"),
             (unturned, "orientation of a frame"),
             (elsewhere, "moon"),
+            (endless, "of 100000 characters"),
         ):
             heard.clear()
 

@@ -13,14 +13,17 @@ os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 from benchmarks.torture.camera import PERCEPTION_ARGUMENTS, Camera
-from benchmarks.torture.nodes import LEARNER, PERCEPTION, PREDICTOR, Nodes, thrown_ball
+from benchmarks.torture.nodes import LEARNER, PERCEPTION, PREDICTOR, Nodes, family, thrown_ball
+from diagnostic_msgs.msg import DiagnosticArray
 from intuitive_physics_msgs.msg import (
     Environment,
+    LearningOptions,
     ObjectStates,
+    ResultCode,
     StaticParameters,
     TrajectoryDistribution,
 )
-from intuitive_physics_msgs.srv import AddObservation, ListObservations
+from intuitive_physics_msgs.srv import AddObservation, Learn, ListObservations
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 
@@ -111,6 +114,29 @@ def test_the_learner_keeps_observations_and_versions(nodes: Nodes, manager: Mana
     manager.lead(LEARNER, "configure", "inactive")
     manager.go_on(LEARNER)
     assert stored(manager) == [ball.id]
+
+
+def test_a_search_that_a_pause_ends_leaves_no_process(nodes: Nodes, manager: Manager) -> None:
+    learner = nodes.processes[LEARNER]
+    diagnostics = manager.listen(DiagnosticArray, "/diagnostics")
+    endless = Learn.Request(options=LearningOptions(method="random", max_iterations=10**7))
+    answer = manager.send(Learn, "/learner_node/learn", endless)
+    manager.spin_until(
+        lambda: any(
+            status.message.startswith("searching")
+            for message in diagnostics
+            for status in message.status
+        ),
+        "a search",
+    )
+    manager.pause(LEARNER)
+    manager.spin_until(answer.done, "its end")
+    assert answer.result().result.value == ResultCode.CANCELLED
+    manager.spin_for(0.5)
+    assert [*family(learner.pid)] == [learner.pid]
+    manager.go_on(LEARNER)
+    manager.spin_for(0.5)
+    assert len(family(learner.pid)) == 2
 
 
 def test_perception_and_predictor_go_on_with_what_they_know(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from copy import copy
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from intuitive_physics_msgs.msg import ResultCode
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
 from intuitive_physics_msgs.srv import GetStaticParameters, SetStaticParameters
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.exceptions import InvalidHandle
 from rclpy.parameter import Parameter as RosParameter
 
 from intuitive_physics.errors import IntuitivePhysicsError
@@ -104,10 +106,15 @@ class LearnerNode(ManagedNode):
         )
         self._database = Background(self, "database")
         self._newer = self.create_guard_condition(self._publish)
-        # Triggered in the thread that watches the background, called back in this node's executor.
         improved = self.create_guard_condition(self._read_newest)
+
+        def wake() -> None:
+            # From the thread that watches the background, which may outlive the activity.
+            with suppress(InvalidHandle):
+                improved.trigger()
+
         self._background = BackgroundLearning(
-            self._store.path, self.get_parameter("simulator").value, improved.trigger
+            self._store.path, self.get_parameter("simulator").value, wake
         )
         self._offer()
         self._publish()
@@ -241,6 +248,9 @@ class LearnerNode(ManagedNode):
         )
 
     def _on_search_ended(self, learned: LearnedParameters | None) -> None:
+        # A search that a deactivation ends is answered after it; what it learned is in the store.
+        if not self.active:
+            return
         if learned is not None:
             self._take_over(learned)
         self._run_background()

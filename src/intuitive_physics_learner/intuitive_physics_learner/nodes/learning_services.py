@@ -91,6 +91,7 @@ class RequestedSearches:
         self._on_begin = on_begin
         self._on_end = on_end
         self._job: LearningJob | None = None
+        self._stopped = False
         self._changed = WorkerSignal(node)
         # While a search waits in a callback, others of its group must run.
         together = ReentrantCallbackGroup()
@@ -116,7 +117,8 @@ class RequestedSearches:
             self._changed.set()
 
     def stop(self, patience: float) -> bool:
-        """Cancel a search that runs; return whether it has ended within `patience` seconds."""
+        """Cancel a search that runs and refuse others; return whether it ends in `patience` s."""
+        self._stopped = True
         return self._job is None or self._job.stop(patience)
 
     async def _on_learn(self, request: Learn.Request, response: Learn.Response) -> Learn.Response:
@@ -148,6 +150,8 @@ class RequestedSearches:
         return CancelResponse.ACCEPT
 
     def _start(self, options: LearningOptions) -> LearningJob:
+        if self._stopped:
+            raise RefusedError(ResultCode.CANCELLED, "the node ends")
         if self.running is not None:
             raise RefusedError(
                 ResultCode.BUSY,

@@ -59,7 +59,7 @@ LAST_LINES = 3
 
 
 class BackgroundLearning:
-    """Learns from a store in a process of its own. Its methods return at once.
+    """Learns from a store in a process of its own. Its methods return at once, in any thread.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class BackgroundLearning:
         self._on_improved = on_improved
         self._process: subprocess.Popen[str] | None = None
         self._started_with: tuple[OnlineOptions, int, str] | None = None
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._report = WorkerReport(WAITING)
 
     @property
@@ -97,8 +97,6 @@ class BackgroundLearning:
         cores : of this machine that it may use at most
         priority : one of `PRIORITIES`
         """
-        self.stop()
-        self._started_with = (options, cores, priority)
         task = {
             "database": str(self._database),
             "simulator": self._simulator,
@@ -109,33 +107,37 @@ class BackgroundLearning:
             },
         }
         threads = {name: str(cores) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
-        process = subprocess.Popen(
-            [sys.executable, "-m", WORKER, json.dumps(task)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env={**os.environ, **threads},
-        )
-        limit_process(process.pid, priority, cores)
-        self._process = process
         with self._lock:
+            self.stop()
+            process = subprocess.Popen(
+                [sys.executable, "-m", WORKER, json.dumps(task)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                env={**os.environ, **threads},
+            )
+            limit_process(process.pid, priority, cores)
+            self._process = process
+            self._started_with = (options, cores, priority)
             self._report = WorkerReport(WAITING)
         threading.Thread(target=self._watch, args=(process,), daemon=True).start()
 
     def notify(self) -> None:
         """Make the process read the store again; starts one that has died."""
-        if self._process is None or self._process.stdin is None or self._started_with is None:
-            return
-        try:
-            self._process.stdin.write("notify\n")
-            self._process.stdin.flush()
-        except BrokenPipeError:
-            self.start(*self._started_with)
+        with self._lock:
+            if self._process is None or self._process.stdin is None or self._started_with is None:
+                return
+            try:
+                self._process.stdin.write("notify\n")
+                self._process.stdin.flush()
+            except BrokenPipeError:
+                self.start(*self._started_with)
 
     def stop(self) -> None:
         """End the process at once. What it has found so far is in the store."""
-        process, self._process = self._process, None
+        with self._lock:
+            process, self._process = self._process, None
         if process is not None:
             process.kill()
 

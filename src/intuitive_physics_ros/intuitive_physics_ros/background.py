@@ -12,6 +12,7 @@ from typing import Any
 
 from intuitive_physics_msgs.msg import ResultCode
 from rclpy.exceptions import InvalidHandle
+from rclpy.guard_condition import GuardCondition
 from rclpy.node import Node
 from rclpy.task import Future
 
@@ -233,6 +234,16 @@ class WorkerSignal:
         """Wake all that wait; from any thread."""
         happened, self._future = self._future, Future()
         _complete(happened, self._node)
+
+
+def trigger(guard: GuardCondition) -> None:
+    """Have a node's executor call a guard condition's callback; from any thread.
+
+    The thread may outlive a deactivation, which destroys the guard condition: then nothing is left
+    to go on with.
+    """
+    with suppress(InvalidHandle):
+        guard.trigger()
 
 
 def _complete(future: Future, node: Node) -> None:

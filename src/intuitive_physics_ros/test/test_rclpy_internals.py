@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 import rclpy
@@ -19,6 +18,7 @@ from intuitive_physics_ros.rclpy_internals import (
     parameter_overrides,
     refuse_unknown_types,
 )
+from intuitive_physics_ros.scripting import Peer
 
 
 @pytest.fixture
@@ -68,23 +68,8 @@ def test_a_parameter_of_a_type_that_does_not_exist_is_refused(
 
 
 def test_a_destroyed_lifecycle_node_has_left_the_middleware(context: rclpy.Context) -> None:
-    watching = rclpy.Context()
-    rclpy.init(context=watching)
-    watcher = Node("watcher", context=watching)
     node = AnsweringLifecycleNode("leaving", context=context)
-    try:
-        assert _comes_true(lambda: "leaving" in watcher.get_node_names())
+    with Peer("watcher", timeout=10.0) as peer:
+        peer.spin_until(lambda: "leaving" in peer.node.get_node_names(), "the node")
         node.destroy_node()
-        assert _comes_true(lambda: "leaving" not in watcher.get_node_names())
-    finally:
-        watcher.destroy_node()
-        watching.try_shutdown()
-
-
-def _comes_true(condition: Callable[[], bool]) -> bool:
-    end = time.monotonic() + 10.0
-    while not condition():
-        if time.monotonic() > end:
-            return False
-        time.sleep(0.05)
-    return True
+        peer.spin_until(lambda: "leaving" not in peer.node.get_node_names(), "its end")

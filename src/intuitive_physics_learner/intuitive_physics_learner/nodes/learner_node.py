@@ -5,15 +5,14 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
-from contextlib import suppress
 from copy import copy
+from functools import partial
 from pathlib import Path
 
 from intuitive_physics_msgs.msg import ResultCode
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
 from intuitive_physics_msgs.srv import GetStaticParameters, SetStaticParameters
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.exceptions import InvalidHandle
 from rclpy.parameter import Parameter as RosParameter
 
 from intuitive_physics.errors import IntuitivePhysicsError
@@ -46,7 +45,7 @@ from intuitive_physics_learner.online.worker import COMPILING, FAILED, LEARNING
 from intuitive_physics_learner.store import CurrentParameters, ObservationStore
 from intuitive_physics_learner.store.database import database_path
 from intuitive_physics_learner.stored_learning import learn_from_store
-from intuitive_physics_ros.background import Background
+from intuitive_physics_ros.background import Background, trigger
 from intuitive_physics_ros.conversions import (
     static_parameters_from_message,
     static_parameters_to_message,
@@ -106,15 +105,10 @@ class LearnerNode(ManagedNode):
         )
         self._database = Background(self, "database")
         self._newer = self.create_guard_condition(self._publish)
+        # Triggered in the thread that watches the background, called back in this node's executor.
         improved = self.create_guard_condition(self._read_newest)
-
-        def wake() -> None:
-            # From the thread that watches the background, which may outlive the activity.
-            with suppress(InvalidHandle):
-                improved.trigger()
-
         self._background = BackgroundLearning(
-            self._store.path, self.get_parameter("simulator").value, wake
+            self._store.path, self.get_parameter("simulator").value, partial(trigger, improved)
         )
         self._offer()
         self._publish()
@@ -271,7 +265,7 @@ class LearnerNode(ManagedNode):
     def _read_store(self) -> None:
         try:
             if self._current.read():
-                self._newer.trigger()
+                trigger(self._newer)
         except StorageError as error:
             self.get_logger().error(str(error))
         for version, why in self._own_store.unreadable_versions.items():

@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from copy import copy
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ from intuitive_physics_learner.nodes.learning_services import CODES
 from intuitive_physics_learner.store import ObservationEntry, ObservationStore
 from intuitive_physics_learner.store.observation_entries import EXCLUDED, UNREADABLE, USED
 from intuitive_physics_learner.store.room import Room
-from intuitive_physics_ros.background import Background
+from intuitive_physics_ros.background import Background, trigger
 from intuitive_physics_ros.conversions import observation_from_message, stamp_from_seconds
 from intuitive_physics_ros.diagnostics import Level, Status
 from intuitive_physics_ros.monitors import InputMonitor
@@ -210,9 +211,8 @@ class ObservationServices:
         self._background = background
         self._input = InputMonitor(node, OBSERVATIONS, timeout=None)
         # Triggered in the queue's thread, called back in the node's executor.
-        self._queue = ObservationQueue(
-            self._store, node.create_guard_condition(on_changed).trigger, self._on_refused
-        )
+        changed = node.create_guard_condition(on_changed)
+        self._queue = ObservationQueue(self._store, partial(trigger, changed), self._on_refused)
         self._unreadable = 0
         self._counts: dict[str, int] = store.counts()
         self._counts_error = ""

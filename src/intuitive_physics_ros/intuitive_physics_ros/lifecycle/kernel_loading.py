@@ -6,13 +6,12 @@ import gc
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 
 from intuitive_physics_msgs.msg import ResultCode
-from rclpy.exceptions import InvalidHandle
 from rclpy.guard_condition import GuardCondition
 from rclpy.node import Node
 
+from intuitive_physics_ros.background import trigger
 from intuitive_physics_ros.diagnostics import Level, Status
 from intuitive_physics_ros.result_codes import RefusedError
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
@@ -107,9 +106,7 @@ class KernelLoading:
         with self._lock:
             self._loaded = True
         for one in self._waiting:
-            # A node that was deactivated meanwhile has nothing to go on with.
-            with suppress(InvalidHandle):
-                one.trigger()
+            trigger(one)
 
     def _note_compilation(self) -> None:
         if self._compiling_since is None:

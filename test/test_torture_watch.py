@@ -5,12 +5,13 @@ from __future__ import annotations
 import importlib
 import sys
 import time
+import traceback
 from pathlib import Path
 
 import pytest
 from benchmarks.results.result import Column, Table
 from benchmarks.torture.answers import Answers
-from benchmarks.torture.early_end import EarlyEndError, noted
+from benchmarks.torture.early_end import EarlyEndError, noted, traceback_in
 from benchmarks.torture.faults_around import result_of
 from benchmarks.torture.interfaces import FUZZED
 from benchmarks.torture.nodes import blamed_on_death, megabytes, peak_megabytes
@@ -190,3 +191,15 @@ def test_part_that_ends_early_is_a_missed_bar_and_the_others_go_on(tmp_path, mon
     page = (tmp_path / "torture_kills_cancels.md").read_text()
     assert "**Bars missed**: kills: ended early" in page
     assert "## cancels" in page
+
+
+def test_first_traceback_is_one_line_with_what_stands_before_it():
+    assert traceback_in("all is well\n") == ""
+    try:
+        Path("/nowhere").read_bytes()
+    except OSError:
+        traced = traceback.format_exc()
+    error = "FileNotFoundError: [Errno 2] No such file or directory: '/nowhere'"
+    written = f"begun\nwriting failed\n{traced}ended\n"
+    assert traceback_in(written) == f"a traceback: writing failed {error}"
+    assert traceback_in(traced) == f"a traceback:  {error}"

@@ -40,3 +40,13 @@ def in_one_line(error: Exception) -> str:
         return said
     place = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__} in {Path(place.filename).name}:{place.lineno}: {said}"
+
+
+def traceback_in(output: str) -> str:
+    """Return in one line the first traceback of an output and what stands before it; or nothing."""
+    before, heading, after = output.partition("Traceback (most recent call last)")
+    if not heading:
+        return ""
+    cause = (before.splitlines() or [""])[-1].strip()
+    error = next((line for line in after.splitlines()[1:] if line[:1].strip()), "")
+    return f"a traceback: {cause} {error}"

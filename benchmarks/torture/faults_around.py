@@ -14,7 +14,7 @@ from pathlib import Path
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from benchmarks.torture.bars import bars
-from benchmarks.torture.early_end import in_one_line, noted
+from benchmarks.torture.early_end import in_one_line, noted, traceback_in
 from benchmarks.torture.nodes import LEARNER, PATIENCE, PERCEPTION, PREDICTOR, Nodes, megabytes
 from benchmarks.torture.suite import Suite, running_suite
 from intuitive_physics.errors import IntuitivePhysicsError
@@ -109,13 +109,15 @@ def _borne(fault: Callable[[Suite], None], suite: Suite) -> str:
     known = len(suite.nodes.deaths)
     found = result_of(partial(fault, suite))
     wrote = [
-        name for name, process in suite.nodes.processes.items() if "Traceback" in process.output
+        f"{name} wrote {traceback}"
+        for name, process in suite.nodes.processes.items()
+        if (traceback := traceback_in(process.output))
     ]
     suite.nodes.revive()
     if died := suite.nodes.deaths[known:]:
         return "; ".join(died)
     if wrote:
-        return f"{wrote[0]} wrote a traceback"
+        return "; ".join(wrote)
     return found if found != "ok" else result_of(partial(check_pings, suite.nodes))
 
 
@@ -178,8 +180,8 @@ def _node_twice(absence: float, suite: Suite) -> None:
     for name, arguments in twins.items():
         with NodeProcess(module(name), arguments) as twin:
             suite.peer.spin_for(absence)
-            if not twin.is_running and "Traceback" in twin.output:
-                raise FaultError(f"a second {name} ended with a traceback")
+            if not twin.is_running and (wrote := traceback_in(twin.output)):
+                raise FaultError(f"a second {name} ended with {wrote}")
             told = partial(_is_said, suite, name, "nodes have the name", earlier)
             _expect_said(told, f"there are two of {name}", suite)
     _recovers(suite, "the second nodes ended")

@@ -26,6 +26,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 
 from benchmarks.torture.bars import bars
+from benchmarks.torture.early_end import traceback_in
 from benchmarks.torture.faults_around import FaultError, result_of
 from benchmarks.torture.nodes import (
     LEARNER,
@@ -152,8 +153,8 @@ class Learner:
         """Stop it, and complain of what was answered and is not there."""
         if self.process.is_running and (code := self.process.stop()):
             raise FaultError(f"ended with code {code}")
-        if "Traceback" in self.process.output:
-            raise FaultError("wrote a traceback")
+        if wrote := traceback_in(self.process.output):
+            raise FaultError(f"wrote {wrote}")
         with ObservationStore(database) as store:
             lost = self.answered - {entry.id for entry in store.entries()}
         if lost:

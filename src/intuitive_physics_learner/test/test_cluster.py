@@ -3,6 +3,7 @@
 import logging
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -193,6 +194,41 @@ def test_scheduler_that_goes_away(throws, monkeypatch):
         cluster.close()
         with pytest.raises(ClusterError, match="the cluster failed"):
             cost.costs(candidates(cost.materials, 1))
+
+
+def log_an_error():
+    try:
+        raise OSError("the stream is\nclosed")
+    except OSError:
+        logging.getLogger("distributed.worker").exception("failed during get data with %s", "b")
+    return signal.getsignal(signal.SIGINT)
+
+
+def test_a_worker_that_dies_is_restarted_logs_lines_and_leaves_ctrl_c_to_its_parent(throws, capfd):
+    simulator = make_simulator("event_driven")
+    with CostMaker("local:1") as made:
+        cost = made(throws(2, 0), simulator)
+        some = candidates(cost.materials, 1)
+        expected = cost.costs(some)
+        client = made._client
+        for _ in range(2):
+            assert list(client.run(log_an_error).values()) == [signal.SIG_IGN]
+            (pid,) = client.run(os.getpid).values()
+            os.kill(pid, signal.SIGKILL)
+            assert (cost.costs(some) == expected).all()
+    told = capfd.readouterr().err
+    line = "ERROR - failed during get data with b (OSError: the stream is closed)\n"
+    assert told.count(line) == 2
+    assert "Traceback" not in told
+
+
+def test_processes_that_do_not_start(throws, monkeypatch):
+    def fail(*_, **__):
+        raise RuntimeError("Nanny failed to start worker process")
+
+    monkeypatch.setattr(distributed, "LocalCluster", fail)
+    with CostMaker("local:2") as made, pytest.raises(ClusterError, match=r"did not start .*Nanny"):
+        made(throws(1, 0), make_simulator("event_driven"))
 
 
 def test_dask_does_not_tell_of_a_lost_connection_itself(throws):

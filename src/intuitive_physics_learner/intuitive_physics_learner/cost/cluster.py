@@ -146,27 +146,14 @@ class CostMaker:
 
     def _connect(self) -> Any:
         distributed = _distributed()
-        # It tells of a connection that ends with a traceback at the level of information; what it
-        # means for the search is said by `ClusterError`.
         logging.getLogger("distributed").setLevel(logging.ERROR)
+        _log_in_lines()
         security = None
         if self._tls_files:
             security = distributed.Security(require_encryption=True, **self._tls_files)
+        if self._processes:
+            return self._start_processes(security)
         try:
-            if self._processes:
-                cluster = distributed.LocalCluster(
-                    n_workers=self._processes,
-                    threads_per_worker=1,
-                    host=LOOPBACK,
-                    dashboard_address=f"{LOOPBACK}:0",
-                    worker_dashboard_address=f"{LOOPBACK}:0",
-                    protocol="tls://" if security else "tcp://",
-                    security=security,
-                    silence_logs="ERROR",
-                )
-                client = distributed.Client(cluster, timeout=CONNECT_TIMEOUT)
-                client.run(_leave_interrupts_to_parent)
-                return client
             client = distributed.Client(self._where, timeout=CONNECT_TIMEOUT, security=security)
             client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
         except (OSError, TimeoutError, ValueError) as error:
@@ -175,6 +162,30 @@ class CostMaker:
                 "at least one worker: start them with `dask scheduler` and `dask worker ADDRESS`"
             ) from None
         return client
+
+    def _start_processes(self, security: Any) -> Any:
+        distributed = _distributed()
+        cluster = None
+        try:
+            cluster = distributed.LocalCluster(
+                n_workers=self._processes,
+                threads_per_worker=1,
+                host=LOOPBACK,
+                dashboard_address=f"{LOOPBACK}:0",
+                worker_dashboard_address=f"{LOOPBACK}:0",
+                protocol="tls://" if security else "tcp://",
+                security=security,
+                silence_logs="ERROR",
+                preload=__name__,
+            )
+            return distributed.Client(cluster, timeout=CONNECT_TIMEOUT)
+        except (OSError, TimeoutError, ValueError, RuntimeError) as error:
+            if cluster is not None:
+                cluster.close()
+            raise ClusterError(
+                f"cluster {self._where} did not start ({error}); {self._processes} processes of "
+                "this machine were expected: look whether its memory is full, and learn again"
+            ) from None
 
 
 class ClusterCost(Cost):
@@ -278,9 +289,40 @@ def _certificate_files(folder: str) -> dict[str, str]:
     }
 
 
-def _leave_interrupts_to_parent() -> None:
-    """Ignore Ctrl-C, which reaches all processes of a terminal: the parent ends this one."""
+def dask_setup(_worker: Any) -> None:
+    """Prepare the process of a worker: Dask calls this by its name, after a restart as well.
+
+    Ctrl-C, which reaches all processes of a terminal, is ignored: the parent ends this one.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _log_in_lines()
+
+
+class _OneLine(logging.Filter):
+    """Has a log record say its exception in the one line of its message, without a traceback."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        words = record.getMessage().split()
+        if record.exc_info and (error := record.exc_info[1]) is not None:
+            words += f"({type(error).__name__}: {error})".split()
+        record.msg, record.args = " ".join(words), ()
+        record.exc_info = record.exc_text = None
+        return True
+
+
+_ONE_LINE = _OneLine()
+"""One for all, as a handler takes the same filter once only."""
+
+
+def _log_in_lines() -> None:
+    """Have Dask, and what it runs on, log lines: it tells of a lost connection by a traceback.
+
+    What a failure means for the search is said by `ClusterError`.
+    """
+    for name in ("distributed", "tornado", "tornado.application"):
+        for handler in logging.getLogger(name).handlers:
+            handler.addFilter(_ONE_LINE)
+    logging.getLogger("asyncio").addFilter(_ONE_LINE)
 
 
 def _distributed() -> Any:

@@ -40,6 +40,9 @@ SMALLEST_SHARE = 50
 CONNECT_TIMEOUT = 10.0
 """s until a scheduler, or the processes of this machine, must have answered."""
 
+SENDING_ATTEMPTS = 3
+"""To send observations to workers of which one dies meanwhile."""
+
 WHERE_GUIDE = (
     "empty: in this process; local:N: in N processes of this machine; ADDRESS:PORT: by the "
     "workers of that Dask scheduler, such as tls://192.168.1.2:8786"
@@ -248,9 +251,15 @@ class ClusterCost(Cost):
 
     def _sent(self) -> Any:
         """The observations on all workers."""
-        return self._client.scatter(
-            self._local, broadcast=True, hash=False, timeout=CONNECT_TIMEOUT
-        )
+        for _ in range(SENDING_ATTEMPTS):
+            try:
+                return self._client.scatter(
+                    self._local, broadcast=True, hash=False, timeout=CONNECT_TIMEOUT
+                )
+            except KeyError:
+                # The scheduler's, where a worker dies that it was about to send them to.
+                continue
+        raise ConnectionError("workers die while observations are sent to them")
 
     def _guarded(self, call: Callable[[], Any]) -> Any:
         distributed = _distributed()

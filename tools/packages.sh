@@ -23,7 +23,25 @@ if ! .venv/bin/python -c 'import sys; sys.exit(sys.version_info >= (3, 12))'; th
     CFLAGS="-g0 ${CFLAGS:-}" install -c requirements/constraints.txt \
         --use-pep517 --no-build-isolation pybullet
 fi
-echo "set-up: installing packages (2 GB, about two minutes)"
-install -r requirements/ros.txt -r requirements/runtime.txt -r requirements/test.txt \
-    -r requirements/docs.txt
+# What pip is told of a setting, by its environment or its files; uv reads neither.
+told_pip() { .venv/bin/python -m pip config list | sed -n "s/^[^=]*\.$1='\(.*\)'$/\1/p" | tail -n 1; }
+
+install_quickly() { # requirements …; silent where it fails, as pip says the same then
+    .venv/bin/python -m pip --disable-pip-version-check install -qq -r requirements/installer.txt
+    local index extra links certificates
+    index=$(told_pip index-url) extra=$(told_pip extra-index-url)
+    links=$(told_pip find-links) certificates=$(told_pip cert)
+    env ${index:+UV_DEFAULT_INDEX="$index"} ${extra:+UV_INDEX="$extra"} \
+        ${links:+UV_FIND_LINKS="$links"} ${certificates:+SSL_CERT_FILE="$certificates"} \
+        .venv/bin/uv pip install --quiet --no-config --python .venv/bin/python \
+        --index-strategy unsafe-best-match --compile-bytecode "$@" 2> /dev/null
+}
+
+all=(-r requirements/ros.txt -r requirements/runtime.txt -r requirements/test.txt
+    -r requirements/docs.txt)
+echo "set-up: installing packages (2 GB)"
+if ! install_quickly "${all[@]}"; then
+    echo "set-up: uv cannot install them; pip tries, which takes minutes"
+    install "${all[@]}"
+fi
 rm "$under_way"

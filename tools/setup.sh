@@ -46,7 +46,7 @@ fi
 if [ -e .venv ] && ! grep -qsF "$root/.venv" .venv/bin/activate; then rm -rf .venv; fi
 
 packages=$(cat requirements/*.txt $tools/packages.sh | digest)
-workspace=$({ echo "$packages"; cat $tools/{workspace.sh,link_packages.py,ros_wheel_paths.cmake}
+workspace=$({ echo "$packages"; cat $tools/{workspace.sh,link_packages.py,ros_wheels.cmake}
               cat pyproject.toml; built_sources | contents; linked_names | LC_ALL=C sort; } | digest)
 kernels=$({ echo "$packages"; cat $tools/kernels.sh; kernel_sources | contents; } | digest)
 

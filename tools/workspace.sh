@@ -16,7 +16,7 @@ build() {
         --event-handlers console_start_end- summary- "$@" \
         --cmake-args -G Ninja -DBUILD_TESTING=OFF -DCMAKE_BUILD_TYPE=Release \
         -DPython3_EXECUTABLE="$prefix/bin/python" \
-        -DCMAKE_PROJECT_INCLUDE="$PWD/tools/ros_wheel_paths.cmake"
+        -DCMAKE_PROJECT_INCLUDE="$PWD/tools/ros_wheels.cmake"
 }
 
 echo "set-up: building the workspace"

@@ -360,10 +360,12 @@ class ModelledScene:
         return True
 
     def restart_tracking(self, first_track: int) -> None:
-        """Forget all tracks, and since when what is seen has been there; the environment stays."""
+        """Forget all tracks, the last frames, and since when what is seen has been there; the
+        environment stays."""
         self.tracker = Tracker(self.model.environment, self._settings, first_track)
         self.episodes = EpisodeRecorder(self.model.environment, self._settings)
         self._next_look, self._changed_since = -np.inf, None
+        self._recent.forget()
         if self._view is not None:
             self._view.restart()
 

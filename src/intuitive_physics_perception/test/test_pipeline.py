@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -89,6 +91,23 @@ def test_time_that_jumps_back_restarts_the_tracker(recording) -> None:
     assert len(again[0].observations) == 1
     assert again[0].model is not None
     assert [o.object.id for o in again[-1].objects] == ["sphere_2"]
+
+
+def test_frames_of_a_recording_that_is_played_again_and_again_are_not_kept(recording) -> None:
+    _, frames, _, _ = recording
+    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
+    passed = []
+    for _ in range(3):
+        for k, frame in enumerate(frames[:12]):
+            copy = frame.copy()
+            pipeline.process(copy, k * STEP)
+            passed.append(weakref.ref(copy))
+    gc.collect()
+    # Those that the environment was modelled from stay, and those of the time that hindsight needs.
+    later = [k for k, reference in enumerate(passed) if reference() is not None and k >= 12]
+    assert all(k >= 24 for k in later)
+    assert later[-1] == 35
+
 
 
 def test_rebuilding_models_from_the_next_frames_and_never_uses_an_id_twice(recording) -> None:

@@ -74,7 +74,7 @@ class RecentFrames:
             self._frames.popleft()
 
     def forget(self) -> None:
-        """Forget all frames: the sensor has moved."""
+        """Forget all frames: the sensor has moved, or time has gone back."""
         self._frames.clear()
 
     def before(self, time: float) -> tuple[float, NDArray[np.float32], Clusters] | None:

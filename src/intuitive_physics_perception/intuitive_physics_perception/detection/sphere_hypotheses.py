@@ -144,8 +144,9 @@ class SphereHypotheses:
 
     def _explains(self, points: NDArray[np.float64], sphere: NDArray[np.float64]) -> bool:
         """Cheap inlier test before refinement: are most points in the outline on the sphere?"""
+        # Single precision is what the frame's points have: one compiled version serves both.
         on, against, _, _ = inspect_sphere(
-            points, sphere, self._search.inlier_sigmas, self._fitter.noise
+            points.astype(np.float32), sphere, self._search.inlier_sigmas, self._fitter.noise
         )
         return on > self._search.roughly_on * (on + against)
 

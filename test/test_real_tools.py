@@ -114,6 +114,7 @@ BAD_ARGUMENTS = {
     "bag:=nowhere": "bag is 'nowhere'; expected the path of a bag",
     "bag:=/": "bag is '/', a folder without metadata.yaml; expected",
     "respawn:=often": "respawn is 'often'; expected true or false",
+    "cammera:=zed": "there is no launch argument 'cammera'; expected camera",
     "use_sim_time:=perhaps": "use_sim_time is 'perhaps'; expected true or false",
 }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,33 @@ METADATA_FILE = "metadata.yaml"
 
 BAG_SUFFIXES = (".mcap", ".db3", ".bag")
 """Of single files that are bags."""
+
+
+def check_names(words: Sequence[str], file: str, arguments: Collection[str]) -> None:
+    """Refuse arguments that a launch file does not have, which `ros2 launch` would pass over.
+
+    Parameters
+    ----------
+    words : of the command line
+    file : name of the launch file. Where another one includes it the words are not for it alone,
+        and whatever they are is taken
+    arguments : that it has
+
+    Raises
+    ------
+    InvalidInputError
+        When one of the words sets another argument.
+    """
+    if not any(Path(word).name == file for word in words):
+        return
+    for word in words:
+        name, is_set, _ = word.partition(":=")
+        if is_set and name not in arguments:
+            near = get_close_matches(name, arguments, 1)
+            expected = near[0] if near else f"one of {', '.join(arguments)}"
+            if "params_file" in arguments:
+                expected += "; parameters of the nodes are set in the file that params_file names"
+            raise InvalidInputError(f"there is no launch argument {name!r}; expected {expected}")
 
 
 def check_rate(text: str) -> None:

@@ -6,6 +6,7 @@ wrong, such as the value of a parameter or the inside of a bag, ends all with on
 
 import os
 import re
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,12 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_bringup.checks import check_bag, check_parameter_file, check_rate
+from intuitive_physics_bringup.checks import (
+    check_bag,
+    check_names,
+    check_parameter_file,
+    check_rate,
+)
 from intuitive_physics_bringup.connections import (
     CAMERAS,
     NODES,
@@ -121,6 +127,7 @@ def generate_launch_description() -> LaunchDescription:
 
 def processes(context: LaunchContext) -> list[Action]:
     """Return all that is started, once every argument is known to be good."""
+    check_names(sys.argv, Path(__file__).name, ARGUMENTS)
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     check(given)
     variables = discovery_environment(given["discovery"], given["peers"])

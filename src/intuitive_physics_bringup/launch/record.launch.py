@@ -4,6 +4,7 @@
 """
 
 import shutil
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from launch.actions import (
 from launch.substitutions import LaunchConfiguration
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_bringup.checks import check_names
 from intuitive_physics_bringup.connections import CAMERAS, session_topics
 from launch import Action, LaunchContext, LaunchDescription
 
@@ -50,6 +52,7 @@ def generate_launch_description() -> LaunchDescription:
 
 def recorder(context: LaunchContext) -> list[Action]:
     """Return `ros2 bag record` with its arguments, once these are known to be good."""
+    check_names(sys.argv, Path(__file__).name, ARGUMENTS)
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     check(given)
     # Launch must end with the recorder, although the timer of `disk_watch` is still active.

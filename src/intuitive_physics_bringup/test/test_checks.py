@@ -10,6 +10,7 @@ from intuitive_physics_bringup.checks import (
     METADATA_FILE,
     RATES,
     check_bag,
+    check_names,
     check_parameter_file,
     check_rate,
 )
@@ -115,3 +116,25 @@ def test_what_is_no_file_of_parameters_is_refused(tmp_path, text, complaint):
     path = tmp_path / "mine.yaml"
     path.write_text(text)
     assert complaint in refusal(check_parameter_file, str(path), "")
+
+
+ARGUMENTS = ("camera", "camera_info", "bag", "params_file")
+
+
+@pytest.mark.parametrize(
+    ("word", "expected"),
+    [
+        ("cammera:=zed", "expected camera;"),
+        ("xyzzy:=1", "expected one of camera, camera_info"),
+    ],
+)
+def test_an_argument_that_the_launch_file_does_not_have_is_refused(word, expected):
+    words = ["/usr/bin/ros2", "launch", "intuitive_physics_bringup", "suite.launch.py"]
+    with pytest.raises(InvalidInputError, match=expected):
+        check_names([*words, "bag:=throws", word], "suite.launch.py", ARGUMENTS)
+    check_names([*words, "bag:=a:=b", "--debug"], "suite.launch.py", ARGUMENTS)
+
+
+def test_arguments_of_a_launch_file_that_includes_it_are_taken():
+    words = ["/usr/bin/ros2", "launch", "/home/me/robot.launch.py", "arm:=left"]
+    check_names(words, "suite.launch.py", ARGUMENTS)

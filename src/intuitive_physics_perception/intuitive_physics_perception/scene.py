@@ -377,7 +377,7 @@ class ModelledScene:
         ----------
         episodes : that are over
         """
-        if self._flights is None or not self.is_at_home:
+        if self._flights is None or not episodes or not self.is_at_home:
             return None
         for track in (track for episode in episodes for track in episode.tracks):
             seen = record_of(track, self._settings)

@@ -132,6 +132,22 @@ def test_flights_in_any_direction_tell_it_within_their_deviation(direction, seed
     assert angle(found[0], up) < 5.0 * found[1] * np.sqrt(2.0)
 
 
+def test_the_newest_flights_count() -> None:
+    # A thousand that agreed are outvoted by thirty that do, and take no time any more.
+    rng = np.random.default_rng(0)
+    flights = FlightGravity(9.81, SupportSettings())
+    times = np.arange(0.0, 0.5, 1.0 / 30.0)
+    for up, count in (((0.0, 0.0, 1.0), 1000), ((0.0, 0.6, 0.8), 30)):
+        for _ in range(count):
+            places = times[:, None] * rng.normal(size=3)
+            places -= 0.5 * 9.81 * times[:, None] ** 2 * np.array(up)
+            places += 0.002 * rng.normal(size=places.shape)
+            flights.take(times, places, np.tile(4e-6 * np.eye(3), (len(times), 1, 1)))
+        found = flights.up()
+        assert found is not None
+        assert angle(found[0], up) < 5.0 * found[1] * np.sqrt(2.0)
+
+
 @given(st.integers(0, 1000), st.floats(0.0, 6.0))
 def test_what_does_not_fall_tells_nothing(seed, acceleration) -> None:
     """Rolling, sliding and being carried: constant accelerations below gravity's."""

@@ -194,6 +194,9 @@ class SelfCalibration:
         covariance : (3, 3) m², of its error
         """
         since = time - self._detected.get(object_id, -np.inf)
+        # One seen so long ago counts as one never seen.
+        recent = self._detected.items()
+        self._detected = {each: at for each, at in recent if 0.0 <= time - at < INDEPENDENT_AFTER}
         self._detected[object_id] = time
         weight = min(max(since, 0.0), INDEPENDENT_AFTER) / INDEPENDENT_AFTER / len(HORIZONS)
         for kept in self._kept:

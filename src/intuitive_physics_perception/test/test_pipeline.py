@@ -109,7 +109,6 @@ def test_frames_of_a_recording_that_is_played_again_and_again_are_not_kept(recor
     assert later[-1] == 35
 
 
-
 def test_rebuilding_models_from_the_next_frames_and_never_uses_an_id_twice(recording) -> None:
     _, frames, _, _ = recording
     pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))

@@ -24,9 +24,6 @@ from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 FORMAT = "intuitive_physics/learned_parameters/2"
 """Format of files, which every file names."""
 
-READ_FORMATS = (FORMAT, "intuitive_physics/learned_parameters/1")
-"""Formats that are read; the first version has no posterior."""
-
 Known = TypeVar("Known", ParameterPosterior, GivenKnowledge)
 """What is known of the parameters of some materials."""
 
@@ -195,10 +192,10 @@ class LearnedParameters:
         InvalidInputError
             When a field is missing, of another format, or not what it must be.
         """
-        if not isinstance(data, Mapping) or data.get("format") not in READ_FORMATS:
+        if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             got = data.get("format") if isinstance(data, Mapping) else type(data).__name__
             raise InvalidInputError(
-                f"learned parameters have the format {got!r}; expected {' or '.join(READ_FORMATS)}"
+                f"learned parameters have the format {got!r}; expected {FORMAT!r}"
             )
         try:
             check_limit("most_materials", len(data["materials"]), "materials")

@@ -31,9 +31,6 @@ from intuitive_physics.validation import (
 FORMAT = "intuitive_physics/observation/2"
 """Format of the JSON text, which every text names."""
 
-READABLE_FORMATS = (FORMAT, "intuitive_physics/observation/1")
-"""Formats that are read; texts of the first format have no detections."""
-
 ID_LENGTH = 32
 """Hexadecimal digits of an id that follows from the content: 128 bits, so that two observations of
 a store never have the same one by chance."""
@@ -397,11 +394,8 @@ class Observation:
         except json.JSONDecodeError as error:
             raise InvalidInputError(f"observation is not whole JSON: {error}") from None
         got = data.get("format") if isinstance(data, dict) else type(data).__name__
-        if not isinstance(data, dict) or got not in READABLE_FORMATS:
-            raise InvalidInputError(
-                f"observation has the format {got!r}; "
-                f"expected {' or '.join(map(repr, READABLE_FORMATS))}"
-            )
+        if not isinstance(data, dict) or got != FORMAT:
+            raise InvalidInputError(f"observation has the format {got!r}; expected {FORMAT!r}")
         try:
             check_limit("most_objects", len(data["objects"]), "objects")
             observation = Observation(

@@ -94,18 +94,6 @@ def test_six_numbers_determine_a_symmetric_matrix():
     np.testing.assert_array_equal(symmetric_matrices(unique_numbers(stack)), stack)
 
 
-@given(st.integers(0, 2**31))
-def test_a_text_of_the_first_format_is_read(seed):
-    seen = make_observation(seed)
-    data = json.loads(seen.to_json())
-    data["format"] = "intuitive_physics/observation/1"
-    for part in data["objects"]:
-        del part["detections"]
-    read = Observation.from_json(json.dumps(data))
-    assert read.to_json() == seen.to_json()
-    assert read.objects[0].detections is None
-
-
 def good_detections() -> dict[str, list]:
     return Detections([0.1, 0.2], np.zeros((2, 3)), [np.eye(3)] * 2, np.eye(3)).to_dict()
 

@@ -288,13 +288,6 @@ def test_files_keep_the_posterior():
     assert source.extended(("floor", "ball", "stone")).posterior.factor.shape == (1, 27)
 
 
-def test_files_of_the_first_format_have_no_posterior():
-    data = learned(np.full(SIZE, np.nan), np.zeros(SIZE, dtype=bool)).to_dict()
-    del data["posterior"]
-    data["format"] = "intuitive_physics/learned_parameters/1"
-    assert LearnedParameters.from_dict(data).posterior is None
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -316,10 +316,8 @@ def _identity(
 
 
 def _check_same_task(resume: Mapping[str, Any], task: Mapping[str, Any]) -> None:
-    # States of before November 2026 have no distance: there was one only.
-    saved = {"distance": MEAN_DISTANCE, **resume}
     for key, expected in task.items():
-        if saved.get(key) != expected:
+        if resume.get(key) != expected:
             raise InvalidInputError(
                 f"saved state is of a search with other {key}; expected one with the same "
                 f"{', '.join(task)}; learn without it to begin again"

@@ -83,11 +83,6 @@ def test_a_search_does_not_continue_with_another_distance(event_driven, throws):
     other = options(40, method="random", distance="max")
     with pytest.raises(InvalidInputError, match="other distance"):
         learn(observed, event_driven, other, resume=states[-1])
-    # What was saved before there was a choice is of the mean distance.
-    del states[-1]["distance"]
-    learn(observed, event_driven, options(40, method="random"), resume=states[-1])
-    with pytest.raises(InvalidInputError, match="other distance"):
-        learn(observed, event_driven, other, resume=states[-1])
 
 
 @pytest.mark.parametrize("method", ["levenberg_marquardt", "adaptive_random"])

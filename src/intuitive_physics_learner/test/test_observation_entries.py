@@ -88,11 +88,11 @@ def test_an_unreadable_row_is_marked_kept_and_passed_over(store, glide_at):
         "{}",
         "[]",
         "7",
-        '{"format": "intuitive_physics/observation/1", "objects": [1]}',
-        '{"format": "intuitive_physics/observation/1", "objects": 5, "environment": []}',
+        '{"format": "intuitive_physics/observation/2", "objects": [1]}',
+        '{"format": "intuitive_physics/observation/2", "objects": 5, "environment": []}',
     ],
 )
-def test_no_text_stops_reading_or_migration(store, glide_at, text):
+def test_no_text_stops_reading(store, glide_at, text):
     store.add_all([glide_at("a"), glide_at("b")])
     rewritten(store, "UPDATE observations SET json = ? WHERE id = 'a'", text)
     assert [one.id for one in store.observations()] == ["b"]
@@ -115,25 +115,6 @@ def test_a_row_that_can_be_read_again_is_used_again(store, glide_at):
     assert store.revision() > before
     assert [one.id for one in store.observations()] == ["a", "b"]
     assert store.materials() == ("ball", "floor")
-
-
-def test_migration_enters_rows_that_cannot_be_read(tmp_path, glide_at):
-    path = tmp_path / "old.sqlite3"
-    with ObservationStore(path) as store:
-        store.add_all([glide_at(id) for id in "abc"])
-    with sqlite3.connect(path) as old:
-        tables = ("observation_entries", "observation_counts", "observed_materials")
-        for name in (*tables, "observation_set", "online_state"):
-            old.execute(f"DROP TABLE {name}")
-        old.execute("DROP TRIGGER observation_deleted")
-        old.execute("UPDATE observations SET json = 'nothing' WHERE id = 'b'")
-        old.execute("PRAGMA user_version = 2")
-    old.close()
-    with ObservationStore(path) as store:
-        assert ids(store.entries()) == ["a", "b", "c"]
-        assert [one.status for one in store.entries()] == ["used", "unreadable", "used"]
-        assert store.materials() == ("ball", "floor")
-        assert [one.id for one in store.observations()] == ["a", "c"]
 
 
 def test_the_user_excludes_and_includes(store, glide_at):

@@ -1,6 +1,5 @@
 """Nothing that was acknowledged is lost, and every way to fail has one clear error."""
 
-import json
 import multiprocessing
 import os
 import resource
@@ -28,7 +27,6 @@ from intuitive_physics_learner.store.online_record import OnlineRecord
 PATIENCE = 60.0
 """s to wait for what takes well under one, on a machine that is busy with other things."""
 
-DATA = Path(__file__).parent / "data"
 
 WRITER = """
 import sys
@@ -251,32 +249,14 @@ def test_nothing_is_written_to_a_file_that_a_newer_version_migrates_meanwhile(pa
         assert store.ids() == ["old"]
 
 
-@pytest.mark.parametrize("version", [1, 2])
-def test_file_of_an_earlier_version_is_migrated(path, version):
-    # Written by the program when its schema had that version, dumped by sqlite3.
-    path.parent.mkdir(parents=True)
+def test_a_file_of_before_the_first_release_is_refused(path):
+    with ObservationStore(path):
+        pass
     with sqlite3.connect(path) as old:
-        old.executescript((DATA / f"database_version_{version}.sql").read_text(encoding="utf-8"))
-        rows = old.execute("SELECT id, json FROM observations ORDER BY rowid").fetchall()
+        old.execute("PRAGMA user_version = 2")
     old.close()
-    for _ in range(2):
-        with ObservationStore(path) as store:
-            for (name, text), seen in zip(rows, store.observations(), strict=True):
-                (kept,), (read,) = json.loads(text)["objects"], seen.objects
-                assert seen.id == name
-                assert read.trajectory.positions.tolist() == kept["positions"]
-            for entry, seen in zip(store.entries(), store.observations(), strict=True):
-                assert (entry.id, entry.start_time) == (seen.id, seen.start_time)
-                assert (entry.first_time, entry.last_time) == seen.time_span
-                assert (entry.materials, entry.status) == (seen.materials, "used")
-            assert store.materials() == ("ball", "floor")
-            assert store.counts()["used"] == len(rows)
-            assert store.newest_parameters().to_dict()["materials"] == ["ball", "floor"]
-            store.save_checkpoint(SearchCheckpoint("k", 1, None, {"a": 1.5}, 2.0, 7))
-            assert store.checkpoint("k").state == {"a": 1.5}
-    with sqlite3.connect(path) as new:
-        assert new.execute("PRAGMA user_version").fetchone() == (latest_version(),)
-    new.close()
+    with pytest.raises(StorageError, match="schema version 2 of a program before the first"):
+        ObservationStore(path)
 
 
 def test_older_schema_is_migrated_and_keeps_its_rows(path, observation, monkeypatch):

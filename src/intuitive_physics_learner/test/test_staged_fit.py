@@ -149,18 +149,6 @@ def test_a_stopped_fit_continues_exactly(task, stopped):
     assert whole.joint.simulations == second.joint.simulations
 
 
-def test_the_state_of_a_joint_fit_alone_is_continued_jointly(task):
-    influence = task.influence[:, task.active]
-    joint = JointFit(task.cost, task.searched, influence, task.prior, SETTINGS)
-    joint.step()
-    staged = staged_fit(task)
-    staged.load_state(joint.state())
-    joint.step()
-    staged.step()
-    assert staged.steps == joint.steps == 2
-    np.testing.assert_array_equal(staged.joint.unit, joint.unit)
-
-
 def test_fits_jointly_from_the_beginning_where_few_moved_alone(task):
     jointly = staged_fit(task, replace(SETTINGS, smallest_separate_share=1.0))
     jointly.step()

@@ -366,7 +366,7 @@ class JointFit:
         self.misfits = state["misfits"]
         self.steps = state["steps"]
         self.responsive = np.array(state["responsive"])
-        self._model.widen_spins(InitialSpins.from_dict(state.get("spins", {})))
+        self._model.widen_spins(InitialSpins.from_dict(state["spins"]))
         for part, saved in zip(self._estimate.fits, state["fits"], strict=True):
             part.load_state(saved)
 

@@ -108,10 +108,10 @@ class StagedFit:
         return {**self.joint.state(), "staged_steps": self.steps, "separate": separate}
 
     def load_state(self, state: Mapping[str, Any]) -> None:
-        """Continue from what `state` returned, or from the state of a joint fit alone."""
+        """Continue from what `state` returned."""
         self.joint.load_state(state)
-        self.steps = state.get("staged_steps", self.joint.steps)
-        saved = state.get("separate", [])
+        self.steps = state["staged_steps"]
+        saved = state["separate"]
         self._separate = self._separate[: len(saved)]
         for part, own in zip(self._separate, saved, strict=True):
             part.fit.load_state(own)

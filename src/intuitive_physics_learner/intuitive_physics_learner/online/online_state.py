@@ -193,7 +193,7 @@ class OnlineState:
         """Return it as JSON text, every number to its last digit."""
         data = {
             "format": FORMAT,
-            **{name: getattr(self, name) for name in (*_PLAIN, "spare_seconds")},
+            **{name: getattr(self, name) for name in _PLAIN},
             **{name: encode_array(getattr(self, name)) for name in _ARRAYS},
             **{name: _information_data(getattr(self, name)) for name in _INFORMATION},
             **{
@@ -226,9 +226,7 @@ class OnlineState:
             return OnlineState(
                 **{
                     **{name: data[name] for name in _PLAIN},
-                    # Older texts have none.
-                    "spare_seconds": data.get("spare_seconds", 0.0),
-                    "retired_spins": SpinEvidence.from_dict(data.get("retired_spins", {})),
+                    "retired_spins": SpinEvidence.from_dict(data["retired_spins"]),
                     "materials": tuple(data["materials"]),
                     **{name: decode_array(data[name]) for name in _ARRAYS},
                     **{name: _read_information(data[name]) for name in _INFORMATION},
@@ -248,6 +246,7 @@ _PLAIN = (
     "materials",
     "score",
     "compared",
+    "spare_seconds",
     "processed",
     "set_aside",
     "explained",
@@ -310,7 +309,7 @@ def _read_member(data: Mapping[str, Any]) -> Member:
             decode_array(data["information"]),
             decode_array(data["scores"]),
             data["loss"],
-            tuple(SpinLikelihood.from_dict(one) for one in data.get("spins", [])),
+            tuple(SpinLikelihood.from_dict(one) for one in data["spins"]),
         ),
         data["weight"],
     )

@@ -24,7 +24,7 @@ import os
 import re
 import sqlite3
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime, timezone
 from pathlib import Path
@@ -32,13 +32,9 @@ from pathlib import Path
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
 from intuitive_physics_learner.store.observation_entries import COLUMNS
-from intuitive_physics_learner.store.observation_rows import insert_entry
 
 APPLICATION_ID = 0x49505331
 """Distinguishes our files from other SQLite files: "IPS1"."""
-
-Step = str | Callable[[sqlite3.Connection], None]
-"""Of a migration: a statement, or a function for what SQL cannot do."""
 
 ENTRY_TABLES: tuple[str, ...] = (
     "CREATE TABLE observation_entries (number INTEGER PRIMARY KEY AUTOINCREMENT, "
@@ -93,32 +89,25 @@ ENTRY_TRIGGERS: tuple[str, ...] = (
 """What keeps the counts right."""
 
 
-def _enter_observations(connection: sqlite3.Connection) -> None:
-    """Make the entries of all stored observations, one row in memory at a time."""
-    rows = connection.execute("SELECT id, received_at, json FROM observations ORDER BY rowid")
-    for name, received_at, text in rows:
-        insert_entry(connection, name, received_at, text)
-
-
-MIGRATIONS: tuple[tuple[Step, ...], ...] = (
+MIGRATIONS: tuple[tuple[str, ...], ...] = (
     (
+        f"PRAGMA application_id = {APPLICATION_ID}",
         "CREATE TABLE observations ("
         "id TEXT PRIMARY KEY NOT NULL, received_at REAL NOT NULL, json TEXT NOT NULL)",
         "CREATE TABLE learned_parameters ("
         "version INTEGER PRIMARY KEY NOT NULL, learned_at REAL NOT NULL, json TEXT NOT NULL)",
-        f"PRAGMA application_id = {APPLICATION_ID}",
-    ),
-    (
         "CREATE TABLE searches (key TEXT PRIMARY KEY NOT NULL, saved_at REAL NOT NULL, "
         "version INTEGER NOT NULL, json TEXT NOT NULL)",
-    ),
-    (*ENTRY_TABLES, *ENTRY_TRIGGERS, _enter_observations),
-    (
+        *ENTRY_TABLES,
+        *ENTRY_TRIGGERS,
         "CREATE TABLE online_state (id INTEGER PRIMARY KEY CHECK (id = 1), "
         "saved_at REAL NOT NULL, json TEXT NOT NULL)",
     ),
 )
-"""Steps that lead from schema version k to k + 1; a new version is one more entry."""
+"""Statements that lead from each schema version to the next; a new version is one more entry."""
+
+FIRST_VERSION = 4
+"""Schema version that the first entry leads to."""
 
 FIRST_ROWS = (
     "SELECT received_at, json FROM observations LIMIT 1",
@@ -378,7 +367,7 @@ def _advice(text: str) -> str:
 
 def latest_version() -> int:
     """Return the schema version that this program writes."""
-    return len(MIGRATIONS)
+    return FIRST_VERSION + len(MIGRATIONS) - 1
 
 
 def schema_version(connection: sqlite3.Connection, path: Path) -> int:
@@ -397,6 +386,11 @@ def schema_version(connection: sqlite3.Connection, path: Path) -> int:
             f"{path} is an SQLite database of another program; "
             "expected one of this suite or a new file"
         )
+    if 0 < version < FIRST_VERSION:
+        raise StorageError(
+            f"{path} has the schema version {version} of a program before the first release; "
+            "move the file away, or give another path"
+        )
     if version > latest_version():
         raise StorageError(
             f"{path} has the schema version {version}; this program knows versions up to "
@@ -408,10 +402,8 @@ def schema_version(connection: sqlite3.Connection, path: Path) -> int:
 def migrate(connection: sqlite3.Connection, path: Path) -> None:
     """Bring a file up to date, within the caller's transaction: wholly or not at all."""
     # Read within the transaction: another process may have migrated the file meanwhile.
-    for step in MIGRATIONS[schema_version(connection, path) :]:
-        for action in step:
-            if isinstance(action, str):
-                connection.execute(action)
-            else:
-                action(connection)
+    version = schema_version(connection, path)
+    for statements in MIGRATIONS[max(version - FIRST_VERSION + 1, 0) :]:
+        for statement in statements:
+            connection.execute(statement)
     connection.execute(f"PRAGMA user_version = {latest_version()}")

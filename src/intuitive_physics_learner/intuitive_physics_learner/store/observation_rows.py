@@ -71,7 +71,7 @@ def database_bytes(connection: sqlite3.Connection) -> int:
 def excess_observations(connection: sqlite3.Connection) -> list[tuple[str, str]]:
     """Return ids of observations by which there are too many materials, the latest, and why.
 
-    An older version of this program may have stored them.
+    They may have been stored where the limit was a higher one.
     """
     count = connection.execute("SELECT COUNT(*) FROM observed_materials").fetchone()[0]
     most = limits().most_materials

@@ -190,10 +190,6 @@ class AdaptiveRandomSearch(ClimbingRule):
 
     name = "adaptive_random"
 
-    def load_state(self, state: dict[str, Any]) -> None:
-        # States of before November 2026 carry the bounds of the step that were a part of the rule.
-        super().load_state({**state, "settings": self.settings})
-
     def _neighbours(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         epsilon = self._epsilon()
         steps = self._generator.uniform(-epsilon, epsilon, (1, self.size))

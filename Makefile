@@ -1,7 +1,7 @@
 # Intuitive Physics. `make` alone lists what there is.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup lint types docs test library-tests system-tests test-oldest house demo bench-simulation \
+.PHONY: help setup lint types docs test library-tests system-tests test-oldest demo bench-simulation \
 	bench-prediction bench-perception bench-learning bench-flights bench-robot torture clean
 
 # A ROS, or a Python, that the caller's shell has sourced must not mix with ours.
@@ -40,10 +40,11 @@ help: ## List the targets
 setup: ## Make .venv and build the messages; the others do it when needed
 	@tools/setup.sh
 
-lint: setup ## Only check style and types, and build the documentation
+lint: setup ## Only check style, imports and types, and build the documentation
 	@echo "── lint"
 	@.venv/bin/ruff check .
 	@.venv/bin/ruff format --check --quiet . || { .venv/bin/ruff format --diff --quiet . ; exit 1; }
+	@.venv/bin/lint-imports --no-logo --no-cache > build/imports.log || { cat build/imports.log ; exit 1; }
 	@$(MAKE) --no-print-directory types docs
 
 types: ## Only check types, with the environment as it is
@@ -77,9 +78,6 @@ system-tests: setup ## Only test nodes, as processes that talk over DDS; only=ne
 test-oldest: ## Test the libraries with the versions of Ubuntu 24.04, in build/oldest
 	@tools/system_packages.sh && tools/oldest.sh
 	@$(one_thread) build/oldest/venv/bin/pytest -p no:dash --numprocesses=auto $(side_by_side) $(library_tests)
-
-house: ## Measure the source tree; options="--details KEY" lists what is behind a number
-	@python3 -m tools.house $(options)
 
 demo: setup ## Perceive, learn from and predict thrown balls; write a report
 	@$(run_environment) .venv/bin/python -m intuitive_physics_experiments.demo

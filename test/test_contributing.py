@@ -7,10 +7,9 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
-from tools.house.source_tree import SourceTree
+from tools.source_tree import PACKAGES
 
 ROOT = Path(__file__).parent.parent
-TREE = SourceTree(ROOT)
 PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 
@@ -76,7 +75,7 @@ def test_every_command_of_make_exists(target):
     assert re.search(rf"^{target}:", MAKEFILE, re.MULTILINE), f"there is no make {target}"
 
 
-@pytest.mark.parametrize("package", TREE.packages)
+@pytest.mark.parametrize("package", PACKAGES)
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:catkin_pkg")
 def test_changelog_begins_with_what_comes_next_or_the_released_version(package):
     from catkin_pkg import changelog

@@ -9,10 +9,7 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
-from tools.house.import_graph import imports_of
-from tools.house.source_tree import SourceTree
-
-TREE = SourceTree(Path(__file__).parent.parent)
+from tools.source_tree import PACKAGES, PYTHON_PACKAGES, ROOT, imported_packages, syntax_of
 
 ROSDEP_KEYS = {
     "python3-hypothesis",
@@ -92,7 +89,7 @@ FROM_PIP = {
 
 
 def manifest(package: str) -> Path:
-    return TREE.root / "src" / package / "package.xml"
+    return ROOT / "src" / package / "package.xml"
 
 
 def declared_keys(package: str) -> set[str | None]:
@@ -100,40 +97,33 @@ def declared_keys(package: str) -> set[str | None]:
     return {element.text for element in root if element.tag.endswith("depend")}
 
 
-@pytest.mark.parametrize("package", TREE.packages)
+@pytest.mark.parametrize("package", PACKAGES)
 def test_every_key_is_known(package):
-    unknown = declared_keys(package) - ROSDEP_KEYS - ROS_PACKAGES - set(TREE.packages)
+    unknown = declared_keys(package) - ROSDEP_KEYS - ROS_PACKAGES - set(PACKAGES)
     assert not unknown, f"{package} declares {unknown}, which rosdep install does not find"
 
 
-@pytest.mark.parametrize("package", TREE.python_packages)
+@pytest.mark.parametrize("package", PYTHON_PACKAGES)
 def test_what_is_imported_from_outside_is_declared(package):
-    imported = {
-        item.module.split(".")[0]
-        for module in TREE.package_modules
-        if module.package == package
-        for item in imports_of(module)
-    }
-    outside = imported - set(sys.stdlib_module_names) - set(TREE.packages)
+    imported = {name for _, syntax in syntax_of(package) for name in imported_packages(syntax)}
+    outside = imported - set(sys.stdlib_module_names) - set(PACKAGES)
     needed = {KEY_OF_IMPORT.get(name, name) for name in outside - set(FROM_PIP)}
     lacking = needed - declared_keys(package)
     assert not lacking, f"package.xml of {package} lacks {sorted(lacking)}"
 
 
-@pytest.mark.parametrize("package", TREE.python_packages)
+@pytest.mark.parametrize("package", PYTHON_PACKAGES)
 def test_what_comes_from_pip_is_named_in_the_manifest(package):
     text = manifest(package).read_text(encoding="utf-8")
-    for module in TREE.package_modules:
-        if module.package == package:
-            for item in imports_of(module):
-                name = FROM_PIP.get(item.module.split(".")[0])
-                assert name is None or f"pip install {name}" in text, (
-                    f"{module.path} imports {name}, which has no rosdep key; "
-                    f"expected a comment with “pip install {name}” in {package}/package.xml"
-                )
+    for path, syntax in syntax_of(package):
+        for name in {FROM_PIP[one] for one in imported_packages(syntax) & FROM_PIP.keys()}:
+            assert f"pip install {name}" in text, (
+                f"{path} imports {name}, which has no rosdep key; "
+                f"expected a comment with “pip install {name}” in {package}/package.xml"
+            )
 
 
-@pytest.mark.parametrize("package", TREE.packages)
+@pytest.mark.parametrize("package", PACKAGES)
 def test_no_link_leaves_a_package(package):
     folder = manifest(package).parent
     for path in folder.rglob("*"):
@@ -150,12 +140,10 @@ def test_definitions_of_messages_are_those_of_the_message_package():
 
 
 def test_the_container_installs_what_rosdep_has_no_key_for():
-    dockerfile = (TREE.root / "Dockerfile").read_text(encoding="utf-8")
+    dockerfile = (ROOT / "Dockerfile").read_text(encoding="utf-8")
     installed = set(re.findall(r"pip install (.*)", dockerfile)[0].split())
     # Only a command that shows recordings in its own program needs that program.
     assert installed == set(FROM_PIP.values()) - {"rerun-sdk"}
-    container = TREE.root / ".devcontainer" / "devcontainer.json"
+    container = ROOT / ".devcontainer" / "devcontainer.json"
     described = json.loads(container.read_text(encoding="utf-8"))
-    assert (
-        container.parent / described["build"]["dockerfile"]
-    ).resolve() == TREE.root / "Dockerfile"
+    assert (container.parent / described["build"]["dockerfile"]).resolve() == ROOT / "Dockerfile"

@@ -11,11 +11,11 @@ from importlib.metadata import distributions
 from pathlib import Path
 
 import pytest
-from tools.house.source_tree import SourceTree
 from tools.needs import NEEDS, asked_by, asked_by_module
+from tools.source_tree import PACKAGES
 
 ROOT = Path(__file__).parent.parent
-OWN = {*SourceTree(ROOT).packages, "benchmarks", "tools"}
+OWN = {*PACKAGES, "benchmarks", "tools"}
 
 FILES = [
     path

@@ -9,9 +9,8 @@ from collections import defaultdict
 from pathlib import Path
 
 import pytest
-from tools.house.layout_rules import ROS_PACKAGES
-from tools.house.source_tree import SourceTree
 from tools.link_packages import console_scripts, described
+from tools.source_tree import PYTHON_PACKAGES
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -19,9 +18,11 @@ else:
     import tomli as tomllib
 
 ROOT = Path(__file__).parent.parent
-TREE = SourceTree(ROOT)
-WITHOUT_ROS = [name for name in TREE.python_packages if name not in ROS_PACKAGES]
-SETUPS = {name: described(ROOT / "src" / name) for name in TREE.python_packages}
+ROS_PACKAGES = {"intuitive_physics_ros", "intuitive_physics_bringup"}
+"""Packages that import ROS anywhere."""
+
+WITHOUT_ROS = [name for name in PYTHON_PACKAGES if name not in ROS_PACKAGES]
+SETUPS = {name: described(ROOT / "src" / name) for name in PYTHON_PACKAGES}
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT = PYPROJECT["project"]
 WHEEL = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
@@ -29,7 +30,7 @@ WHEEL = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
 
 def test_it_has_all_packages_that_need_no_ros():
     assert WHEEL["packages"] == [f"src/{name}/{name}" for name in WITHOUT_ROS]
-    assert WHEEL["dev-mode-dirs"] == [f"src/{name}" for name in TREE.python_packages]
+    assert WHEEL["dev-mode-dirs"] == [f"src/{name}" for name in PYTHON_PACKAGES]
 
 
 def test_it_requires_what_they_require():
@@ -62,7 +63,7 @@ def test_its_entry_points_are_theirs():
     assert PROJECT["entry-points"] == groups
 
 
-@pytest.mark.parametrize("package", TREE.python_packages)
+@pytest.mark.parametrize("package", PYTHON_PACKAGES)
 def test_a_change_in_a_package_needs_no_build(package):
     source = ROOT / "src" / package
     spec = importlib.util.find_spec(package)

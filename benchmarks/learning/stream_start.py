@@ -20,7 +20,7 @@ from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner.store import ObservationStore
-from intuitive_physics_learner.store.database import insert_entry
+from intuitive_physics_learner.store.observation_rows import insert_entry
 
 POINTS = 45
 """Of the observation: 1.5 s at 30 frames a second."""

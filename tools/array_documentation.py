@@ -5,17 +5,22 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TypeAlias
 
-from tools.house.functions import Function, parameters_of
-from tools.house.source_tree import Place, SourceModule, SourceTree
+Function: TypeAlias = ast.FunctionDef | ast.AsyncFunctionDef
+"""A function's definition in the syntax tree."""
+
+Module: TypeAlias = tuple[Path, ast.Module]
+"""A file and its syntax."""
 
 _ARRAY_TYPES = {"NDArray", "ArrayLike", "ndarray"}
 _SHAPE = r"(?:^|(?<=[\s,;:]))\((?:[^()]*,[^()]*|\.\.\.|…)?\)"
 _ENTRY = re.compile(r"(?P<names>\*{0,2}\w+(?:\s*,\s*\*{0,2}\w+)*)\s*:(?!:)\s*(?P<text>.*)")
 
 
-def undocumented_arrays(tree: SourceTree) -> list[Place]:
-    """Array parameters, fields and results of public functions in `src/` without a shape.
+def undocumented_arrays(modules: Iterable[Module]) -> list[str]:
+    """Return array parameters, fields and results of public functions without a shape.
 
     Public is what has no leading underscore, in a class that has none, and of the special methods
     `__init__` and `__call__`. An array is what is annotated with NDArray, ArrayLike or np.ndarray,
@@ -30,31 +35,30 @@ def undocumented_arrays(tree: SourceTree) -> list[Place]:
     class, or of the field. A result is documented by a shape in the first paragraph or in the
     section Returns. What a method of the same name in a base class documents need not be repeated.
     """
-    documentation = _Documentation(tree.package_modules)
-    return [
-        place for module in tree.package_modules for place in documentation.undocumented(module)
-    ]
+    modules = list(modules)
+    documentation = _Documentation(modules)
+    return [place for module in modules for place in documentation.undocumented(module)]
 
 
 class _Documentation:
     """Docstrings of all classes, so that those of base classes are found."""
 
-    def __init__(self, modules: Iterable[SourceModule]) -> None:
+    def __init__(self, modules: Iterable[Module]) -> None:
         self._classes = {
             node.name: node
-            for module in modules
-            for node in ast.walk(module.syntax)
+            for _, syntax in modules
+            for node in ast.walk(syntax)
             if isinstance(node, ast.ClassDef)
         }
 
-    def undocumented(self, module: SourceModule) -> Iterator[Place]:
-        for node in module.syntax.body:
+    def undocumented(self, module: Module) -> Iterator[str]:
+        for node in module[1].body:
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _is_public(node.name):
                 yield from self._in_function(module, node, None)
             elif isinstance(node, ast.ClassDef) and _is_public(node.name):
                 yield from self._in_class(module, node)
 
-    def _in_class(self, module: SourceModule, owner: ast.ClassDef) -> Iterator[Place]:
+    def _in_class(self, module: Module, owner: ast.ClassDef) -> Iterator[str]:
         fields = set()
         if _has_fields(owner):
             for index, node in enumerate(owner.body):
@@ -70,7 +74,7 @@ class _Documentation:
                         _has_entry(text, node.target.id) for text in self._class_texts(owner)
                     )
                     if not documented:
-                        yield module.place(node.lineno, f"{owner.name}.{node.target.id}")
+                        yield f"{module[0]}:{node.lineno} {owner.name}.{node.target.id}"
         for node in owner.body:
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and (
                 _is_public(node.name) or node.name in ("__init__", "__call__")
@@ -79,23 +83,23 @@ class _Documentation:
 
     def _in_function(
         self,
-        module: SourceModule,
+        module: Module,
         node: Function,
         owner: ast.ClassDef | None,
         fields: Iterable[str] = (),
-    ) -> Iterator[Place]:
+    ) -> Iterator[str]:
         if any("overload" in ast.unparse(decorator) for decorator in node.decorator_list):
             return
         texts = self._function_texts(node, owner)
         name = node.name if owner is None else f"{owner.name}.{node.name}"
-        for parameter in parameters_of(node, owner is not None):
+        for parameter in _parameters_of(node, owner is not None):
             is_field = node.name == "__init__" and parameter.arg in fields
             if not _is_array(parameter.annotation) or is_field:
                 continue
             if not any(_has_entry(text, parameter.arg) for text in texts):
-                yield module.place(parameter.lineno, f"{name}({parameter.arg})")
+                yield f"{module[0]}:{parameter.lineno} {name}({parameter.arg})"
         if _is_array(node.returns) and not any(_states_result(text) for text in texts):
-            yield module.place(node.lineno, f"{name} → result")
+            yield f"{module[0]}:{node.lineno} {name} → result"
 
     def _function_texts(self, node: Function, owner: ast.ClassDef | None) -> list[str]:
         """Return the docstrings in which a function's arrays may be documented."""
@@ -126,6 +130,21 @@ class _Documentation:
                 found.append(base)
                 ahead += base.bases
         return found
+
+
+def _parameters_of(node: Function, is_method: bool) -> list[ast.arg]:
+    """Return a function's parameters without `self` and `cls`."""
+    positional = [*node.args.posonlyargs, *node.args.args]
+    if is_method and not any(
+        _name(decorator) == "staticmethod" for decorator in node.decorator_list
+    ):
+        positional = positional[1:]
+    rest = [item for item in (node.args.vararg, node.args.kwarg) if item is not None]
+    return [*positional, *node.args.kwonlyargs, *rest]
+
+
+def _name(decorator: ast.expr) -> str:
+    return ast.unparse(decorator).split("(")[0]
 
 
 def _is_public(name: str) -> bool:

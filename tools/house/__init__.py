@@ -1,1 +1,0 @@
-"""The size and order of the source tree in nine numbers; `make house` prints them."""

@@ -70,7 +70,7 @@ def parameter_notes(learned: LearnedParameters) -> list[str]:
         elif place > 1.0 - NEAR_BOUND and not name.startswith("dynamic_friction"):
             notes.append("on its upper bound")
         else:
-            notes.append("" if np.isnan(low) else f"as good: {low:.2g} to {high:.2g}")
+            notes.append("" if np.isnan(low) else f"one-sided: {low:.2g} to {high:.2g}")
     return notes
 
 

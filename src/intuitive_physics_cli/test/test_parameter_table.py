@@ -32,7 +32,7 @@ def test_what_is_known_is_a_row_and_a_bound_is_told() -> None:
 
 def test_ends_are_told_beside_the_deviation() -> None:
     table = parameter_table(learned("dynamic_friction[ball, table]")).splitlines()
-    assert table[2].endswith("as good: 0.35 to 1")
+    assert table[2].endswith("one-sided: 0.35 to 1")
 
 
 def test_how_balls_are_thrown_has_a_line() -> None:

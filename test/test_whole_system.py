@@ -50,8 +50,10 @@ def test_the_demo_sees_learns_and_predicts(demo):
     # Learning fits noise too, so it may beat the truth a little; it must come near.
     assert numbers["learned_J_m"] < 1.5 * numbers["oracle_J_m"] + 0.01
     assert numbers["prediction_rate_hz"] > 80.0
-    for name in ("report.html", "demo.png"):
+    for name in ("report.html", "demo.png", "demo.gif"):
         assert (folder / name).stat().st_size > 10_000
+    # GitHub and a reader's patience bear no more at the top of a page.
+    assert (folder / "demo.gif").stat().st_size < 3_000_000
 
 
 def test_no_node_of_the_demo_wrote_a_traceback(demo):

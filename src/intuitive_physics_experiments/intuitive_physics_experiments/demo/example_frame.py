@@ -42,7 +42,7 @@ def example_frame(
     track = seen.trajectory
     flying = np.flatnonzero(track.positions[:, 2] > HEIGHT_SHOWN)
     shown = int(flying[len(flying) // 2]) if flying.size else 0
-    depths = _depth_images(bag)
+    depths = depth_images(bag)
     settings = PerceptionSettings()
     rays = Intrinsics(camera.width, camera.height, camera.matrix()).rays()
     first = [points_from_depth(next(depths)[1], rays) for _ in range(settings.environment_frames)]
@@ -61,7 +61,7 @@ def example_frame(
     )
 
 
-def _depth_images(bag: Path) -> Iterator[tuple[float, NDArray[Any]]]:
+def depth_images(bag: Path) -> Iterator[tuple[float, NDArray[Any]]]:
     """Yield time (s) and depth image of each frame of a bag."""
     with BagReader(bag) as reader:
         for message in reader.messages([DEPTH_TOPIC]):

@@ -30,7 +30,8 @@ from intuitive_physics_experiments.demo.demo_result import (
     prediction_outcome,
     throw_errors,
 )
-from intuitive_physics_experiments.demo.example_frame import example_frame
+from intuitive_physics_experiments.demo.example_frame import depth_images, example_frame
+from intuitive_physics_experiments.demo.moving_picture import PredictedPaths, write_moving_picture
 from intuitive_physics_experiments.demo.nodes.suite import (
     Heard,
     Learned,
@@ -69,6 +70,9 @@ LOWEST_RATE = 50.0
 
 SLOWER = 0.5
 """Of the speed of a replay in which fewer were, at which it is repeated."""
+
+MOVING_PICTURE = "demo.gif"
+"""Of the throw that was predicted."""
 
 
 class DemoError(IntuitivePhysicsError):
@@ -175,8 +179,10 @@ def run(options: Options, progress: Progress) -> dict[str, float]:
         "took": f"{time.monotonic() - start:.0f} s",
     }
     paths = write_report(replace(result, summary=numbers, about=about), options.output)
+    moving = options.output / MOVING_PICTURE
+    _write_moving_picture(moving, bags / "unseen_throw", unseen, heard, about["commit"])
     progress.detail(f"report: {paths.page}")
-    progress.detail(f"picture: {paths.picture}")
+    progress.detail(f"pictures: {paths.picture}, {moving}")
     return numbers
 
 
@@ -211,6 +217,20 @@ def _prediction(heard: Heard, unseen: Seen) -> PredictionOutcome:
                 unseen.frame,
             )
     raise DemoError("the predictor predicted nothing while the ball was in the air")
+
+
+def _write_moving_picture(path: Path, bag: Path, unseen: Seen, heard: Heard, commit: str) -> None:
+    """Draw the throw that was predicted, with every prediction of it as it was made."""
+    (ball, *_) = unseen.observations[0].objects
+    predictions = [
+        PredictedPaths(seconds_from_stamp(message.header.stamp), each.times, each.positions[:, 0])
+        for _, message in heard.distributions
+        for each in [trajectory_distribution_from_message(message)]
+    ]
+    radius = ball.object.shape.bounding_radius
+    write_moving_picture(
+        path, depth_images(bag), unseen.frame, ball.trajectory, radius, predictions, commit
+    )
 
 
 def _rate(heard: Heard) -> float:

@@ -59,10 +59,12 @@ def test_readme_is_for_a_newcomer():
     assert "make test" in "\n".join(lines)
 
 
-def test_picture_of_the_demo_names_the_commit_that_it_is_of():
+def test_pictures_of_the_demo_name_the_commit_that_they_are_of():
     with Image.open(ROOT / "docs" / "demo.png") as picture:
         # Of a tree with changes the name ends in "-dirty".
         assert re.fullmatch("[0-9a-f]{12}", picture.info["commit"])
+    with Image.open(ROOT / "docs" / "demo.gif") as picture:
+        assert re.fullmatch("[0-9a-f]{12}", picture.info["comment"].decode())
 
 
 def test_results_of_the_readme_are_those_of_the_runs():

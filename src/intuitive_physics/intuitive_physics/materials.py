@@ -20,8 +20,8 @@ DEFAULT_DENSITY = 500.0
 """kg/m³, of a material of which nothing was learned; set by hand, between foam and water."""
 
 DEFAULT_COEFFICIENTS = (0.5, 0.4, 0.01, 0.5)
-"""Of a pair of materials of which nothing was learned, in the order of `PAIR_COEFFICIENTS`; set by
-hand, dimensionless."""
+"""Coefficients of a pair of materials of which nothing was learned, in the order of
+`PAIR_COEFFICIENTS`; set by hand, dimensionless."""
 
 
 def pair_count(materials: int) -> int:

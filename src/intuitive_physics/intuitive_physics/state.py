@@ -16,7 +16,7 @@ ERROR_SIZE = 12
 """Components of the deviation of a state, which are the axes of its covariance."""
 
 POSITION = slice(0, 3)
-"""Of these components: deviation of the position, m."""
+"""Components of a state's deviation that are the position's, m."""
 
 ROTATION = slice(3, 6)
 """Deviation of the orientation, a rotation vector in the environment's frame, rad."""

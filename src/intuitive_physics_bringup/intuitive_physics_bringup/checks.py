@@ -20,7 +20,7 @@ METADATA_FILE = "metadata.yaml"
 """File that makes a folder a bag."""
 
 BAG_SUFFIXES = (".mcap", ".db3", ".bag")
-"""Of single files that are bags."""
+"""Endings of single files that are bags."""
 
 
 def check_names(words: Sequence[str], file: str, arguments: Collection[str]) -> None:

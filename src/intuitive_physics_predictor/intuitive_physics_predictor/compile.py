@@ -54,4 +54,4 @@ def warm_up_estimates() -> None:
 
 
 WARM_UPS: tuple[WarmUp, ...] = (warm_up_samples, warm_up_estimates)
-"""Of `intuitive_physics.kernels.warm_up`, beside those of the simulation."""
+"""What `intuitive_physics.kernels.warm_up` calls beside the simulation's."""

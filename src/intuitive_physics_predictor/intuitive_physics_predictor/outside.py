@@ -64,7 +64,7 @@ TOUCHING = 1e-9
 """m. What overlaps by less touches: rounding."""
 
 REDRAWS, PAIR_REDRAWS = 16, 8
-"""Of an object that is inside a surface, and of a sample in which two objects overlap."""
+"""Redraws of an object inside a surface, and of a sample in which two objects overlap."""
 
 PUSHES, LIFTS = 16, 8
 """Steps along the noise, and lifts of a mean, out of one surface each."""
@@ -81,13 +81,13 @@ FROM_EDGES = 12.0
 one without edges: no draw comes near them, even from a mean as deep inside as noise explains."""
 
 UNDER = 0.5
-"""Of the inradius. A mean that is deeper behind a bounded plane lies under it."""
+"""Depth behind a bounded plane from which a mean lies under it, in inradii."""
 
 STEP = 1e-6
 """m and rad, of the differences that slopes of a gap are made from."""
 
 TRIES = 64
-"""Of a deviate that is cut off. Each one succeeds with a probability of 0.38 or more."""
+"""Attempts at a truncated deviate; each succeeds with a probability of 0.38 or more."""
 
 WORK = np.dtype(
     [

@@ -29,7 +29,7 @@ METADATA_FILE = "metadata.yaml"
 """File that makes a folder a rosbag2 recording."""
 
 STORAGE_SUFFIXES = (".mcap", ".db3", ROS1_SUFFIX)
-"""Of single files that are bags."""
+"""Endings of single files that are bags."""
 
 EXPECTED = f"a bag's folder or a file that ends in {', '.join(STORAGE_SUFFIXES)}"
 """What a bag is, for messages."""

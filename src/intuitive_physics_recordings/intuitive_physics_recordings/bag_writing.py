@@ -16,7 +16,7 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 BAG_VERSION: Final = 9
-"""Of the bag's metadata, that of ROS 2 Jazzy."""
+"""Version of the bag's metadata, that of ROS 2 Jazzy."""
 
 ENDLESS = QosTime(9223372036, 854775807)
 """The longest duration there is, 2⁶³ − 1 ns: no deadline, lifespan or lease."""

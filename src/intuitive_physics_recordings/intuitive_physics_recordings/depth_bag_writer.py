@@ -15,10 +15,10 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_recordings.bag_writing import mcap_writer, offered_qos
 
 DEPTH_TOPIC = "/camera/depth/image_rect_raw"
-"""Of the images, named as camera drivers do."""
+"""Topic of the images, named as camera drivers do."""
 
 CAMERA_INFO_TOPIC = "/camera/depth/camera_info"
-"""Of the camera's size and matrix, beside the images."""
+"""Topic of the camera's size and matrix, beside the images."""
 
 QUEUE = 5
 """Messages kept for a slow subscriber."""

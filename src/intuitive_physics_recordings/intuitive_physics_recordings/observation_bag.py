@@ -28,7 +28,7 @@ OBSERVATION_TYPE = f"{PACKAGE}/Observation"
 """Name of the message type."""
 
 SUFFIX = ".mcap"
-"""Of a file of observations."""
+"""Ending of a file of observations."""
 
 TOPIC = "/intuitive_physics/observations"
 """Where perception publishes observations, and the learner hears them."""

@@ -9,7 +9,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation, load_observation, save_observation
 
 SUFFIX = ".json"
-"""Of a file with one observation."""
+"""Ending of a file with one observation."""
 
 
 def save_observations(observations: Sequence[Observation], folder: Path) -> None:

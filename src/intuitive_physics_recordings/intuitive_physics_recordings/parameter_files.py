@@ -13,10 +13,10 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.limits import check_limit
 
 YAML_SUFFIXES = (".yaml", ".yml")
-"""Of files that are read and written as YAML."""
+"""Endings of files that are read and written as YAML."""
 
 SUFFIXES = (*YAML_SUFFIXES, ".json")
-"""Of all files of parameters."""
+"""Endings of all files of parameters."""
 
 
 def save_parameters(learned: LearnedParameters, path: Path) -> None:

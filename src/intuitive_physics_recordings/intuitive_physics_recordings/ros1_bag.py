@@ -25,7 +25,7 @@ from intuitive_physics.limits import check_limit
 from intuitive_physics_recordings.bag_writing import offered_qos
 
 SUFFIX = ".bag"
-"""Of a ROS 1 recording, which is one file."""
+"""Ending of a ROS 1 recording, one file."""
 
 RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 """Types of ROS 1 that have another name in ROS 2."""

@@ -33,13 +33,13 @@ GRAVITY_ARROW_LENGTH = 0.3
 """m"""
 
 SAMPLE_COLOR = ColorRGBA(r=0.15, g=0.45, b=0.85, a=0.35)
-"""Of a sample: blue, and so transparent that dense bundles look darker."""
+"""Colour of a sample: blue, and so transparent that dense bundles look darker."""
 
 MEAN_COLOR = ColorRGBA(r=0.95, g=0.55, b=0.10, a=1.0)
-"""Of the mean: orange."""
+"""Colour of the mean: orange."""
 
 ELLIPSOID_COLOR = ColorRGBA(r=0.95, g=0.55, b=0.10, a=0.20)
-"""Of a covariance ellipsoid: the mean's orange, transparent."""
+"""Colour of a covariance ellipsoid: the mean's orange, transparent."""
 
 SAMPLE_WIDTH = 0.002
 """m, of a sample's line."""
@@ -51,7 +51,7 @@ TEXT_HEIGHT = 0.05
 """m, of the letters of names."""
 
 TEXT_COLOR = ColorRGBA(r=0.1, g=0.1, b=0.1, a=1.0)
-"""Of names: dark, for RViz' light ground."""
+"""Colour of names: dark, for RViz' light ground."""
 
 ELLIPSOIDS = 8
 """Covariance ellipsoids an object, evenly over the horizon."""

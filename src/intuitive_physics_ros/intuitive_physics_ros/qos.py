@@ -4,8 +4,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profi
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 QOS_OVERRIDES = QoSOverridingOptions.with_default_policies()
-"""Of each topic of a node, so that parameters `qos_overrides.TOPIC.publisher.depth` and the like
-change history, depth and reliability. rclpy writes them into the profile, so pass it a copy."""
+"""Overrides of each topic of a node, so that parameters `qos_overrides.TOPIC.publisher.depth` and
+the like change history, depth and reliability. rclpy writes them into the profile, so pass it a
+copy."""
 
 SENSOR_DATA = qos_profile_sensor_data
 """Subscriptions to sensors and to what is derived from each of their frames: best effort, the

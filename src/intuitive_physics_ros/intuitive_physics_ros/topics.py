@@ -6,19 +6,19 @@ Names that no other package has, and relative ones, so that one namespace is one
 from __future__ import annotations
 
 ENVIRONMENT = "intuitive_physics/environment"
-"""Of intuitive_physics_msgs/Environment."""
+"""Topic of intuitive_physics_msgs/Environment."""
 
 OBJECT_STATES = "intuitive_physics/object_states"
-"""Of intuitive_physics_msgs/ObjectStates."""
+"""Topic of intuitive_physics_msgs/ObjectStates."""
 
 OBSERVATIONS = "intuitive_physics/observations"
-"""Of intuitive_physics_msgs/Observation."""
+"""Topic of intuitive_physics_msgs/Observation."""
 
 STATIC_PARAMETERS = "intuitive_physics/static_parameters"
-"""Of intuitive_physics_msgs/StaticParameters."""
+"""Topic of intuitive_physics_msgs/StaticParameters."""
 
 PREDICTIONS = "intuitive_physics/predictions"
-"""Of intuitive_physics_msgs/TrajectoryDistribution."""
+"""Topic of intuitive_physics_msgs/TrajectoryDistribution."""
 
 DETECTIONS = "intuitive_physics/detections"
-"""Of vision_msgs/Detection3DArray, where they are asked for."""
+"""Topic of vision_msgs/Detection3DArray, where they are asked for."""

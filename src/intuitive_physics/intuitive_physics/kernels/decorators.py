@@ -25,13 +25,13 @@ from numba import njit, types
 from intuitive_physics.kernels.cache import KernelCache, keeps
 
 COMMON_OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
-"""Of every kernel."""
+"""Options of every kernel."""
 
 WITHOUT_RUNTIME: dict[str, Any] = {"_nrt": False}
-"""Of kernels that allocate no array."""
+"""Options of kernels that allocate no array."""
 
 WITHOUT_WRAPPERS: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""Of kernels that only other kernels call."""
+"""Options of kernels that only other kernels call."""
 
 REORDERING = frozenset({"contract", "reassoc", "nsz"})
 """Liberties with rounding that keep the meaning of NaN and infinity."""

@@ -31,7 +31,8 @@ GOLDEN, FIRST_MIX, SECOND_MIX = (
     np.uint64(0xBF58476D1CE4E5B9),
     np.uint64(0x94D049BB133111EB),
 )
-"""Of SplitMix64 (Steele, Lea, Flood 2014), whose k-th number is a hash of seed + k GOLDEN."""
+"""Constants of SplitMix64 (Steele, Lea, Flood 2014), whose k-th number is a hash of seed + k
+GOLDEN."""
 
 DRAWS = 4
 """Uniform numbers that an impact takes."""

@@ -14,7 +14,7 @@ PIECES = 2
 """Shares of what is left for each thread: worlds differ in cost."""
 
 MOST_THREADS = 64
-"""Of all batches together; what finds none free is done by the thread that asked."""
+"""Threads of all batches together; without a free one the calling thread does the work."""
 
 
 def run_in_shares(

@@ -13,7 +13,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
 
 DATABASE_SUFFIX = ".sqlite3"
-"""Of a learner's database, which is an SQLite file."""
+"""Ending of a learner's database, an SQLite file."""
 
 
 def add_database(parser: argparse.ArgumentParser, *, new: bool = False) -> None:
@@ -71,7 +71,7 @@ PATH_HELP = (
 """What a path to observations may be, as the help says it."""
 
 RECORDED_SET_SUFFIX = ".npz"
-"""Of motions recorded by others, which an added package reads."""
+"""Ending of motions recorded by others, which an added package reads."""
 
 ENGINE = "auto"
 """The default engine."""

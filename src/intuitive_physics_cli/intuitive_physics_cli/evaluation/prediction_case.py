@@ -149,7 +149,7 @@ LEVELS = np.linspace(0.05, 0.95, 19)
 """Probabilities of regions, shape (19,)."""
 
 POINTS_JUDGED = 30
-"""Of each case, evenly over its time: neighbouring points are strongly correlated."""
+"""Points of each case, evenly over its time: neighbouring points are strongly correlated."""
 
 
 def region_coverage(

@@ -47,7 +47,7 @@ SURELY_FREE = 0.1
 """Share of such stretches that nothing but gravity acts on."""
 
 BY_CHANCE = 0.999
-"""Of free stretches are no farther from a parabola than what still counts."""
+"""Quantile of χ² below which a window is free flight."""
 
 
 def observed_outcomes(
@@ -228,8 +228,8 @@ def air_factors(scene_object: SceneObject, air_density: float, density: float) -
 
 
 PAST_SHARE = 0.5
-"""Of the observations where they are split once: θ_s is learned from these and the noise is fitted
-to them."""
+"""Share of the observations where they are split once: θ_s is learned from these and the noise is
+fitted to them."""
 
 
 def splits_of(

@@ -169,7 +169,8 @@ def _seen(outcome: Outcome, rng: np.random.Generator) -> Outcome:
 
 
 LEARNED_SHARE = 0.6
-"""Of the runs that are not held out: θ_s is learned from these, the noise fitted to the others."""
+"""Share of the runs that are not held out: θ_s is learned from these, the noise fitted to the
+others."""
 
 LEARNED_POINTS = 30
 """Points, at most, that initial states of what is learned from are fitted to."""

@@ -86,10 +86,10 @@ def _row(scores: Scores, h: int) -> dict[str, Any]:
 
 
 HORIZON_COLORS = (PREDICTED, OBSERVED, PLANE_COLORS[0], GRAVITY, PLANE_COLORS[3])
-"""Of the horizons, in their order."""
+"""Colours of the horizons, in their order."""
 
 BASELINE_COLORS = (DEFAULT, PLANE_COLORS[0], PLANE_COLORS[3], PLANE_COLORS[4])
-"""Of the baselines, in their order."""
+"""Colours of the baselines, in their order."""
 
 
 def draw_reliability(axes: Any, calibration: Calibration) -> None:

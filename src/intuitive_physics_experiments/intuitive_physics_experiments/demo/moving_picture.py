@@ -25,7 +25,7 @@ SLOWER = 2.0
 """Times as long as the throw took."""
 
 MARGIN = 0.5
-"""Of the picture beside the track, as a part of the track's extent."""
+"""Width of the picture beside the track, as a part of the track's extent."""
 
 LAST_SHOWN = 1.5
 """s for which the last frame stays, of the moving picture."""

@@ -15,7 +15,7 @@ from intuitive_physics.validation import (
 )
 
 FEWEST_POINTS = 3
-"""That a flight is fitted to."""
+"""Points that a flight is fitted to at least."""
 
 SURPRISE = 16.3
 """χ² of three degrees of freedom that free flight exceeds once in a thousand points."""

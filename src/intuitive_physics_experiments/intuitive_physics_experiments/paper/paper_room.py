@@ -28,7 +28,7 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics_cli.plugins import make_engine
 
 ROOM_MATERIAL = "room"
-"""Of floor and walls."""
+"""Material of floor and walls."""
 
 HALF_ROOM = 5.0
 """m from the room's middle to each wall."""

@@ -39,7 +39,7 @@ from intuitive_physics_learner.search.parameter_search import ConvergenceCriteri
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 COLUMNS = 3
-"""Of the figure with an example each."""
+"""Columns of the figure, one example in each."""
 
 ERROR_LINES = 40
 """Lines from predicted to observed points in one example."""

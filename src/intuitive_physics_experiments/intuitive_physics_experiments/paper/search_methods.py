@@ -47,7 +47,7 @@ METHOD_COLORS = (
     "#dc2626",
     "#111827",
 )
-"""Of the update rules, in their order."""
+"""Colours of the update rules, in their order."""
 
 
 def draw_search_methods(

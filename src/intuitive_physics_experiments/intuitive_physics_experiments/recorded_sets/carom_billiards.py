@@ -33,7 +33,7 @@ STILL = 0.002
 """m; a ball that stays so near its first place rests."""
 
 FEWEST_ROWS = 10
-"""Of a ball's motion that becomes an observation."""
+"""Rows of the shortest motion that becomes an observation."""
 
 
 def carom_observations(arrays: Arrays) -> list[Observation]:

@@ -100,7 +100,7 @@ ENVIRONMENT_ARRAYS = (
     "boxes",
     "box_materials",
 )
-"""Of a batch, with a row for each environment; but for the planes."""
+"""Arrays of a batch with a row for each environment, except the planes."""
 
 
 class BallModel:

@@ -36,7 +36,7 @@ FEWEST_BEFORE, FEWEST_AFTER = 8, 8
 """Rows before and after a bounce of flights that are scored."""
 
 ROUNDS = 5
-"""Of learning the prior."""
+"""Rounds in which the prior is learned."""
 
 MISFIT = 1.3
 """Median residual over the noise above which a flight is not learned from."""
@@ -91,7 +91,7 @@ Predictor = Callable[
 
 @dataclass(frozen=True, eq=False)
 class FlightScore:
-    """Of one flight with a bounce.
+    """Errors of one flight with a bounce.
 
     Parameters
     ----------
@@ -115,13 +115,13 @@ class FlightScore:
 
     @property
     def relative_error(self) -> float:
-        """Of the spin across the flight, estimated through the bounce."""
+        """Relative error of the spin across the flight, estimated through the bounce."""
         return float(np.linalg.norm(self.after - self.measured) / np.linalg.norm(self.measured))
 
 
 @dataclass(frozen=True, eq=False)
 class FlightEvaluation:
-    """Of a set of flights.
+    """Errors of a set of flights.
 
     Parameters
     ----------

@@ -109,7 +109,7 @@ def load_recorded_set(path: Path) -> tuple[str, list[Observation]]:
 
 
 def kind_of_set(path: Path) -> RecordedSet:
-    """Of which of `RECORDED_SETS` a file is.
+    """Return which of `RECORDED_SETS` a file belongs to.
 
     Raises
     ------

@@ -24,7 +24,7 @@ from intuitive_physics_experiments.recorded_sets.table_tennis import (
 from intuitive_physics_recordings.npz_file import Arrays, split_rows
 
 FEWEST_ROWS = 12
-"""Of a recording that becomes a flight."""
+"""Rows of the shortest recording that becomes a flight."""
 
 BOUNCE_HEIGHT = 0.03
 """m, at most, of the ball's centre from 0 in the lowest row of a bounce: the table is there."""

@@ -52,7 +52,7 @@ FEWEST_FREE_POINTS = 6
 """Before the first bounce, that an initial state is fitted to."""
 
 FEWEST_POINTS = 20
-"""Of a recording that becomes an observation."""
+"""Points of the shortest recording that becomes an observation."""
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,10 @@ from intuitive_physics_experiments.recorded_sets.cube_tosses import CubeToss
 from intuitive_physics_experiments.recorded_sets.tumbling_flight import cube_gaps
 
 CLEARANCE = 0.05
-"""Of the cube's width. Rows with a corner nearer than this to a plane may be no flight."""
+"""Distance of a corner from a plane below which a row may be no flight, in widths of the cube."""
 
 FEWEST_ROWS = 6
-"""Of a flight before the first touch that is fitted."""
+"""Rows of the shortest flight before the first touch that is fitted."""
 
 
 @dataclass(frozen=True, eq=False)

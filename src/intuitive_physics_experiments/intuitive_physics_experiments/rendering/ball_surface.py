@@ -17,7 +17,7 @@ DOT_COUNT, DOT_RADIUS = 16, 0.22
 """Dots, spread at random over the ball but apart from one another, and their radius in rad."""
 
 DOT_SEED = 4
-"""Of the places of the dots, which are the same on all balls."""
+"""Seed of the places of the dots, which are the same on all balls."""
 
 SEAM_HALF_WIDTH = 0.09
 """rad; 3 mm on a tennis ball."""

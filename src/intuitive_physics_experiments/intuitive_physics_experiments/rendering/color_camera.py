@@ -18,7 +18,7 @@ SUBPIXELS = 3
 """Rays in each direction of the image, over which the colour of a pixel is averaged."""
 
 ROOM_REFLECTANCE = 0.6
-"""Of everything but the balls, grey."""
+"""Reflectance of everything but the balls, grey."""
 
 
 @dataclass(frozen=True)

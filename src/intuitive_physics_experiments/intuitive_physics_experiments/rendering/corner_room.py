@@ -7,7 +7,7 @@ from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_experiments.rendering.camera import Camera
 
 ROOM_MATERIAL = "room"
-"""Of floor and walls."""
+"""Material of floor and walls."""
 
 WALL_DISTANCE = 1.0
 """m along x and y from the world's origin, on the floor, to the two walls."""

@@ -26,10 +26,10 @@ RATE = 60.0
 """1/s at which a simulated trajectory is held against a region."""
 
 SMALLEST_SHARE = 1e-12
-"""Of a variance, that rounding leaves of it."""
+"""Share of a variance below which it is rounding."""
 
 SMALLEST_CHANGE = 1e-9
-"""Of an answer (m, or without a unit) over all draws; smaller ones are rounding."""
+"""Change of an answer (m, or without a unit) over all draws below which it is rounding."""
 
 
 class Question(ABC):

@@ -25,7 +25,9 @@ from intuitive_physics_learner.joint_estimation.settings import JointEstimationS
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """Of a block's W observations, with P points and k = d + q unknowns: nuisance, then θ_s.
+    """Linearised residuals of a block's W observations, with P points and k = d + q unknowns.
+
+    The nuisance comes first, then θ_s.
 
     Parameters
     ----------

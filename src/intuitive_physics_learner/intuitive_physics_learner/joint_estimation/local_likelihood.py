@@ -23,7 +23,7 @@ from intuitive_physics_learner.joint_estimation.trajectory_model import Estimate
 
 @dataclass(frozen=True, eq=False)
 class LocalLikelihood:
-    """Of one observation, about an estimate of its q parameters.
+    """Likelihood of one observation, about an estimate of its q parameters.
 
     Parameters
     ----------

@@ -42,7 +42,9 @@ def robust_loss(lengths: NDArray[np.float64], outlier_length: float) -> NDArray[
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Of the W observations of a block, with d components of initial states and q parameters each.
+    """Normal equations of the W observations of a block.
+
+    Each has d components of initial states and q parameters.
 
     Parameters
     ----------

@@ -88,7 +88,7 @@ class LearnerNode(ManagedNode):
         # What waits for the disk or for other processes waits in a thread of its own.
         self._own_store = ObservationStore(self._store.path, BUSY_TIMEOUT)
         self._current = CurrentParameters(self._own_store)
-        self._told_of: set[int] = set()
+        self._reported_versions: set[int] = set()
         self._all_stopped = True
         self.get_logger().info(
             f"{self._store.path} holds {self._store.count()} observations and "
@@ -135,7 +135,7 @@ class LearnerNode(ManagedNode):
             self._store.close()
 
     def _offer(self) -> None:
-        """Offer the services and the action, and say on /diagnostics how they do."""
+        """Create the services and the action, and register their diagnostics."""
         self._searches = RequestedSearches(
             self, self._work, self._message, self._background.stop, self._on_search_ended
         )
@@ -269,8 +269,8 @@ class LearnerNode(ManagedNode):
         except StorageError as error:
             self.get_logger().error(str(error))
         for version, why in self._own_store.unreadable_versions.items():
-            if version not in self._told_of:
-                self._told_of.add(version)
+            if version not in self._reported_versions:
+                self._reported_versions.add(version)
                 self.get_logger().warning(f"{why}; an older version takes its place")
 
     def _take_over(self, learned: LearnedParameters) -> None:

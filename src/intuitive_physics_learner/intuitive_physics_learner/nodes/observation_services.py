@@ -67,7 +67,7 @@ SILENCE = 5.0
 """s without an answer of the database after which /diagnostics says so."""
 
 LARGEST_NUMBER = 2**63 - 1
-"""Of a row, as SQLite has it."""
+"""Largest number of a row in SQLite."""
 
 LARGEST_PAGE = 10_000
 """Entries of an answer of `~/list_observations` at most: some MB."""

@@ -18,8 +18,8 @@ from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
 _FitTask = tuple[Cost, ActiveSpace, NDArray[np.bool_], GaussianPrior]
-"""Of a joint fit: cost of the observations, space of the n parameters, (n_observations, n) which
-observation can depend on which, and prior."""
+"""Parts of a joint fit: cost of the observations, space of the n parameters, (n_observations, n)
+which observation can depend on which, and prior."""
 
 
 def log_evidence(

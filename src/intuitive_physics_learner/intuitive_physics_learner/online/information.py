@@ -26,7 +26,7 @@ FASTEST = 1
 
 @dataclass(eq=False)
 class Information:
-    """Of n parameters.
+    """Gaussian information about n parameters.
 
     Parameters
     ----------

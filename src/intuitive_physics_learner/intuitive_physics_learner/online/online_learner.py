@@ -52,7 +52,7 @@ FEW = 2.0
 """Observations that could not be explained, imagined before the first: one success is no rule."""
 
 LARGEST_EXPONENT = 700.0
-"""Beyond it, e to that power is not a number of double precision."""
+"""Largest argument of exp in double precision."""
 
 
 class OnlineLearner:

@@ -122,7 +122,7 @@ class OnlineState:
 
     @property
     def space(self) -> ParameterSpace:
-        """Of the parameters of all known materials; its bounds contain what a user gave."""
+        """Space of the parameters of all known materials; its bounds contain what a user gave."""
         given = None if self.published is None else self.published.given
         bounds = DEFAULT_BOUNDS if given is None else given.prior.bounds
         return ParameterSpace(self.materials, bounds)

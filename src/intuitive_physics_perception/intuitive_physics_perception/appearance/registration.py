@@ -31,7 +31,7 @@ SMOOTH = 9
 """Functions on the sphere that light and shade may be a combination of."""
 
 COLUMNS = 5
-"""Of a cell: the slopes over ω, and the values of both images."""
+"""Columns of a cell: the slopes over ω, and the values of both images."""
 
 SAMPLES = 2
 """Samples along each edge of a cell, whose mean is its brightness."""
@@ -40,8 +40,8 @@ LAGS = 5
 """Cells to each side over which a grid is compared with itself."""
 
 DISAGREEMENT = 0.5
-"""Of the mean power of two images, what is taken from their product: images whose correlation is
-smaller speak against a rotation."""
+"""Part of the mean power of two images that is taken from their product: images whose correlation
+is smaller speak against a rotation."""
 
 VALUE, OWN_POWER = 3, 4
 """Rows in which the value of a cell and its part of the power stand, after those of its place."""

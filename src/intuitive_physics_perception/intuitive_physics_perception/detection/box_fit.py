@@ -254,7 +254,7 @@ def _best_plane(
 
 
 def _narrowed(chosen: NDArray[np.bool_], kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Of the chosen ones those that are kept."""
+    """Return which of the chosen are kept."""
     narrowed = np.zeros_like(chosen)
     narrowed[np.flatnonzero(chosen)[kept]] = True
     return narrowed

@@ -59,7 +59,7 @@ class DetectedSphere:
 
 
 def without_doubles(spheres: list[DetectedSphere]) -> list[DetectedSphere]:
-    """Of spheres that share space keep the one with more points."""
+    """Keep, of spheres that share space, the one with more points."""
     kept: list[DetectedSphere] = []
     for sphere in sorted(spheres, key=lambda sphere: -sphere.points):
         if all(

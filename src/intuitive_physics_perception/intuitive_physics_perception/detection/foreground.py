@@ -18,7 +18,7 @@ from intuitive_physics_perception.environment.planes import DetectedPlane
 from intuitive_physics_perception.settings import PerceptionSettings
 
 ITERATIONS = 8
-"""Of the contraction in `free_ranges`: numerical, the rest is far below a millimetre."""
+"""Iterations of the contraction in `free_ranges`: numerical, the rest is far below a millimetre."""
 
 FINEST_CELLS = 1e4
 """Cells along a radian of direction, or a unit of the logarithm of range, at most: numerical, the

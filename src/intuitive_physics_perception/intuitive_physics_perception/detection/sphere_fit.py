@@ -30,7 +30,7 @@ STILL = 1e-7
 """Change of centre or radius in m below which the fit has converged: numerical."""
 
 UNKNOWNS = 5
-"""Of a fit: centre, radius and by which angle edges have grown."""
+"""Unknowns of a fit: centre, radius and the angle by which edges have grown."""
 
 RIM_SIGMAS = 2.0
 """Standard deviations of the growth of edges within which of the outline a reading may be of what

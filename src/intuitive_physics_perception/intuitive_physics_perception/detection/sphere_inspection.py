@@ -32,8 +32,8 @@ OCCLUDER_DEPTH = 0.5
 contradicting it. Set by hand."""
 
 SECTORS = 16
-"""Of the ring round the outline: each is judged by itself. A ball that touches another of its size
-has 2 to 3 of them in common with it."""
+"""Sectors of the ring round the outline: each is judged by itself. A ball that touches another of
+its size has 2 to 3 of them in common with it."""
 
 RING_WIDTH = 0.35
 """Radii over which the ring outside the outline reaches: a neighbour of the same size in contact

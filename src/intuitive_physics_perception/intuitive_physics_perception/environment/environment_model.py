@@ -102,7 +102,7 @@ class EnvironmentModel:
 
     @property
     def sensor_pose(self) -> RigidTransform:
-        """Of the sensor, in the environment's frame."""
+        """Pose of the sensor in the environment's frame."""
         return RigidTransform(self.translation, self.sensor_orientation())
 
     def seen_from(self, way: RigidTransform) -> EnvironmentModel:

@@ -21,10 +21,10 @@ RVL_SIZE = struct.Struct("<ii")
 """Before RVL's words: columns and rows."""
 
 MOST_GROUPS = 11
-"""Of three bits, in a number of 32 bits."""
+"""Groups of three bits in a number of 32 bits."""
 
 PNG_DEPTH_MODES = ("I;16", "I;16B", "I")
-"""Of Pillow for a PNG with one channel of 16 bits; the last in versions before 11."""
+"""Modes of Pillow for a PNG with one channel of 16 bits; the last in versions before 11."""
 
 
 def depth_from_compressed_data(data: RawData, image_format: str) -> NDArray[Any]:

@@ -44,7 +44,7 @@ class FixedFrame:
         self._missed = 0
 
     def listen(self, transforms: Transforms | None) -> None:
-        """Take what tells of transforms, which a frame with a name needs."""
+        """Set the source of transforms, used only where the frame has a name."""
         self._transforms = transforms if self.name else None
 
     def sensor_pose(self, sensor: Header) -> RigidTransform | None:
@@ -167,7 +167,7 @@ class PublishedFrame:
 
     @property
     def camera_pose(self) -> RigidTransform:
-        """Of the camera in this frame; only where it is known."""
+        """Pose of the camera in this frame; only where it is known."""
         return self._known().camera_pose
 
     @property

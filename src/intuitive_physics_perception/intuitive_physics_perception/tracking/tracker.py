@@ -123,7 +123,7 @@ class Tracker:
         return [track for track in ended if track.confirmed]
 
     def take_earlier(self, track: Track) -> None:
-        """Follow a track anew from the first of its earlier detections on; no more are looked for.
+        """Filter a track again from its earliest detection; no earlier one is looked for any more.
 
         Parameters
         ----------

@@ -37,7 +37,7 @@ EXPLORED = 64
 """Spins, drawn from their prior, among which another explanation is looked for."""
 
 MOST_STARTS = 2
-"""Of them the best ones are followed …"""
+"""Other explanations that are followed, the best ones."""
 
 EXPLORATIONS = 8
 """… for so many detections after the spin has begun to matter, and whenever the newest detections

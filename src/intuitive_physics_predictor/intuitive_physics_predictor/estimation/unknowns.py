@@ -26,7 +26,7 @@ KINEMATIC = 12
 """Unknowns before the parameters."""
 
 SMALLEST_SHARE = 1e-13
-"""Of the largest variance: what is smaller is known, but for rounding."""
+"""Share of the largest variance below which a variance is rounding."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -102,7 +102,7 @@ PARAMETERS = (
         range=(0.0, 3600.0),
     ),
 )
-"""Of the node."""
+"""Parameters of the node."""
 
 
 class ReplayNode(Node):

@@ -39,7 +39,8 @@ GRAZES = 1e-6
 """m/s. At a lower normal speed the acceleration decides whether what touches a solid hits it."""
 
 MOST_FALLS = 4
-"""Of a polynomial of degree four there are two; one more where each begins at an inflection."""
+"""Intervals in which a polynomial of degree four falls: two, and one more where each begins at an
+inflection."""
 
 PASSED = 1e-4
 """m. What is deeper in a sheet has come through from behind, and does not hit it."""

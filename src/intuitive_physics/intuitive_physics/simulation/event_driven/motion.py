@@ -33,7 +33,7 @@ LONGEST_TURN = 0.15
 """rad. A piece of a motion whose spin changes direction turns no further."""
 
 MOST_PIECES = 100_000
-"""Of one motion, whatever its spin."""
+"""Pieces of one motion, whatever its spin."""
 
 SAME_DIRECTION = 1e-13
 """rad. Spins whose directions differ by less turn about one axis."""

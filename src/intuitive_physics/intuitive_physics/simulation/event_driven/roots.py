@@ -7,7 +7,7 @@ from math import inf, sqrt
 from intuitive_physics.kernels import entry, inlined, kernel
 
 MOST_ITERATIONS = 100
-"""Of a bracketed root; bisection alone needs about 60."""
+"""Iterations for a bracketed root; bisection alone needs about 60."""
 
 
 @entry

@@ -136,7 +136,8 @@ def _write(overlap, first, second, gap, limit):
 
 
 LARGEST_OVERLAP = 0.25
-"""Of the smaller object's inradius. What is seen to touch overlaps by less; engines part it."""
+"""Overlap that engines still part, as a part of the smaller object's inradius; objects
+that touch are seen to overlap by less."""
 
 
 def check_overlaps(scenes: Sequence[Scene], worlds: WorldBatch) -> None:

@@ -31,7 +31,7 @@ STICK_SPEED = 1e-3
 """m/s. A contact that slips slower than this is held by static friction."""
 
 STEADY = 5e-3
-"""Of the speed that falling bodies gain in a step; contacts that part or close faster play."""
+"""Normal speed above which a contact is unsteady, as a part of what falling adds in a step."""
 
 
 @kernel

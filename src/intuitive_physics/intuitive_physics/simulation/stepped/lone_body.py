@@ -46,7 +46,7 @@ SETTLED = 1e-9
 """m and m/s. Gaps and speeds that a step has closed or ended are smaller, but for rounding."""
 
 LEVEL = 1e-9
-"""Of gravity. On a plane along which it pulls more, what rolls may change its heading."""
+"""Part of gravity along a plane above which a rolling body may change its heading."""
 
 
 @kernel

@@ -27,19 +27,19 @@ PARTS = 16
 """Most parts of a step for each body; what hits in the last one rebounds in the next step."""
 
 SHORTEST = 1e-3
-"""Of a step. Shorter parts count as stalled."""
+"""Shortest part of a step; a shorter one counts as stalled."""
 
 STALLS = 4
 """Stalled parts in a row after which the next part is as long as `STALL_ADVANCE`."""
 
 STALL_ADVANCE = 0.1
-"""Of a step."""
+"""Advance after a stall, as a part of a step."""
 
 SWEEPS = 150
 """Most sweeps over the contacts that press in a part of a step; see `PRECISION`."""
 
 PRECISION = 5e-4
-"""Of the speed that falling bodies gain in a step; less is too little to sweep once more."""
+"""Change of speed that is worth another sweep, as a part of what falling adds in a step."""
 
 SLOWEST_REBOUND = 1e-5
 """m/s. In a world without gravity, rebounds slower than this are none."""

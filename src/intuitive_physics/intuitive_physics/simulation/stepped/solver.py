@@ -27,7 +27,7 @@ from intuitive_physics.simulation.stepped.contacts import (
 )
 
 SAME_PLACE = 0.3
-"""Of a body's reach. A contact that moved less in a step is taken for the same."""
+"""Motion in a step below which a contact is the same one, as a part of a body's reach."""
 
 
 @kernel

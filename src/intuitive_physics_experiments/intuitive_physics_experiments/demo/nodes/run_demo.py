@@ -69,10 +69,10 @@ LOWEST_RATE = 50.0
 """1/s, predictions that must arrive."""
 
 SLOWER = 0.5
-"""Of the speed of a replay in which fewer were, at which it is repeated."""
+"""Speed at which a replay with fewer is repeated, as a part of its own."""
 
 MOVING_PICTURE = "demo.gif"
-"""Of the throw that was predicted."""
+"""File with the throw that was predicted."""
 
 
 class DemoError(IntuitivePhysicsError):

@@ -121,7 +121,7 @@ class SeparableCmaEs(CmaEs):
 
 
 GROWTH = 2
-"""Of the population, with each restart."""
+"""Factor on the population with each restart."""
 
 
 class RestartedCmaEs(CmaEs):

@@ -62,7 +62,7 @@ def example_frame(
 
 
 def depth_images(bag: Path) -> Iterator[tuple[float, NDArray[Any]]]:
-    """Yield time (s) and depth image of each frame of a bag."""
+    """Yield time (s) and depth image (height, width) of each frame of a bag."""
     with BagReader(bag) as reader:
         for message in reader.messages([DEPTH_TOPIC]):
             image = reader.decode(message)

@@ -36,6 +36,7 @@ setup(
         "intuitive_physics_recordings",
         "matplotlib",
         "numpy>=1.26",
+        "pillow",
         "scipy",
     ],
     extras_require={

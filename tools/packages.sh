@@ -27,7 +27,7 @@ fi
 told_pip() { .venv/bin/python -m pip config list | sed -n "s/^[^=]*\.$1='\(.*\)'$/\1/p" | tail -n 1; }
 
 install_quickly() { # requirements …; silent where it fails, as pip says the same then
-    .venv/bin/python -m pip --disable-pip-version-check install -qq -r requirements/installer.txt
+    install -r requirements/installer.txt
     local index extra links certificates
     index=$(told_pip index-url) extra=$(told_pip extra-index-url)
     links=$(told_pip find-links) certificates=$(told_pip cert)

@@ -216,10 +216,10 @@ def test_a_worker_that_dies_is_restarted_logs_lines_and_leaves_ctrl_c_to_its_par
             (pid,) = client.run(os.getpid).values()
             os.kill(pid, signal.SIGKILL)
             assert (cost.costs(some) == expected).all()
-    told = capfd.readouterr().err
+    log = capfd.readouterr().err
     line = "ERROR - failed during get data with b (OSError: the stream is closed)\n"
-    assert told.count(line) == 2
-    assert "Traceback" not in told
+    assert log.count(line) == 2
+    assert "Traceback" not in log
 
 
 @pytest.mark.parametrize("deaths", [1, 2, 3])

@@ -87,8 +87,25 @@ def _draw_gravity(axes: Any, frame: ExampleFrame) -> None:
 
 
 def _pixels(frame: ExampleFrame, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    sensor = (points - frame.translation) @ frame.rotation
-    return (sensor @ frame.camera_matrix.T)[:, :2] / sensor[:, 2:]
+    return projected(points, frame.rotation, frame.translation, frame.camera_matrix)
+
+
+def projected(
+    points: NDArray[np.float64],
+    rotation: NDArray[np.float64],
+    translation: NDArray[np.float64],
+    camera_matrix: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the pixels (n, 2) of points of the environment.
+
+    Parameters
+    ----------
+    points : (n, 3) m
+    rotation, translation : (3, 3) and (3,) m, p_environment = rotation p_camera + translation
+    camera_matrix : (3, 3) pixels
+    """
+    sensor = (points - translation) @ rotation
+    return np.asarray((sensor @ camera_matrix.T)[:, :2] / sensor[:, 2:])
 
 
 def _silhouette(frame: ExampleFrame) -> NDArray[np.float64]:

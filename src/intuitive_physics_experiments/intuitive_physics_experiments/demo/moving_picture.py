@@ -14,6 +14,7 @@ from PIL import Image, ImageColor, ImageDraw
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_cli.report.figure_style import OBSERVED, PREDICTED, SPHERE
 from intuitive_physics_experiments.demo.demo_result import PerceivedFrame
+from intuitive_physics_experiments.demo.figures import projected
 
 WIDTH, SCALE = 480, 2
 """Pixels of the moving picture, and how much larger it is drawn, so that lines are smooth."""
@@ -145,21 +146,16 @@ class _View:
     ) -> None:
         """Draw a ball of a radius in m at a place (3,) m."""
         ((u, v),) = self._pixels(place[None])
-        camera = self.perceived.truth.camera
-        size = self._scale * radius * camera.focal_length / _optical(self.perceived, place)[2]
+        depth = (place - self.perceived.translation) @ self.perceived.rotation[:, 2]
+        size = self._scale * radius * self.perceived.truth.camera.focal_length / depth
         box = (u - size, v - size, u + size, v + size)
         pen.ellipse(box, fill=color if fill else None, outline=color, width=2 * SCALE)
 
 
-def _optical(perceived: PerceivedFrame, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (..., 3) of the environment in the camera's optical frame."""
-    return (points - perceived.translation) @ perceived.rotation
-
-
 def _projected(perceived: PerceivedFrame, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Pixels (..., 2) of points (..., 3) of the environment."""
-    optical = _optical(perceived, points)
-    return (optical @ perceived.truth.camera.matrix().T)[..., :2] / optical[..., 2:]
+    """Pixels (n, 2) of points (n, 3) of the environment."""
+    matrix = perceived.truth.camera.matrix()
+    return projected(points, perceived.rotation, perceived.translation, matrix)
 
 
 def _part_shown(perceived: PerceivedFrame, track: Trajectory) -> tuple[float, float, float, float]:

@@ -324,7 +324,7 @@ _ONE_LINE = _OneLine()
 
 
 def _log_in_lines() -> None:
-    """Have Dask, and what it runs on, log lines: it tells of a lost connection by a traceback.
+    """Make Dask and its libraries log single lines; a lost connection is a traceback otherwise.
 
     What a failure means for the search is said by `ClusterError`.
     """

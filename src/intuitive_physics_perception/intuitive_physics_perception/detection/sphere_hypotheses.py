@@ -127,12 +127,14 @@ class SphereHypotheses:
         # A sphere with enough points has a share of those scored; half allows for a rough start.
         needed = 0.5 * self._settings.min_points * len(scored) / len(own)
         tried: list[NDArray[np.float64]] = []
+        # In single precision, as a frame's points are: `inspect_sphere` is compiled for these.
+        single = scored.astype(np.float32)
         for sphere, score in zip(spheres, scores, strict=True):
             if score <= needed or len(tried) >= self._search.refined_hypotheses:
                 return
             if any(_are_alike(sphere, other) for other in tried):
                 continue
-            if self._explains(scored, sphere):
+            if self._explains(single, sphere):
                 tried.append(sphere)
                 yield whole, sphere, False
 
@@ -142,11 +144,10 @@ class SphereHypotheses:
         most = self._search.spheres_in_cluster
         return inscribed_spheres(view.points, view.cluster, view.pixel, most)
 
-    def _explains(self, points: NDArray[np.float64], sphere: NDArray[np.float64]) -> bool:
+    def _explains(self, points: NDArray[np.float32], sphere: NDArray[np.float64]) -> bool:
         """Cheap inlier test before refinement: are most points in the outline on the sphere?"""
-        # Single precision is what the frame's points have: one compiled version serves both.
         on, against, _, _ = inspect_sphere(
-            points.astype(np.float32), sphere, self._search.inlier_sigmas, self._fitter.noise
+            points, sphere, self._search.inlier_sigmas, self._fitter.noise
         )
         return on > self._search.roughly_on * (on + against)
 

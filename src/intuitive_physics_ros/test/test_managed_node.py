@@ -19,6 +19,8 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from intuitive_physics.processes import ChildProcess
+from intuitive_physics_ros.lifecycle import run_node as run_node_module
+from intuitive_physics_ros.rclpy_internals import AnsweringLifecycleNode
 from intuitive_physics_ros.scripting import Peer
 
 from .small_managed_node import SmallManagedNode
@@ -270,6 +272,23 @@ def test_what_cannot_be_configured_can_be_mended(start, manager, fails, why, sta
     output = end(process)
     assert why in output
     assert ("please report this" in output) is (fails == "bug")
+
+
+@pytest.mark.parametrize("fails", ["ours", "elsewhere"])
+def test_what_cannot_start_itself_leaves_the_middleware(monkeypatch, capsys, fails):
+    destroyed = []
+    destroy = AnsweringLifecycleNode.destroy_node
+
+    def record(node):
+        destroyed.append(node.get_name())
+        destroy(node)
+
+    monkeypatch.setattr(AnsweringLifecycleNode, "destroy_node", record)
+    # It runs in this process, whose signals and threads stay as they are.
+    monkeypatch.setattr(run_node_module, "StopSignal", lambda: None)
+    assert run_node_module.run_node(SmallManagedNode, ["--ros-args", "-p", f"fails:={fails}"]) == 1
+    assert destroyed == ["small"]
+    assert "error: " in capsys.readouterr().err
 
 
 def test_what_cannot_start_itself_ends_with_one_line(start):

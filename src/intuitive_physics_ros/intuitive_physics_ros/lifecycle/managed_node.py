@@ -88,7 +88,12 @@ class ManagedNode(AnsweringLifecycleNode):
         warm_up: Callable[[], None] | None = None,
     ) -> None:
         super().__init__(name)
-        self._declared = declare_parameters(self, [AUTOSTART, *parameters])
+        try:
+            self._declared = declare_parameters(self, [AUTOSTART, *parameters])
+        except BaseException:
+            # Nobody gets this node, who could destroy it.
+            super().destroy_node()
+            raise
         self.configured = self.active = False
         self._failure: Exception | None = None
         self._patient_until = 0.0

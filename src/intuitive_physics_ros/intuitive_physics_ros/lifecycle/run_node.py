@@ -83,6 +83,7 @@ def run_node(factory: Callable[[], Node], args: Sequence[str] | None = None) -> 
     stop = StopSignal()
     sys.setswitchinterval(SWITCH_INTERVAL)
     _ensure_log_folder()
+    node: Node | None = None
     try:
         freed = remove_abandoned_segments()
         rclpy.init(
@@ -93,11 +94,11 @@ def run_node(factory: Callable[[], Node], args: Sequence[str] | None = None) -> 
         if isinstance(node, ManagedNode):
             node.start()
     except START_ERRORS as error:
-        rclpy.try_shutdown()
+        _leave(node)
         return _explain(error)
     except RuntimeError as error:
         # rclpy has no class of its own for a quality of service that a parameter gives wrongly.
-        rclpy.try_shutdown()
+        _leave(node)
         if "QoS override" not in str(error):
             raise
         return _explain(error)
@@ -109,10 +110,16 @@ def run_node(factory: Callable[[], Node], args: Sequence[str] | None = None) -> 
             )
         _spin(node, stop)
     finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
+        _leave(node)
         stop.ignore_rest()
     return 0
+
+
+def _leave(node: Node | None) -> None:
+    """Destroy a node, where one was made, and leave ROS before the process ends."""
+    if node is not None:
+        node.destroy_node()
+    rclpy.try_shutdown()
 
 
 def _spin(node: Node, stop: StopSignal) -> None:

@@ -1,6 +1,7 @@
-"""The README's table of results, from the files that the runs wrote; `--write` updates it.
+"""The tables of results, from the files that the runs wrote; `--write` updates them.
 
-Every figure of a row, and its command, is read from what that run wrote.
+The README answers six questions of a newcomer with one number each; the results page has the
+figures that need more words. Every figure, and its command, is read from what that run wrote.
 """
 
 from __future__ import annotations
@@ -15,44 +16,150 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
+RESULTS_PAGE = ROOT / "docs" / "results" / "index.md"
 BEGIN, END = "<!-- results: begin -->\n", "<!-- results: end -->\n"
-TITLES = ("what", "result", "to compare with", "of", "command")
+ANSWERS = ("question", "answer", "to compare with", "of", "command")
+FIGURES = ("what", "result", "to compare with", "of", "command")
 
 
 def main() -> int:
-    """Print the table, or write it into the README."""
+    """Print the tables, or write them into their pages."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="write it into README.md")
-    if not parser.parse_args().write:
-        print(results_table(), end="")
-        return 0
-    README.write_text(updated(README.read_text(encoding="utf-8")), encoding="utf-8")
+    parser.add_argument("--write", action="store_true", help="write them into their pages")
+    write = parser.parse_args().write
+    for page, table in tables().items():
+        if write:
+            text = page.read_text(encoding="utf-8")
+            page.write_text(updated(text, table), encoding="utf-8")
+        else:
+            print(table)
     return 0
 
 
-def updated(readme: str) -> str:
-    """Return the text of a README with the table as it is now."""
-    before, _, rest = readme.partition(BEGIN)
+def updated(text: str, table: str) -> str:
+    """Return the text of a page with a table in place of the one that it has."""
+    before, _, rest = text.partition(BEGIN)
     _, _, after = rest.partition(END)
-    return f"{before}{BEGIN}{results_table()}{END}{after}"
+    return f"{before}{BEGIN}{table}{END}{after}"
 
 
-def results_table() -> str:
-    """Return the table as Markdown."""
-    rows = [
+def tables() -> dict[Path, str]:
+    """Return the table of each page as Markdown, its links relative to the page."""
+    answers = [
+        position_in_a_second(),
+        delay(),
+        throws_to_learn(),
+        regions(),
+        speed(),
+        cube_tosses(),
+    ]
+    figures = [
         initial_states(),
         thrown_balls(),
         update_rules(),
         excess(),
-        calibration(),
         perception(),
         camera_predictions(),
         prediction_node(),
         simulation(),
-        cube_tosses(),
     ]
-    lines = [TITLES, ("---",) * len(TITLES), *rows]
+    page = (
+        markdown_table(FIGURES, figures)
+        .replace("](docs/results/", "](")
+        .replace("](docs/", "](../")
+    )
+    return {README: markdown_table(ANSWERS, answers), RESULTS_PAGE: page}
+
+
+def markdown_table(titles: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    lines = [titles, ("---",) * len(titles), *rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def position_in_a_second() -> tuple[str, ...]:
+    rows = markdown_rows("benchmarks/results/prediction_camera.md", "Thrown balls")
+    (row,) = (
+        row for row in rows if (row["spins, rad/s"], row["begins"]) == ("10", "after first bounce")
+    )
+    return (
+        "Where will a ball be in a second? Median error once it has bounced, spins of 10 rad/s",
+        f"{float(row['error, mm']):.0f} mm",
+        f"spin guessed, not estimated: {float(row['guess']):.0f} mm",
+        f"[{row['predictions']} rendered throws](docs/benchmarks.md)",
+        command_of("benchmarks/results/prediction_camera.json"),
+    )
+
+
+def delay() -> tuple[str, ...]:
+    rows = markdown_rows("benchmarks/results/robot.md", "From the stamp")
+    (row,) = (row for row in rows if row["received"] == "distribution")
+    others = markdown_rows("benchmarks/results/perception.md", "Others")
+    (peer,) = (row for row in others if row[""] == "Open3D + pyRANSAC-3D")
+    return (
+        "How soon is it known? Median from a depth image to the predicted distribution",
+        f"{float(row['median']):.0f} ms",
+        f"Open3D + pyRANSAC-3D, only to find the ball: {float(peer['ms a frame']):.0f} ms",
+        f"[{row['images']} images](docs/benchmarks.md)",
+        command_of("benchmarks/results/robot.json"),
+    )
+
+
+def throws_to_learn() -> tuple[str, ...]:
+    rows = markdown_rows("benchmarks/results/learning.md", "Throws until")
+    suggested, random = (
+        statistics.mean(int(row[f"{kind} throws"].partition(",")[0]) for row in rows)
+        for kind in ("suggested", "random")
+    )
+    return (
+        "How many throws teach a floor? Until friction and restitution are known to 3 % of their "
+        "bounds, throws as the learner suggests",
+        f"{suggested:.1f}",
+        f"random throws: more than {int(random)}; defaults: never",
+        f"[{len(rows)} rooms](docs/benchmarks.md)",
+        command_of("benchmarks/results/learning.json"),
+    )
+
+
+def regions() -> tuple[str, ...]:
+    rows = table_file("docs/results/calibration/scores.csv")
+    at = {row["prediction"]: row for row in rows if row["horizon"] == "2"}
+    ours, fixed = at["noisy Newton"], at["fixed noise"]
+    return (
+        "How often is it right? Object inside the predicted 90 % region, 2 s ahead",
+        f"{100 * float(ours['coverage_90']):.0f} %",
+        f"the paper's fixed noise: {100 * float(fixed['coverage_90']):.0f} %",
+        f"[{ours['trajectories']} trajectories](docs/results/calibration/README.md)",
+        command_of("docs/results/calibration/README.md"),
+    )
+
+
+def speed() -> tuple[str, ...]:
+    ours, sleeping = simulation_rows()
+    ratio, ratio_to_sleeping = (
+        float(row["1_sphere"].removesuffix("×")) for row in (ours, sleeping)
+    )
+    return (
+        "How much faster than ODE, the paper's engine, is a ball simulated?",
+        f"{ratio:.0f} ×",
+        f"ODE with sleeping bodies: {ratio / ratio_to_sleeping:.1f} ×",
+        "[8 instances](docs/benchmarks.md)",
+        command_of("benchmarks/results/simulation.json"),
+    )
+
+
+def cube_tosses() -> tuple[str, ...]:
+    rows = {row["prediction"]: row for row in table_file("docs/results/cube_tosses/errors.csv")}
+    fitted, default = (
+        f"{100 * float(row['position_test']):.1f} %"
+        for row in (rows["stepped, fitted"], rows["stepped, default parameters"])
+    )
+    return (
+        "And on real recordings? Mean position error of tossed cubes, of their width",
+        fitted,
+        f"default parameters: {default}",
+        f"[{rows['stepped, fitted']['test']} tosses](docs/results/cube_tosses/README.md)",
+        command_of("docs/results/cube_tosses/README.md"),
+    )
 
 
 def initial_states() -> tuple[str, ...]:
@@ -150,19 +257,6 @@ def _excess(row: dict[str, str]) -> float:
     return (learned - oracle) / (default - oracle)
 
 
-def calibration() -> tuple[str, ...]:
-    rows = table_file("docs/results/calibration/scores.csv")
-    at = {row["prediction"]: row for row in rows if row["horizon"] == "2"}
-    ours, fixed = at["noisy Newton"], at["fixed noise"]
-    return (
-        "truth inside the 90 % region, 2 s ahead",
-        f"{100 * float(ours['coverage_90']):.0f} %",
-        f"the paper's fixed noise {100 * float(fixed['coverage_90']):.0f} %",
-        f"[{ours['trajectories']} trajectories](docs/results/calibration/README.md)",
-        command_of("docs/results/calibration/README.md"),
-    )
-
-
 def perception() -> tuple[str, ...]:
     rows = {row[""]: row for row in markdown_rows("benchmarks/results/perception.md", "Others")}
     ours, other = rows["ours"], rows["Open3D + pyRANSAC-3D"]
@@ -213,11 +307,7 @@ def prediction_node() -> tuple[str, ...]:
 
 
 def simulation() -> tuple[str, ...]:
-    rows = {
-        row["engine"]: row
-        for row in markdown_rows("benchmarks/results/simulation.md", "One prediction")
-    }
-    ours, sleeping = rows["ours against ODE"], rows["ours against ODE, auto-disable"]
+    ours, sleeping = simulation_rows()
     scenes = ("1_sphere", "3_spheres", "1_box", "3_mixed")
     return (
         "speed over ODE (the paper's engine): 1 sphere, 3 spheres, 1 box, 3 mixed objects",
@@ -228,20 +318,13 @@ def simulation() -> tuple[str, ...]:
     )
 
 
-def cube_tosses() -> tuple[str, ...]:
-    rows = {row["prediction"]: row for row in table_file("docs/results/cube_tosses/errors.csv")}
-    fitted, default = (
-        f"{100 * float(row['position_test']):.1f} ± "
-        f"{100 * float(row['position_test_deviation']):.1f} %"
-        for row in (rows["stepped, fitted"], rows["stepped, default parameters"])
-    )
-    return (
-        "recorded tosses of a cube, mean position error in % of its width",
-        fitted,
-        f"default {default}",
-        f"[{rows['stepped, fitted']['test']} tosses](docs/results/cube_tosses/README.md)",
-        command_of("docs/results/cube_tosses/README.md"),
-    )
+def simulation_rows() -> tuple[dict[str, str], dict[str, str]]:
+    """Return by scene how much faster than ODE we are, and than ODE whose bodies sleep."""
+    rows = {
+        row["engine"]: row
+        for row in markdown_rows("benchmarks/results/simulation.md", "One prediction")
+    }
+    return rows["ours against ODE"], rows["ours against ODE, auto-disable"]
 
 
 def command_of(record: str) -> str:

@@ -22,7 +22,7 @@ from intuitive_physics.parameter_posterior import (
 )
 from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
 from intuitive_physics.prior_knowledge import GivenKnowledge
-from intuitive_physics.simulation import Simulator
+from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics.trajectory import MEAN_DISTANCE
 from intuitive_physics_learner.assessment import (
     AssessedObservations,
@@ -104,8 +104,8 @@ class LearningResult:
 
 def learn(
     observations: Sequence[Observation],
-    simulator: Simulator,
-    options: LearningOptions,
+    simulator: Simulator | None = None,
+    options: LearningOptions | None = None,
     *,
     previous: LearnedParameters | None = None,
     on_progress: Callable[[SearchProgress], None] | None = None,
@@ -124,8 +124,8 @@ def learn(
     Parameters
     ----------
     observations : to learn from
-    simulator : the engine that simulates candidates
-    options : how to learn
+    simulator : the engine that simulates candidates; None: `auto`, with one thread
+    options : how to learn; None: all as `LearningOptions` has it
     previous : θ_s to start from; None starts from the defaults. Its materials that were not
         observed do not change, nor do parameters that J does not depend on. What a user gave
         (`LearnedParameters.given`) holds: fixed values are not searched, and joint estimation takes
@@ -152,7 +152,8 @@ def learn(
         given value lies outside the bounds, `resume` is of another search, or the method has no
         distance to choose (`check_method`).
     """
-    seen, options = _assessed(observations, options)
+    simulator = simulator or make_simulator("auto")
+    seen, options = _assessed(observations, options or LearningOptions())
     previous, task = _begin(seen.clean, simulator, options, previous, cancelled, make_cost)
     search = make_search(options.method, task, np.random.default_rng(options.seed))
     same = _identity(options, task, previous)

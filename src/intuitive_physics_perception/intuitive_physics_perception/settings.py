@@ -194,16 +194,17 @@ class PerceptionSettings:
     max_solid_size: float = number(
         0.8, 0.01, 100.0, "a box or capsule reaches no further from end to end, m"
     )
-    object_material: str = other("ball", "material of spheres that are no known object")
-    material_radius_step: float = number(
-        0.0,
-        0.0,
+    object_material: str = other(
+        "ball",
+        "material of what is no known object: of boxes and capsules, and how the names of the "
+        "materials of spheres begin, one for each size",
+    )
+    material_radius_ratio: float = number(
+        1.2,
+        1.0,
         10.0,
-        "width of the classes of radius that have materials of their own: with 0.02 m an unknown "
-        "sphere of 30 to 50 mm radius has the material ball_40mm. To be larger than twice the "
-        "error of a radius, with the radii in use near multiples of it; 0: all have "
-        "`object_material`",
-        unit="m",
+        "largest over smallest radius of unknown spheres that share a material: with 1.2 those of "
+        "46 to 55 mm have ball_46_55mm, and so on up and down; 1: all have `object_material`",
     )
     known_objects: tuple[KnownObject, ...] = other((), "objects known by their radius")
     known_object_tolerance: float = number(

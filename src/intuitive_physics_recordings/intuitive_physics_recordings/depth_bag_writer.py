@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol
@@ -12,6 +13,7 @@ from rosbags.interfaces import Connection
 from rosbags.typesys import Stores, get_typestore
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.validation import finite_array, name_string
 from intuitive_physics_recordings.bag_writing import mcap_writer, offered_qos
 
 DEPTH_TOPIC = "/camera/depth/image_rect_raw"
@@ -44,6 +46,41 @@ class DepthCamera(Protocol):
 
     def matrix(self) -> NDArray[np.float64]:
         """Return K, (3, 3) pixels."""
+
+
+@dataclass(frozen=True)
+class PinholeCamera:
+    """A camera of rectified images, such as a depth camera's driver or SDK describes it.
+
+    Parameters
+    ----------
+    width, height : pixels
+    focal_length : (f_x, f_y) pixels
+    center : (c_x, c_y) pixels, the principal point
+    frame_id : optical frame: z forward, x right
+    """
+
+    width: int
+    height: int
+    focal_length: tuple[float, float]
+    center: tuple[float, float]
+    frame_id: str = "camera_depth_optical_frame"
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise InvalidInputError(
+                f"image is {self.width} × {self.height} pixels; expected at least 1 × 1"
+            )
+        focal_length = finite_array(self.focal_length, "focal length", (2,))
+        if (focal_length <= 0.0).any():
+            raise InvalidInputError(f"focal length is {self.focal_length} pixels; expected > 0")
+        finite_array(self.center, "principal point", (2,))
+        name_string(self.frame_id, "frame")
+
+    def matrix(self) -> NDArray[np.float64]:
+        """Return K, (3, 3) pixels."""
+        (f_x, f_y), (c_x, c_y) = self.focal_length, self.center
+        return np.array([[f_x, 0.0, c_x], [0.0, f_y, c_y], [0.0, 0.0, 1.0]])
 
 
 class DepthBagWriter:

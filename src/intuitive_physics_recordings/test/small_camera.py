@@ -1,23 +1,5 @@
-"""A camera of few pixels, for bags that are written fast."""
+"""A camera of eight by six pixels, for bags that are written fast."""
 
-from __future__ import annotations
+from intuitive_physics_recordings.depth_bag_writer import PinholeCamera
 
-from dataclasses import dataclass
-
-import numpy as np
-
-
-@dataclass(frozen=True)
-class SmallCamera:
-    """Eight by six pixels."""
-
-    width: int = 8
-    height: int = 6
-    frame_id: str = "small_optical_frame"
-
-    def matrix(self) -> np.ndarray:
-        """Return K, (3, 3) pixels."""
-        return np.array([[6.0, 0.0, 3.5], [0.0, 6.0, 2.5], [0.0, 0.0, 1.0]])
-
-
-SMALL = SmallCamera()
+SMALL = PinholeCamera(8, 6, focal_length=(6.0, 6.0), center=(3.5, 2.5))

@@ -2,6 +2,7 @@
 
 from intuitive_physics.simulation.choose import ENGINE_GUIDE, SIMULATORS, make_simulator
 from intuitive_physics.simulation.rollout import Rollout, WorldStatus
+from intuitive_physics.simulation.simulate import simulate
 from intuitive_physics.simulation.simulator import Simulator
 from intuitive_physics.simulation.world_batch import WorldBatch, pack_worlds
 
@@ -14,4 +15,5 @@ __all__ = [
     "WorldStatus",
     "make_simulator",
     "pack_worlds",
+    "simulate",
 ]

@@ -34,6 +34,7 @@ from intuitive_physics_perception.tracking.rolling import (
     unknown_angular_velocity,
 )
 from intuitive_physics_perception.tracking.settings import FRAME_TIME, MotionSettings
+from intuitive_physics_perception.tracking.size_classes import SizeClass
 from intuitive_physics_perception.tracking.smoother import FilterStep
 from intuitive_physics_perception.tracking.supports import supported_acceleration
 
@@ -60,6 +61,7 @@ class Track:
     systematic : (4, 4) m² of centre and radius, what the errors of all frames share
     prediction : what the frame before made expect
     known : the known object it turned out to be
+    size : of a sphere that is none; None while that is unknown
     resting : whether it did not move for `rest_time`
     color : (3,) mean red, green and blue, a recent mean, 0 to 1; None while unknown
     moving_since : s, when it was first seen or left its rest
@@ -85,6 +87,7 @@ class Track:
     confirmed: bool = False
     resting: bool = False
     known: KnownObject | None = None
+    size: SizeClass | None = None
     color: NDArray[np.float64] | None = None
     steps: deque[FilterStep] = field(default_factory=lambda: deque(maxlen=MAX_STEPS))
     earlier: list[tuple[float, Detection]] | None = field(default_factory=list)
@@ -157,17 +160,13 @@ class Track:
         if self.identity is not None:
             return self.identity
         name = self.known.name if self.known else self.kind
-        material = self.known.material if self.known else self._unknown_material(settings)
+        material = settings.object_material
+        if self.known is not None:
+            material = self.known.material
+        elif self.size is not None:
+            material = self.size.material(settings.object_material)
         shape = self.attitude.shape if self.attitude else Sphere(float(self.mean[RADIUS]))
         return SceneObject(f"{name}_{self.number}", material, shape)
-
-    def _unknown_material(self, settings: PerceptionSettings) -> str:
-        """Material of what is no known object; of a sphere, by the class of its radius."""
-        step = settings.material_radius_step
-        if step == 0.0 or self.attitude is not None:
-            return settings.object_material
-        middle = step * max(1, round(float(self.mean[RADIUS]) / step))
-        return f"{settings.object_material}_{1000.0 * middle:g}mm"
 
     def object_state(self, environment: Environment, settings: PerceptionSettings) -> ObjectState:
         """θ_d at `time`; a sphere's turning is not seen, but a rolling one's follows."""

@@ -14,6 +14,7 @@ from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.motion import POSITION, RADIUS, SIZE
 from intuitive_physics_perception.tracking.motion_fits import fitted_motion
 from intuitive_physics_perception.tracking.settings import TrackingSettings, lasting
+from intuitive_physics_perception.tracking.size_classes import SizeClasses
 from intuitive_physics_perception.tracking.smoother import FilterStep
 from intuitive_physics_perception.tracking.supports import surfaces_of
 from intuitive_physics_perception.tracking.track import (
@@ -55,6 +56,8 @@ class Tracker:
         self._environment = environment
         self._filter = TrackFilter(environment, settings)
         self._tracks: list[Track] = []
+        ratio = settings.material_radius_ratio
+        self._sizes = SizeClasses(ratio) if ratio > 1.0 else None
 
     def take_environment(self, environment: Environment) -> None:
         """Go on in an environment of which a part has come or gone, in the same frame."""
@@ -111,6 +114,7 @@ class Tracker:
                 fading = unseen / self._settings.tracking.color_time
                 track.take_color(detection.color, -float(np.expm1(-fading)))
                 settle(track, self._settings)
+                self._classify(track)
             track.close_step(detection)
             self._follow_rest(track)
         taken = [id(detection) for detection in seen.values()]
@@ -241,9 +245,16 @@ class Tracker:
         track.identity = self._identity
         track.take_color(detection.color, 1.0)
         settle(track, self._settings)
+        self._classify(track)
         track.close_step(detection)
         self.next_number += 1
         return track
+
+    def _classify(self, track: Track) -> None:
+        """Give a sphere that is no known object the material of its size."""
+        if self._sizes is not None and track.confirmed and track.attitude is None:
+            deviation = float(np.sqrt(track.radius_variance))
+            track.size = self._sizes.class_of(float(track.mean[RADIUS]), deviation, track.size)
 
 
 def _seen(track: Track, duration: float) -> list[FilterStep]:

@@ -231,21 +231,21 @@ def test_a_known_object_gives_name_material_and_radius(rng, bounce) -> None:
     assert thing.shape.bounding_radius == pytest.approx(0.05, abs=1e-4)
     alive, _ = follow(Tracker(FLOOR, settings), rng, [path], times, radius=0.04)
     thing = alive[-1][0].scene_object(settings)
-    assert (thing.id, thing.material) == ("sphere_1", "ball")
+    assert (thing.id, thing.material) == ("sphere_1", "ball_38_46mm")
 
 
-def test_unknown_spheres_have_the_material_of_their_class_of_radius(rng, bounce) -> None:
+def test_unknown_spheres_have_the_material_of_their_size(rng, bounce) -> None:
     times = np.arange(0, 0.4, STEP)
     path = bounce(times, (0, 0, 1), (1, 0, 0), 0.05)
     known = (KnownObject("large", 0.05, "rubber"),)
-    settings = replace(SETTINGS, known_objects=known, material_radius_step=0.02)
-    cases = {0.005: "ball_20mm", 0.033: "ball_40mm", 0.04: "ball_40mm", 0.062: "ball_60mm"}
-    for radius, material in {**cases, 0.05: "rubber"}.items():
+    settings = replace(SETTINGS, known_objects=known)
+    alike = replace(settings, material_radius_ratio=1.0)
+    cases = {0.02: "ball_18_22mm", 0.033: "ball_32_38mm", 0.035: "ball_32_38mm", 0.05: "rubber"}
+    for radius, material in cases.items():
         alive, _ = follow(Tracker(FLOOR, settings), rng, [path], times, radius=radius)
-        (track,) = alive[-1]
-        assert track.scene_object(settings).material == material
-        if radius in cases:
-            assert track.scene_object(SETTINGS).material == "ball"
+        assert alive[-1][0].scene_object(settings).material == material
+        alive, _ = follow(Tracker(FLOOR, alike), rng, [path], times, radius=radius)
+        assert alive[-1][0].scene_object(alike).material in ("ball", "rubber")
 
 
 def test_the_newest_detection_is_that_of_its_frame_given_the_averaged_radius(rng) -> None:

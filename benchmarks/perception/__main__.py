@@ -46,9 +46,8 @@ from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings,
 from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.settings import PerceptionSettings
 
-SEED = 5
-"""Of the scenes, each of which has a generator of its own."""
-
+SEED = 5  # of the scenes, each of which has a generator of its own
+# Parts that `--only` may name
 RENDERED, REAL, RELEASE, UNORGANISED, END_TO_END, LOOKS = PARTS = (
     "rendered",
     "real",
@@ -57,36 +56,23 @@ RENDERED, REAL, RELEASE, UNORGANISED, END_TO_END, LOOKS = PARTS = (
     "end_to_end",
     "looks",
 )
-"""Parts that `--only` may name."""
 
+# Real depth frames and scans, beside the project
 REAL_DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "real"
-"""Real depth frames and scans, beside the project."""
-
-OURS = "ours"
-"""Name of our perception beside the others."""
+OURS = "ours"  # name of our perception beside the others
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is measured.
+    """How much is measured."""
 
-    Parameters
-    ----------
-    scenes : rendered bags; their kinds take turns
-    throws : in each bag
-    peer_frames : of each bag that others look at, too
-    """
-
-    scenes: int
-    throws: int
-    peer_frames: int
+    scenes: int  # rendered bags; their kinds take turns
+    throws: int  # in each bag
+    peer_frames: int  # of each bag that others look at, too
 
 
-FULL = Effort(scenes=20, throws=10, peer_frames=3)
-"""Of the results that are kept."""
-
-QUICK = Effort(scenes=9, throws=3, peer_frames=1)
-"""Of a first look."""
+FULL = Effort(scenes=20, throws=10, peer_frames=3)  # of the results that are kept
+QUICK = Effort(scenes=9, throws=3, peer_frames=1)  # of a first look
 
 
 @dataclass(frozen=True)

@@ -28,46 +28,26 @@ from intuitive_physics_ros.qos import SENSOR_DATA
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 from intuitive_physics_ros.topics import OBJECT_STATES, PREDICTIONS
 
-SEED = 23
-"""Of the throws and of the camera's noise."""
-
-THROWS, QUICK_THROWS = 20, 4
-"""One after another, in a full measurement and in a first look."""
-
-RATE = 30.0
-"""Images a second."""
-
+SEED = 23  # of the throws and of the camera's noise
+THROWS, QUICK_THROWS = 20, 4  # one after another, in a full measurement and in a first look
+RATE = 30.0  # images a second
+# Throws of which nothing counts: the learner's and the predictor's first work is done in them
 FIRST_THROWS = 1
-"""Throws of which nothing counts: the learner's and the predictor's first work is done in them."""
-
-MICROSECOND = 1000
-"""ns, to which stamps are rounded: as numbers of seconds they are true to 0.2 µs."""
-
-TIMEOUT = 60.0
-"""s to wait for the nodes."""
-
-LAST = 0.5
-"""s after the last image in which what it leads to arrives."""
-
-STATES, DISTRIBUTION = f"/{OBJECT_STATES}", f"/{PREDICTIONS}"
-"""Topics that are watched."""
-
+MICROSECOND = 1000  # ns, to which stamps are rounded: as numbers of seconds they are true to 0.2 µs
+TIMEOUT = 60.0  # s to wait for the nodes
+LAST = 0.5  # s after the last image in which what it leads to arrives
+STATES, DISTRIBUTION = f"/{OBJECT_STATES}", f"/{PREDICTIONS}"  # topics that are watched
+# Best effort, so that nothing is sent again; deep, so that nothing is lost between two images
 QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Best effort, so that nothing is sent again; deep, so that nothing is lost between two images."""
 
 
 @dataclass
 class Arrivals:
-    """When what was made from an image first arrived, s since the epoch, by its stamp in ns.
+    """When what was made from an image first arrived, s since the epoch, by its stamp in ns."""
 
-    Parameters
-    ----------
-    states : of the objects; only of images that show one
-    distributions : that are predicted from them
-    """
-
+    # of the objects; only of images that show one
     states: dict[int, float] = field(default_factory=dict)
-    distributions: dict[int, float] = field(default_factory=dict)
+    distributions: dict[int, float] = field(default_factory=dict)  # that are predicted from them
 
     def latencies(self, arrived: dict[int, float]) -> NDArray[np.float64]:
         """Return ms from the stamps of images that show an object, in order of time."""
@@ -75,13 +55,7 @@ class Arrivals:
 
 
 def measure_end_to_end(quick: bool, seed: int = SEED) -> tuple[dict[str, Any], list[Table]]:
-    """Return key figures and table of the time from an image's stamp to what it leads to.
-
-    Parameters
-    ----------
-    quick : whether few throws do
-    seed : of the throws
-    """
+    """Return key figures and table of the time from an image's stamp to what it leads to."""
     report_progress("from image to distribution: three nodes as processes")
     settings = RenderSettings(
         throws=FIRST_THROWS + (QUICK_THROWS if quick else THROWS), seed=seed, frame_rate=RATE
@@ -191,12 +165,7 @@ def _stamp(data: bytes, at: int) -> int:
 
 
 def with_stamp(message: bytes, stamp: int) -> bytes:
-    """Return a serialised message that begins with a header, with another stamp.
-
-    Parameters
-    ----------
-    stamp : ns since the epoch
-    """
+    """Return a serialised message that begins with a header, with another stamp."""
     data = bytearray(message)
     # CDR: four bytes that give the byte order, then header.stamp.
     struct.pack_into("<iI", data, 4, *divmod(stamp, 1_000_000_000))

@@ -28,54 +28,33 @@ from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_predictor.scores.highest_density import WITHIN_TWO_SIGMA
 
-SEED = 61
-"""Of the throws, each of which has a generator of its own."""
-
-SPINS = (2.0, 10.0, 40.0)
-"""rad/s, standard deviations of each component of the spin."""
-
+SEED = 61  # of the throws, each of which has a generator of its own
+SPINS = (2.0, 10.0, 40.0)  # rad/s, standard deviations of each component of the spin
+# Throws of each pattern and spin of a full measurement and of a first look
 THROWS, QUICK_THROWS = 30, 6
-"""Throws of each pattern and spin of a full measurement and of a first look."""
-
-RATE = 30.0
-"""Frames a second."""
-
-FLIGHT = 0.7
-"""s of a throw at most; its first flight is shorter as a rule."""
-
+RATE = 30.0  # frames a second
+FLIGHT = 0.7  # s of a throw at most; its first flight is shorter as a rule
+# rad/s, geometric mean of the standard deviations below which a spin counts as known: half of what
+# is assumed of an unknown one
 SURE = 5.0
-"""rad/s, geometric mean of the standard deviations below which a spin counts as known: half of what
-is assumed of an unknown one."""
 
 
 @dataclass
 class SpinErrors:
-    """What became of the spins of one pattern and of one standard deviation.
+    """What became of the spins of one pattern and of one standard deviation."""
 
-    Parameters
-    ----------
-    errors : rad/s, length of the error at the end of each flight whose spin was known
-    distances : squared, in variances, of the same
-    frames : of each flight, that showed the ball
-    first : frames of these flights until the spin was known
-    seconds : of tracking and looking in each frame with a ball
-    """
-
+    # rad/s, length of the error at the end of each flight whose spin was known
     errors: list[float] = field(default_factory=list)
-    distances: list[float] = field(default_factory=list)
-    frames: list[int] = field(default_factory=list)
+    distances: list[float] = field(default_factory=list)  # squared, in variances, of the same
+    frames: list[int] = field(default_factory=list)  # of each flight, that showed the ball
+    # frames of these flights until the spin was known
     first: list[int] = field(default_factory=list)
+    # of tracking and looking in each frame with a ball
     seconds: list[float] = field(default_factory=list)
 
 
 class LookedAtRoom:
-    """The corner room, seen by a depth and colour camera, through all of perception.
-
-    Parameters
-    ----------
-    rng : of the cameras' noise
-    light : of the room
-    """
+    """The corner room, seen by a depth and colour camera, through all of perception."""
 
     def __init__(self, rng: np.random.Generator, light: RoomLight) -> None:
         self.camera = corner_camera()
@@ -121,13 +100,7 @@ class LookedAtRoom:
 
 
 def measure_looks(quick: bool, seed: int = SEED) -> tuple[dict[str, Any], list[Table]]:
-    """Return key figures and table of spins by pattern and by how fast balls spin.
-
-    Parameters
-    ----------
-    quick : whether few throws do
-    seed : of the throws
-    """
+    """Return key figures and table of spins by pattern and by how fast balls spin."""
     count = QUICK_THROWS if quick else THROWS
     found: dict[tuple[str, float], SpinErrors] = {}
     for pattern in PATTERNS:

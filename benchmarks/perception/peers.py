@@ -17,26 +17,14 @@ from benchmarks.peers.engine import MissingPeerError
 from benchmarks.perception.score import Ball
 from intuitive_physics_perception.environment.planes import DetectedPlane
 
-PLANE_TOLERANCE = 0.03
-"""m from a plane within which a point belongs to it."""
+PLANE_TOLERANCE = 0.03  # m from a plane within which a point belongs to it
+SPHERE_TOLERANCE = 0.01  # m from a sphere's surface within which a point belongs to it
+SMALLEST, LARGEST = 0.02, 0.10  # m, limits of a ball's radius
+HYPOTHESES = 1000  # random planes or spheres of each RANSAC
+MIN_POINTS = 30  # that a ball must have
+CLUSTER_GAP = 0.04  # m between neighbours of a cluster, at most
 
-SPHERE_TOLERANCE = 0.01
-"""m from a sphere's surface within which a point belongs to it."""
-
-SMALLEST, LARGEST = 0.02, 0.10
-"""m, limits of a ball's radius."""
-
-HYPOTHESES = 1000
-"""Random planes or spheres of each RANSAC."""
-
-MIN_POINTS = 30
-"""That a ball must have."""
-
-CLUSTER_GAP = 0.04
-"""m between neighbours of a cluster, at most."""
-
-Points = NDArray[np.float64]
-"""(n, 3) m, in the sensor's frame."""
+Points = NDArray[np.float64]  # (n, 3) m, in the sensor's frame
 
 
 class Peer(ABC):

@@ -38,66 +38,44 @@ from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.scene import perceive_cloud
 from intuitive_physics_perception.settings import PerceptionSettings
 
-SEED = 18
-"""Of the balls and the noise; each scene has a generator of its own."""
-
-EMPTY_FRAMES = 60
-"""Frames without a ball after those that the environment is modelled from."""
-
+SEED = 18  # of the balls and the noise; each scene has a generator of its own
+EMPTY_FRAMES = 60  # frames without a ball after those that the environment is modelled from
+# Placements of balls of each kind in a scene, and frames in a row that show each
 PLACEMENTS, FRAMES_EACH = 6, 5
-"""Placements of balls of each kind in a scene, and frames in a row that show each."""
-
-THROWS, FLIGHT_FRAMES = 3, 12
-"""Throws through a scene, and frames of each at most."""
-
+THROWS, FLIGHT_FRAMES = 3, 12  # throws through a scene, and frames of each at most
+# m of range from the sensor, for the normalised errors
 BANDS = {"below_1.2": (0.0, 1.2), "1.2_2": (1.2, 2.0), "beyond": (2.0, np.inf)}
-"""m of range from the sensor, for the normalised errors."""
-
+# Degrees by which the normal of a plausible support differs at most from the image's upward
+# direction: about the image's horizontal axis, and about the optical axis
 STEEPEST, MOST_ROLL = 65.0, 30.0
-"""Degrees by which the normal of a plausible support differs at most from the image's upward
-direction: about the image's horizontal axis, and about the optical axis."""
 
+# m, of the exercise ball in the LiDAR scans with the error of a fit to 8 mm of noise
 BALL_RADII_IN_SCANS = (0.24, 0.33)
-"""m, of the exercise ball in the LiDAR scans with the error of a fit to 8 mm of noise."""
-
+# Readings on the ball of a scan at least: a plain RANSAC finds 95 in the sparsest one
 FEWEST_ON_BALL = 80
-"""Readings on the ball of a scan at least: a plain RANSAC finds 95 in the sparsest one."""
-
+# How balls come into a known scene: thrown ones are free, too
 KINDS = ("free", "thrown", "close", "touching")
-"""How balls come into a known scene: thrown ones are free, too."""
+STANDING = "standing"  # a free ball that was there when the environment was modelled
+STANDING_FRAMES = 10  # frames of it after that
 
-STANDING = "standing"
-"""A free ball that was there when the environment was modelled."""
-
-STANDING_FRAMES = 10
-"""Frames of it after that."""
-
+# Balls of one frame and the camera's faults there
 Placement = tuple[Sequence[PlacedBall], DepthNoise]
-"""Balls of one frame and the camera's faults there."""
 
 
 @dataclass
 class RealFindings:
-    """What perception made of some scenes.
+    """What perception made of some scenes."""
 
-    Parameters
-    ----------
-    scenes : how many
-    followed : objects with the shape of a sphere that were published, in frames without a ball
-    plausible : scenes whose support could be one
-    empty : detections in frames without a ball
-    balls : detections by kind of placement
-    nees : (eᵀ C⁻¹ e) / 3 of the centres found in single frames, by band of range
-    seconds : on the processor, of each frame
-    """
-
-    scenes: int = 0
+    scenes: int = 0  # how many
+    # objects with the shape of a sphere that were published, in frames without a ball
     followed: int = 0
-    plausible: int = 0
-    empty: Score = field(default_factory=Score)
+    plausible: int = 0  # scenes whose support could be one
+    empty: Score = field(default_factory=Score)  # detections in frames without a ball
+    # detections by kind of placement
     balls: dict[str, Score] = field(default_factory=lambda: defaultdict(Score))
+    # (eᵀ C⁻¹ e) / 3 of the centres found in single frames, by band of range
     nees: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
-    seconds: list[float] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)  # on the processor, of each frame
 
     def recall(self, *kinds: str) -> float:
         """Part of the balls of some kinds that was found, NaN where there were none."""
@@ -138,12 +116,7 @@ class RealFindings:
 
 
 def measure_real_scenes(folder: Path, quick: bool) -> tuple[dict[str, Any], list[Table]]:
-    """Return key figures and table of all scenes of a folder; nothing where there are none.
-
-    Parameters
-    ----------
-    quick : whether only every third scene is looked at
-    """
+    """Return key figures and table of all scenes of a folder; nothing where there are none."""
     scenes = load_scenes(folder)[:: 3 if quick else 1]
     if not scenes:
         report_progress(f"real scenes left out: {folder} has no scene (.npz)")
@@ -202,15 +175,7 @@ def _placements(scene: RealScene, kind: str, rng: np.random.Generator) -> list[P
 
 
 class Session:
-    """Perception of one scene, whose environment it models at once.
-
-    Parameters
-    ----------
-    scene : what stands still
-    rng : of the camera's noise
-    seconds : takes the time of each frame on the processor
-    balls : that are there while the environment is modelled
-    """
+    """Perception of one scene, whose environment it models at once."""
 
     def __init__(
         self,

@@ -21,29 +21,18 @@ from intuitive_physics_experiments.rendering.depth_renderer import (
     cast_sphere,
 )
 
-RADII = (0.03, 0.05, 0.07)
-"""m, of the balls."""
-
-NEAREST, FARTHEST = 0.45, 3.2
-"""m, range of the balls' centres."""
-
+RADII = (0.03, 0.05, 0.07)  # m, of the balls
+NEAREST, FARTHEST = 0.45, 3.2  # m, range of the balls' centres
+# Least and largest distance, in radii, from a ball to the nearest reading of the scene
 FREE_GAP, CLOSE_GAP = (2.0, 6.0), (0.1, 1.0)
-"""Least and largest distance, in radii, from a ball to the nearest reading of the scene."""
-
-NO_EDGE_FAULTS = DepthNoise()
-"""Faults of the camera without those at edges."""
-
+NO_EDGE_FAULTS = DepthNoise()  # faults of the camera without those at edges
+# Faults of the camera for every second placement of balls
 EDGE_FAULTS = DepthNoise(fattening=1, flying=0.25)
-"""Faults of the camera for every second placement of balls."""
-
-FRAME_TIME = 1.0 / 30.0
-"""s."""
-
+FRAME_TIME = 1.0 / 30.0  # s
+# (3,) m/s² in the sensor's frame, of throws: the camera looks down by 30°
 GRAVITY = 9.81 * np.array([0.0, np.cos(np.radians(30.0)), np.sin(np.radians(30.0))])
-"""(3,) m/s² in the sensor's frame, of throws: the camera looks down by 30°."""
-
+# Random places that are tried for a ball before a scene counts as having no room for it
 ATTEMPTS = 400
-"""Random places that are tried for a ball before a scene counts as having no room for it."""
 
 
 @dataclass(frozen=True)
@@ -56,18 +45,11 @@ class PlacedBall:
 
 @dataclass(frozen=True, eq=False)
 class RealScene:
-    """A depth frame that shows no ball.
+    """A depth frame that shows no ball."""
 
-    Parameters
-    ----------
-    name : of its file
-    depth : (height, width) m, 0 where nothing was read
-    intrinsics : (3, 3) of the pinhole camera, pixels
-    """
-
-    name: str
-    depth: NDArray[np.float32]
-    intrinsics: NDArray[np.float64]
+    name: str  # of its file
+    depth: NDArray[np.float32]  # (height, width) m, 0 where nothing was read
+    intrinsics: NDArray[np.float64]  # (3, 3) of the pinhole camera, pixels
 
     @property
     def tuning(self) -> bool:
@@ -100,13 +82,7 @@ class RealScene:
 
 
 def load_scenes(folder: Path) -> list[RealScene]:
-    """Return the scenes of a folder by name; none where there is no such folder.
-
-    Raises
-    ------
-    InvalidInputError
-        When a file has no depth image or no intrinsics.
-    """
+    """Return the scenes of a folder by name; none where there is no such folder."""
     scenes = []
     for path in sorted(folder.glob("*.npz")):
         with np.load(path) as data:
@@ -121,14 +97,7 @@ def load_scenes(folder: Path) -> list[RealScene]:
 
 
 class SceneCamera:
-    """Gives noisy frames of one scene with balls in it.
-
-    Parameters
-    ----------
-    scene : what stands still
-    noise : faults of the camera, beside those that the scene was recorded with
-    rng : where the noise comes from
-    """
+    """Gives noisy frames of one scene with balls in it."""
 
     def __init__(self, scene: RealScene, noise: DepthNoise, rng: np.random.Generator) -> None:
         self.scene = scene

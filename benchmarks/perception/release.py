@@ -29,32 +29,21 @@ from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
-SEED = 41
-"""Of the scenes, each of which has a generator of its own."""
-
-SCENES, QUICK_SCENES = 12, 3
-"""Scenes of a full measurement and of a first look."""
-
-IN_TIME = 0.034
-"""s from the release within which an observation is to begin: one frame at 30 Hz."""
-
-EMPTY_TIME = 0.4
-"""s without a ball after each throw: a track ends."""
+SEED = 41  # of the scenes, each of which has a generator of its own
+SCENES, QUICK_SCENES = 12, 3  # scenes of a full measurement and of a first look
+IN_TIME = 0.034  # s from the release within which an observation is to begin: one frame at 30 Hz
+EMPTY_TIME = 0.4  # s without a ball after each throw: a track ends
 
 
 @dataclass
 class ReleaseErrors:
-    """What became of the throws at one frame rate, by whether the hand is seen.
+    """What became of the throws at one frame rate, by whether the hand is seen."""
 
-    Parameters
-    ----------
-    early : s from the release to the beginning of the observation, negative where that is early
-    velocities : m/s, errors of the first velocity
-    missing : throws without an observation
-    """
-
+    # s from the release to the beginning of the observation, negative where that is early
     early: dict[bool, list[float]] = field(default_factory=lambda: {False: [], True: []})
+    # m/s, errors of the first velocity
     velocities: dict[bool, list[float]] = field(default_factory=lambda: {False: [], True: []})
+    # throws without an observation
     missing: dict[bool, list[float]] = field(default_factory=lambda: {False: [], True: []})
 
     def errors(self, hands: Sequence[bool]) -> NDArray[np.float64]:
@@ -64,13 +53,7 @@ class ReleaseErrors:
 
 
 def measure_release(quick: bool, seed: int = SEED) -> tuple[dict[str, Any], list[Table]]:
-    """Return key figures and table of throws from a hand at several frame rates.
-
-    Parameters
-    ----------
-    quick : whether few scenes do
-    seed : of the scenes
-    """
+    """Return key figures and table of throws from a hand at several frame rates."""
     count = QUICK_SCENES if quick else SCENES
     found = {rate: ReleaseErrors() for rate in RATES}
     for k in range(count):

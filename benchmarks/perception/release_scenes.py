@@ -25,41 +25,20 @@ from intuitive_physics_experiments.rendering.depth_renderer import (
 )
 from intuitive_physics_experiments.rendering.thrown_ball import BallContact, BallMotion, move_ball
 
-RATES = (30, 60, 90)
-"""Frames a second."""
-
-CAMERA_NOISE = DepthNoise()
-"""Faults of the camera."""
-
+RATES = (30, 60, 90)  # frames a second
+CAMERA_NOISE = DepthNoise()  # faults of the camera
+# Pixels; with the focal length of a 640 × 480 camera a ball has as many pixels as there
 WIDTH, HEIGHT = 432, 336
-"""Pixels; with the focal length of a 640 × 480 camera a ball has as many pixels as there."""
-
-THROWS_EACH = 4
-"""Throws in a scene; every second hand is seen."""
-
-FLIGHT = 0.9
-"""s after the release, bounces among them."""
-
-SAMPLES = 480
-"""Hz of the motion after the release: between samples it is off by 6 µm."""
-
+THROWS_EACH = 4  # throws in a scene; every second hand is seen
+FLIGHT = 0.9  # s after the release, bounces among them
+SAMPLES = 480  # Hz of the motion after the release: between samples it is off by 6 µm
+# s for which the hand rests at first: too short for a track at rest, and long enough
 REST = (0.1, 0.8)
-"""s for which the hand rests at first: too short for a track at rest, and long enough."""
-
-SWING = (0.18, 0.45)
-"""s from rest to the release."""
-
-PALM = np.array([0.10, 0.09, 0.025])
-"""(3,) m, edges of the palm, the last along its normal."""
-
-FOREARM = np.array([0.35, 0.07, 0.06])
-"""(3,) m, edges of the forearm, which ends at the palm's rim."""
-
-FOLLOW_THROUGH = 0.07
-"""s, in which a hand loses its speed after the release."""
-
-MARGIN = 12.0
-"""Pixels between a ball and the image's edge."""
+SWING = (0.18, 0.45)  # s from rest to the release
+PALM = np.array([0.10, 0.09, 0.025])  # (3,) m, edges of the palm, the last along its normal
+FOREARM = np.array([0.35, 0.07, 0.06])  # (3,) m, edges of the forearm, which ends at the palm's rim
+FOLLOW_THROUGH = 0.07  # s, in which a hand loses its speed after the release
+MARGIN = 12.0  # pixels between a ball and the image's edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,24 +47,17 @@ class HeldThrow:
 
     Before the release its path is a polynomial of the fifth degree from rest: position, velocity
     and acceleration are continuous but for the acceleration at the release.
-
-    Parameters
-    ----------
-    material : name, one of `BALL_RADII`
-    radius : m
-    hand_is_seen : whether palm and forearm are in the image
-    swing_start, release : s after it appears
-    swing : (6, 3) coefficients in m of powers of time over the duration of the swing
-    motion : after the release
     """
 
-    material: str
-    radius: float
-    hand_is_seen: bool
+    material: str  # name, one of `BALL_RADII`
+    radius: float  # m
+    hand_is_seen: bool  # whether palm and forearm are in the image
+    # swing_start, release: s after it appears
     swing_start: float
     release: float
+    # (6, 3) coefficients in m of powers of time over the duration of the swing
     swing: NDArray[np.float64]
-    motion: BallMotion
+    motion: BallMotion  # after the release
 
     @property
     def duration(self) -> float:
@@ -142,13 +114,7 @@ class SceneView:
         self.background = DepthRenderer(scene.camera, scene.environment).background
 
     def with_throw(self, throw: HeldThrow, time: float) -> tuple[DepthImage, ImageRegion]:
-        """Return the rectangle of the image that ball and hand may cover, and where it is.
-
-        Parameters
-        ----------
-        throw : what is seen
-        time : s after it appears
-        """
+        """Return the rectangle of the image that ball and hand may cover, and where it is."""
         center = throw.position(time)
         boxes = _hand(throw, time) if throw.hand_is_seen else []
         region = self._region(center, throw.radius, boxes)
@@ -183,8 +149,8 @@ class SceneView:
         return ImageRegion(slice(int(top), int(bottom)), slice(int(left), int(right)))
 
 
+# Middle (3,) m, axes (3, 3) as columns, and edges (3,) m
 _HandBox = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-"""Middle (3,) m, axes (3, 3) as columns, and edges (3,) m."""
 
 
 def random_scene(rng: np.random.Generator) -> ReleaseScene:
@@ -286,14 +252,7 @@ def _cast_box(
     axes: NDArray[np.float64],
     edges: NDArray[np.float64],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Depth m, 0 where missed, and cosine of incidence of rays (…, 3) on a box before the camera.
-
-    Parameters
-    ----------
-    center : (3,) m, in the camera's frame
-    axes : (3, 3), the box's axes as columns
-    edges : (3,) m
-    """
+    """Depth (m, 0: missed) and cosine of incidence of rays (…, 3) on a box, in camera axes."""
     directions, origin = rays @ axes, -center @ axes
     with np.errstate(divide="ignore"):
         near = (-np.sign(directions) * 0.5 * edges - origin) / directions

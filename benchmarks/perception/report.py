@@ -11,6 +11,7 @@ from benchmarks.perception.score import ENOUGH_PIXELS, NEAR, Hit, Score, rms
 from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics_experiments.rendering.corner_room import BALL_RADII
 
+# What the perception issue asks for, by the key of the last line
 BARS = {
     "frame_ms_p50": (10.0, "below"),
     "frame_ms_p99": (20.0, "below"),
@@ -20,16 +21,10 @@ BARS = {
     "recall": (0.98, "above"),
     "false_positives_per_1000": (1.0, "below"),
 }
-"""What the perception issue asks for, by the key of the last line."""
 
 
 def key_figures(findings: Findings, peer_ms: Sequence[float]) -> dict[str, float]:
-    """Return what the last line says.
-
-    Parameters
-    ----------
-    peer_ms : milliseconds that Open3D and pyRANSAC-3D took for each frame
-    """
+    """Return what the last line says."""
     hits = findings.states.near_hits()
     p50 = 1e3 * float(np.median(findings.timing.total))
     return {

@@ -25,98 +25,64 @@ from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_recordings.bag_reader import BagReader
 from intuitive_physics_recordings.depth_bag_writer import CAMERA_INFO_TOPIC, DEPTH_TOPIC
 
-SETTLED = 0.1
-"""s for which a ball must have been followed before its velocity counts."""
+SETTLED = 0.1  # s for which a ball must have been followed before its velocity counts
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One frame of a bag.
+    """One frame of a bag."""
 
-    Parameters
-    ----------
-    time : s of its stamp
-    points : (height, width, 3) m in the sensor's frame
-    balls : what truly is there
-    """
-
-    time: float
-    points: NDArray[np.float32]
-    balls: list[TrueBall]
+    time: float  # s of its stamp
+    points: NDArray[np.float32]  # (height, width, 3) m in the sensor's frame
+    balls: list[TrueBall]  # what truly is there
 
 
 @dataclass
 class Timing:
-    """Seconds of frames that have been perceived in a known environment.
+    """Seconds of frames that have been perceived in a known environment."""
 
-    Parameters
-    ----------
-    stages : time of the one thread that does the work, by stage
-    total : the same, from message to states
-    wall : by the clock on the wall, from message to states
-    closing : of the frames that ended an episode, the time its observations take after the states
-    """
-
+    # time of the one thread that does the work, by stage
     stages: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
-    total: list[float] = field(default_factory=list)
+    total: list[float] = field(default_factory=list)  # the same, from message to states
+    # by the clock on the wall, from message to states
     wall: list[float] = field(default_factory=list)
+    # of the frames that ended an episode, the time its observations take after the states
     closing: list[float] = field(default_factory=list)
 
 
 @dataclass
 class Findings:
-    """What perception made of all bags.
+    """What perception made of all bags."""
 
-    Parameters
-    ----------
-    detections : spheres of each frame alone
-    states : filtered, with the radius averaged so far
-    smoothed : errors in m of the trajectories of observations, up to 2 m
-    first_velocities : errors in m/s of the last state before the first bounce
-    gravity : degrees, of each bag
-    plane_angles, plane_offsets : degrees and m, of each true plane that was found
-    planes_missing, planes_false : how many planes were not found, and found where none is
-    timing : of each frame
-    """
-
-    detections: Score = field(default_factory=Score)
-    states: Score = field(default_factory=Score)
+    detections: Score = field(default_factory=Score)  # spheres of each frame alone
+    states: Score = field(default_factory=Score)  # filtered, with the radius averaged so far
+    # errors in m of the trajectories of observations, up to 2 m
     smoothed: list[float] = field(default_factory=list)
+    # errors in m/s of the last state before the first bounce
     first_velocities: list[float] = field(default_factory=list)
-    gravity: list[float] = field(default_factory=list)
+    gravity: list[float] = field(default_factory=list)  # degrees, of each bag
+    # plane_angles, plane_offsets: degrees and m, of each true plane that was found
     plane_angles: list[float] = field(default_factory=list)
     plane_offsets: list[float] = field(default_factory=list)
+    # planes_missing, planes_false: how many planes were not found, and found where none is
     planes_missing: int = 0
     planes_false: int = 0
-    timing: Timing = field(default_factory=Timing)
+    timing: Timing = field(default_factory=Timing)  # of each frame
 
 
 @dataclass(frozen=True, eq=False)
 class PerceivedBag:
-    """What the others need to be compared with ours.
+    """What the others need to be compared with ours."""
 
-    Parameters
-    ----------
-    model : the environment
-    detections : balls of each frame alone, by its stamp
-    seconds : that each frame took, by its stamp
-    """
-
-    model: EnvironmentModel
-    detections: dict[float, list[Ball]]
-    seconds: dict[float, float]
+    model: EnvironmentModel  # the environment
+    detections: dict[float, list[Ball]]  # balls of each frame alone, by its stamp
+    seconds: dict[float, float]  # that each frame took, by its stamp
 
 
 def perceive_bag(
     path: Path, recording: TrueRecording, settings: PerceptionSettings, findings: Findings
 ) -> PerceivedBag:
-    """Perceive a bag and add what came of it to `findings`.
-
-    Raises
-    ------
-    RuntimeError
-        When the environment was never known.
-    """
+    """Perceive a bag and add what came of it to `findings`."""
     pipeline = PerceptionPipeline(settings, np.random.default_rng(0), clock=time.thread_time)
     velocities = _FirstVelocities()
     model: EnvironmentModel | None = None

@@ -25,50 +25,26 @@ from intuitive_physics_experiments.rendering.rendered_bag import START_TIME
 from intuitive_physics_experiments.rendering.thrown_ball import BallContact, BallMotion, move_ball
 from intuitive_physics_experiments.rendering.throws import Throw
 
-NEAREST, FARTHEST = 1.0, 3.0
-"""m from the camera to a ball's centre."""
-
-STEEPEST, FLATTEST = 40.0, 15.0
-"""Degrees that the camera looks down."""
-
-ROLL = 5.0
-"""Degrees, standard deviation, by which the camera is not upright."""
-
+NEAREST, FARTHEST = 1.0, 3.0  # m from the camera to a ball's centre
+STEEPEST, FLATTEST = 40.0, 15.0  # degrees that the camera looks down
+ROLL = 5.0  # degrees, standard deviation, by which the camera is not upright
+# s before the first throw, of a throw at most, and between throws
 LEAD_IN, DURATION, PAUSE = 0.5, 1.5, 0.4
-"""s before the first throw, of a throw at most, and between throws."""
-
-SHORTEST = 0.7
-"""s that a ball must stay in view."""
-
-STAGGER = 0.25
-"""s by which the balls of a group start one after the other, at most."""
-
-GAP = 0.01
-"""m that a ball keeps from planes at its release, from crates and from other balls."""
-
-FLOOR_LEAD = 1.05
-"""Times the readings of any wall that the floor must have."""
-
-LEAST_WALL = 0.02
-"""Part of the readings that a wall must have to be one that can be seen."""
+SHORTEST = 0.7  # s that a ball must stay in view
+STAGGER = 0.25  # s by which the balls of a group start one after the other, at most
+GAP = 0.01  # m that a ball keeps from planes at its release, from crates and from other balls
+FLOOR_LEAD = 1.05  # times the readings of any wall that the floor must have
+LEAST_WALL = 0.02  # part of the readings that a wall must have to be one that can be seen
 
 
 @dataclass(frozen=True)
 class SceneKind:
-    """What a scene has.
+    """What a scene has."""
 
-    Parameters
-    ----------
-    planes : 1 to 3, the floor among them
-    balls_at_once : 1 to 3
-    throws : in all
-    crates : static boxes in view; no ball ever touches one
-    """
-
-    planes: int
-    balls_at_once: int
-    throws: int
-    crates: int
+    planes: int  # 1 to 3, the floor among them
+    balls_at_once: int  # 1 to 3
+    throws: int  # in all
+    crates: int  # static boxes in view; no ball ever touches one
 
 
 def random_truth(kind: SceneKind, rng: np.random.Generator) -> GroundTruth:

@@ -10,54 +10,32 @@ from numpy.typing import NDArray
 
 from benchmarks.perception.truth import TrueBall
 
-ENOUGH_PIXELS = 60
-"""Visible pixels from which on a ball counts for the recall."""
+ENOUGH_PIXELS = 60  # visible pixels from which on a ball counts for the recall
+NEAR = 2.0  # m, up to which the bar of position holds
 
-NEAR = 2.0
-"""m, up to which the bar of position holds."""
-
-Ball = tuple[NDArray[np.float64], float]
-"""Centre (3,) m in the sensor's frame and radius in m."""
+Ball = tuple[NDArray[np.float64], float]  # centre (3,) m in the sensor's frame and radius in m
 
 
 @dataclass(frozen=True)
 class Hit:
-    """A ball that was found where one is.
+    """A ball that was found where one is."""
 
-    Parameters
-    ----------
-    size : true radius, m
-    distance : m from the sensor
-    pixels : that see it
-    position_error : m
-    radius_error : m, found less true
-    """
-
-    size: float
-    distance: float
-    pixels: int
-    position_error: float
-    radius_error: float
+    size: float  # true radius, m
+    distance: float  # m from the sensor
+    pixels: int  # that see it
+    position_error: float  # m
+    radius_error: float  # m, found less true
 
 
 @dataclass
 class Score:
-    """Counts and errors over frames.
+    """Counts and errors over frames."""
 
-    Parameters
-    ----------
-    frames : looked at
-    visible : balls seen by at least `ENOUGH_PIXELS`, over all frames
-    found : those of them that were found
-    hits : all balls that were found
-    false : how many were found where there is none
-    """
-
-    frames: int = 0
-    visible: int = 0
-    found: int = 0
-    false: int = 0
-    hits: list[Hit] = field(default_factory=list)
+    frames: int = 0  # looked at
+    visible: int = 0  # balls seen by at least `ENOUGH_PIXELS`, over all frames
+    found: int = 0  # those of them that were found
+    false: int = 0  # how many were found where there is none
+    hits: list[Hit] = field(default_factory=list)  # all balls that were found
 
     @property
     def recall(self) -> float:

@@ -15,23 +15,14 @@ from intuitive_physics_experiments.rendering.throws import Throw
 
 @dataclass(frozen=True, eq=False)
 class TrueBall:
-    """One ball in one frame.
+    """One ball in one frame."""
 
-    Parameters
-    ----------
-    throw : its number in the recording
-    position : (3,) m, in the sensor's frame
-    velocity : (3,) m/s, in the sensor's frame
-    radius : m
-    pixels : pixels whose nearest surface is the ball, whether the camera reads them or not
-    before_bounce : s until it first meets a plane; None after that or if it never does
-    """
-
-    throw: int
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    radius: float
-    pixels: int
+    throw: int  # its number in the recording
+    position: NDArray[np.float64]  # (3,) m, in the sensor's frame
+    velocity: NDArray[np.float64]  # (3,) m/s, in the sensor's frame
+    radius: float  # m
+    pixels: int  # pixels whose nearest surface is the ball, whether the camera reads them or not
+    # s until it first meets a plane; None after that or if it never does
     before_bounce: float | None
 
     @property

@@ -20,23 +20,14 @@ from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
-SEED = 43
-"""Of the scenes, each of which has a generator of its own."""
-
+SEED = 43  # of the scenes, each of which has a generator of its own
+# Scenes of a full measurement and of a first look, of one to three planes
 SCENES, QUICK_SCENES = 3, 1
-"""Scenes of a full measurement and of a first look, of one to three planes."""
-
-THROWS = 3
-"""In each scene, one ball at a time."""
+THROWS = 3  # in each scene, one ball at a time
 
 
 def measure_unorganised(quick: bool) -> tuple[dict[str, Any], list[Table]]:
-    """Return key figure and table of clouds of about 300,000 readings.
-
-    Parameters
-    ----------
-    quick : whether few scenes do
-    """
+    """Return key figure and table of clouds of about 300,000 readings."""
     milliseconds: list[float] = []
     score = Score()
     for k in range(QUICK_SCENES if quick else SCENES):

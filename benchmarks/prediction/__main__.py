@@ -35,47 +35,32 @@ from benchmarks.steady_loop import watch_loops
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_experiments.calibration.paper_calibration import PaperCalibrationOptions
 
-CORES = 2
-"""That node, learner and benchmark share."""
+CORES = 2  # that node, learner and benchmark share
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How long is measured, in s.
+    """How long is measured, in s."""
 
-    Parameters
-    ----------
-    steady : each scene with 20 samples; memory has to be flat meanwhile
-    trial : each number of samples
-    loop : constant work, before and after the node
-    truth : options of the calibration on the synthetic set
-    throws : in each world that a camera sees
-    """
-
-    steady: float
-    trial: float
-    loop: float
-    truth: PaperCalibrationOptions
-    throws: int
+    steady: float  # each scene with 20 samples; memory has to be flat meanwhile
+    trial: float  # each number of samples
+    loop: float  # constant work, before and after the node
+    truth: PaperCalibrationOptions  # options of the calibration on the synthetic set
+    throws: int  # in each world that a camera sees
 
 
+# Too small to hold the bars for sure: it shows that all works
 SMALL_SET = PaperCalibrationOptions(samples=30, held_out=40, point_counts=(), sample_count=50)
-"""Too small to hold the bars for sure: it shows that all works."""
-
+# Of the results that are kept
 FULL = Effort(
     300.0, trial=10.0, loop=10.0, truth=PaperCalibrationOptions(point_counts=()), throws=120
 )
-"""Of the results that are kept."""
 
-QUICK = Effort(20.0, trial=4.0, loop=4.0, truth=SMALL_SET, throws=8)
-"""Of a first look."""
+QUICK = Effort(20.0, trial=4.0, loop=4.0, truth=SMALL_SET, throws=8)  # of a first look
 
 
-PARTS = ("node", "camera")
-"""What can be measured alone."""
-
-FIRST_SEED = 500
-"""Of the camera's worlds; nobody tuned on them. Those from 50 on were tuned on."""
+PARTS = ("node", "camera")  # what can be measured alone
+FIRST_SEED = 500  # of the camera's worlds; nobody tuned on them. Those from 50 on were tuned on
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

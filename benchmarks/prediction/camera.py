@@ -40,53 +40,37 @@ from intuitive_physics_predictor.parameter_uncertainty import UncertainParameter
 from intuitive_physics_predictor.scores.highest_density import highest_density_levels
 from intuitive_physics_predictor.scores.proper_scores import energy_scores
 
-AHEAD = (0.2, 0.5, 1.0, 1.5, 2.0)
-"""s after the moment of a prediction at which it is judged."""
-
+AHEAD = (0.2, 0.5, 1.0, 1.5, 2.0)  # s after the moment of a prediction at which it is judged
+# Simulations of each prediction: the error of their mean adds little to what is measured
 SAMPLES = 200
-"""Simulations of each prediction: the error of their mean adds little to what is measured."""
-
-MOMENTS = ("first_flight", "after_first_bounce", "after_second_bounce")
-"""When predictions begin."""
+MOMENTS = ("first_flight", "after_first_bounce", "after_second_bounce")  # when predictions begin
 
 
+# s, of the predictions that the suite compares with what comes
 CALIBRATION_TIMES = np.arange(0.0, 1.05, 0.02)
-"""s, of the predictions that the suite compares with what comes."""
-
+# Patterns that show how a ball turns
 MARKED = tuple(pattern for pattern in PATTERNS if pattern != PLAIN)
-"""Patterns that show how a ball turns."""
-
-PAINTED = 1000
-"""Between the seeds of plain and painted balls."""
-
-LEARNING_TIME = 20.0
-"""s of learning at most, in each world."""
+PAINTED = 1000  # between the seeds of plain and painted balls
+LEARNING_TIME = 20.0  # s of learning at most, in each world
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """One prediction, three ways, held against the truth.
+    """One prediction, three ways, held against the truth."""
 
-    Parameters
-    ----------
-    errors : (5,) m of the mean of the estimate's prediction, at `AHEAD`; NaN beyond the throw
-    known_spin, guess : the same from the perceived state with the true spin, and with a guess of
-        10 rad/s on each axis where it is not seen, as before there were estimates
-    spin_error : rad/s
-    spin_nees : squared error of the spin in variances, of 3 degrees of freedom
-    levels : (5, 2) as `highest_density_levels`, NaN beyond the throw
-    scores, scores_of_guess : (5,) m, energy scores of both predictions
-    scores_of_fixed : the same of the paper's: fixed noise on the perceived state, and one θ_s
-    """
-
+    # (5,) m of the mean of the estimate's prediction, at `AHEAD`; NaN beyond the throw
     errors: NDArray[np.float64]
+    # known_spin, guess: the same from the perceived state with the true spin, and with a guess of
+    # 10 rad/s on each axis where it is not seen, as before there were estimates
     known_spin: NDArray[np.float64]
     guess: NDArray[np.float64]
-    spin_error: float
-    spin_nees: float
-    levels: NDArray[np.float64]
+    spin_error: float  # rad/s
+    spin_nees: float  # squared error of the spin in variances, of 3 degrees of freedom
+    levels: NDArray[np.float64]  # (5, 2) as `highest_density_levels`, NaN beyond the throw
+    # scores, scores_of_guess: (5,) m, energy scores of both predictions
     scores: NDArray[np.float64]
     scores_of_guess: NDArray[np.float64]
+    # the same of the paper's: fixed noise on the perceived state, and one θ_s
     scores_of_fixed: NDArray[np.float64]
 
 
@@ -99,18 +83,7 @@ def learn_first_half(world: World, simulator: Simulator) -> LearnedParameters:
 
 
 class Follower:
-    """Follows the balls of a world as the predictor does with its default settings.
-
-    Parameters
-    ----------
-    world : whose balls
-    learned : θ_s
-    rng : of all samples
-
-    Attributes
-    ----------
-    seconds : that each estimate took
-    """
+    """Follows the balls of a world as the predictor does with its default settings."""
 
     def __init__(self, world: World, learned: LearnedParameters, rng: np.random.Generator) -> None:
         self._world = world
@@ -123,12 +96,7 @@ class Follower:
         self.seconds: list[float] = []
 
     def judge(self, seen: SeenThrow) -> Iterator[tuple[str, Judged]]:
-        """Follow a ball frame by frame, and judge the prediction of each moment.
-
-        Yields
-        ------
-        the moment, one of `MOMENTS`, and what was found
-        """
+        """Follow a ball frame by frame, and judge the prediction of each moment."""
         estimate = SceneEstimate(self._rng)
         moments = _moments(seen)
         for sighting in seen.sightings:
@@ -267,27 +235,15 @@ def _spin_error(
 
 @dataclass(frozen=True, eq=False)
 class JudgedWorld:
-    """What was found in a world.
+    """What was found in a world."""
 
-    Parameters
-    ----------
-    moments : by name, what was judged
-    patterned : the same in the first flight of balls with dots, seams or a logo
-    seconds : that each estimate took
-    """
-
-    moments: dict[str, list[Judged]]
-    patterned: list[Judged]
-    seconds: list[float]
+    moments: dict[str, list[Judged]]  # by name, what was judged
+    patterned: list[Judged]  # the same in the first flight of balls with dots, seams or a logo
+    seconds: list[float]  # that each estimate took
 
 
 def judge_world(spin: float, throws: int, seed: int) -> JudgedWorld:
-    """See a world, learn from its first half and judge its second.
-
-    Parameters
-    ----------
-    spin : rad/s, standard deviation of the initial spin about each axis
-    """
+    """See a world, learn from its first half and judge its second."""
     rng = np.random.default_rng([seed, 1])
     world = see_world(spin, throws, seed)
     learned = learn_first_half(world, make_simulator("auto"))

@@ -12,35 +12,24 @@ from benchmarks.prediction.camera import AHEAD, MOMENTS, Judged, JudgedWorld
 from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics_predictor.scores.highest_density import WITHIN_TWO_SIGMA, coverage
 
-WORLDS = (2.0, 10.0, 40.0)
-"""rad/s about each axis, of the spins of each world."""
-
-RATIOS = (0.5, 1.0, 2.0)
-"""s ahead at which errors are compared."""
-
+WORLDS = (2.0, 10.0, 40.0)  # rad/s about each axis, of the spins of each world
+RATIOS = (0.5, 1.0, 2.0)  # s ahead at which errors are compared
+# Bars of the error over that with the known spin, 1 s ahead, by world
 MOST_OVER_KNOWN = {
     "after_first_bounce": {2.0: 2.5, 10.0: 3.0, 40.0: 5.0},
     "after_second_bounce": dict.fromkeys(WORLDS, 1.3),
 }
-"""Bars of the error over that with the known spin, 1 s ahead, by world."""
 
+# The same in the first flight of a ball with a pattern, in every world
 MOST_PATTERN_OVER_KNOWN = 2.0
-"""The same in the first flight of a ball with a pattern, in every world."""
-
+# Bar of the error over that of the guess, in the first flight of the world of least spin
 MOST_OVER_GUESS = 0.8
-"""Bar of the error over that of the guess, in the first flight of the world of least spin."""
-
-SPIN_BARS = (0.90, 0.99)
-"""Bars of the share of spins within two standard deviations."""
-
+SPIN_BARS = (0.90, 0.99)  # bars of the share of spins within two standard deviations
+# Bars of what regions hold, by their probability
 COVERAGE_BARS = {0.5: (0.45, 0.55), 0.9: (0.86, 0.94)}
-"""Bars of what regions hold, by their probability."""
+FEWEST = 30  # predictions of which a share can be held against a bar: a first look has fewer
 
-FEWEST = 30
-"""Predictions of which a share can be held against a bar: a first look has fewer."""
-
-Worlds = Mapping[float, JudgedWorld]
-"""What was judged, by spin."""
+Worlds = Mapping[float, JudgedWorld]  # what was judged, by spin
 
 
 def camera_figures(worlds: Worlds) -> dict[str, Any]:

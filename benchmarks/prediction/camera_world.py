@@ -26,11 +26,8 @@ from intuitive_physics_perception.frame_result import PerceivedObject
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
 
-FRAME_RATE = 30.0
-"""Hz"""
-
-LEAD_IN, DURATION, PAUSE = 1.0, 2.4, 0.6
-"""s before the first throw, of each, and after each."""
+FRAME_RATE = 30.0  # Hz
+LEAD_IN, DURATION, PAUSE = 1.0, 2.4, 0.6  # s before the first throw, of each, and after each
 
 
 class BenchmarkError(IntuitivePhysicsError):
@@ -39,16 +36,10 @@ class BenchmarkError(IntuitivePhysicsError):
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """What perception says of the ball in one frame.
+    """What perception says of the ball in one frame."""
 
-    Parameters
-    ----------
-    time : s
-    seen : the object with its state and detection
-    """
-
-    time: float
-    seen: PerceivedObject
+    time: float  # s
+    seen: PerceivedObject  # the object with its state and detection
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,18 +52,11 @@ class SeenThrow:
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """Throws of one spin, as seen.
+    """Throws of one spin, as seen."""
 
-    Parameters
-    ----------
-    throws : in their order
-    observations : of each throw, where there is one
-    model : environment as perceived
-    """
-
-    throws: tuple[SeenThrow, ...]
-    observations: tuple[Observation, ...]
-    model: EnvironmentModel
+    throws: tuple[SeenThrow, ...]  # in their order
+    observations: tuple[Observation, ...]  # of each throw, where there is one
+    model: EnvironmentModel  # environment as perceived
 
     def perceived_point(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return true points (..., 3) m in the perceived environment."""
@@ -85,13 +69,7 @@ class World:
 
 
 def see_world(spin: float, count: int, seed: int, patterns: Sequence[str] = ()) -> World:
-    """Throw balls, render them and perceive every frame.
-
-    Parameters
-    ----------
-    spin : rad/s, standard deviation of the initial spin about each axis
-    patterns : on the balls, in turn, for a camera that sees colour too; none: depth alone
-    """
+    """Throw balls, render them and perceive every frame."""
     throw_rng, noise_rng, own_rng = map(
         np.random.default_rng, np.random.SeedSequence(seed).spawn(3)
     )

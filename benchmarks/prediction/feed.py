@@ -27,41 +27,24 @@ from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
 from intuitive_physics_ros.scripting import Peer
 from intuitive_physics_ros.topics import ENVIRONMENT, OBJECT_STATES, STATIC_PARAMETERS
 
+# Scenes of the benchmark, by what is thrown
 SCENES = {name: ALL_SCENES[name] for name in ("1_sphere", "3_spheres", "3_mixed")}
-"""Scenes of the benchmark, by what is thrown."""
-
+# The same balls as they move, detected in every frame: the node estimates their states
 SEEN = {f"{name}_seen": name for name in ("1_sphere", "3_spheres")}
-"""The same balls as they move, detected in every frame: the node estimates their states."""
-
-RATE = 30.0
-"""1/s, of the states."""
-
+RATE = 30.0  # 1/s, of the states
+# Random throws that take turns, each for a second; from each the whole flight lies ahead
 THROWS = 8
-"""Random throws that take turns, each for a second; from each the whole flight lies ahead."""
-
-FRAMES = int(RATE)
-"""Of a throw, for as long as it has its turn."""
-
+FRAMES = int(RATE)  # of a throw, for as long as it has its turn
+# m and rad/s, standard deviations of each coordinate of a detection, and of a spin not seen
 DETECTED, UNKNOWN_SPIN = 0.002, 10.0
-"""m and rad/s, standard deviations of each coordinate of a detection, and of a spin not seen."""
-
+# rad and rad/s, standard deviations of orientation and angular velocity
 TURN_NOISE, SPIN_NOISE = 0.05, 0.5
-"""rad and rad/s, standard deviations of orientation and angular velocity."""
-
-RELATIVE_DEVIATION = 0.1
-"""Of learned static parameters."""
-
-SEED = 3
-"""Of the throws."""
+RELATIVE_DEVIATION = 0.1  # of learned static parameters
+SEED = 3  # of the throws
 
 
 class Feed:
-    """Publishes environment, static parameters and states.
-
-    Parameters
-    ----------
-    scene : name
-    """
+    """Publishes environment, static parameters and states."""
 
     def __init__(self, scene: str) -> None:
         rng = np.random.default_rng(SEED)

@@ -24,69 +24,41 @@ from benchmarks.prediction.feed import RATE, Feed
 from intuitive_physics_ros.scripting import NodeProcess, Peer, PeerTimeoutError
 from intuitive_physics_ros.topics import PREDICTIONS
 
+# Module of the node that is measured
 PREDICTOR = "intuitive_physics_predictor.nodes.predictor_node"
-"""Module of the node that is measured."""
-
+# Module of the node that is idle beside it
 LEARNER = "intuitive_physics_learner.nodes.learner_node"
-"""Module of the node that is idle beside it."""
-
-NODE = "/predictor_node"
-"""Name of the node that is measured."""
-
-HOLDS = 99.0
-"""1/s, at least; as of the bars."""
-
+NODE = "/predictor_node"  # name of the node that is measured
+HOLDS = 99.0  # 1/s, at least; as of the bars
+# Samples in a message: 6 MB an object; two of them fill the shared memory of a participant
 MOST_PUBLISHED = 1000
-"""Samples in a message: 6 MB an object; two of them fill the shared memory of a participant."""
-
-TRIES = 3
-"""Of each number of samples, until one holds."""
-
-FIRST = 60.0
-"""s to wait for the first message."""
-
-SETTLING = 3.0
-"""s after the first message, or after a change, before anything counts."""
-
+TRIES = 3  # of each number of samples, until one holds
+FIRST = 60.0  # s to wait for the first message
+SETTLING = 3.0  # s after the first message, or after a change, before anything counts
+# Best effort as the publisher; deep, so that nothing is lost while this process is busy
 QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Best effort as the publisher; deep, so that nothing is lost while this process is busy."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """What was seen of the node for some time.
+    """What was seen of the node for some time."""
 
-    Parameters
-    ----------
-    seconds : for how long
-    rate : 1/s, messages that arrived
-    lost : share of the predictions made whose message did not arrive
-    latency_median, latency_p99 : ms from the tick, when the prediction was due, until its message
-        lay in the subscriber's queue
-    cpu : share of one core
-    memory, growth : MB resident at the end, and since the first tenth of the time
-    message_size : MB
-    """
-
-    seconds: float
-    rate: float
-    lost: float
+    seconds: float  # for how long
+    rate: float  # 1/s, messages that arrived
+    lost: float  # share of the predictions made whose message did not arrive
+    # latency_median, latency_p99: ms from the tick, when the prediction was due, until its message
+    # lay in the subscriber's queue
     latency_median: float
     latency_p99: float
-    cpu: float
+    cpu: float  # share of one core
+    # memory, growth: MB resident at the end, and since the first tenth of the time
     memory: float
     growth: float
-    message_size: float
+    message_size: float  # MB
 
 
 class NodeUnderTest:
-    """Starts the nodes, feeds the predictor and receives its messages.
-
-    Parameters
-    ----------
-    feed : what it is fed
-    parameters : of the node, by name
-    """
+    """Starts the nodes, feeds the predictor and receives its messages."""
 
     def __init__(self, feed: Feed, **parameters: object) -> None:
         arguments = [

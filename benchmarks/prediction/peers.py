@@ -15,25 +15,16 @@ from benchmarks.peers.ours import Ours
 from benchmarks.scenes import thrown
 from benchmarks.timing import measure, typical_seconds
 
-INSTANCES, REPETITIONS = 3, 2
-"""Throws of each scene, and turns of each engine at each."""
-
-SEED = 3
-"""Of the throws."""
+INSTANCES, REPETITIONS = 3, 2  # throws of each scene, and turns of each engine at each
+SEED = 3  # of the throws
 
 
 @dataclass(frozen=True)
 class PeerTime:
-    """Median wall time of one prediction, 20 simulations of 5 s, on one thread.
+    """Median wall time of one prediction, 20 simulations of 5 s, on one thread."""
 
-    Parameters
-    ----------
-    engine : name
-    seconds : s; nothing but simulating and writing positions down
-    """
-
-    engine: str
-    seconds: float
+    engine: str  # name
+    seconds: float  # s; nothing but simulating and writing positions down
 
 
 def peer_times(scenes: Mapping[str, Sequence[str]]) -> dict[str, list[PeerTime]]:

@@ -12,39 +12,24 @@ from benchmarks.prediction.truth import Truth
 from benchmarks.results.result import Cell, Column, Table
 from benchmarks.steady_loop import RATE, WORK, Lateness
 
-MOST_LATENCY = 10.0
-"""ms from the tick to the received message, of 99 % of the messages."""
-
-LEAST_SAMPLES = {"1_sphere": 500}
-"""Samples that have to hold 100 Hz, by scene."""
-
-MOST_GROWTH = 5.0
-"""MB over a run: what allocators move about, not what grows with each prediction."""
-
-COVERAGE = (0.85, 0.95)
-"""Of 90 % regions."""
+MOST_LATENCY = 10.0  # ms from the tick to the received message, of 99 % of the messages
+LEAST_SAMPLES = {"1_sphere": 500}  # samples that have to hold 100 Hz, by scene
+MOST_GROWTH = 5.0  # MB over a run: what allocators move about, not what grows with each prediction
+COVERAGE = (0.85, 0.95)  # of 90 % regions
 
 
 @dataclass(frozen=True)
 class Results:
-    """What was measured, by scene.
+    """What was measured, by scene."""
 
-    Parameters
-    ----------
-    runs : of the node with 20 samples
-    most_samples : largest number that holds 100 Hz, all of them published up to MOST_PUBLISHED
-    loops : of constant work on both cores, with nothing beside it
-    peers : times of a prediction by ODE and PyBullet, the paper's way, and by ours
-    truth : coverage and scores of what is predicted
-    below : samples of predictions of resting balls that are below a surface
-    """
-
-    runs: dict[str, Run]
+    runs: dict[str, Run]  # of the node with 20 samples
+    # largest number that holds 100 Hz, all of them published up to MOST_PUBLISHED
     most_samples: dict[str, int]
-    loops: list[Lateness]
+    loops: list[Lateness]  # of constant work on both cores, with nothing beside it
+    # times of a prediction by ODE and PyBullet, the paper's way, and by ours
     peers: dict[str, list[PeerTime]]
-    truth: Truth
-    below: int
+    truth: Truth  # coverage and scores of what is predicted
+    below: int  # samples of predictions of resting balls that are below a surface
 
 
 def tables(results: Results) -> list[Table]:

@@ -16,23 +16,15 @@ from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noisy_newton import PreparedScene
 from intuitive_physics_predictor.outside import count_samples_inside
 
-PREDICTIONS = 500
-"""Predictions that are made, each of states perceived anew."""
-
+PREDICTIONS = 500  # predictions that are made, each of states perceived anew
+# m: half the edge of the table, the height of its two walls, and the radius of the balls
 HALF_TABLE, WALL_HEIGHT, RADIUS = 0.5, 0.5, 0.03
-"""m: half the edge of the table, the height of its two walls, and the radius of the balls."""
-
+# m, rad, m/s and rad/s, standard deviations of a perceived state on each axis
 POSITION_NOISE, ROTATION_NOISE, VELOCITY_NOISE, SPIN_NOISE = 0.001, 0.0, 0.005, 1.0
-"""m, rad, m/s and rad/s, standard deviations of a perceived state on each axis."""
-
+# m, standard deviation of an error of the perceived position that its covariance leaves out
 SYSTEMATIC = 0.002
-"""m, standard deviation of an error of the perceived position that its covariance leaves out."""
-
-HORIZON, TIME_STEP = 1.0, 0.05
-"""s predicted ahead, and between its times."""
-
-SEED = 5
-"""Of the perceived states and of the samples."""
+HORIZON, TIME_STEP = 1.0, 0.05  # s predicted ahead, and between its times
+SEED = 5  # of the perceived states and of the samples
 
 
 def samples_below_a_surface(predictions: int = PREDICTIONS) -> int:
@@ -62,12 +54,7 @@ def samples_below_a_surface(predictions: int = PREDICTIONS) -> int:
 
 
 def _behind(planes: Sequence[Plane], positions: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which samples (n_samples,) have a centre behind a plane that it is over.
-
-    Parameters
-    ----------
-    positions : (n_samples, n_objects, n_times, 3) m
-    """
+    """Which samples (n_samples,) have a centre behind a plane that it is over."""
     found = np.zeros(positions.shape[:-1], dtype=bool)
     for plane in planes:
         found |= (plane.signed_distances(positions) < 0.0) & plane.covers(positions)

@@ -12,19 +12,14 @@ from intuitive_physics_experiments.calibration.paper_calibration import (
 
 @dataclass(frozen=True)
 class Truth:
-    """What a calibration found.
+    """What a calibration found."""
 
-    Parameters
-    ----------
-    samples : runs of each object in the synthetic set; θ_s is learned from a part of the runs, the
-        noise is fitted to another, the rest is held out
-    coverage_90 : share of what happened that lay in the 90 % region, by s ahead
-    score_ratio : largest over the times ahead of the mean energy score over that of the best
-        baseline; below 1 ours is better than all of them at all times
-    """
-
+    # runs of each object in the synthetic set; θ_s is learned from a part of the runs, the noise is
+    # fitted to another, the rest is held out
     samples: int
-    coverage_90: dict[str, float]
+    coverage_90: dict[str, float]  # share of what happened that lay in the 90 % region, by s ahead
+    # largest over the times ahead of the mean energy score over that of the best baseline; below 1
+    # ours is better than all of them at all times
     score_ratio: float
 
 

@@ -37,48 +37,27 @@ from intuitive_physics_ros.topics import (
     STATIC_PARAMETERS,
 )
 
+# s that must not be exceeded
 BARS = {"bringup_s": 8.0, "respawn_to_predicting_s": 5.0, "ctrl_c_s": 3.0}
-"""s that must not be exceeded."""
-
+# ms from an image to the distribution it leads to that must not be exceeded
 END_TO_END_BARS = {"p50": 20.0, "p99": 35.0}
-"""ms from an image to the distribution it leads to that must not be exceeded."""
-
-SEED = 20
-"""Of the throws and of the camera's noise."""
-
+SEED = 20  # of the throws and of the camera's noise
+# In the bag, one soon after another: something is there to predict nearly always
 THROWS, QUICK_THROWS = 24, 12
-"""In the bag, one soon after another: something is there to predict nearly always."""
-
-STARTS, QUICK_STARTS = 3, 1
-"""How often the suite is started and stopped; the slowest counts."""
-
-TIMEOUT = 120.0
-"""s to wait for anything."""
-
-CONNECT_TIMEOUT = 30.0
-"""s that plain nodes have to find one another."""
-
-WATCHED = 10.0
-"""s for which the predictions of two robots are counted."""
-
-LONGEST_PERIOD = 0.25
-"""s; a longer time without a prediction is one in which nothing was followed."""
-
-IN_FLIGHT = 0.3
-"""s after a kill in which messages of the killed node still arrive."""
+STARTS, QUICK_STARTS = 3, 1  # how often the suite is started and stopped; the slowest counts
+TIMEOUT = 120.0  # s to wait for anything
+CONNECT_TIMEOUT = 30.0  # s that plain nodes have to find one another
+WATCHED = 10.0  # s for which the predictions of two robots are counted
+LONGEST_PERIOD = 0.25  # s; a longer time without a prediction is one in which nothing was followed
+IN_FLIGHT = 0.3  # s after a kill in which messages of the killed node still arrive
 
 
 @dataclass
 class Heard:
-    """Predictions of one robot.
+    """Predictions of one robot."""
 
-    Parameters
-    ----------
-    arrivals : s, on the monotonic clock
-    states_stamps : ns, of the states that they were made from
-    """
-
-    arrivals: list[float] = field(default_factory=list)
+    arrivals: list[float] = field(default_factory=list)  # s, on the monotonic clock
+    # ns, of the states that they were made from
     states_stamps: list[int] = field(default_factory=list)
 
     def take(self, message: TrajectoryDistribution) -> None:
@@ -96,16 +75,10 @@ class Heard:
 
 @dataclass(frozen=True)
 class Place:
-    """Where the tools are at home, and what the robot sees.
+    """Where the tools are at home, and what the robot sees."""
 
-    Parameters
-    ----------
-    home : folder for logs and databases
-    bag : of throws
-    """
-
-    home: Path
-    bag: Path
+    home: Path  # folder for logs and databases
+    bag: Path  # of throws
 
     def launch(self, *arguments: str) -> Ros2Process:
         """Launch the suite, which sees the bag again and again."""
@@ -119,13 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def run(options: argparse.Namespace) -> Outcome:
-    """Measure all, one after the other.
-
-    Raises
-    ------
-    InvalidInputError
-        Where the command line of ROS 2 is not installed.
-    """
+    """Measure all, one after the other."""
     if importlib.util.find_spec("ros2launch") is None:
         raise InvalidInputError(
             "ros2 launch is not installed in this environment; expected ROS 2's command line, "

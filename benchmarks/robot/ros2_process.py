@@ -12,14 +12,11 @@ from pathlib import Path
 
 from intuitive_physics.processes import ChildProcess
 
+# `ros2` of the environment that the tests run in
 COMMAND = [sys.executable, "-u", "-c", "import sys; from ros2cli.cli import main; sys.exit(main())"]
-"""`ros2` of the environment that the tests run in."""
-
+# Arguments of `ros2` that start the suite
 LAUNCH = ["launch", "intuitive_physics_bringup", "intuitive_physics.launch.py"]
-"""Arguments of `ros2` that start the suite."""
-
-STARTED = re.compile(r"process started with pid \[(\d+)\]")
-"""What launch says of each process."""
+STARTED = re.compile(r"process started with pid \[(\d+)\]")  # what launch says of each process
 
 
 def environment(home: Path) -> dict[str, str]:

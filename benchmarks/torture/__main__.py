@@ -21,17 +21,14 @@ from benchmarks.torture.bars import PATIENT, use_bars
 from benchmarks.torture.early_end import noted
 from intuitive_physics.errors import InvalidInputError
 
+# Parts that `--only` may name
 KILLS, FUZZ, CANCELS, FAULTS, SOAK = PARTS = ("kills", "fuzz", "cancels", "faults", "soak")
-"""Parts that `--only` may name."""
-
+# Kills, messages and cancelled searches, of a full run and of a first look
 COUNTS = {KILLS: (200, 10), FUZZ: (100_000, 3_000), CANCELS: (100, 10)}
-"""Kills, messages and cancelled searches, of a full run and of a first look."""
-
+# Unless `--hours` says another time; a first look has a soak only where one is asked for
 SOAK_MINUTES, QUICK_SOAK_MINUTES = 15.0, 3.0
-"""Unless `--hours` says another time; a first look has a soak only where one is asked for."""
-
+# Ends the name of a result whose soak was longer than usual: it is kept beside the usual one
 LONG = "long"
-"""Ends the name of a result whose soak was longer than usual: it is kept beside the usual one."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+# s in which a request has to be answered: the nodes' own limits, and those of a busy machine
 LIMIT = 30.0
-"""s in which a request has to be answered: the nodes' own limits, and those of a busy machine."""
 
 
 @dataclass(frozen=True)
@@ -28,14 +28,6 @@ class Answers:
 
     A server drops its answer to a client that it has not discovered yet. So an answer may be
     missing as long as a client has had none, unless no other comes in the same time.
-
-    Parameters
-    ----------
-    limit : s in which a request has to be answered
-
-    Attributes
-    ----------
-    hangs : node and service of each request that was not answered in time
     """
 
     def __init__(self, limit: float = LIMIT) -> None:
@@ -45,15 +37,7 @@ class Answers:
         self._known: set[tuple[str, str]] = set()
 
     def watch(self, node: str, what: str, future: Any, forget: Callable[[], object]) -> None:
-        """Expect an answer from now on.
-
-        Parameters
-        ----------
-        node : that is asked
-        what : service, or step of an action
-        future : of the answer
-        forget : called when nobody waits for it any more
-        """
+        """Expect an answer from now on."""
         is_known = (node, what) in self._known
         self._asked.append(_Asked(node, what, future, time.monotonic(), is_known, forget))
 
@@ -80,13 +64,7 @@ class Answers:
         return not waiting
 
     def leave(self, node: str, but: str = "") -> None:
-        """Expect nothing of a node that has ended, or whose services end.
-
-        Parameters
-        ----------
-        node : its name
-        but : service that stays
-        """
+        """Expect nothing of a node that has ended, or whose services end."""
         for one in self._asked:
             if one.node == node and one.what != but:
                 one.forget()

@@ -12,30 +12,20 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Bars:
-    """Limits of wall time. Our choices.
+    """Limits of wall time. Our choices."""
 
-    Parameters
-    ----------
-    answer : s in which a node answers a ping; longer is a hang
-    stop : s from SIGINT to the end of a process
-    cancel : s from the request to cancel a search to its result
-    recovery : s in which predictions come again, or /diagnostics say what is wrong
-    kept_rate : part of the rate of predictions that remains under pressure, or is back after it
-    """
-
-    answer: float
-    stop: float
-    cancel: float
-    recovery: float
+    answer: float  # s in which a node answers a ping; longer is a hang
+    stop: float  # s from SIGINT to the end of a process
+    cancel: float  # s from the request to cancel a search to its result
+    recovery: float  # s in which predictions come again, or /diagnostics say what is wrong
+    # part of the rate of predictions that remains under pressure, or is back after it
     kept_rate: float
 
 
+# Recovery takes a throw and a half; after a jump of the clock the environment is seen anew too
 STRICT = Bars(answer=1.0, stop=2.0, cancel=0.5, recovery=5.0, kept_rate=0.9)
-"""Recovery takes a throw and a half; after a jump of the clock the environment is seen anew too."""
-
+# Ten times what a loaded machine was seen to need (1 s for an answer, at a load of 9 on two cores)
 PATIENT = Bars(answer=10.0, stop=10.0, cancel=10.0, recovery=30.0, kept_rate=0.1)
-"""Ten times what a loaded machine was seen to need (1 s for an answer, at a load of 9 on two
-cores)."""
 
 _in_use = STRICT
 

@@ -18,32 +18,19 @@ from intuitive_physics_recordings.depth_bag_writer import CAMERA_INFO_TOPIC, DEP
 from intuitive_physics_ros.qos import SENSOR_DATA
 from intuitive_physics_ros.scripting import Peer
 
-RATE = 30.0
-"""Images a second."""
-
+RATE = 30.0  # images a second
+# In a round, and s without a ball after each: something can be predicted nearly always
 THROWS, PAUSE = 6, 0.1
-"""In a round, and s without a ball after each: something can be predicted nearly always."""
-
-SECOND = 1_000_000_000
-"""ns."""
-
+SECOND = 1_000_000_000  # ns
+# With which perception takes what this camera publishes
 PERCEPTION_ARGUMENTS = (
     *("-p", "input:=depth", "-r", f"~/depth/image:={DEPTH_TOPIC}"),
     *("-r", f"~/depth/camera_info:={CAMERA_INFO_TOPIC}"),
 )
-"""With which perception takes what this camera publishes."""
 
 
 class Camera:
-    """Publishes images in a thread, those of a round one after another, until it is closed.
-
-    Parameters
-    ----------
-    folder : for the rendered bag, which is made where it does not exist
-    seed : of the throws
-    has_clock : whether the time of each image is published on /clock too, for nodes whose
-        parameter `use_sim_time` is set
-    """
+    """Publishes images in a thread, those of a round one after another, until it is closed."""
 
     def __init__(self, folder: Path, seed: int, *, has_clock: bool = False) -> None:
         bag = folder / f"throws_{seed}"

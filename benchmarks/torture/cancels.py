@@ -24,38 +24,23 @@ from intuitive_physics_learner.methods import METHODS
 from intuitive_physics_ros.conversions import observation_to_message
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 
-LATEST = 3.0
-"""s of a search after which it is cancelled at the latest."""
-
-LONG = 590.0
-"""s that tumbling boxes were seen: a simulation of them takes seconds."""
-
-TIMES_LONG = 4
-"""Every so many cancelled searches learn from what takes long to simulate."""
+LATEST = 3.0  # s of a search after which it is cancelled at the latest
+LONG = 590.0  # s that tumbling boxes were seen: a simulation of them takes seconds
+TIMES_LONG = 4  # every so many cancelled searches learn from what takes long to simulate
 
 
 @dataclass
 class Cancels:
-    """What cancels did.
+    """What cancels did."""
 
-    Parameters
-    ----------
-    took : s of each, from the request to cancel a search to its result
-    failures : searches that ended otherwise, and what ended it all early
-    """
-
+    # s of each, from the request to cancel a search to its result
     took: list[float] = field(default_factory=list)
+    # searches that ended otherwise, and what ended it all early
     failures: list[str] = field(default_factory=list)
 
 
 def measure_cancels(folder: Path, count: int, rng: np.random.Generator) -> Cancels:
-    """Cancel `count` searches, some of which may have ended before.
-
-    Parameters
-    ----------
-    folder : for the database
-    rng : chooses methods and instants
-    """
+    """Cancel `count` searches, some of which may have ended before."""
     found = Cancels()
     parameters = [f"database:={folder / 'cancelled.sqlite3'}", "online:=false"]
     given = [word for one in parameters for word in ("-p", one)]

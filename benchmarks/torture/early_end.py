@@ -9,8 +9,8 @@ from pathlib import Path
 
 from intuitive_physics.errors import IntuitivePhysicsError
 
+# After which a part is given up: each next start may take a minute, and nothing new is learned
 MOST_DEATHS = 10
-"""After which a part is given up: each next start may take a minute, and nothing new is learned."""
 
 
 class EarlyEndError(IntuitivePhysicsError):

@@ -22,23 +22,19 @@ from intuitive_physics.processes import ChildProcess, ProcessFailedError
 from intuitive_physics_bringup.connections import module
 from intuitive_physics_ros.scripting import NodeProcess, PeerTimeoutError
 
-JUMP = 3600.0
-"""s by which a clock jumps: an hour, as of a wrong time zone."""
-
+JUMP = 3600.0  # s by which a clock jumps: an hour, as of a wrong time zone
+# s without a camera, or with a second node, in a full run and in a first look: /diagnostics come
+# once a second
 ABSENCE, SHORT_ABSENCE = 6.0, 4.0
-"""s without a camera, or with a second node, in a full run and in a first look: /diagnostics come
-once a second."""
 
+# s for which a subscriber does not take, or others take the processor; as above
 PRESSURE, SHORT_PRESSURE = 10.0, 4.0
-"""s for which a subscriber does not take, or others take the processor; as above."""
-
-REST = 5.0
-"""s from the end of starvation to the look at the rate of predictions."""
-
+REST = 5.0  # s from the end of starvation to the look at the rate of predictions
+# By which the predictor may grow for a subscriber that takes nothing: its queue of 10 messages of
+# up to 6 MB
 SLOW_SUBSCRIBER_MEGABYTES = 60.0
-"""By which the predictor may grow for a subscriber that takes nothing: its queue of 10 messages of
-up to 6 MB."""
 
+# A reliable subscriber with a long queue
 SUBSCRIBER = """
 import sys, time
 from intuitive_physics_msgs.msg import TrajectoryDistribution
@@ -51,14 +47,11 @@ with Peer("slow") as peer:
     print("hears", flush=True)
     time.sleep(600.0)
 """
-"""A reliable subscriber with a long queue."""
 
-HOGS_A_CORE = 4
-"""Processes that want each core, at the priority of the nodes."""
+HOGS_A_CORE = 4  # processes that want each core, at the priority of the nodes
 
 
-LONGEST_HOG = 120.0
-"""s after which such a process is ended, should nobody have done so."""
+LONGEST_HOG = 120.0  # s after which such a process is ended, should nobody have done so
 
 
 class FaultError(IntuitivePhysicsError):
@@ -66,14 +59,7 @@ class FaultError(IntuitivePhysicsError):
 
 
 def measure_faults_around(folder: Path, seed: int, *, quick: bool = False) -> dict[str, str]:
-    """Return for each fault "ok" or what was wrong.
-
-    Parameters
-    ----------
-    folder : for databases and rendered throws
-    seed : of the throws
-    quick : whether each fault lasts only as long as it takes to be noticed
-    """
+    """Return for each fault "ok" or what was wrong."""
     absence, pressure = (SHORT_ABSENCE, SHORT_PRESSURE) if quick else (ABSENCE, PRESSURE)
     found: dict[str, str] = {}
     faults: dict[bool, dict[str, Callable[[Suite], None]]] = {

@@ -43,41 +43,21 @@ from intuitive_physics_ros.qos import OBSERVATIONS as OBSERVATIONS_QOS
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 from intuitive_physics_ros.topics import OBSERVATIONS
 
+# Sizes of a file system in memory, before and after it is full
 SMALL_DISK, LARGER_DISK = "2m", "64m"
-"""Sizes of a file system in memory, before and after it is full."""
-
-NEW_MOUNTS = 0x20000
-"""CLONE_NEWNS of unshare(2)."""
-
-MOST_OBSERVATIONS = 3000
-"""That are tried until a disk is full."""
-
-LOCKED = 8.0
-"""s for which another program holds the database: longer than the learner tries."""
-
-LONGEST_SEARCH = 60.0
-"""s that a search may last that a worker died in."""
-
-UNPLUGGED_ANSWER = 30.0
-"""s in which a search has to end whose scheduler died."""
-
+NEW_MOUNTS = 0x20000  # CLONE_NEWNS of unshare(2)
+MOST_OBSERVATIONS = 3000  # that are tried until a disk is full
+LOCKED = 8.0  # s for which another program holds the database: longer than the learner tries
+LONGEST_SEARCH = 60.0  # s that a search may last that a worker died in
+UNPLUGGED_ANSWER = 30.0  # s in which a search has to end whose scheduler died
+# Long enough to be hurt
 SEARCH = LearningOptions(method="random", max_iterations=20_000, time_limit=20.0)
-"""Long enough to be hurt."""
-
-SHORT_SEARCH = LearningOptions(method="random", max_iterations=200)
-"""To see that it works again."""
-
-ENDS = (ResultCode.OK, ResultCode.CLUSTER_FAILED)
-"""Results of a search whose worker died."""
+SHORT_SEARCH = LearningOptions(method="random", max_iterations=200)  # to see that it works again
+ENDS = (ResultCode.OK, ResultCode.CLUSTER_FAILED)  # results of a search whose worker died
 
 
 def measure_faults_of_learner(folder: Path) -> dict[str, str]:
-    """Return for each fault "ok" or what was wrong.
-
-    Parameters
-    ----------
-    folder : for databases
-    """
+    """Return for each fault "ok" or what was wrong."""
     faults: dict[str, Callable[[Path], None]] = {
         "disk_full": _disk_full,
         "database_locked": _database_locked,
@@ -95,18 +75,11 @@ def measure_faults_of_learner(folder: Path) -> dict[str, str]:
 
 @dataclass
 class Learner:
-    """A learner that is tormented, and what it has answered.
+    """A learner that is tormented, and what it has answered."""
 
-    Parameters
-    ----------
-    process : of the node
-    peer : that calls it
-    answered : ids of observations that it has stored
-    """
-
-    process: NodeProcess
-    peer: Peer
-    answered: set[str] = field(default_factory=set)
+    process: NodeProcess  # of the node
+    peer: Peer  # that calls it
+    answered: set[str] = field(default_factory=set)  # ids of observations that it has stored
 
     def add(self, number: int, timeout: float = PATIENCE) -> Any:
         """Add an observation, and return the result of the call."""

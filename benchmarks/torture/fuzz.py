@@ -34,78 +34,45 @@ from benchmarks.torture.valid_messages import valid_messages
 from intuitive_physics_ros.qos import LATCHED
 from intuitive_physics_ros.scripting import Peer, PeerTimeoutError
 
-CALLS = 0.25
-"""Part of what is sent that are calls. Our choice."""
-
+CALLS = 0.25  # part of what is sent that are calls. Our choice
+# Part that are valid messages with a few fields that are not, where there is a valid one
 BENT = 0.5
-"""Part that are valid messages with a few fields that are not, where there is a valid one."""
-
-OWN_NAMES = 0.9
-"""Part of the parameters to set that have the name of one."""
-
+OWN_NAMES = 0.9  # part of the parameters to set that have the name of one
+# Transitions that end where they began, in the active state
 PAUSES = (("deactivate", "activate"), ("deactivate", "cleanup", "configure", "activate"))
-"""Transitions that end where they began, in the active state."""
-
+# Part of the requests for transitions that are such rounds; the others are of nothing that is
 PAUSED = 0.3
-"""Part of the requests for transitions that are such rounds; the others are of nothing that is."""
-
-SHUTDOWNS = (5, 6, 7)
-"""Transitions after which a node does as it was told, and nothing any more."""
-
-BACK = ("configure", "activate")
-"""Transitions into the active state, whatever a random one led to."""
-
-CANCELLED = 0.5
-"""Part of the goals that are cancelled as soon as they are accepted."""
-
-PING_EVERY = 40
-"""Messages between two pings of all nodes."""
-
-ANSWERS = QoSProfile(depth=1000)
-"""Of a client: more answers than can wait between two looks."""
-
-DRAIN = 0.01
-"""s for which answers are taken after each round of pings."""
+SHUTDOWNS = (5, 6, 7)  # transitions after which a node does as it was told, and nothing any more
+BACK = ("configure", "activate")  # transitions into the active state, whatever a random one led to
+CANCELLED = 0.5  # part of the goals that are cancelled as soon as they are accepted
+PING_EVERY = 40  # messages between two pings of all nodes
+ANSWERS = QoSProfile(depth=1000)  # of a client: more answers than can wait between two looks
+DRAIN = 0.01  # s for which answers are taken after each round of pings
 
 
 @dataclass
 class Fuzz:
-    """What messages did.
+    """What messages did."""
 
-    Parameters
-    ----------
-    sent : messages and calls
-    slow : name of the node and s of each ping that took longer than a node may
-    unanswered : node and service of each request that was not answered in time
-    slowest : s, of a ping
-    deaths : of nodes, with the last thing each said
-    megabytes : the most memory that a node has had
-    stops : s that each node took to stop afterwards, and its exit code
-    failures : what ended it early
-    """
-
-    sent: int = 0
+    sent: int = 0  # messages and calls
+    # name of the node and s of each ping that took longer than a node may
     slow: list[tuple[str, float]] = field(default_factory=list)
+    # node and service of each request that was not answered in time
     unanswered: list[str] = field(default_factory=list)
-    slowest: float = 0.0
-    deaths: list[str] = field(default_factory=list)
-    megabytes: float = 0.0
+    slowest: float = 0.0  # s, of a ping
+    deaths: list[str] = field(default_factory=list)  # of nodes, with the last thing each said
+    megabytes: float = 0.0  # the most memory that a node has had
+    # s that each node took to stop afterwards, and its exit code
     stops: dict[str, tuple[float, int]] = field(default_factory=dict)
-    failures: list[str] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)  # what ended it early
 
 
+# What sends, and what makes what is sent
 Send = tuple[Callable[[Any], Any], Callable[[np.random.Generator], Any]]
-"""What sends, and what makes what is sent."""
 
 
 def measure_fuzz(folder: Path, count: int, rng: np.random.Generator) -> Fuzz:
-    """Send messages and calls to all nodes, and stop them.
-
-    Parameters
-    ----------
-    folder : for the learner's database and the bag that is replayed
-    count : how many, to all nodes together
-    """
+    """Send messages and calls to all nodes, and stop them."""
     found = Fuzz()
     with (
         noted(found.failures),

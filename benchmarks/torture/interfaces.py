@@ -57,15 +57,14 @@ from intuitive_physics_ros.topics import (
     STATIC_PARAMETERS,
 )
 
-CHANGE_STATE = "~/change_state"
-"""Service that leads a managed node."""
-
+CHANGE_STATE = "~/change_state"  # service that leads a managed node
+# Services that set parameters of a node
 SETTERS: dict[str, Any] = {
     "~/set_parameters": SetParameters,
     "~/set_parameters_atomically": SetParametersAtomically,
 }
-"""Services that set parameters of a node."""
 
+# Services of every node
 OF_PARAMETERS: dict[str, Any] = {
     "~/describe_parameters": DescribeParameters,
     "~/get_parameters": GetParameters,
@@ -74,8 +73,8 @@ OF_PARAMETERS: dict[str, Any] = {
     **SETTERS,
     "~/get_type_description": GetTypeDescription,
 }
-"""Services of every node."""
 
+# Further ones of every managed node
 OF_STATES: dict[str, Any] = {
     CHANGE_STATE: ChangeState,
     "~/get_state": GetState,
@@ -83,48 +82,33 @@ OF_STATES: dict[str, Any] = {
     "~/get_available_transitions": GetAvailableTransitions,
     "~/get_transition_graph": GetAvailableTransitions,
 }
-"""Further ones of every managed node."""
 
+# Parameters of the time in which the nodes themselves end a request, which fuzz leaves alone
 OWN_LIMITS = ("request_time_limit", "suggestion_time_limit", "search_deadline")
-"""Parameters of the time in which the nodes themselves end a request, which fuzz leaves alone."""
-
-OWN_LIMIT = "10.0"
-"""s, of each of them."""
-
+OWN_LIMIT = "10.0"  # s, of each of them
+# Arguments with which a node hears /clock, as far as its time is not steady
 CLOCKED = ("-p", "use_sim_time:=true")
-"""Arguments with which a node hears /clock, as far as its time is not steady."""
-
-CLOCK: dict[str, Any] = {"/clock": Clock}
-"""What it then hears."""
-
+CLOCK: dict[str, Any] = {"/clock": Clock}  # what it then hears
+# What a node hears that looks transforms up, where tf is installed
 TRANSFORMS: dict[str, Any] = (
     {} if TF_MESSAGE is None else {"/tf": TF_MESSAGE, "/tf_static": TF_MESSAGE}
 )
-"""What a node hears that looks transforms up, where tf is installed."""
 
-REPLAYED_IMAGES = 30
-"""In the bag that is replayed again and again."""
+REPLAYED_IMAGES = 30  # in the bag that is replayed again and again
 
 
 @dataclass(frozen=True)
 class Fuzzed:
-    """A node that is fuzzed, and what of it is there with its arguments.
+    """A node that is fuzzed, and what of it is there with its arguments."""
 
-    Parameters
-    ----------
-    module : Python module that runs it
-    arguments : of its command line; {folder} stands for that of the run
-    topics, services, actions : types of what it hears and offers when it is active, by their names
-        as in its code; beside those of parameters and states
-    managed : whether it has states
-    """
-
-    module: str
-    arguments: tuple[str, ...] = ()
+    module: str  # Python module that runs it
+    arguments: tuple[str, ...] = ()  # of its command line; {folder} stands for that of the run
+    # topics, services, actions: types of what it hears and offers when it is active, by their names
+    # as in its code; beside those of parameters and states
     topics: Mapping[str, Any] = field(default_factory=dict)
     services: Mapping[str, Any] = field(default_factory=dict)
     actions: Mapping[str, Any] = field(default_factory=dict)
-    managed: bool = True
+    managed: bool = True  # whether it has states
 
     def all_services(self) -> dict[str, Any]:
         """Return the types of its services, of parameters and states too, by their names."""
@@ -135,23 +119,22 @@ def _limits(*names: str) -> tuple[str, ...]:
     return tuple(word for name in names for word in ("-p", f"{name}:={OWN_LIMIT}"))
 
 
+# What a predictor hears
 PREDICTORS_TOPICS: dict[str, Any] = {
     ENVIRONMENT: Environment,
     OBJECT_STATES: ObjectStates,
     STATIC_PARAMETERS: StaticParameters,
 }
-"""What a predictor hears."""
 
-POSE_BRIDGE = "intuitive_physics_perception.nodes.pose_bridge_node"
-"""Its module."""
-
+POSE_BRIDGE = "intuitive_physics_perception.nodes.pose_bridge_node"  # its module
+# What a pose bridge hears of its object, by its parameter `input`
 POSES: dict[str, Any] = {
     "pose": PoseStamped,
     "pose_with_covariance": PoseWithCovarianceStamped,
     "transform": TransformStamped,
 }
-"""What a pose bridge hears of its object, by its parameter `input`."""
 
+# All by their names. Where an input excludes another, there is a node for each
 FUZZED: dict[str, Fuzzed] = {
     PERCEPTION: Fuzzed(
         module(PERCEPTION),
@@ -221,7 +204,6 @@ FUZZED: dict[str, Fuzzed] = {
         managed=False,
     ),
 }
-"""All by their names. Where an input excludes another, there is a node for each."""
 
 if TRANSFORMS:
     FUZZED["bridge_of_tf"] = Fuzzed(POSE_BRIDGE, ("-p", "input:=tf"), TRANSFORMS)
@@ -233,13 +215,7 @@ def full_name(name: str, node: str) -> str:
 
 
 def start_fuzzed(folder: Path, peer: Peer) -> Nodes:
-    """Start all nodes.
-
-    Parameters
-    ----------
-    folder : for the learner's database and the bag that is replayed
-    peer : that pings them
-    """
+    """Start all nodes."""
     camera = Camera.looking_at((0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
     with DepthBagWriter(folder / "replayed", camera) as bag:
         for k in range(REPLAYED_IMAGES):

@@ -31,31 +31,19 @@ from intuitive_physics_learner.errors import StorageError
 from intuitive_physics_ros.conversions import observation_to_message, static_parameters_to_message
 from intuitive_physics_ros.scripting import NodeProcess, Peer, PeerTimeoutError
 
+# s for which a node lives at most after its first answer, or the first prediction
 LONGEST_LIFE = 2.0
-"""s for which a node lives at most after its first answer, or the first prediction."""
-
-OTHERS_EVERY = 5
-"""One kill in this many is of perception or the predictor, which store nothing."""
-
-OTHERS = (PERCEPTION, PREDICTOR)
-"""Killed in turn."""
-
-GIVEN_EVERY = 5
-"""Observations added for each version of the static parameters that is given."""
+OTHERS_EVERY = 5  # one kill in this many is of perception or the predictor, which store nothing
+OTHERS = (PERCEPTION, PREDICTOR)  # killed in turn
+GIVEN_EVERY = 5  # observations added for each version of the static parameters that is given
 
 
 @dataclass
 class Kept:
-    """What a learner has answered, over all of its lives.
+    """What a learner has answered, over all of its lives."""
 
-    Parameters
-    ----------
-    ids : of observations
-    version : newest of the static parameters
-    """
-
-    ids: set[str] = field(default_factory=set)
-    version: int = 0
+    ids: set[str] = field(default_factory=set)  # of observations
+    version: int = 0  # newest of the static parameters
 
     def __len__(self) -> int:
         return len(self.ids) + self.version
@@ -63,37 +51,22 @@ class Kept:
 
 @dataclass
 class Kills:
-    """What kills did.
+    """What kills did."""
 
-    Parameters
-    ----------
-    kills : how many there were
-    answered : observations and versions that were answered
-    lost : of these, what was not there afterwards
-    corrupted : databases that were damaged afterwards, and how
-    not_back : learners that did not answer within `PATIENCE` after the next start, and others
-        without which nothing was predicted by then
-    deaths : nodes that ended without being killed
-    failures : what ended it early
-    """
-
-    kills: int = 0
-    answered: int = 0
-    lost: int = 0
+    kills: int = 0  # how many there were
+    answered: int = 0  # observations and versions that were answered
+    lost: int = 0  # of these, what was not there afterwards
+    # databases that were damaged afterwards, and how
     corrupted: list[str] = field(default_factory=list)
+    # learners that did not answer within `PATIENCE` after the next start, and others without which
+    # nothing was predicted by then
     not_back: int = 0
-    deaths: list[str] = field(default_factory=list)
-    failures: list[str] = field(default_factory=list)
+    deaths: list[str] = field(default_factory=list)  # nodes that ended without being killed
+    failures: list[str] = field(default_factory=list)  # what ended it early
 
 
 def measure_kills(folder: Path, count: int, seed: int, rng: np.random.Generator) -> Kills:
-    """Kill the learner, and then the others, `count` times in all.
-
-    Parameters
-    ----------
-    folder : for the databases and the rendered throws
-    seed : of the throws
-    """
+    """Kill the learner, and then the others, `count` times in all."""
     found = Kills()
     others = count // OTHERS_EVERY
     with noted(found.failures):

@@ -24,27 +24,14 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_bringup.connections import NODES, module
 from intuitive_physics_ros.scripting import NodeProcess, Peer, PeerTimeoutError
 
+# Names of the nodes
 PERCEPTION, LEARNER, PREDICTOR = "perception_node", "learner_node", "predictor_node"
-"""Names of the nodes."""
-
-PATIENCE = 60.0
-"""s to wait for the start of a node on a busy machine."""
-
-ANSWER = 30.0
-"""s after which a ping that was not answered counts as never answered."""
+PATIENCE = 60.0  # s to wait for the start of a node on a busy machine
+ANSWER = 30.0  # s after which a ping that was not answered counts as never answered
 
 
 class Nodes:
-    """Nodes as processes; one that has died is started again.
-
-    Parameters
-    ----------
-    folder : for the learner's database
-    peer : that pings them
-    arguments : of their command lines after `--ros-args`, by their names
-    longest : s for which a node runs at most
-    modules : Python module that runs each node, by its name; None: the three of the suite
-    """
+    """Nodes as processes; one that has died is started again."""
 
     def __init__(
         self,
@@ -80,13 +67,7 @@ class Nodes:
         return time.monotonic() - begun
 
     def revive(self) -> list[str]:
-        """Note nodes that have died, with the last thing they said, and start them again.
-
-        Returns
-        -------
-        list of str
-            Their names.
-        """
+        """Note nodes that have died, with the last thing they said, and start them again."""
         died = []
         for name, process in self.processes.items():
             if not process.is_running:

@@ -22,31 +22,19 @@ from benchmarks.torture.nodes import worst
 from benchmarks.torture.soak import Soak, measure_soak
 from benchmarks.torture.soak_figure import draw_memory
 
-SEED = 19
-"""Of all random choices."""
-
-MOST_MEGABYTES = 1500.0
-"""Bar of the memory of a node."""
-
-MOST_GROWTH = 5.0
-"""MB by which a node may grow in a soak after its first minute; of the bars."""
+SEED = 19  # of all random choices
+MOST_MEGABYTES = 1500.0  # bar of the memory of a node
+MOST_GROWTH = 5.0  # MB by which a node may grow in a soak after its first minute; of the bars
 
 
 @dataclass(frozen=True)
 class Found:
-    """What a part found.
+    """What a part found."""
 
-    Parameters
-    ----------
-    figures : key figures
-    table : what was measured
-    missed : bars that were missed, and what ended it early
-    draw : writes its figure to a path; None where there is none
-    """
-
-    figures: Mapping[str, Any]
-    table: Table
-    missed: Sequence[str]
+    figures: Mapping[str, Any]  # key figures
+    table: Table  # what was measured
+    missed: Sequence[str]  # bars that were missed, and what ended it early
+    # writes its figure to a path; None where there is none
     draw: Callable[[Path], None] | None = None
 
 
@@ -238,8 +226,7 @@ def _soak_table(found: Soak) -> Table:
     )
 
 
-Stops = Mapping[str, tuple[float, int]]
-"""Time that each node took to stop, s, and its exit code."""
+Stops = Mapping[str, tuple[float, int]]  # time that each node took to stop, s, and its exit code
 
 
 def slowest_stop(stops: Stops) -> float:

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+# Numbers that formulas are not made for, beside some that they are
 FLOATS = (0.0, -0.0, 1.0, -1.0, np.nan, np.inf, -np.inf, 1.7e308, -1.7e308, 5e-324, 1e-310, 1e-9)
-"""Numbers that formulas are not made for, beside some that they are."""
-
+# Strings that are not names, beside some that are
 TEXTS = (
     "",
     "a",
@@ -24,30 +24,17 @@ TEXTS = (
     "ü€𝄞",
     "%s%n{0}",
 )
-"""Strings that are not names, beside some that are."""
 
-LENGTHS = (0, 0, 1, 1, 2, 3, 7, 36)
-"""Of lists, mostly."""
-
+LENGTHS = (0, 0, 1, 1, 2, 3, 7, 36)  # of lists, mostly
+# Numbers in a list now and then; messages in one; lists of messages within one another
 LONGEST, LONGEST_OF_MESSAGES, DEEPEST = 3000, 40, 3
-"""Numbers in a list now and then; messages in one; lists of messages within one another."""
-
-RARELY = 0.05
-"""How often a list or a string is long."""
-
+RARELY = 0.05  # how often a list or a string is long
 SEQUENCE = re.compile(r"sequence<([^,>]+)(?:, (\d+))?>")
 ARRAY = re.compile(r"(.+)\[(\d+)\]")
 
 
 def random_message(kind: Any, rng: np.random.Generator, depth: int = 0) -> Any:
-    """Return a message of a type with random fields.
-
-    Parameters
-    ----------
-    kind : class of a message, a request or a goal
-    rng : makes the choices
-    depth : lists of messages that it is in
-    """
+    """Return a message of a type with random fields."""
     message = kind()
     for name, definition in kind.get_fields_and_field_types().items():
         setattr(message, name, _value(definition, rng, depth))

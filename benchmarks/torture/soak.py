@@ -12,27 +12,17 @@ from benchmarks.torture.nodes import blamed_on_death, last_words, megabytes
 from benchmarks.torture.suite import Suite, rate_of, running_suite
 from intuitive_physics.processes.child_process import LONGEST
 
-MINUTE = 60.0
-"""s."""
-
-SAMPLE = 5.0
-"""s between two looks at the processes."""
-
-SPOKEN = 5
-"""Minutes between two lines of progress."""
+MINUTE = 60.0  # s
+SAMPLE = 5.0  # s between two looks at the processes
+SPOKEN = 5  # minutes between two lines of progress
 
 
 @dataclass
 class Watched:
-    """A node, and what it started: the most of each minute.
+    """A node, and what it started: the most of each minute."""
 
-    Parameters
-    ----------
-    memory : MB resident
-    threads, files : of the node alone, open ones
-    """
-
-    memory: list[float] = field(default_factory=list)
+    memory: list[float] = field(default_factory=list)  # MB resident
+    # threads, files: of the node alone, open ones
     threads: list[int] = field(default_factory=list)
     files: list[int] = field(default_factory=list)
 
@@ -52,37 +42,21 @@ class Watched:
 
 @dataclass
 class Soak:
-    """What was seen.
+    """What was seen."""
 
-    Parameters
-    ----------
-    minutes : how long it was to last
-    frames : images that the camera published
-    nodes : by their names
-    rates : predictions a second of each whole minute, while something was followed
-    slowest : s, of a ping of any node, one a minute each
-    stops : s that each node took to stop at the end, and its exit code
-    failures : what ended it early
-    """
-
-    minutes: float
-    frames: int = 0
-    nodes: dict[str, Watched] = field(default_factory=dict)
+    minutes: float  # how long it was to last
+    frames: int = 0  # images that the camera published
+    nodes: dict[str, Watched] = field(default_factory=dict)  # by their names
+    # predictions a second of each whole minute, while something was followed
     rates: list[float] = field(default_factory=list)
-    slowest: float = 0.0
+    slowest: float = 0.0  # s, of a ping of any node, one a minute each
+    # s that each node took to stop at the end, and its exit code
     stops: dict[str, tuple[float, int]] = field(default_factory=dict)
-    failures: list[str] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)  # what ended it early
 
 
 def measure_soak(folder: Path, minutes: float, seed: int) -> Soak:
-    """Run the suite for so long, or until a node dies, and look at it now and then.
-
-    Parameters
-    ----------
-    folder : for the database and the rendered throws
-    minutes : how long, at least 3
-    seed : of the throws
-    """
+    """Run the suite for so long, or until a node dies, and look at it now and then."""
     found = Soak(minutes=minutes)
     longest = 2.0 * minutes * MINUTE + LONGEST
     with noted(found.failures), running_suite(folder, seed, longest=longest) as suite:

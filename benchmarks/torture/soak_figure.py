@@ -10,12 +10,7 @@ from benchmarks.torture.soak import Soak
 
 
 def draw_memory(soak: Soak, path: Path) -> None:
-    """Draw what each node has grown by since the second minute.
-
-    Parameters
-    ----------
-    path : where to write the figure
-    """
+    """Draw what each node has grown by since the second minute."""
     figure = Figure(figsize=(7.0, 3.0), layout="constrained")
     axes = figure.subplots()
     for name, node in soak.nodes.items():

@@ -21,14 +21,10 @@ from intuitive_physics.processes.child_process import LONGEST
 from intuitive_physics_ros.scripting import Peer
 from intuitive_physics_ros.topics import PREDICTIONS
 
-LONGEST_PERIOD = 0.25
-"""s; a longer time without a prediction is one in which nothing was followed."""
-
-START_TIMEOUT = 90.0
-"""s until the first prediction, on a busy machine."""
-
+LONGEST_PERIOD = 0.25  # s; a longer time without a prediction is one in which nothing was followed
+START_TIMEOUT = 90.0  # s until the first prediction, on a busy machine
+# Deep, so that nothing is lost while nobody looks for some seconds
 QUEUE = QoSProfile(depth=2000, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Deep, so that nothing is lost while nobody looks for some seconds."""
 
 
 class Predictions:
@@ -36,10 +32,6 @@ class Predictions:
 
     They are taken from the middleware's queue, where they carry the time of their arrival: an
     executor that waited for each would take from the nodes' two cores.
-
-    Parameters
-    ----------
-    peer : that listens
     """
 
     def __init__(self, peer: Peer) -> None:
@@ -58,13 +50,7 @@ class Predictions:
         return found
 
     def wait(self, stamp: float, timeout: float) -> bool:
-        """Wait for a prediction from states of a time (s) or soon after it.
-
-        Returns
-        -------
-        bool
-            Whether one came within `timeout` s.
-        """
+        """Wait for a prediction from states of a time (s) or soon after it."""
         end = time.monotonic() + timeout
         while time.monotonic() < end:
             if any(0.0 <= found - stamp < 2.0 * timeout for _, found in self.take()):
@@ -92,30 +78,16 @@ def _leave(_: bytes) -> None:
 
 @dataclass
 class Suite:
-    """What runs.
+    """What runs."""
 
-    Parameters
-    ----------
-    peer : that pings and calls
-    nodes : as processes
-    camera : that perception sees through
-    predictions : of the predictor
-    diagnostics : all messages since the start
-    """
-
-    peer: Peer
-    nodes: Nodes
-    camera: Camera
-    predictions: Predictions
-    diagnostics: list[DiagnosticArray]
+    peer: Peer  # that pings and calls
+    nodes: Nodes  # as processes
+    camera: Camera  # that perception sees through
+    predictions: Predictions  # of the predictor
+    diagnostics: list[DiagnosticArray]  # all messages since the start
 
     def said(self, node: str, level: bytes, since: int = 0) -> list[str]:
-        """Return what a node has said on /diagnostics at a level.
-
-        Parameters
-        ----------
-        since : number of messages that came earlier
-        """
+        """Return what a node has said on /diagnostics at a level."""
         return [
             status.message
             for message in self.diagnostics[since:]
@@ -128,20 +100,7 @@ class Suite:
 def running_suite(
     folder: Path, seed: int, *, has_clock: bool = False, longest: float = LONGEST
 ) -> Iterator[Suite]:
-    """Start everything, and go on when the first prediction has come.
-
-    Parameters
-    ----------
-    folder : for the database and the rendered throws
-    seed : of the throws
-    has_clock : whether the nodes take their time from the camera's /clock
-    longest : s for which a node runs at most
-
-    Raises
-    ------
-    EarlyEndError
-        When no prediction comes.
-    """
+    """Start everything, and go on when the first prediction has come."""
     clock = ["-p", "use_sim_time:=true"] if has_clock else []
     arguments = dict.fromkeys((LEARNER, PREDICTOR), clock)
     arguments[PERCEPTION] = [*PERCEPTION_ARGUMENTS, *clock]

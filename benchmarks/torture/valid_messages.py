@@ -26,12 +26,12 @@ from intuitive_physics_ros.conversions import (
     static_parameters_to_message,
 )
 
+# Type of the messages on /tf; None where tf2_msgs is not installed
 TF_MESSAGE: Any = (
     importlib.import_module("tf2_msgs.msg").TFMessage
     if importlib.util.find_spec("tf2_msgs") is not None
     else None
 )
-"""Type of the messages on /tf; None where tf2_msgs is not installed."""
 
 
 def valid_messages() -> dict[type, Any]:

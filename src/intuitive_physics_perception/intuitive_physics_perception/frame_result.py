@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -13,7 +15,7 @@ from intuitive_physics.scene import SceneObject
 from intuitive_physics.state import ObjectState
 from intuitive_physics_perception.detection.detections import Detection
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
-from intuitive_physics_perception.tracking.episodes import Episode
+from intuitive_physics_perception.tracking.episodes import Episode, observations_from
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,21 @@ class FrameDiagnostics:
     seconds: dict[str, float] = field(default_factory=dict)
 
 
+class StageTimer:
+    """Measures how long each stage of one frame takes, in `seconds` by its name."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self.seconds: dict[str, float] = {}
+        self._clock = clock
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time what is done inside the block."""
+        started = self._clock()
+        yield
+        self.seconds[name] = self._clock() - started
+
+
 @dataclass(frozen=True)
 class FrameResult:
     """Perception result of one frame.
@@ -90,4 +107,4 @@ class FrameResult:
     @cached_property
     def observations(self) -> tuple[Observation, ...]:
         """Observations of the episodes, computed when first asked for: objects are known before."""
-        return tuple(found for episode in self.episodes for found in episode.observations())
+        return observations_from(self.episodes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import replace
 from time import perf_counter
@@ -24,10 +24,19 @@ from intuitive_physics_perception.environment.environment_model import (
 )
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.static_boxes import with_static_boxes
-from intuitive_physics_perception.frame_result import FrameDiagnostics, FrameResult, PerceivedObject
+from intuitive_physics_perception.frame_result import (
+    FrameDiagnostics,
+    FrameResult,
+    PerceivedObject,
+    StageTimer,
+)
 from intuitive_physics_perception.scene import ModelledScene
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracking.episodes import Episode, newest_detection
+from intuitive_physics_perception.tracking.episodes import (
+    Episode,
+    newest_detection,
+    observations_from,
+)
 from intuitive_physics_perception.tracking.track import Track
 
 
@@ -87,7 +96,7 @@ class PerceptionPipeline:
 
     def rebuild_environment(self) -> tuple[Observation, ...]:
         """Forget the environment, which the next frames model again; return what was under way."""
-        return _observations(self._forget_environment())
+        return observations_from(self._forget_environment())
 
     def process(
         self,
@@ -135,7 +144,7 @@ class PerceptionPipeline:
 
     def finish(self) -> tuple[Observation, ...]:
         """Return the observations of what still moves, as at the end of a recording."""
-        return _observations(self._restarted())
+        return observations_from(self._restarted())
 
     def _model(self, time: float, up: NDArray[np.float64] | None) -> FrameResult:
         """Model the environment once there are frames enough, with up (3,) where it is known."""
@@ -144,30 +153,30 @@ class PerceptionPipeline:
             return self._unused(time, "up is not known yet; expected an IMU that has rested")
         if len(self._first_frames) < self.settings.environment_frames:
             return FrameResult(time, None)
-        started = self._clock()
         frames, self._first_frames = self._first_frames, []
         # Of a sensor that moves the newest frame alone is from where it is now.
         if self._moved_since_first:
             frames = frames[-1:]
-        try:
-            model = model_environment(frames, self.settings, self._rng, up)
-        except NoEnvironmentError as error:
-            return self._unused(time, str(error))
-        self._modelled_at = self._pose
-        if self.settings.static_boxes:
-            model = with_static_boxes(model, frames, self.settings, self._rng)
-        self._scene = ModelledScene(
-            model,
-            frames,
-            self.settings,
-            self._rng,
-            self._next_track,
-            measured=up is not None,
-            background=self._background,
-        )
-        seconds = {"environment": self._clock() - started}
+        timer = StageTimer(self._clock)
+        with timer.stage("environment"):
+            try:
+                model = model_environment(frames, self.settings, self._rng, up)
+            except NoEnvironmentError as error:
+                return self._unused(time, str(error))
+            self._modelled_at = self._pose
+            if self.settings.static_boxes:
+                model = with_static_boxes(model, frames, self.settings, self._rng)
+            self._scene = ModelledScene(
+                model,
+                frames,
+                self.settings,
+                self._rng,
+                self._next_track,
+                measured=up is not None,
+                background=self._background,
+            )
         return FrameResult(
-            time, model, is_new_model=True, diagnostics=FrameDiagnostics(seconds=seconds)
+            time, model, is_new_model=True, diagnostics=FrameDiagnostics(seconds=timer.seconds)
         )
 
     def _take_first(self, points: NDArray[np.float32], pose: RigidTransform | None) -> None:
@@ -229,49 +238,36 @@ class PerceptionPipeline:
         time: float,
         colors: NDArray[np.uint8] | None,
     ) -> FrameResult:
-        """Remove the planes, detect objects, track them, see which episodes are over."""
-        instants = [self._clock()]
-        moved = scene.check.moved(points, time) if scene.is_at_home else ""
-        if moved:
-            episodes = self._forget_environment()
-            return replace(self._unused(time, moved), episodes=episodes, moved=moved)
-        clusters = scene.stages.clusters(points)
-        instants.append(self._clock())
-        spheres = scene.find_spheres(points, clusters, time)
-        instants.append(self._clock())
-        seen = all_objects(points, spheres, scene.stages.solids, colors)
-        pixels = [one.pixels(points) for one in seen]
-        scene.stages.foreground.expect_objects(pixels)
-        found = [one.detection for one in seen]
-        pose = scene.model.rotation, scene.model.translation
-        detections = [detection.moved(*pose) for detection in found]
-        instants.append(self._clock())
-        ended = scene.tracker.update(time, detections)
-        scene.look_at_surfaces(list(zip(seen, detections, strict=True)), points, colors, time)
-        scene.look_back()
-        alive = scene.tracker.tracks
-        objects = tuple(self._perceived(track, scene) for track in alive)
-        instants.append(self._clock())
-        episodes = scene.episodes.update(time, alive, ended)
-        up = scene.up_of_flights(episodes)
-        if up is not None:
-            return self._gravity_turned(scene, up, time)
-        instants.append(self._clock())
-        revised = scene.watch(points, time, pixels)
-        instants.append(self._clock())
-        if revised is None:
-            episodes = (*episodes, *self._forget_environment())
-            moved = "the support has gone: the environment is modelled again"
-            return replace(self._unused(time, moved), episodes=episodes, moved=moved)
-        stages = ("planes", "spheres", "solids", "tracking", "episodes", "revision")
-        diagnostics = FrameDiagnostics(
-            readings=clusters.readings,
-            foreground=clusters.foreground,
-            clusters=len(clusters.indices),
-            spheres=sum(isinstance(detection, DetectedSphere) for detection in found),
-            solids=sum(isinstance(detection, DetectedSolid) for detection in found),
-            seconds=dict(zip(stages, map(float, np.diff(instants)), strict=True)),
-        )
+        """Remove the planes, detect objects, track them, end episodes, revise the environment."""
+        timer = StageTimer(self._clock)
+        with timer.stage("planes"):
+            moved = scene.check.moved(points, time) if scene.is_at_home else ""
+            if moved:
+                return self._model_again(time, moved, self._forget_environment())
+            clusters = scene.stages.clusters(points)
+        with timer.stage("spheres"):
+            spheres = scene.find_spheres(points, clusters, time)
+        with timer.stage("solids"):
+            seen = all_objects(points, spheres, scene.stages.solids, colors)
+            pixels = [item.pixels(points) for item in seen]
+            scene.stages.foreground.expect_objects(pixels)
+        with timer.stage("tracking"):
+            pose = scene.model.rotation, scene.model.translation
+            detections = [item.detection.moved(*pose) for item in seen]
+            ended = scene.tracker.update(time, detections)
+            scene.look_at_surfaces(list(zip(seen, detections, strict=True)), points, colors, time)
+            scene.look_back()
+            objects = tuple(self._perceived(track, scene) for track in scene.tracker.tracks)
+        with timer.stage("episodes"):
+            episodes = scene.episodes.update(time, scene.tracker.tracks, ended)
+            up = scene.up_of_flights(episodes)
+            if up is not None:
+                return self._turn_gravity(scene, up, time)
+        with timer.stage("revision"):
+            revised = scene.watch(points, time, pixels)
+            if revised is None:
+                reason = "the support has gone: the environment is modelled again"
+                return self._model_again(time, reason, (*episodes, *self._forget_environment()))
         return FrameResult(
             time,
             scene.model,
@@ -280,7 +276,14 @@ class PerceptionPipeline:
             detections=tuple(detections),
             objects=objects,
             episodes=episodes,
-            diagnostics=diagnostics,
+            diagnostics=FrameDiagnostics(
+                readings=clusters.readings,
+                foreground=clusters.foreground,
+                clusters=len(clusters.indices),
+                spheres=sum(isinstance(detection, DetectedSphere) for detection in detections),
+                solids=sum(isinstance(detection, DetectedSolid) for detection in detections),
+                seconds=timer.seconds,
+            ),
         )
 
     def _perceived(self, track: Track, scene: ModelledScene) -> PerceivedObject:
@@ -291,21 +294,25 @@ class PerceptionPipeline:
             newest_detection(track),
         )
 
-    def _gravity_turned(
+    def _turn_gravity(
         self, scene: ModelledScene, up: NDArray[np.float64], time: float
     ) -> FrameResult:
-        """Model the environment again with gravity as flights tell it.
+        """Model the environment again with the gravity that flights show.
 
-        What was observed under another gravity tells nothing.
+        Episodes under the other gravity are dropped: they would mislead the learner.
         """
         angle = np.degrees(np.arccos(np.clip(scene.model.rotation[2] @ up, -1.0, 1.0)))
         self._up, self._up_seen_from = up, self._pose
         self._forget_environment()
-        moved = (
+        reason = (
             f"flights show that gravity points {angle:.0f}° beside what the support told: the "
             "environment is modelled again"
         )
-        return replace(self._unused(time, moved), moved=moved)
+        return self._model_again(time, reason, ())
+
+    def _model_again(self, time: float, reason: str, episodes: tuple[Episode, ...]) -> FrameResult:
+        """Return the result of a frame after which the environment is modelled again."""
+        return replace(self._unused(time, reason), episodes=episodes, moved=reason)
 
     def _forget_environment(self) -> tuple[Episode, ...]:
         """Let the next frames model the environment; return what was under way."""
@@ -328,7 +335,3 @@ class PerceptionPipeline:
 
 def _has_readings(points: NDArray[np.float32]) -> bool:
     return bool(points.size) and bool(np.isfinite(points[..., 2]).any())
-
-
-def _observations(episodes: Sequence[Episode]) -> tuple[Observation, ...]:
-    return tuple(found for episode in episodes for found in episode.observations())

@@ -21,7 +21,7 @@ from intuitive_physics_perception.detection.detections import (
 )
 from intuitive_physics_perception.poses.described_objects import TaggedObject
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracking.episodes import EpisodeRecorder
+from intuitive_physics_perception.tracking.episodes import EpisodeRecorder, observations_from
 from intuitive_physics_perception.tracking.track import Track
 from intuitive_physics_perception.tracking.tracker import Tracker
 
@@ -113,7 +113,7 @@ class PoseTracker:
             seen = [self._detection(name, poses[name])] if name in poses else []
             ended += tracker.update(time, seen)
         episodes = self._episodes.update(time, [*self._alive().values()], ended)
-        return back, (*before, *(one for episode in episodes for one in episode.observations()))
+        return back, (*before, *observations_from(episodes))
 
     def states(self) -> tuple[list[SceneObject], list[ObjectState]]:
         """Return the objects that are followed, and the state of each at the newest time."""
@@ -127,7 +127,7 @@ class PoseTracker:
         """Return the observations of what still moves, and begin anew."""
         episodes = self._episodes.finish([*self._alive().values()])
         self._begin()
-        return tuple(one for episode in episodes for one in episode.observations())
+        return observations_from(episodes)
 
     def _begin(self) -> None:
         self._time = -np.inf

@@ -7,7 +7,7 @@ observation of the balls that are there at its beginning, and ends where the nex
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -52,6 +52,11 @@ class Episode:
             record_of(track, self.settings).between(self.start, np.inf) for track in self.tracks
         ]
         return observations_of(records, self.environment, self.settings)
+
+
+def observations_from(episodes: Iterable[Episode]) -> tuple[Observation, ...]:
+    """Return the observations of all episodes."""
+    return tuple(observation for episode in episodes for observation in episode.observations())
 
 
 class EpisodeRecorder:

@@ -395,7 +395,7 @@ def test_calibration_in_several_splits(detected_set, tmp_path):
     spins = sorted(fit.scales.spin for fit in result.fits)
     assert result.scales.spin == spins[1]
     assert (result.ideal_energy_score_vs_fitted_noise > 0.0).all()
-    write_calibration(tmp_path, "Calibration", "calibrate", result, found.learned)
+    write_calibration(tmp_path, "Calibration", result, found.learned)
     page = (tmp_path / "README.md").read_text(encoding="utf-8")
     assert "medians of 3 splits" in page
     assert page.count(f"| {len(observations)} |") == 2 * len(result.scores)

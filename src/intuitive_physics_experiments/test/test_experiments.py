@@ -16,7 +16,6 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import load_observation
 from intuitive_physics_cli.command_line import main
 from intuitive_physics_experiments.commands.experiment_command import EXPERIMENTS, Experiment
-from intuitive_physics_experiments.paper.cells import CellStore
 from intuitive_physics_experiments.paper.learning_curve import (
     LearningCurveSettings,
     run_learning_curve,
@@ -31,6 +30,7 @@ from intuitive_physics_experiments.paper.search_methods import (
     SearchMethodsSettings,
     run_search_methods,
 )
+from intuitive_physics_experiments.results import CellStore, run_experiment
 from intuitive_physics_learner.search.update_rules import UPDATE_RULES
 
 SMALL_CURVE = LearningCurveSettings((1, 2), (5,), repetitions=2, iterations=120, method="cma_es")
@@ -61,13 +61,13 @@ def test_a_cell_that_fails_leaves_what_was_finished(tmp_path: Path) -> None:
 
 def test_cells_side_by_side_are_the_same(tmp_path: Path) -> None:
     cells = {name: (lambda name=name: {"name": name, "of": os.getpid()}) for name in "abcdef"}
-    told: list[tuple[int, int, str]] = []
-    found = CellStore(tmp_path, {}).run(cells, lambda *step: told.append(step), processes=2)
+    steps: list[tuple[int, int, str]] = []
+    found = CellStore(tmp_path, {}, 2, lambda *step: steps.append(step)).run(cells)
     assert list(found) == list(cells)
     assert all(cell["name"] == name for name, cell in found.items())
     assert os.getpid() not in {cell["of"] for cell in found.values()}
-    assert [step[0] for step in told] == [0, 1, 2, 3, 4, 5, 6, 6]
-    again = CellStore(tmp_path, {}).run(cells, processes=2)
+    assert [step[0] for step in steps] == [0, 1, 2, 3, 4, 5, 6, 6]
+    again = CellStore(tmp_path, {}, 2).run(cells)
     assert again == found
 
 
@@ -76,7 +76,7 @@ def test_a_cell_that_fails_beside_others_says_why(tmp_path: Path) -> None:
         raise InvalidInputError("no")
 
     with pytest.raises(InvalidInputError, match="no"):
-        CellStore(tmp_path, {}).run({"a": lambda: {"x": 1}, "b": fail}, processes=2)
+        CellStore(tmp_path, {}, 2).run({"a": lambda: {"x": 1}, "b": fail})
 
 
 def test_a_folder_of_other_settings_is_refused(tmp_path: Path) -> None:
@@ -96,7 +96,12 @@ def test_a_broken_cell_is_named(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def curve(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[dict]]:
     folder = tmp_path_factory.mktemp("curve")
-    return folder, run_learning_curve(folder, SMALL_CURVE, "test")
+    return folder, learning_curve(folder)
+
+
+def learning_curve(folder: Path) -> list[dict]:
+    results = run_experiment(run_learning_curve, "learning-curve", SMALL_CURVE, folder)
+    return list(results.tables["summary.csv"])
 
 
 def test_learning_explains_better_than_not_learning(curve: tuple[Path, list[dict]]) -> None:
@@ -122,7 +127,7 @@ def test_curve_is_written_and_goes_on_where_it_was(curve: tuple[Path, list[dict]
     dropped = min(before)
     text = json.loads(dropped.read_text())
     dropped.unlink()
-    assert run_learning_curve(folder, SMALL_CURVE, "test") == summary
+    assert learning_curve(folder) == summary
     again = json.loads(dropped.read_text())
     for row in (*text["rows"], *again["rows"]):
         row.pop("seconds")
@@ -137,7 +142,8 @@ def test_curve_is_written_and_goes_on_where_it_was(curve: tuple[Path, list[dict]
 
 def test_all_rules_search_the_same_set(tmp_path: Path) -> None:
     settings = SearchMethodsSettings((1,), (1, 2), runs=1, iterations=(40,))
-    final = run_search_methods(tmp_path, settings, "test")
+    results = run_experiment(run_search_methods, "search-methods", settings, tmp_path)
+    final = results.tables["final.csv"]
     assert [row["method"] for row in final] == 2 * [*UPDATE_RULES, "bounded_adaptive_random"]
     assert {row["parameters"] for row in final} == {14}
     with (tmp_path / "curves.csv").open() as file:
@@ -161,7 +167,8 @@ def test_evaluations_are_one_number_for_all_sizes_or_one_for_each() -> None:
 
 def test_predictions_of_test_runs(tmp_path: Path) -> None:
     settings = PredictionExperimentSettings(2, 5, 3, iterations=60)
-    rows = run_prediction(tmp_path, settings, "test")
+    results = run_experiment(run_prediction, "prediction", settings, tmp_path)
+    rows = results.tables["predictions.csv"]
     # Four fifths of 5 of 8 throws are learned from; the other runs count with all their objects.
     runs = _runs(2, 8)
     assert len({row["case"].split(":")[0] for row in rows}) == runs - round(0.8 * 5 / 8 * runs)
@@ -171,7 +178,8 @@ def test_predictions_of_test_runs(tmp_path: Path) -> None:
     assert all(0.0 <= share <= 1.0 for share in shares)
     for name in ("predictions.png", "error_over_time.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
-    assert run_prediction(tmp_path, settings, "test") == rows
+    again = run_experiment(run_prediction, "prediction", settings, tmp_path)
+    assert again.tables == results.tables
 
 
 def _runs(objects: int, samples: int) -> int:
@@ -181,7 +189,8 @@ def _runs(objects: int, samples: int) -> int:
 
 @pytest.mark.long
 def test_thrown_balls_through_the_whole_pipeline(tmp_path: Path) -> None:
-    rows = run_rgbd(tmp_path, RgbdSettings(throws=2, duration=1.2, iterations=300), "test")
+    settings = RgbdSettings(throws=2, duration=1.2, iterations=300)
+    rows = run_experiment(run_rgbd, "rgbd", settings, tmp_path).tables["errors_by_size.csv"]
     assert {row["radius"] for row in rows} == {0.03, 0.05, 0.07}
     assert sum(row["observations"] for row in rows) >= 5
     learned, true, default = (

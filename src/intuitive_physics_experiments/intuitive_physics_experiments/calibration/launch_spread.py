@@ -20,7 +20,7 @@ from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Environment, Scene
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.state import ERROR_SIZE, LINEAR_VELOCITY, POSITION, ObjectState
-from intuitive_physics_experiments.paper.outcome import markdown_table
+from intuitive_physics_experiments.results import markdown_table
 from intuitive_physics_predictor.noisy_newton import predict
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics_cli.report.figure_style import (
     DEFAULT,
@@ -27,12 +27,13 @@ from intuitive_physics_experiments.calibration.calibrate import (
     ratios_of_means,
 )
 from intuitive_physics_experiments.calibration.verification import REGIONS, Scores
-from intuitive_physics_experiments.paper.cells import write_whole
-from intuitive_physics_experiments.paper.outcome import (
+from intuitive_physics_experiments.results import (
+    Figure,
+    Results,
+    Row,
     markdown_table,
-    write_csv,
-    write_figure,
-    write_page,
+    write_results,
+    write_whole,
 )
 from intuitive_physics_predictor.noise_scales import NOISE_SCALES, SCALES_KEY
 
@@ -40,7 +41,7 @@ LEVELS = np.linspace(0.05, 0.95, 19)
 """Probabilities of a reliability curve."""
 
 
-def score_rows(calibration: Calibration) -> list[dict[str, Any]]:
+def score_rows(calibration: Calibration) -> list[Row]:
     """Return a row for each way to predict at each horizon."""
     return [
         {"prediction": name, "horizon": float(horizon), **_row(scores, h)}
@@ -49,7 +50,7 @@ def score_rows(calibration: Calibration) -> list[dict[str, Any]]:
     ]
 
 
-def point_rows(by_points: dict[int, Scores], horizons: Any) -> list[dict[str, Any]]:
+def point_rows(by_points: dict[int, Scores], horizons: Any) -> list[Row]:
     """Return a row for each number of points that were seen, at each horizon."""
     return [
         {"points": points, "horizon": float(horizon), **_row(scores, h)}
@@ -58,7 +59,7 @@ def point_rows(by_points: dict[int, Scores], horizons: Any) -> list[dict[str, An
     ]
 
 
-def reliability_rows(calibration: Calibration) -> list[dict[str, Any]]:
+def reliability_rows(calibration: Calibration) -> list[Row]:
     """Return how often regions of each probability held the outcome, by prediction and horizon."""
     return [
         {
@@ -74,7 +75,7 @@ def reliability_rows(calibration: Calibration) -> list[dict[str, Any]]:
     ]
 
 
-def _row(scores: Scores, h: int) -> dict[str, Any]:
+def _row(scores: Scores, h: int) -> Row:
     return {
         "trajectories": int((~np.isnan(scores.energy[:, h])).sum()),
         **{f"coverage_{100 * p:.0f}": float(scores.coverage(p)[h]) for p in REGIONS},
@@ -168,7 +169,6 @@ PARAMETERS_NAME = "parameters.json"
 def write_calibration(
     folder: Path,
     title: str,
-    command: str,
     calibration: Calibration,
     learned: LearnedParameters,
     by_points: Mapping[int, Scores] | None = None,
@@ -181,28 +181,20 @@ def write_calibration(
     by_points : scores by how many points were seen, where that was varied
     more : paragraphs to add to the page
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InvalidInputError(f"cannot make the folder {folder}: {error.strerror}") from None
-    rows = score_rows(calibration)
-    write_csv(folder / "scores.csv", rows)
-    write_csv(folder / "reliability.csv", reliability_rows(calibration))
     points = dict(by_points or {})
+    tables = {
+        "scores.csv": score_rows(calibration),
+        "reliability.csv": reliability_rows(calibration),
+    }
+    body = [_table(tables["scores.csv"]), _noise_scales(calibration)]
     if points:
-        write_csv(folder / "points.csv", point_rows(points, calibration.horizons))
-    write_figure(
-        folder / "calibration.png",
-        (11.0, 8.0),
-        lambda figure: _draw(figure, calibration, points),
-    )
-    scales = calibration.scales.to_dict()
-    parameters = {**learned.to_dict(), SCALES_KEY: scales}
-    write_whole(folder / PARAMETERS_NAME, json.dumps(parameters, indent=1) + "\n")
-    body = [_table(rows), _noise_scales(calibration)]
-    if points:
+        tables["points.csv"] = point_rows(points, calibration.horizons)
         body.append(_points_table(points, calibration))
-    write_page(folder, title, command, "\n\n".join([*body, *more, "![](calibration.png)"]))
+    figure = Figure((11.0, 8.0), partial(_draw, calibration=calibration, by_points=points))
+    page = "\n\n".join([*body, *more, "![](calibration.png)"])
+    write_results(folder, Results(title, page, tables, {"calibration.png": figure}))
+    parameters = {**learned.to_dict(), SCALES_KEY: calibration.scales.to_dict()}
+    write_whole(folder / PARAMETERS_NAME, json.dumps(parameters, indent=1) + "\n")
 
 
 def _draw(figure: Any, calibration: Calibration, by_points: dict[int, Scores]) -> None:
@@ -216,7 +208,7 @@ def _draw(figure: Any, calibration: Calibration, by_points: dict[int, Scores]) -
         axes[1, 1].set_axis_off()
 
 
-def _table(rows: Sequence[Mapping[str, Any]]) -> str:
+def _table(rows: Sequence[Row]) -> str:
     header = ["prediction", "horizon (s)", "trajectories", "50 %", "90 %"]
     header += ["CRPS (m)", "energy (m)", "error (m)"]
     cells = [

@@ -107,7 +107,6 @@ def _calibrate_on_paper_set(options: argparse.Namespace) -> None:
         calibrate_on_paper_set,
     )
     from intuitive_physics_experiments.calibration.report import write_calibration
-    from intuitive_physics_experiments.paper.outcome import given_command
     from intuitive_physics_experiments.paper.paper_room import SHAPE_KINDS
 
     settings = PaperCalibrationOptions(
@@ -127,7 +126,6 @@ def _calibrate_on_paper_set(options: argparse.Namespace) -> None:
     write_calibration(
         options.output,
         f"Calibration on the paper's set, predicted from {options.points} points",
-        given_command(),
         found.calibration,
         found.learned,
         found.by_points,
@@ -141,7 +139,6 @@ def _calibrate_on_observations(options: argparse.Namespace) -> None:
         calibrate_on_observations,
     )
     from intuitive_physics_experiments.calibration.report import write_calibration
-    from intuitive_physics_experiments.paper.outcome import given_command
     from intuitive_physics_experiments.recorded_sets.recorded_data import LAUNCHES
 
     title, observations, start = _read(options.observations, options.drag)
@@ -165,7 +162,6 @@ def _calibrate_on_observations(options: argparse.Namespace) -> None:
     write_calibration(
         options.output,
         f"Calibration on {options.observations.name} ({title}), from {options.points} points",
-        given_command(),
         found.calibration,
         found.learned,
         more=found.notes,

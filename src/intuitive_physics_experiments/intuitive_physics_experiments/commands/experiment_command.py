@@ -33,7 +33,7 @@ class Experiment:
     name : of the subcommand
     help, description : as argparse shows them
     module : that makes it; imported only when it is asked for, since that takes seconds
-    run : name of the module's function of folder, settings, command, cores and progress
+    run : name of the module's `results.Experiment`
     settings : class of its settings
     options : settings that can be given
     quick : reduced settings
@@ -175,18 +175,18 @@ def _add_experiment(experiments: Any, experiment: Experiment) -> None:
 
 def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> None:
     from intuitive_physics_cli.terminal import ProgressBar
-    from intuitive_physics_experiments.paper.outcome import given_command
+    from intuitive_physics_experiments.results import run_experiment
 
     if options.cores < 1:
         raise InvalidInputError(f"--cores is {options.cores}; expected 1 or more")
     reduced = experiment.quick if options.quick else {}
     settings = settings_from_options(experiment.settings, options, **reduced)
-    run = getattr(import_module(experiment.module), experiment.run)
     with ProgressBar(experiment.label) as bar:
-        run(
-            options.output,
+        run_experiment(
+            getattr(import_module(experiment.module), experiment.run),
+            experiment.name,
             settings,
-            given_command(),
+            options.output,
             options.cores,
             lambda done, total, name: bar.update(done, total, name.replace("_", " ")),
         )

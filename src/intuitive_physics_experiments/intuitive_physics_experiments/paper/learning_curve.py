@@ -6,10 +6,8 @@ left is noise that no learner can remove) and the default θ_s (no learning).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,15 +16,16 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics_cli.report.figure_style import DEFAULT, OBSERVED, PREDICTED, TRUE
-from intuitive_physics_experiments.paper.cells import Cell, CellStore
-from intuitive_physics_experiments.paper.outcome import (
-    markdown_table,
-    write_csv,
-    write_figure,
-    write_page,
-)
 from intuitive_physics_experiments.paper.paper_dataset import PaperDataset, make_paper_dataset
 from intuitive_physics_experiments.paper.settings import LearningCurveSettings
+from intuitive_physics_experiments.results import (
+    Cell,
+    CellStore,
+    Figure,
+    Results,
+    Row,
+    markdown_table,
+)
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions, search_parameters
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria
@@ -42,13 +41,8 @@ SOURCE_TITLES = {
 """Titles of the figure's parts, by where initial states come from."""
 
 
-def draw_learning_curve(figure: Any, summary: Sequence[dict[str, Any]]) -> None:
-    """Draw bars of training and test error for each set, a panel for each source of initial states.
-
-    Parameters
-    ----------
-    summary : rows as `learning_curve` writes them
-    """
+def _draw(figure: Any, summary: Sequence[Row]) -> None:
+    """Draw bars of training and test error of each set, a panel by source of initial states."""
     sources = list(dict.fromkeys(line["first_states"] for line in summary))
     panels = np.atleast_1d(figure.subplots(1, len(sources), sharey=True))
     for axes, source in zip(panels, sources, strict=True):
@@ -59,7 +53,7 @@ def draw_learning_curve(figure: Any, summary: Sequence[dict[str, Any]]) -> None:
     panels[-1].legend(loc="upper right")
 
 
-def _draw_panel(axes: Any, lines: Sequence[dict[str, Any]]) -> None:
+def _draw_panel(axes: Any, lines: Sequence[Row]) -> None:
     places = np.arange(len(lines))
     axes.axhspan(
         PAPER_ERROR - PAPER_DEVIATION, PAPER_ERROR + PAPER_DEVIATION, color="#fde68a", alpha=0.5
@@ -90,28 +84,17 @@ ERRORS = ("learned", "oracle", "default")
 """Whose errors are compared: learned, true and default parameters."""
 
 
-def run_learning_curve(
-    folder: Path,
-    settings: LearningCurveSettings,
-    command: str,
-    cores: int = 1,
-    on_progress: Callable[[int, int, str], None] = lambda done, total, name: None,
-) -> list[dict[str, Any]]:
-    """Learn from each set, write tables and figure, return the summary's rows."""
-    simulator = make_simulator("auto")
-    store = CellStore(folder, {"experiment": "learning-curve", **asdict(settings)})
-    found = store.run(_cells(settings, simulator), on_progress, cores)
-    rows = [row for cell in found.values() for row in cell["rows"]]
+def run_learning_curve(settings: LearningCurveSettings, store: CellStore) -> Results:
+    """Learn from each set."""
+    cells = store.run(_cells(settings, make_simulator("auto")))
+    rows = [row for cell in cells.values() for row in cell["rows"]]
     summary = _summary(rows)
-    write_csv(folder / "learning_curve.csv", rows)
-    write_csv(folder / "summary.csv", summary)
-    write_figure(
-        folder / "learning_curve.png",
-        (11.0, 4.2),
-        lambda figure: draw_learning_curve(figure, summary),
+    return Results(
+        "Learning curve (Fig. 4)",
+        _body(settings, summary),
+        {"learning_curve.csv": rows, "summary.csv": summary},
+        {"learning_curve.png": Figure((11.0, 4.2), partial(_draw, summary=summary))},
     )
-    write_page(folder, "Learning curve (Fig. 4)", command, _body(settings, summary))
-    return summary
 
 
 def _cells(settings: LearningCurveSettings, simulator: Simulator) -> dict[str, Cell]:
@@ -130,7 +113,7 @@ def _cell(
     objects: int,
     samples: int,
     repetition: int,
-) -> dict[str, Any]:
+) -> Row:
     rng = np.random.default_rng([settings.seed, objects, samples, repetition])
     drawn = make_paper_dataset(objects, samples, rng, engine=settings.engine)
     rows = []
@@ -144,7 +127,7 @@ def _cell(
         ]
         training = _costs(dataset.training_observations, simulator, judged)
         test = _costs(dataset.test_observations, simulator, judged)
-        row: dict[str, Any] = {
+        row: Row = {
             "first_states": source,
             "objects": objects,
             "samples": samples,
@@ -179,7 +162,7 @@ def _costs(
     return [float(value) for value in cost.costs(judged)]
 
 
-def _summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def _summary(rows: Sequence[Row]) -> list[Row]:
     """Mean and standard deviation over the repetitions, a row for each set and source."""
     keys = dict.fromkeys((row["first_states"], row["objects"], row["samples"]) for row in rows)
     summary = []
@@ -189,7 +172,7 @@ def _summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
             for row in rows
             if (row["first_states"], row["objects"], row["samples"]) == (source, objects, samples)
         ]
-        line: dict[str, Any] = {
+        line: Row = {
             "first_states": source,
             "objects": objects,
             "samples": samples,
@@ -204,7 +187,7 @@ def _summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return summary
 
 
-def _body(settings: LearningCurveSettings, summary: Sequence[dict[str, Any]]) -> str:
+def _body(settings: LearningCurveSettings, summary: Sequence[Row]) -> str:
     rows = [
         [
             line["first_states"],

@@ -22,9 +22,7 @@ from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.simulation import Simulator, WorldStatus
 from intuitive_physics.state import ANGULAR_VELOCITY, ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_experiments.paper.cells import write_whole
 from intuitive_physics_experiments.paper.noisy_flight import fit_noisy_flight, flight_length
-from intuitive_physics_experiments.paper.outcome import write_csv
 from intuitive_physics_experiments.paper.paper_room import (
     SHAPE_KINDS,
     SPIN_DEVIATION,
@@ -34,6 +32,7 @@ from intuitive_physics_experiments.paper.paper_room import (
     draw_pool,
     paper_room,
 )
+from intuitive_physics_experiments.results import write_csv, write_whole
 from intuitive_physics_recordings.observation_files import save_observations
 
 DURATION = 5.0

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
-from pathlib import Path
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,18 +19,12 @@ from intuitive_physics_cli.evaluation.prediction_case import (
     region_coverage,
 )
 from intuitive_physics_cli.report.figure_style import DEFAULT, GRAVITY, OBSERVED, PREDICTED
-from intuitive_physics_experiments.paper.cells import CellStore
-from intuitive_physics_experiments.paper.outcome import (
-    markdown_table,
-    write_csv,
-    write_figure,
-    write_page,
-)
 from intuitive_physics_experiments.paper.paper_dataset import (
     TRAINING_SHARE,
     make_paper_dataset,
 )
 from intuitive_physics_experiments.paper.settings import PredictionExperimentSettings
+from intuitive_physics_experiments.results import CellStore, Figure, Results, Row, markdown_table
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions, learn
 from intuitive_physics_learner.methods import JOINT_METHOD
@@ -46,7 +39,7 @@ ERROR_LINES = 40
 
 
 def draw_predictions(figure: Any, cases: Sequence[PredictionCase]) -> None:
-    """Samples in thin blue, what was seen in green, the error at some points in red."""
+    """Draw samples in thin blue, what was seen in green, the error at some points in red."""
     from matplotlib.ticker import MaxNLocator
 
     rows = -(-len(cases) // COLUMNS)
@@ -65,16 +58,10 @@ def draw_predictions(figure: Any, cases: Sequence[PredictionCase]) -> None:
             axis.set_major_locator(MaxNLocator(4))
 
 
-def draw_error_over_time(
+def _draw_error_over_time(
     figure: Any, cases: Sequence[PredictionCase], shares: NDArray[np.float64]
 ) -> None:
-    """Mean error and spread over time, and coverage.
-
-    Parameters
-    ----------
-    cases : seen at the same times
-    shares : (19,) of `region_coverage`
-    """
+    """Draw mean error and spread over time, and the coverage (19,) of `region_coverage`."""
     left, right = figure.subplots(1, 2, width_ratios=(1.6, 1.0))
     times = cases[0].times
     left.plot(
@@ -99,26 +86,17 @@ FIRST, EXAMPLES = "three_points", 6
 """Where initial states come from, and how many predictions are drawn."""
 
 
-def run_prediction(
-    folder: Path,
-    settings: PredictionExperimentSettings,
-    command: str,
-    cores: int = 1,
-    on_progress: Callable[[int, int, str], None] = lambda done, total, name: None,
-) -> list[dict[str, Any]]:
-    """Learn, predict the test runs, write tables and figures, return a row for each case."""
-    simulator = make_simulator("auto", cores)
+def run_prediction(settings: PredictionExperimentSettings, store: CellStore) -> Results:
+    """Learn, and predict the test runs."""
+    simulator = make_simulator("auto", store.cores)
     rng = np.random.default_rng(settings.seed)
     throws = settings.samples + settings.further
     dataset = make_paper_dataset(settings.objects, throws, rng, initial_states=FIRST)
     count = max(round(TRAINING_SHARE * settings.samples / throws * len(dataset.observations)), 1)
     training, test = dataset.observations[:count], dataset.observations[count:]
     materials = dataset.parameters.materials
-    store = CellStore(folder, {"experiment": "prediction", **asdict(settings)})
-    found = store.run(
-        {"learned": lambda: _learned(settings, training, materials, simulator)}, on_progress
-    )
-    learned = LearnedParameters.from_dict(found["learned"])
+    cells = store.run({"learned": lambda: _learned(settings, training, materials, simulator)}, 1)
+    learned = LearnedParameters.from_dict(cells["learned"])
     cases = predict_cases(
         test,
         UncertainParameters(learned),
@@ -127,27 +105,23 @@ def run_prediction(
         settings.sample_count,
     )
     shares = region_coverage(cases, np.random.default_rng([settings.seed, 2]))
-    rows = [_row(case) for case in cases]
-    write_csv(folder / "predictions.csv", rows)
-    write_csv(
-        folder / "coverage.csv",
-        [
-            {"claimed": float(level), "seen": float(share)}
-            for level, share in zip(LEVELS, shares, strict=True)
-        ],
-    )
+    coverage = [
+        {"claimed": float(level), "seen": float(share)}
+        for level, share in zip(LEVELS, shares, strict=True)
+    ]
     ordered = sorted(cases, key=lambda case: case.error)
     shown = [ordered[k] for k in np.linspace(0, len(ordered) - 1, EXAMPLES).round().astype(int)]
-    write_figure(folder / "predictions.png", (12.0, 8.0), lambda fig: draw_predictions(fig, shown))
-    write_figure(
-        folder / "error_over_time.png",
-        (9.0, 3.6),
-        lambda fig: draw_error_over_time(fig, cases, shares),
-    )
     test_cost = float(TrajectoryCost(test, simulator, materials).costs([learned.parameters])[0])
-    body = _body(settings, cases, test_cost, shares)
-    write_page(folder, "Predictions (Figs. 1 and 5)", command, body)
-    return rows
+    over_time = partial(_draw_error_over_time, cases=cases, shares=shares)
+    return Results(
+        "Predictions (Figs. 1 and 5)",
+        _body(settings, cases, test_cost, shares),
+        {"predictions.csv": [_row(case) for case in cases], "coverage.csv": coverage},
+        {
+            "predictions.png": Figure((12.0, 8.0), partial(draw_predictions, cases=shown)),
+            "error_over_time.png": Figure((9.0, 3.6), over_time),
+        },
+    )
 
 
 def _learned(
@@ -164,7 +138,7 @@ def _learned(
     return learn(training, simulator, options).learned.extended(materials).to_dict()
 
 
-def _row(case: PredictionCase) -> dict[str, Any]:
+def _row(case: PredictionCase) -> Row:
     return {
         "case": case.name,
         "mean_error": case.error,
@@ -179,15 +153,12 @@ def _body(
     cost: float,
     shares: NDArray[np.float64],
 ) -> str:
-    instants = (0.5, 1.0, 2.0, 5.0)
     rows = []
-    for instant in instants:
-        at = [int(np.abs(case.times - instant).argmin()) for case in cases]
-        errors = [case.distances[k] for case, k in zip(cases, at, strict=True)]
-        spreads = [case.spread[k] for case, k in zip(cases, at, strict=True)]
-        rows.append(
-            [f"{instant:g}", *(f"{f(v):.3f}" for v in (errors, spreads) for f in (np.mean,))]
-        )
+    for instant in (0.5, 1.0, 2.0, 5.0):
+        nearest = [(case, int(np.abs(case.times - instant).argmin())) for case in cases]
+        error = np.mean([case.distances[k] for case, k in nearest])
+        spread = np.mean([case.spread[k] for case, k in nearest])
+        rows.append([f"{instant:g}", f"{error:.3f}", f"{spread:.3f}"])
     header = ["time (s)", "error of the mean (m)", "spread (m)"]
     errors_of_mean = np.mean([case.error for case in cases])
     half, most = (100 * shares[np.abs(LEVELS - level).argmin()] for level in (0.5, 0.9))

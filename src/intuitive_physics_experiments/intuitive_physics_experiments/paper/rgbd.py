@@ -7,10 +7,8 @@ throws as in the paper, and once more from 80 % of them to predict the rest.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,13 +23,6 @@ from intuitive_physics_cli.evaluation.recording_perception import perceive_recor
 from intuitive_physics_cli.report.figure_style import DEFAULT, OBSERVED, PREDICTED, TRUE
 from intuitive_physics_experiments.demo.example_frame import example_frame
 from intuitive_physics_experiments.demo.figures import draw_frame
-from intuitive_physics_experiments.paper.cells import CellStore
-from intuitive_physics_experiments.paper.outcome import (
-    markdown_table,
-    write_csv,
-    write_figure,
-    write_page,
-)
 from intuitive_physics_experiments.paper.prediction import draw_predictions
 from intuitive_physics_experiments.paper.settings import RgbdSettings
 from intuitive_physics_experiments.rendering.corner_room import (
@@ -41,6 +32,7 @@ from intuitive_physics_experiments.rendering.corner_room import (
 )
 from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, reuse_or_render_bag
+from intuitive_physics_experiments.results import CellStore, Figure, Results, Row, markdown_table
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions, learn
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria
@@ -48,13 +40,8 @@ from intuitive_physics_perception.settings import KnownObject, PerceptionSetting
 from intuitive_physics_recordings.observation_files import load_observations, save_observations
 
 
-def draw_errors_by_size(figure: Any, rows: Sequence[dict[str, Any]]) -> None:
-    """Draw mean ± σ of each error for each ball, the smallest first.
-
-    Parameters
-    ----------
-    rows : as `rgbd` writes them
-    """
+def _draw_errors_by_size(figure: Any, rows: Sequence[Row]) -> None:
+    """Draw mean ± σ of each error for each ball, the smallest first."""
     axes = figure.add_subplot()
     ordered = sorted(rows, key=lambda row: row["radius"])
     places = np.arange(len(ordered))
@@ -90,21 +77,14 @@ BAG_NAME = "throws"
 """Folder of the rendered bag."""
 
 
-def run_rgbd(
-    folder: Path,
-    settings: RgbdSettings,
-    command: str,
-    cores: int = 1,
-    on_progress: Callable[[int, int, str], None] = lambda done, total, name: None,
-) -> list[dict[str, Any]]:
-    """Render, perceive, learn and predict; write tables and figures, return a row for each ball."""
-    store = CellStore(folder, {"experiment": "rgbd", **asdict(settings)})
-    observations, perceived = _observations(folder, settings, store, on_progress)
+def run_rgbd(settings: RgbdSettings, store: CellStore) -> Results:
+    """Render, perceive, learn each ball and predict some of its throws."""
+    observations, perceived = _observations(settings, store)
     by_ball = {
         material: [seen for seen in observations if seen.objects[0].object.material == material]
         for material in BALL_RADII
     }
-    engine = make_simulator("auto", cores)
+    engine = make_simulator("auto", store.cores)
 
     def learned(seen: Sequence[Observation]) -> StaticParameters:
         options = LearningOptions(
@@ -128,45 +108,38 @@ def run_rgbd(
             "parameters": from_part.to_dict(),
         }
 
-    found = store.run(
-        {f"ball_{material}": partial(ball, material) for material in by_ball},
-        on_progress,
-    )
+    found = store.run({f"ball_{material}": partial(ball, material) for material in by_ball}, 1)
     rows = [_row(material, found[f"ball_{material}"]) for material in by_ball]
-    write_csv(folder / "errors_by_size.csv", rows)
-    write_csv(folder / "throws.csv", _throw_rows(found, by_ball))
-    write_figure(
-        folder / "errors_by_size.png", (7.0, 4.0), lambda figure: draw_errors_by_size(figure, rows)
-    )
     cases: list[PredictionCase] = []
     for material, seen in by_ball.items():
         _, test = split(seen, TRAIN_FRACTION, settings.seed)
         theta = StaticParameters.from_dict(found[f"ball_{material}"]["parameters"])
         rng = np.random.default_rng([settings.seed, 1 + len(cases)])
         cases += predict_cases(test[:1], theta, engine, rng, sample_count=20)
-    write_figure(folder / "predictions.png", (12.0, 4.0), lambda fig: draw_predictions(fig, cases))
     example = example_frame(
-        folder / BAG_NAME,
+        store.folder / BAG_NAME,
         observations[0],
-        GroundTruth.load(folder / BAG_NAME).camera,
+        GroundTruth.load(store.folder / BAG_NAME).camera,
         np.array(perceived["rotation"]),
         np.array(perceived["translation"]),
     )
-    write_figure(
-        folder / "seen.png", (9.0, 7.0), lambda figure: draw_frame(figure.add_subplot(), example)
+    return Results(
+        "Thrown balls by a depth camera (Figs. 7 to 9)",
+        _body(rows),
+        {"errors_by_size.csv": rows, "throws.csv": _throw_rows(found, by_ball)},
+        {
+            "errors_by_size.png": Figure((7.0, 4.0), partial(_draw_errors_by_size, rows=rows)),
+            "predictions.png": Figure((12.0, 4.0), partial(draw_predictions, cases=cases)),
+            "seen.png": Figure((9.0, 7.0), lambda fig: draw_frame(fig.add_subplot(), example)),
+        },
     )
-    write_page(folder, "Thrown balls by a depth camera (Figs. 7 to 9)", command, _body(rows))
-    return rows
 
 
 def _observations(
-    folder: Path,
-    settings: RgbdSettings,
-    store: CellStore,
-    on_progress: Callable[[int, int, str], None],
+    settings: RgbdSettings, store: CellStore
 ) -> tuple[list[Observation], dict[str, Any]]:
-    """What perception made of the rendered throws, kept in `observations`, and from where."""
-    bag, kept = folder / BAG_NAME, folder / "observations"
+    """Observations of the rendered throws, kept in `observations`, and the pose of the camera."""
+    bag, kept = store.folder / BAG_NAME, store.folder / "observations"
 
     def render() -> dict[str, Any]:
         render_settings = RenderSettings(
@@ -175,7 +148,7 @@ def _observations(
             throw_duration=settings.duration,
         )
         truth = reuse_or_render_bag(
-            bag, render_settings, lambda done, total: on_progress(done, total, "rendering")
+            bag, render_settings, lambda done, total: store.on_progress(done, total, "rendering")
         )
         return {"throws": len(truth.throws)}
 
@@ -185,7 +158,7 @@ def _observations(
             bag,
             PerceptionSettings(known_objects=balls, plane_material=ROOM_MATERIAL),
             np.random.default_rng(settings.seed),
-            on_progress=lambda done, total: on_progress(done, total, "perceiving"),
+            on_progress=lambda done, total: store.on_progress(done, total, "perceiving"),
         )
         save_observations(recording.observations, kept)
         if recording.model is None:
@@ -195,12 +168,12 @@ def _observations(
             "translation": recording.model.translation.tolist(),
         }
 
-    found = store.run({"render": render, "perceive": perceive})
+    found = store.run({"render": render, "perceive": perceive}, 1)
     return load_observations(kept), found["perceive"]
 
 
-def _row(material: str, found: dict[str, Any]) -> dict[str, Any]:
-    row: dict[str, Any] = {
+def _row(material: str, found: dict[str, Any]) -> Row:
+    row: Row = {
         "ball": material,
         "radius": BALL_RADII[material],
         "observations": len(found["learned"]),
@@ -211,9 +184,7 @@ def _row(material: str, found: dict[str, Any]) -> dict[str, Any]:
     return row
 
 
-def _throw_rows(
-    found: dict[str, Any], by_ball: dict[str, list[Observation]]
-) -> list[dict[str, Any]]:
+def _throw_rows(found: dict[str, Any], by_ball: dict[str, list[Observation]]) -> list[Row]:
     return [
         {
             "ball": material,
@@ -229,7 +200,7 @@ def _throw_rows(
     ]
 
 
-def _body(rows: Sequence[dict[str, Any]]) -> str:
+def _body(rows: Sequence[Row]) -> str:
     names = ("learned", "test", "true_parameters", "default")
     lines = [
         [

@@ -8,10 +8,9 @@ stands the further rule `bounded_adaptive_random`, which reads Table I otherwise
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache, partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,15 +20,16 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics_cli.report.figure_style import DEFAULT, TRUE, legend_below
-from intuitive_physics_experiments.paper.cells import Cell, CellStore
-from intuitive_physics_experiments.paper.outcome import (
-    markdown_table,
-    write_csv,
-    write_figure,
-    write_page,
-)
 from intuitive_physics_experiments.paper.paper_dataset import make_paper_dataset
 from intuitive_physics_experiments.paper.settings import SearchMethodsSettings
+from intuitive_physics_experiments.results import (
+    Cell,
+    CellStore,
+    Figure,
+    Results,
+    Row,
+    markdown_table,
+)
 from intuitive_physics_learner.cost.cached_cost import CachedCost
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria, ParameterSearch
@@ -50,15 +50,8 @@ METHOD_COLORS = (
 """Colours of the update rules, in their order."""
 
 
-def draw_search_methods(
-    figure: Any, curves: Sequence[dict[str, Any]], final: Sequence[dict[str, Any]]
-) -> None:
-    """Draw J over iterations, a column for each number of objects, a row for that of samples.
-
-    Parameters
-    ----------
-    curves, final : rows as `search_methods` writes them
-    """
+def _draw(figure: Any, curves: Sequence[Row], final: Sequence[Row]) -> None:
+    """Draw J over iterations, a column for each number of objects, a row for that of samples."""
     objects = sorted({row["objects"] for row in curves})
     samples = sorted({row["samples"] for row in curves})
     methods = list(dict.fromkeys(row["method"] for row in curves))
@@ -93,44 +86,24 @@ CURVE_POINTS = 60
 
 @dataclass(frozen=True, eq=False)
 class SearchSet:
-    """One set: its cost and what to compare with.
-
-    Parameters
-    ----------
-    cost : J
-    oracle, default : J of the true and of the default θ_s, m
-    """
+    """The cost J of one set, and its values in m at the true and at the default θ_s."""
 
     cost: TrajectoryCost
     oracle: float
     default: float
 
 
-def run_search_methods(
-    folder: Path,
-    settings: SearchMethodsSettings,
-    command: str,
-    cores: int = 1,
-    on_progress: Callable[[int, int, str], None] = lambda done, total, name: None,
-) -> list[dict[str, Any]]:
-    """Search with every rule on every set, write tables and figure, return the final costs."""
-    simulator = make_simulator("auto")
-    store = CellStore(folder, {"experiment": "search-methods", **asdict(settings)})
-    found = store.run(_cells(settings, simulator), on_progress, cores)
-    curves = _curves(settings, found)
-    final = _final(settings, found)
-    write_csv(folder / "curves.csv", curves)
-    write_csv(folder / "final.csv", final)
-    height = 1.0 + 2.6 * len(settings.samples)
-    write_figure(
-        folder / "search_methods.png",
-        (4.2 * len(settings.objects), height),
-        lambda figure: draw_search_methods(figure, curves, final),
+def run_search_methods(settings: SearchMethodsSettings, store: CellStore) -> Results:
+    """Search with every rule on every set."""
+    cells = store.run(_cells(settings, make_simulator("auto")))
+    curves, final = _curves(settings, cells), _final(settings, cells)
+    size = 4.2 * len(settings.objects), 1.0 + 2.6 * len(settings.samples)
+    return Results(
+        "Search methods (Fig. 6, Table I)",
+        _body(settings, final, sum(cell["cpu_seconds"] for cell in cells.values())),
+        {"curves.csv": curves, "final.csv": final},
+        {"search_methods.png": Figure(size, partial(_draw, curves=curves, final=final))},
     )
-    cpu_seconds = sum(cell["cpu_seconds"] for cell in found.values())
-    body = _body(settings, final, cpu_seconds)
-    write_page(folder, "Search methods (Fig. 6, Table I)", command, body)
-    return final
 
 
 def _cells(settings: SearchMethodsSettings, simulator: Simulator) -> dict[str, Cell]:
@@ -144,7 +117,7 @@ def _cells(settings: SearchMethodsSettings, simulator: Simulator) -> dict[str, C
         oracle_cost, default_cost = cost.costs([dataset.parameters, default])
         return SearchSet(cost, float(oracle_cost), float(default_cost))
 
-    def cell(objects: int, samples: int, method: str, run: int) -> dict[str, Any]:
+    def cell(objects: int, samples: int, method: str, run: int) -> Row:
         iterations = settings.iterations_of(objects)
         return _search(settings.seed, search_set(objects, samples), method, run, iterations)
 
@@ -165,7 +138,7 @@ def _name(objects: int, samples: int, method: str, run: int) -> str:
     return f"{objects:02d}_objects_{samples:02d}_samples_{method}_{run:02d}"
 
 
-def _search(seed: int, on: SearchSet, method: str, run: int, iterations: int) -> dict[str, Any]:
+def _search(seed: int, on: SearchSet, method: str, run: int, iterations: int) -> Row:
     space = ParameterSpace(on.cost.materials)
     rule = make_update_rule(method, space.size, np.random.default_rng([seed, run]))
     search = ParameterSearch(CachedCost(on.cost).costs, space, rule)
@@ -191,7 +164,7 @@ def _histories(
     return np.array(rows)
 
 
-def _curves(settings: SearchMethodsSettings, found: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _curves(settings: SearchMethodsSettings, found: Mapping[str, Any]) -> list[Row]:
     rows = []
     for objects in settings.objects:
         last = settings.iterations_of(objects)
@@ -214,7 +187,7 @@ def _curves(settings: SearchMethodsSettings, found: Mapping[str, Any]) -> list[d
     return rows
 
 
-def _final(settings: SearchMethodsSettings, found: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _final(settings: SearchMethodsSettings, found: Mapping[str, Any]) -> list[Row]:
     rows = []
     for objects in settings.objects:
         for samples in settings.samples:
@@ -237,9 +210,7 @@ def _final(settings: SearchMethodsSettings, found: Mapping[str, Any]) -> list[di
     return rows
 
 
-def _body(
-    settings: SearchMethodsSettings, final: Sequence[dict[str, Any]], cpu_seconds: float
-) -> str:
+def _body(settings: SearchMethodsSettings, final: Sequence[Row], cpu_seconds: float) -> str:
     sets = list(dict.fromkeys((row["objects"], row["samples"]) for row in final))
     by_set = {
         (row["objects"], row["samples"], row["method"]): f"{row['J']:.3f} ± {row['deviation']:.3f}"

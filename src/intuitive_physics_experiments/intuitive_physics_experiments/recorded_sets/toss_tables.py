@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics_cli.terminal import format_table
-from intuitive_physics_experiments.paper.outcome import given_command, write_csv, write_page
 from intuitive_physics_experiments.recorded_sets.cube_tosses import CUBE_MATERIAL, TABLE_MATERIAL
 from intuitive_physics_experiments.recorded_sets.toss_evaluation import (
     TossErrors,
@@ -18,6 +16,7 @@ from intuitive_physics_experiments.recorded_sets.toss_evaluation import (
     TossFit,
 )
 from intuitive_physics_experiments.recorded_sets.toss_mass_centre import MassCentreFit
+from intuitive_physics_experiments.results import Results, Row, write_results
 
 PUBLISHED = (
     ("Drake, published", "13.5 ± 8.2", "16.5"),
@@ -49,17 +48,13 @@ def toss_table(evaluation: TossEvaluation) -> str:
 
 def write_toss_evaluations(folder: Path, title: str, evaluations: Sequence[TossEvaluation]) -> None:
     """Write `errors.csv`, and `README.md` with the tables and the command of this process."""
-    folder.mkdir(parents=True, exist_ok=True)
-    write_csv(
-        folder / "errors.csv",
-        [
-            _record(evaluation, name, errors)
-            for evaluation in evaluations
-            for name, errors in _predictions(evaluation)
-        ],
-    )
+    rows = [
+        _record(evaluation, name, errors)
+        for evaluation in evaluations
+        for name, errors in _predictions(evaluation)
+    ]
     tables = "\n\n".join(toss_table(evaluation) for evaluation in evaluations)
-    write_page(folder, title, given_command(), f"```\n{tables}\n```")
+    write_results(folder, Results(title, f"```\n{tables}\n```", {"errors.csv": rows}))
 
 
 def _predictions(
@@ -72,11 +67,9 @@ def _predictions(
     yield "free flight to the first touch", evaluation.free_flight
 
 
-def _record(
-    evaluation: TossEvaluation, name: str, errors: tuple[TossErrors, TossErrors]
-) -> dict[str, Any]:
+def _record(evaluation: TossEvaluation, name: str, errors: tuple[TossErrors, TossErrors]) -> Row:
     """Return a row of the file: positions over the cube's width, rotations in rad."""
-    record: dict[str, Any] = {
+    record: Row = {
         "training": len(evaluation.training),
         "test": len(evaluation.test),
         "prediction": name,

@@ -43,9 +43,9 @@ from intuitive_physics_experiments.demo.nodes.suite import (
 )
 from intuitive_physics_experiments.demo.progress import Progress
 from intuitive_physics_experiments.demo.report import write_report
-from intuitive_physics_experiments.paper.outcome import source_commit
 from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, reuse_or_render_bag
+from intuitive_physics_experiments.results import source_commit
 from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.methods import DEFAULT_METHOD
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria

@@ -138,22 +138,15 @@ IDEAL_DRAWS = 10
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What a calibration found, of one set that was held out or of several together.
+    """What a calibration found, of one set that was held out or of several together."""
 
-    Parameters
-    ----------
-    horizons : (n_horizons,) s after the last point that was seen
-    scores : of each way to predict, by name; `OURS` and the baselines
-    fits : noise scales, fitted to the past of each set
-    fixed_deviations : m, rad, m/s and rad/s, of the fixed noise that suits the past of each best
-    ideal : (n, n_horizons) m, by name, energy scores of `OURS` and `FITTED` if what happened were
-        drawn from `OURS`
-    """
-
-    horizons: NDArray[np.float64]
-    scores: dict[str, Scores]
-    fits: tuple[NoiseFit, ...]
+    horizons: NDArray[np.float64]  # (n_horizons,) s after the last point that was seen
+    scores: dict[str, Scores]  # of each way to predict, by name; `OURS` and the baselines
+    fits: tuple[NoiseFit, ...]  # noise scales, fitted to the past of each set
+    # m, rad, m/s and rad/s, of the fixed noise that suits the past of each best
     fixed_deviations: tuple[float, ...]
+    # (n, n_horizons) m, by name, energy scores of `OURS` and `FITTED` if what happened were drawn
+    # from `OURS`
     ideal: dict[str, NDArray[np.float64]]
 
     @staticmethod

@@ -57,22 +57,16 @@ QUANTITIES = ("y at x = 2 m", "z at x = 2 m", "x of the bounce", "y of the bounc
 
 @dataclass(frozen=True, eq=False)
 class LaunchSpread:
-    """Standard deviations, in m, of `QUANTITIES`.
+    """Standard deviations, in m, of `QUANTITIES`."""
 
-    Parameters
-    ----------
-    predicted, seen : (4,) of the prediction and of the launches it was not made from
-    low, high : (4,) 95 % confidence interval of `seen`, if the launches are normal
-    offset : (4,) mean of the prediction minus mean of the launches
-    launches : (4,) launches that show each quantity
-    """
-
+    # predicted, seen: (4,) of the prediction and of the launches it was not made from
     predicted: NDArray[np.float64]
     seen: NDArray[np.float64]
+    # low, high: (4,) 95 % confidence interval of `seen`, if the launches are normal
     low: NDArray[np.float64]
     high: NDArray[np.float64]
-    offset: NDArray[np.float64]
-    launches: NDArray[np.int64]
+    offset: NDArray[np.float64]  # (4,) mean of the prediction minus mean of the launches
+    launches: NDArray[np.int64]  # (4,) launches that show each quantity
 
     def to_markdown(self) -> str:
         """Return a table in millimetres."""

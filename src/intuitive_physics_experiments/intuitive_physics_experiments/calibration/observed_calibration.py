@@ -81,16 +81,10 @@ def observed_outcomes(
 
 @dataclass(frozen=True, eq=False)
 class PointNoise:
-    """The errors of one object's points.
+    """The errors of one object's points."""
 
-    Parameters
-    ----------
-    covariances : (n, 3, 3) m², of the error that each point has of its own
-    shared : (3, 3) m², covariance of the error that is the same in all points
-    """
-
-    covariances: NDArray[np.float64]
-    shared: NDArray[np.float64]
+    covariances: NDArray[np.float64]  # (n, 3, 3) m², of the error that each point has of its own
+    shared: NDArray[np.float64]  # (3, 3) m², covariance of the error that is the same in all points
 
 
 def point_noise(observed_object: ObservedObject) -> PointNoise:
@@ -270,44 +264,26 @@ def splits_of(
 
 @dataclass(frozen=True, eq=False)
 class ObservedCalibration:
-    """What the calibration found.
+    """What the calibration found."""
 
-    Parameters
-    ----------
-    calibration : of all observations that were held out
-    learned : θ_s, from the past; from all observations where there are several splits
-    notes : paragraphs on what only this set can show
-    """
-
-    calibration: Calibration
+    calibration: Calibration  # of all observations that were held out
+    # θ_s, from the past; from all observations where there are several splits
     learned: LearnedParameters
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # paragraphs on what only this set can show
 
 
 @dataclass(frozen=True)
 class ObservedCalibrationOptions:
-    """How the calibration is made.
+    """How the calibration is made."""
 
-    Parameters
-    ----------
-    points : of each object that are seen
-    horizons : s after the last of them
-    splits : into past and held-out observations, as in `splits_of`
-    sample_count : simulations of each prediction
-    iterations : evaluations of J at most
-    engine : that learns and predicts
-    seed : of everything
-    cores : splits that are made at the same time, each in a process of its own
-    """
-
-    points: int
-    horizons: tuple[float, ...]
-    splits: int = 1
-    sample_count: int = 100
-    iterations: int = 2000
-    engine: str = "auto"
-    seed: int = 0
-    cores: int = 1
+    points: int  # of each object that are seen
+    horizons: tuple[float, ...]  # s after the last of them
+    splits: int = 1  # into past and held-out observations, as in `splits_of`
+    sample_count: int = 100  # simulations of each prediction
+    iterations: int = 2000  # evaluations of J at most
+    engine: str = "auto"  # that learns and predicts
+    seed: int = 0  # of everything
+    cores: int = 1  # splits that are made at the same time, each in a process of its own
 
 
 def calibrate_on_observations(

@@ -190,50 +190,32 @@ POINT_COUNTS = (3, 5, 10, 15)
 
 @dataclass(frozen=True)
 class PaperCalibrationOptions:
-    """How the calibration is made.
+    """How the calibration is made."""
 
-    Parameters
-    ----------
-    objects, kinds : of the set, as in `make_paper_dataset`
-    samples : throws of each object to learn from and to fit the noise to
-    held_out : throws of each object to score on: a true 90 % is seen as 90 % ± 30 / √n % of n
-        trajectories, and objects thrown together share their fate
-    points : that are seen of each object
-    point_counts : the same, for the error against how much was seen
-    horizons : s after the last point
-    sample_count : simulations of each prediction
-    iterations : of the search for θ_s, which estimates initial states with it
-    engine : that makes the set, learns and predicts
-    seed : of everything
-    """
-
+    # objects, kinds: of the set, as in `make_paper_dataset`
     objects: int = 3
-    samples: int = 60
+    samples: int = 60  # throws of each object to learn from and to fit the noise to
+    # throws of each object to score on: a true 90 % is seen as 90 % ± 30 / √n % of n trajectories,
+    # and objects thrown together share their fate
     held_out: int = 100
     kinds: Sequence[str] = SHAPE_KINDS
-    points: int = 10
-    point_counts: Sequence[int] = POINT_COUNTS
-    horizons: Sequence[float] = HORIZONS
-    sample_count: int = 100
-    iterations: int = 2500
-    engine: str = "auto"
-    seed: int = 0
+    points: int = 10  # that are seen of each object
+    point_counts: Sequence[int] = POINT_COUNTS  # the same, for the error against how much was seen
+    horizons: Sequence[float] = HORIZONS  # s after the last point
+    sample_count: int = 100  # simulations of each prediction
+    iterations: int = 2500  # of the search for θ_s, which estimates initial states with it
+    engine: str = "auto"  # that makes the set, learns and predicts
+    seed: int = 0  # of everything
 
 
 @dataclass(frozen=True, eq=False)
 class PaperCalibration:
-    """What the calibration found.
+    """What the calibration found."""
 
-    Parameters
-    ----------
-    calibration : of predictions from `points` points
-    learned : θ_s
-    by_points : scores of ours by how many points were seen, all at the same instants: horizons
-        count from the last of the most points
-    """
-
-    calibration: Calibration
-    learned: LearnedParameters
+    calibration: Calibration  # of predictions from `points` points
+    learned: LearnedParameters  # θ_s
+    # scores of ours by how many points were seen, all at the same instants: horizons count from the
+    # last of the most points
     by_points: dict[int, Scores]
 
     def summary(self) -> dict[str, Any]:

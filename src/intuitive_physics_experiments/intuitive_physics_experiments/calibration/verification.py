@@ -22,22 +22,15 @@ REGIONS = (0.5, 0.9)
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """How one way to predict did, for each trajectory at each horizon.
+    """How one way to predict did, for each trajectory at each horizon."""
 
-    Parameters
-    ----------
-    levels : (n, n_horizons, 2) of `highest_density_levels`; NaN where there is one sample only, or
-        the outcome is not known
-    energy : (n, n_horizons) m, energy score
-    crps : (n, n_horizons) m, mean over the axes
-    error : (n, n_horizons) m, distance of the samples' mean
-    spread : (n, n_horizons) m, root mean square distance of the samples from their mean
-    """
-
+    # (n, n_horizons, 2) of `highest_density_levels`; NaN where there is one sample only, or the
+    # outcome is not known
     levels: NDArray[np.float64]
-    energy: NDArray[np.float64]
-    crps: NDArray[np.float64]
-    error: NDArray[np.float64]
+    energy: NDArray[np.float64]  # (n, n_horizons) m, energy score
+    crps: NDArray[np.float64]  # (n, n_horizons) m, mean over the axes
+    error: NDArray[np.float64]  # (n, n_horizons) m, distance of the samples' mean
+    # (n, n_horizons) m, root mean square distance of the samples from their mean
     spread: NDArray[np.float64]
 
     def coverage(self, probability: float) -> NDArray[np.float64]:

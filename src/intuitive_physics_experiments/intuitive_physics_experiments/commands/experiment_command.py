@@ -26,29 +26,18 @@ from intuitive_physics_experiments.paper.settings import (
 
 @dataclass(frozen=True)
 class Experiment:
-    """A subcommand that makes one experiment.
+    """A subcommand that makes one experiment."""
 
-    Parameters
-    ----------
-    name : of the subcommand
-    help, description : as argparse shows them
-    module : that makes it; imported only when it is asked for, since that takes seconds
-    run : name of the module's `results.Experiment`
-    settings : class of its settings
-    options : settings that can be given
-    quick : reduced settings
-    label : of the progress bar
-    """
-
-    name: str
+    name: str  # of the subcommand
+    # help, description: as argparse shows them
     help: str
     description: str
-    module: str
-    run: str
-    settings: type[Any]
-    options: tuple[str, ...]
-    quick: Mapping[str, Any]
-    label: str
+    module: str  # that makes it; imported only when it is asked for, since that takes seconds
+    run: str  # name of the module's `results.Experiment`
+    settings: type[Any]  # class of its settings
+    options: tuple[str, ...]  # settings that can be given
+    quick: Mapping[str, Any]  # reduced settings
+    label: str  # of the progress bar
 
 
 EXPERIMENTS = (

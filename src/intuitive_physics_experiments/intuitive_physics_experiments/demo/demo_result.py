@@ -23,142 +23,86 @@ from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 
 @dataclass(frozen=True, eq=False)
 class ExampleFrame:
-    """One depth frame and what perception found in it.
+    """One depth frame and what perception found in it."""
 
-    Parameters
-    ----------
-    depth : (height, width) uint16 millimetres, 0 where there is no reading
-    camera_matrix : (3, 3) pixels
-    rotation, translation : (3, 3) and (3,) m, p_environment = rotation p_sensor + translation
-    environment : perceived Ω_e
-    plane_outlines : for each plane, (n, 3) m in the environment's frame, what was seen of it
-    sphere_center : (3,) m in the environment's frame
-    sphere_radius : m
-    track : (n, 3) m in the environment's frame, where the ball was seen in its whole throw
-    """
-
-    depth: NDArray[np.uint16]
-    camera_matrix: NDArray[np.float64]
+    depth: NDArray[np.uint16]  # (height, width) uint16 millimetres, 0 where there is no reading
+    camera_matrix: NDArray[np.float64]  # (3, 3) pixels
+    # rotation, translation: (3, 3) and (3,) m, p_environment = rotation p_sensor + translation
     rotation: NDArray[np.float64]
     translation: NDArray[np.float64]
-    environment: Environment
+    environment: Environment  # perceived Ω_e
+    # for each plane, (n, 3) m in the environment's frame, what was seen of it
     plane_outlines: tuple[NDArray[np.float64], ...]
-    sphere_center: NDArray[np.float64]
-    sphere_radius: float
+    sphere_center: NDArray[np.float64]  # (3,) m in the environment's frame
+    sphere_radius: float  # m
+    # (n, 3) m in the environment's frame, where the ball was seen in its whole throw
     track: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class LearningOutcome:
-    """What was learned.
+    """What was learned."""
 
-    Parameters
-    ----------
-    true : θ_s the balls obeyed, over the materials of `learned` at least
-    learned : θ_s with uncertainty
-    cost_history : (iterations,) m, lowest J after each iteration
-    default_cost : m, J of the default parameters on the same observations
-    oracle_cost : m, J of the true parameters on them: noise that no learner can remove
-    """
-
-    true: StaticParameters
-    learned: LearnedParameters
-    cost_history: NDArray[np.float64]
-    default_cost: float
-    oracle_cost: float
+    true: StaticParameters  # θ_s the balls obeyed, over the materials of `learned` at least
+    learned: LearnedParameters  # θ_s with uncertainty
+    cost_history: NDArray[np.float64]  # (iterations,) m, lowest J after each iteration
+    default_cost: float  # m, J of the default parameters on the same observations
+    oracle_cost: float  # m, J of the true parameters on them: noise that no learner can remove
 
 
 @dataclass(frozen=True)
 class ThrowErrors:
-    """How well one throw was seen and explained.
+    """How well one throw was seen and explained."""
 
-    Parameters
-    ----------
-    name : shown in the table
-    material : name
-    radius : m, true
-    points : how often the ball was seen
-    perception_rmse : m, seen against true positions
-    learned_distance : m, D̄ of the learned parameters
-    oracle_distance : m, D̄ of the true parameters
-    default_distance : m, D̄ of the default parameters
-    """
-
-    name: str
-    material: str
-    radius: float
-    points: int
-    perception_rmse: float
-    learned_distance: float
-    oracle_distance: float
-    default_distance: float
+    name: str  # shown in the table
+    material: str  # name
+    radius: float  # m, true
+    points: int  # how often the ball was seen
+    perception_rmse: float  # m, seen against true positions
+    learned_distance: float  # m, D̄ of the learned parameters
+    oracle_distance: float  # m, D̄ of the true parameters
+    default_distance: float  # m, D̄ of the default parameters
 
 
 @dataclass(frozen=True, eq=False)
 class PredictionOutcome:
-    """A throw that was predicted before it happened.
+    """A throw that was predicted before it happened."""
 
-    Parameters
-    ----------
-    environment : the one it was predicted in
-    material : of the ball
-    radius : m
-    times : (n_times,) s after the state that was predicted from
-    samples : (n_samples, n_times, 3) m
-    mean : (n_times, 3) m
-    observed_times : (n,) s on the same clock; may begin before 0
-    observed : (n, 3) m, where the ball was seen
-    true : (n_times, 3) m, where it truly was at `times`
-    """
-
-    environment: Environment
-    material: str
-    radius: float
-    times: NDArray[np.float64]
-    samples: NDArray[np.float64]
-    mean: NDArray[np.float64]
-    observed_times: NDArray[np.float64]
-    observed: NDArray[np.float64]
-    true: NDArray[np.float64]
+    environment: Environment  # the one it was predicted in
+    material: str  # of the ball
+    radius: float  # m
+    times: NDArray[np.float64]  # (n_times,) s after the state that was predicted from
+    samples: NDArray[np.float64]  # (n_samples, n_times, 3) m
+    mean: NDArray[np.float64]  # (n_times, 3) m
+    observed_times: NDArray[np.float64]  # (n,) s on the same clock; may begin before 0
+    observed: NDArray[np.float64]  # (n, 3) m, where the ball was seen
+    true: NDArray[np.float64]  # (n_times, 3) m, where it truly was at `times`
 
 
 @dataclass(frozen=True, eq=False)
 class DemoResult:
-    """Everything the report shows.
+    """Everything the report shows."""
 
-    Parameters
-    ----------
-    example : one frame
-    learning : what was learned
-    throws : one entry a throw
-    prediction : the throw that was predicted
-    predicted : the throws, each predicted before it was learned from
-    summary : the numbers the demo ends with, by name
-    about : how it was made (seed, versions, times …), shown as text
-    """
-
-    example: ExampleFrame
-    learning: LearningOutcome
-    throws: tuple[ThrowErrors, ...]
-    prediction: PredictionOutcome
+    example: ExampleFrame  # one frame
+    learning: LearningOutcome  # what was learned
+    throws: tuple[ThrowErrors, ...]  # one entry a throw
+    prediction: PredictionOutcome  # the throw that was predicted
+    # the throws, each predicted before it was learned from
     predicted: Predicted = field(default_factory=Predicted)
+    # the numbers the demo ends with, by name
     summary: Mapping[str, float] = field(default_factory=dict)
+    # how it was made (seed, versions, times …), shown as text
     about: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
 class PerceivedFrame:
-    """The frame perception made for itself, and the truth's place in it.
+    """The frame perception made for itself, and the truth's place in it."""
 
-    Parameters
-    ----------
-    rotation, translation : (3, 3) and (3,) m, p_environment = rotation p_camera + translation
-    truth : of the recording
-    """
-
+    # rotation, translation: (3, 3) and (3,) m, p_environment = rotation p_camera + translation
     rotation: NDArray[np.float64]
     translation: NDArray[np.float64]
-    truth: GroundTruth
+    truth: GroundTruth  # of the recording
 
     def true_positions(self, throw: Throw, stamps: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return where a ball truly was, (n, 3) m in this frame, at stamps (n,) s of the bag."""

@@ -37,18 +37,11 @@ SAMPLES = 20
 
 @dataclass(frozen=True, eq=False)
 class PredictedPaths:
-    """One prediction.
+    """One prediction."""
 
-    Parameters
-    ----------
-    made : s, the stamp of the states that it begins with
-    times : (n,) s from then on
-    paths : (n_samples, n, 3) m
-    """
-
-    made: float
-    times: NDArray[np.float64]
-    paths: NDArray[np.float64]
+    made: float  # s, the stamp of the states that it begins with
+    times: NDArray[np.float64]  # (n,) s from then on
+    paths: NDArray[np.float64]  # (n_samples, n, 3) m
 
 
 def write_moving_picture(
@@ -95,15 +88,10 @@ def write_moving_picture(
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """What a frame and what was perceived and predicted look like from the camera.
+    """What a frame and what was perceived and predicted look like from the camera."""
 
-    Parameters
-    ----------
-    perceived : where the camera is
-    part : left, top, right and bottom of what is shown, in pixels of the camera
-    """
-
-    perceived: PerceivedFrame
+    perceived: PerceivedFrame  # where the camera is
+    # left, top, right and bottom of what is shown, in pixels of the camera
     part: tuple[float, float, float, float]
 
     def draw(

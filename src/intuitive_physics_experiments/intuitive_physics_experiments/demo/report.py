@@ -57,16 +57,10 @@ INTRODUCTION = (
 
 @dataclass(frozen=True)
 class ReportPaths:
-    """Where a report was written.
+    """Where a report was written."""
 
-    Parameters
-    ----------
-    page : self-contained HTML
-    picture : PNG
-    """
-
-    page: Path
-    picture: Path
+    page: Path  # self-contained HTML
+    picture: Path  # PNG
 
 
 def write_report(result: DemoResult, folder: Path) -> ReportPaths:

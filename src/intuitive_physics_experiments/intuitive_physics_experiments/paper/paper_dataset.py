@@ -54,18 +54,12 @@ before the first surprise, or the truth (which no learner has)."""
 
 @dataclass(frozen=True, eq=False)
 class PaperRun:
-    """One simulation run of the set.
+    """One simulation run of the set."""
 
-    Parameters
-    ----------
-    scene : with the true initial states
-    positions : (n_objects, n_times, 3) m, the true ones at the times of the observation
-    observation : what a learner gets
-    """
-
-    scene: Scene
+    scene: Scene  # with the true initial states
+    # (n_objects, n_times, 3) m, the true ones at the times of the observation
     positions: NDArray[np.float64]
-    observation: Observation
+    observation: Observation  # what a learner gets
 
     def with_initial_states(self, source: str) -> PaperRun:
         """Return the same run with the initial states of another of `INITIAL_STATES`."""
@@ -83,19 +77,12 @@ class PaperRun:
 
 @dataclass(frozen=True, eq=False)
 class PaperDataset:
-    """A pool of objects, the θ_s they obey, and what was seen of them.
+    """A pool of objects, the θ_s they obey, and what was seen of them."""
 
-    Parameters
-    ----------
-    pool : objects, each of its own material
-    parameters : the true θ_s, of the pool's materials and the room's
-    engine : name of the engine that moved the objects
-    training, test : runs, 80 % and 20 %; a single run is one to train on
-    """
-
-    pool: tuple[SceneObject, ...]
-    parameters: StaticParameters
-    engine: str
+    pool: tuple[SceneObject, ...]  # objects, each of its own material
+    parameters: StaticParameters  # the true θ_s, of the pool's materials and the room's
+    engine: str  # name of the engine that moved the objects
+    # training, test: runs, 80 % and 20 %; a single run is one to train on
     training: tuple[PaperRun, ...]
     test: tuple[PaperRun, ...]
 

@@ -31,12 +31,7 @@ class DatasetSettings:
 
 @dataclass(frozen=True)
 class LearningCurveSettings:
-    """Settings of the training and test error over numbers of objects and samples.
-
-    Parameters
-    ----------
-    initial_states : each is learned with; see `paper_dataset.INITIAL_STATES`
-    """
+    """Settings of the training and test error over numbers of objects and samples."""
 
     objects: tuple[int, ...] = numbers((1, 5, 10), 1, inf, "sizes of the pool")
     samples: tuple[int, ...] = numbers((10, 50, 100), 1, inf, "trajectories of each object")
@@ -44,6 +39,7 @@ class LearningCurveSettings:
     iterations: int = number(1000, 1, inf, "evaluations of J for each learning")
     method: str = other("cma_es", "update rule")
     engine: str = other("auto", ENGINE_GUIDE)
+    # each is learned with; see `paper_dataset.INITIAL_STATES`
     initial_states: tuple[str, ...] = ("three_points", "flight")
     seed: int = number(0, 0, inf, "of all randomness")
 
@@ -69,18 +65,7 @@ def _compared_rules() -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class SearchMethodsSettings:
-    """Settings of the comparison of update rules.
-
-    Parameters
-    ----------
-    methods : update rules, with the settings of Table I: the nine, and the adaptive one whose steps
-        Table I bounds
-
-    Raises
-    ------
-    InvalidInputError
-        When `iterations` are neither one number nor as many as `objects`.
-    """
+    """Settings of the comparison of update rules."""
 
     objects: tuple[int, ...] = numbers((1, 10, 20), 1, inf, "sizes of the pool")
     samples: tuple[int, ...] = numbers((1, 10, 50), 1, inf, "trajectories of each object")
@@ -92,6 +77,8 @@ class SearchMethodsSettings:
         "evaluations of J in each search, one number for each of `objects` or one for all; with 14 "
         "parameters `hybrid_random` needs 790 to leave its sweeps",
     )
+    # update rules, with the settings of Table I: the nine, and the adaptive one whose steps Table I
+    # bounds
     methods: tuple[str, ...] = field(default_factory=_compared_rules)
     seed: int = number(0, 0, inf, "of all randomness")
 

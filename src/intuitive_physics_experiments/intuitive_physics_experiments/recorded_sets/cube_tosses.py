@@ -35,16 +35,10 @@ LENGTH_CORRECTION = 1.02
 
 @dataclass(frozen=True, eq=False)
 class CubeToss:
-    """One toss: an observation, and how the cube was turned at each of its points.
+    """One toss: an observation, and how the cube was turned at each of its points."""
 
-    Parameters
-    ----------
-    observation : of one object, a cube; starts at its first point
-    orientations : (n, 4) unit quaternions (x, y, z, w), cube to world
-    """
-
-    observation: Observation
-    orientations: NDArray[np.float64]
+    observation: Observation  # of one object, a cube; starts at its first point
+    orientations: NDArray[np.float64]  # (n, 4) unit quaternions (x, y, z, w), cube to world
 
     @property
     def width(self) -> float:

@@ -223,47 +223,29 @@ def _air_coefficients(
 
 @dataclass(frozen=True, eq=False)
 class BallPrior:
-    """What is known of a flight before it is seen.
+    """What is known of a flight before it is seen."""
 
-    Parameters
-    ----------
-    coefficients : (7,) means of `COEFFICIENTS`
-    coefficient_covariance : (7, 7) of single flights
-    spin_means : (k, 3) rad/s about the flight's axes (`flight_axes`), of each Gaussian
-    spin_covariance : (3, 3) (rad/s)² about them, of every Gaussian
-    spin_weights : (k,) probabilities of the Gaussians
-    noise : (3,) m, standard deviations of a detection
-    degrees : of freedom of Student's t, by which a detection may be no ball
-    """
-
-    coefficients: NDArray[np.float64]
-    coefficient_covariance: NDArray[np.float64]
+    coefficients: NDArray[np.float64]  # (7,) means of `COEFFICIENTS`
+    coefficient_covariance: NDArray[np.float64]  # (7, 7) of single flights
+    # (k, 3) rad/s about the flight's axes (`flight_axes`), of each Gaussian
     spin_means: NDArray[np.float64]
-    spin_covariance: NDArray[np.float64]
-    spin_weights: NDArray[np.float64]
+    spin_covariance: NDArray[np.float64]  # (3, 3) (rad/s)² about them, of every Gaussian
+    spin_weights: NDArray[np.float64]  # (k,) probabilities of the Gaussians
+    # (3,) m, standard deviations of a detection
     noise: NDArray[np.float64] = field(default_factory=lambda: np.array([6e-4, 9e-4, 8e-4]))
-    degrees: float = 4.0
+    degrees: float = 4.0  # of freedom of Student's t, by which a detection may be no ball
 
 
 @dataclass(frozen=True, eq=False)
 class BallEstimate:
-    """Explanations of a flight.
+    """Explanations of a flight."""
 
-    Parameters
-    ----------
-    start : s, the time of the states
-    unknowns : (k, 16), as `BallModel.positions` takes them
-    covariances : (k, 16, 16)
-    weights : (k,) probabilities
-    components : (k,) the Gaussian of the prior that each comes from
-    log_evidence : log probability of what was seen, up to a constant that depends on the rows only
-    """
-
-    start: float
-    unknowns: NDArray[np.float64]
-    covariances: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    components: NDArray[np.intp]
+    start: float  # s, the time of the states
+    unknowns: NDArray[np.float64]  # (k, 16), as `BallModel.positions` takes them
+    covariances: NDArray[np.float64]  # (k, 16, 16)
+    weights: NDArray[np.float64]  # (k,) probabilities
+    components: NDArray[np.intp]  # (k,) the Gaussian of the prior that each comes from
+    # log probability of what was seen, up to a constant that depends on the rows only
     log_evidence: float
 
     def predict(self, model: BallModel, times: NDArray[np.float64]) -> NDArray[np.float64]:

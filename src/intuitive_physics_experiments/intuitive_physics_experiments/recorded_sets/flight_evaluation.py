@@ -91,26 +91,20 @@ Predictor = Callable[
 
 @dataclass(frozen=True, eq=False)
 class FlightScore:
-    """Errors of one flight with a bounce.
+    """Errors of one flight with a bounce."""
 
-    Parameters
-    ----------
-    name : of the flight
-    measured : (2,) rad/s, the measured spin across the flight at the bounce: level, and upward
-    before, after : (2,) rad/s, estimated from the rows before the bounce, and through it
-    deviation : (2,) rad/s, standard deviation of `after`
-    label_odds : log odds by the rows before the bounce that the measured spin is of this flight
-    beyond_bounce : by the way to predict, m, median error from what was seen before the bounce
-    beyond_seen : by the way to predict, m, median error from what was seen until shortly after it
-    """
-
-    name: str
+    name: str  # of the flight
+    # (2,) rad/s, the measured spin across the flight at the bounce: level, and upward
     measured: NDArray[np.float64]
+    # before, after: (2,) rad/s, estimated from the rows before the bounce, and through it
     before: NDArray[np.float64]
     after: NDArray[np.float64]
-    deviation: NDArray[np.float64]
+    deviation: NDArray[np.float64]  # (2,) rad/s, standard deviation of `after`
+    # log odds by the rows before the bounce that the measured spin is of this flight
     label_odds: float
+    # by the way to predict, m, median error from what was seen before the bounce
     beyond_bounce: dict[str, float]
+    # by the way to predict, m, median error from what was seen until shortly after it
     beyond_seen: dict[str, float]
 
     @property
@@ -121,19 +115,13 @@ class FlightScore:
 
 @dataclass(frozen=True, eq=False)
 class FlightEvaluation:
-    """Errors of a set of flights.
+    """Errors of a set of flights."""
 
-    Parameters
-    ----------
-    prior : learned from the flights of even number
-    training, test : scores of the flights of even and of odd number that `bounces_well`
-    counts : flights of even and of odd number, with a bounce or without
-    """
-
-    prior: BallPrior
+    prior: BallPrior  # learned from the flights of even number
+    # training, test: scores of the flights of even and of odd number that `bounces_well`
     training: list[FlightScore]
     test: list[FlightScore]
-    counts: tuple[int, int]
+    counts: tuple[int, int]  # flights of even and of odd number, with a bounce or without
 
 
 def evaluate_flights(

@@ -37,16 +37,10 @@ MOST_ROUNDS = 60
 
 @dataclass(frozen=True)
 class AirFactors:
-    """Accelerations by air: -drag |v| v + magnus ω × v.
+    """Accelerations by air: -drag |v| v + magnus ω × v."""
 
-    Parameters
-    ----------
-    drag : 1/m, ½ ρ C_d A / m
-    magnus : ½ ρ A r C_M / m
-    """
-
-    drag: float
-    magnus: float
+    drag: float  # 1/m, ½ ρ C_d A / m
+    magnus: float  # ½ ρ A r C_M / m
 
     def __post_init__(self) -> None:
         non_negative_float(self.drag, "drag factor")

@@ -32,18 +32,11 @@ from intuitive_physics_recordings.npz_file import Arrays, load_arrays
 
 @dataclass(frozen=True)
 class RecordedSet:
-    """A kind of recorded set.
+    """A kind of recorded set."""
 
-    Parameters
-    ----------
-    title : what a user calls it
-    arrays : names that the file has
-    load : makes observations of its arrays
-    """
-
-    title: str
-    arrays: frozenset[str]
-    load: Callable[[Arrays], list[Observation]]
+    title: str  # what a user calls it
+    arrays: frozenset[str]  # names that the file has
+    load: Callable[[Arrays], list[Observation]]  # makes observations of its arrays
 
 
 CUBE_TOSSES = RecordedSet(

@@ -41,24 +41,14 @@ SPEED_STEPS = 5
 
 @dataclass(frozen=True, eq=False)
 class SpinFlight:
-    """One flight.
+    """One flight."""
 
-    Parameters
-    ----------
-    name : unique in its set
-    times : (n,) s, of the images, from 0
-    stamps : (n,) s, as recorded, from 0
-    positions : (n, 3) m, of the ball's centre; some rows may be no ball
-    spin : (3,) rad/s, before the bounce, as a camera measured it
-    bounce : lowest row of the first bounce on the table; None where there is none
-    """
-
-    name: str
-    times: NDArray[np.float64]
-    stamps: NDArray[np.float64]
-    positions: NDArray[np.float64]
-    spin: NDArray[np.float64]
-    bounce: int | None
+    name: str  # unique in its set
+    times: NDArray[np.float64]  # (n,) s, of the images, from 0
+    stamps: NDArray[np.float64]  # (n,) s, as recorded, from 0
+    positions: NDArray[np.float64]  # (n, 3) m, of the ball's centre; some rows may be no ball
+    spin: NDArray[np.float64]  # (3,) rad/s, before the bounce, as a camera measured it
+    bounce: int | None  # lowest row of the first bounce on the table; None where there is none
 
 
 def spin_flights(arrays: Arrays) -> list[SpinFlight]:

@@ -57,16 +57,10 @@ FEWEST_POINTS = 20
 
 @dataclass(frozen=True)
 class AirCoefficients:
-    """What air does to a ball; all zero is the paper's vacuum.
+    """What air does to a ball; all zero is the paper's vacuum."""
 
-    Parameters
-    ----------
-    drag : C_d, about 0.47 for a smooth sphere at these speeds
-    magnus : C_M, about 1
-    """
-
-    drag: float = 0.0
-    magnus: float = 0.0
+    drag: float = 0.0  # C_d, about 0.47 for a smooth sphere at these speeds
+    magnus: float = 0.0  # C_M, about 1
 
     def __post_init__(self) -> None:
         non_negative_float(self.drag, "drag coefficient")

@@ -44,17 +44,11 @@ UNFIT = 1e3
 
 @dataclass(frozen=True, eq=False)
 class LookAhead:
-    """Where balls were expected some time after they were watched, and where they then were.
+    """Where balls were expected some time after they were watched, and where they then were."""
 
-    Parameters
-    ----------
-    ahead : s, at most `MOST_AHEAD`: as long as all balls were seen
-    errors : by the way to predict, (n_balls,) m
-    spread : m, root of the mean squared distance of the balls from their mean place at that time
-    """
-
-    ahead: float
-    errors: dict[str, NDArray[np.float64]]
+    ahead: float  # s, at most `MOST_AHEAD`: as long as all balls were seen
+    errors: dict[str, NDArray[np.float64]]  # by the way to predict, (n_balls,) m
+    # m, root of the mean squared distance of the balls from their mean place at that time
     spread: float
 
 

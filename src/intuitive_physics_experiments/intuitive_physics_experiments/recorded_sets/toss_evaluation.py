@@ -34,15 +34,10 @@ FAILED_DISTANCE = 1000.0
 
 @dataclass(frozen=True, eq=False)
 class TossErrors:
-    """Errors of tosses, each the mean over the steps after the first row.
+    """Errors of tosses, each the mean over the steps after the first row."""
 
-    Parameters
-    ----------
-    position : (..., n_tosses) distance of the centres over the cube's width
-    rotation : (..., n_tosses) rad, angle of the rotation between the orientations
-    """
-
-    position: NDArray[np.float64]
+    position: NDArray[np.float64]  # (..., n_tosses) distance of the centres over the cube's width
+    # (..., n_tosses) rad, angle of the rotation between the orientations
     rotation: NDArray[np.float64]
 
 
@@ -157,38 +152,26 @@ class FrictionAndRestitution:
 
 @dataclass(frozen=True, eq=False)
 class TossFit:
-    """What one engine made of the tosses.
+    """What one engine made of the tosses."""
 
-    Parameters
-    ----------
-    simulator : the engine, of those of that name the one that fitted best
-    search : how the fit went; its cost is that of `toss_cost`, m
-    fitted, default : errors in training and in the test with fitted and with default parameters
-    """
-
-    simulator: Simulator
-    search: SearchResult
+    simulator: Simulator  # the engine, of those of that name the one that fitted best
+    search: SearchResult  # how the fit went; its cost is that of `toss_cost`, m
+    # fitted, default: errors in training and in the test with fitted and with default parameters
     fitted: tuple[TossErrors, TossErrors]
     default: tuple[TossErrors, TossErrors]
 
 
 @dataclass(frozen=True, eq=False)
 class TossEvaluation:
-    """What an evaluation found.
+    """What an evaluation found."""
 
-    Parameters
-    ----------
-    training, test : tosses fitted to and not fitted to
-    fits : by the engine's name
-    free_flight : errors in training and in the test of flying until the first touch
-    mass_centre : what was learned of it, if it was
-    """
-
+    # training, test: tosses fitted to and not fitted to
     training: tuple[CubeToss, ...]
     test: tuple[CubeToss, ...]
-    fits: dict[str, TossFit]
+    fits: dict[str, TossFit]  # by the engine's name
+    # errors in training and in the test of flying until the first touch
     free_flight: tuple[TossErrors, TossErrors]
-    mass_centre: MassCentreFit | None = None
+    mass_centre: MassCentreFit | None = None  # what was learned of it, if it was
 
 
 def toss_parameters(friction: float, restitution: float) -> StaticParameters:

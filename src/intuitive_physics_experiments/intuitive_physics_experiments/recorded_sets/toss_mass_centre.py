@@ -27,18 +27,11 @@ FEWEST_ROWS = 6
 
 @dataclass(frozen=True, eq=False)
 class MassCentreFit:
-    """A centre of mass.
+    """A centre of mass."""
 
-    Parameters
-    ----------
-    mass_centre : (3,) m, in the cube's axes, from its centre
-    deviation : (3,) m, σ of each, from how the flights differ
-    flights : tosses it is fitted to
-    """
-
-    mass_centre: NDArray[np.float64]
-    deviation: NDArray[np.float64]
-    flights: int
+    mass_centre: NDArray[np.float64]  # (3,) m, in the cube's axes, from its centre
+    deviation: NDArray[np.float64]  # (3,) m, σ of each, from how the flights differ
+    flights: int  # tosses it is fitted to
 
 
 def fit_mass_centre(tosses: Sequence[CubeToss]) -> MassCentreFit:

@@ -31,15 +31,10 @@ Color = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class BallSurface:
-    """Colours of a ball by direction from its centre, in its own axes.
+    """Colours of a ball by direction from its centre, in its own axes."""
 
-    Parameters
-    ----------
-    pattern : one of `PATTERNS`
-    ground, mark : reflectance of the ball and of what is painted on it
-    """
-
-    pattern: str = PLAIN
+    pattern: str = PLAIN  # one of `PATTERNS`
+    # ground, mark: reflectance of the ball and of what is painted on it
     ground: Color = (0.75, 0.75, 0.2)
     mark: Color = (0.15, 0.15, 0.15)
 

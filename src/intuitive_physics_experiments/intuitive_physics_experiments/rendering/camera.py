@@ -21,23 +21,15 @@ UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Pinhole camera; its optical frame is x right, y down, z forward (REP 103).
+    """Pinhole camera; its optical frame is x right, y down, z forward (REP 103)."""
 
-    Parameters
-    ----------
-    width, height : image size in pixels
-    focal_length : pixels, the same in both directions
-    position : (3,) m, of the optical centre in the world
-    rotation : (3, 3), optical frame to world
-    frame_id : name of the optical frame
-    """
-
+    # width, height: image size in pixels
     width: int
     height: int
-    focal_length: float
-    position: NDArray[np.float64]
-    rotation: NDArray[np.float64]
-    frame_id: str = OPTICAL_FRAME
+    focal_length: float  # pixels, the same in both directions
+    position: NDArray[np.float64]  # (3,) m, of the optical centre in the world
+    rotation: NDArray[np.float64]  # (3, 3), optical frame to world
+    frame_id: str = OPTICAL_FRAME  # name of the optical frame
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:

@@ -23,21 +23,15 @@ ROOM_REFLECTANCE = 0.6
 
 @dataclass(frozen=True)
 class RoomLight:
-    """Light that stands still in the room.
+    """Light that stands still in the room."""
 
-    Parameters
-    ----------
-    direction : (3,) towards the light, in the world, of any length
-    ambient, diffuse : part of the light from all sides and from that direction
-    gloss : height of a highlight, 0 for a dull ball
-    gloss_exponent : the larger the smaller is the highlight
-    """
-
+    # (3,) towards the light, in the world, of any length
     direction: tuple[float, float, float] = (-0.4, 0.3, 1.0)
+    # ambient, diffuse: part of the light from all sides and from that direction
     ambient: float = 0.35
     diffuse: float = 0.65
-    gloss: float = 0.0
-    gloss_exponent: float = 40.0
+    gloss: float = 0.0  # height of a highlight, 0 for a dull ball
+    gloss_exponent: float = 40.0  # the larger the smaller is the highlight
 
     def shading(
         self, normals: NDArray[np.float64], to_camera: NDArray[np.float64]
@@ -59,19 +53,13 @@ class RoomLight:
 
 @dataclass(frozen=True)
 class ColorNoise:
-    """Faults of the colour image.
+    """Faults of the colour image."""
 
-    Parameters
-    ----------
-    deviation : standard deviation of each channel in levels of 255
-    blur : pixels, standard deviation of what lens and demosaicing make of a point; the noise is
-        blurred by half of it
-    exposure : s, for which a ball moves and turns while it is seen
-    """
-
-    deviation: float = 3.0
+    deviation: float = 3.0  # standard deviation of each channel in levels of 255
+    # pixels, standard deviation of what lens and demosaicing make of a point; the noise is blurred
+    # by half of it
     blur: float = 0.5
-    exposure: float = 0.0
+    exposure: float = 0.0  # s, for which a ball moves and turns while it is seen
 
     def __post_init__(self) -> None:
         if min(self.deviation, self.blur, self.exposure) < 0.0:
@@ -83,21 +71,14 @@ class ColorNoise:
 
 @dataclass(frozen=True, eq=False)
 class ColoredBall:
-    """A ball at an instant, in the world.
+    """A ball at an instant, in the world."""
 
-    Parameters
-    ----------
-    center : (3,) m
-    radius : m
-    surface : what is painted on it
-    orientation : (3, 3), the ball's axes to the world
-    velocity, angular_velocity : (3,) m/s and rad/s, which an exposure blurs
-    """
-
-    center: NDArray[np.float64]
-    radius: float
-    surface: BallSurface
+    center: NDArray[np.float64]  # (3,) m
+    radius: float  # m
+    surface: BallSurface  # what is painted on it
+    # (3, 3), the ball's axes to the world
     orientation: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
+    # velocity, angular_velocity: (3,) m/s and rad/s, which an exposure blurs
     velocity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     angular_velocity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 

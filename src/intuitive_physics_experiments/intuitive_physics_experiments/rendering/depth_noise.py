@@ -24,43 +24,30 @@ _RANDOM_LEVELS = 1 << 16
 
 @dataclass(frozen=True)
 class DepthNoise:
-    """Sizes of the faults.
+    """Sizes of the faults."""
 
-    Parameters
-    ----------
-    axial_constant : a of σ(z) = a + b z², m
-    axial_quadratic : b, 1/m
-    matching_window : pixels; one disparity comes from a square of this edge, so the noise of
-        readings nearer to each other than that goes together
-    lateral_sigma : pixels; each reading is taken from so far beside its own ray
-    baseline : m between the two imagers
-    subpixels : disparity levels in one pixel
-    nearest, farthest : m, range of readings
-    grazing_start, grazing_end : degrees of incidence where readings begin to be missing, and
-        where all are
-    edge_loss : share of readings lost at depth edges
-    edge_jump : step of depth between neighbours, as a share of it, that is an edge
-    random_loss : share of readings lost anywhere
-    fattening : pixels by which the nearer side of a depth edge grows over the farther one, as where
-        a matching window sees both
-    flying : share of the readings at depth edges that lie anywhere between both sides
-    """
-
-    axial_constant: float = 0.001
-    axial_quadratic: float = 0.0012
+    axial_constant: float = 0.001  # a of σ(z) = a + b z², m
+    axial_quadratic: float = 0.0012  # b, 1/m
+    # pixels; one disparity comes from a square of this edge, so the noise of readings nearer to
+    # each other than that goes together
     matching_window: int = 3
-    lateral_sigma: float = 0.5
-    baseline: float = 0.05
-    subpixels: int = 32
+    lateral_sigma: float = 0.5  # pixels; each reading is taken from so far beside its own ray
+    baseline: float = 0.05  # m between the two imagers
+    subpixels: int = 32  # disparity levels in one pixel
+    # nearest, farthest: m, range of readings
     nearest: float = 0.3
     farthest: float = 8.0
+    # grazing_start, grazing_end: degrees of incidence where readings begin to be missing, and where
+    # all are
     grazing_start: float = 72.0
     grazing_end: float = 85.0
-    edge_loss: float = 0.5
-    edge_jump: float = 0.03
-    random_loss: float = 0.003
+    edge_loss: float = 0.5  # share of readings lost at depth edges
+    edge_jump: float = 0.03  # step of depth between neighbours, as a share of it, that is an edge
+    random_loss: float = 0.003  # share of readings lost anywhere
+    # pixels by which the nearer side of a depth edge grows over the farther one, as where a
+    # matching window sees both
     fattening: int = 0
-    flying: float = 0.0
+    flying: float = 0.0  # share of the readings at depth edges that lie anywhere between both sides
 
     def __post_init__(self) -> None:
         if not 0.0 < self.nearest < self.farthest:

@@ -26,15 +26,11 @@ PLANE_EXTENT = 4.0
 
 @dataclass(frozen=True, eq=False)
 class DepthImage:
-    """What an ideal camera sees.
+    """What an ideal camera sees."""
 
-    Parameters
-    ----------
-    depth : (height, width) m along the optical axis; 0 where there is no surface
-    incidence_cosine : (height, width), between ray and surface normal; 1 where there is none
-    """
-
+    # (height, width) m along the optical axis; 0 where there is no surface
     depth: NDArray[np.float32]
+    # (height, width), between ray and surface normal; 1 where there is none
     incidence_cosine: NDArray[np.float32]
 
 
@@ -53,17 +49,11 @@ class ImageRegion:
 
 @dataclass(frozen=True, eq=False)
 class RenderedBalls:
-    """The part of an image that balls may cover.
+    """The part of an image that balls may cover."""
 
-    Parameters
-    ----------
-    image : what is seen there
-    region : where that is
-    owner : (height, width) of the region; number of the ball a pixel sees, -1 for none
-    """
-
-    image: DepthImage
-    region: ImageRegion
+    image: DepthImage  # what is seen there
+    region: ImageRegion  # where that is
+    # (height, width) of the region; number of the ball a pixel sees, -1 for none
     owner: NDArray[np.int16]
 
 

@@ -27,24 +27,16 @@ FILE_NAME = "ground_truth.json"
 
 @dataclass(frozen=True, eq=False)
 class GroundTruth:
-    """The truth behind a rendered recording, in the world frame of `camera` and `environment`.
+    """The truth behind a rendered recording, in the world frame of `camera` and `environment`."""
 
-    Parameters
-    ----------
-    settings : what the recording was rendered with; equal settings give equal recordings
-    start_time : ns since the epoch, stamp of the first frame; the throws' times count from here
-    camera : intrinsics and pose
-    environment : Ω_e
-    static_parameters : θ_s
-    throws : in order of time
-    """
-
+    # what the recording was rendered with; equal settings give equal recordings
     settings: Mapping[str, Any]
+    # ns since the epoch, stamp of the first frame; the throws' times count from here
     start_time: int
-    camera: Camera
-    environment: Environment
-    static_parameters: StaticParameters
-    throws: tuple[Throw, ...]
+    camera: Camera  # intrinsics and pose
+    environment: Environment  # Ω_e
+    static_parameters: StaticParameters  # θ_s
+    throws: tuple[Throw, ...]  # in order of time
 
     def save(self, bag: Path) -> None:
         """Write into the folder of a bag."""

@@ -32,26 +32,15 @@ START_TIME = 1_750_000_000 * 1_000_000_000
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """What to render.
+    """What to render."""
 
-    Parameters
-    ----------
-    throws : number of throws, the materials in turn
-    seed : of throws and noise
-    frame_rate : Hz
-    lead_in : s of empty scene at the start, for modelling the environment
-    throw_duration : s from hand to end
-    pause : s without a ball after each throw
-    noise : the camera's faults
-    """
-
-    throws: int = 12
-    seed: int = 0
-    frame_rate: float = 30.0
-    lead_in: float = 1.0
-    throw_duration: float = 2.4
-    pause: float = 0.6
-    noise: DepthNoise = field(default_factory=DepthNoise)
+    throws: int = 12  # number of throws, the materials in turn
+    seed: int = 0  # of throws and noise
+    frame_rate: float = 30.0  # Hz
+    lead_in: float = 1.0  # s of empty scene at the start, for modelling the environment
+    throw_duration: float = 2.4  # s from hand to end
+    pause: float = 0.6  # s without a ball after each throw
+    noise: DepthNoise = field(default_factory=DepthNoise)  # the camera's faults
 
     def __post_init__(self) -> None:
         if self.throws < 1:

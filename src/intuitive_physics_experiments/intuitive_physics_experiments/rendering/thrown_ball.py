@@ -38,32 +38,20 @@ STEP = 1.0 / 4800.0
 
 @dataclass(frozen=True)
 class BallContact:
-    """How a ball meets every plane.
+    """How a ball meets every plane."""
 
-    Parameters
-    ----------
-    friction : μ_s = μ_d, dimensionless
-    rolling_friction : μ_r, dimensionless (torque at most μ_r · radius · normal force)
-    restitution : e
-    """
-
-    friction: float
-    rolling_friction: float
-    restitution: float
+    friction: float  # μ_s = μ_d, dimensionless
+    rolling_friction: float  # μ_r, dimensionless (torque at most μ_r · radius · normal force)
+    restitution: float  # e
 
 
 @dataclass(frozen=True)
 class Fidelity:
-    """How nearly a motion obeys the contact laws that define its coefficients.
+    """How nearly a motion obeys the contact laws that define its coefficients."""
 
-    Parameters
-    ----------
-    step : s, of Bullet; a whole number of steps lies between samples
-    grip : whether rolling friction acts as the contact laws have it, on contacts that stick and on
-        the spin about the normal, or as Bullet has it
-    """
-
-    step: float = STEP
+    step: float = STEP  # s, of Bullet; a whole number of steps lies between samples
+    # whether rolling friction acts as the contact laws have it, on contacts that stick and on the
+    # spin about the normal, or as Bullet has it
     grip: bool = False
 
 
@@ -81,20 +69,12 @@ the speed that gravity gives in a step or two, 2e-4 to 4e-3 m/s."""
 
 @dataclass(frozen=True, eq=False)
 class BallMotion:
-    """Sampled motion of a ball, all in the environment's frame.
+    """Sampled motion of a ball, all in the environment's frame."""
 
-    Parameters
-    ----------
-    times : (n,) s after the initial state
-    positions : (n, 3) m
-    velocities : (n, 3) m/s
-    angular_velocities : (n, 3) rad/s
-    """
-
-    times: NDArray[np.float64]
-    positions: NDArray[np.float64]
-    velocities: NDArray[np.float64]
-    angular_velocities: NDArray[np.float64]
+    times: NDArray[np.float64]  # (n,) s after the initial state
+    positions: NDArray[np.float64]  # (n, 3) m
+    velocities: NDArray[np.float64]  # (n, 3) m/s
+    angular_velocities: NDArray[np.float64]  # (n, 3) rad/s
 
     def orientation_at(self, time: float) -> NDArray[np.float64]:
         """Return the rotation (3, 3) since the initial state.

@@ -39,20 +39,12 @@ LITTLE_SPIN = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Throw:
-    """One ball, thrown once.
+    """One ball, thrown once."""
 
-    Parameters
-    ----------
-    material : name, one of `BALL_RADII`
-    radius : m
-    start_time : s after the recording's start
-    motion : what the ball did, times after `start_time`, in the world
-    """
-
-    material: str
-    radius: float
-    start_time: float
-    motion: BallMotion
+    material: str  # name, one of `BALL_RADII`
+    radius: float  # m
+    start_time: float  # s after the recording's start
+    motion: BallMotion  # what the ball did, times after `start_time`, in the world
 
     @property
     def end_time(self) -> float:

@@ -166,18 +166,11 @@ def replay(bag: Path, rate: float, suite: Suite, peer: Peer, progress: Progress)
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """Answer of the learner.
+    """Answer of the learner."""
 
-    Parameters
-    ----------
-    parameters : θ_s with its uncertainty
-    cost_history : (iterations,) m, best J after each iteration
-    seconds : it took
-    """
-
-    parameters: LearnedParameters
-    cost_history: NDArray[np.float64]
-    seconds: float
+    parameters: LearnedParameters  # θ_s with its uncertainty
+    cost_history: NDArray[np.float64]  # (iterations,) m, best J after each iteration
+    seconds: float  # it took
 
 
 def learner_client(peer: Peer) -> ActionClient:

@@ -61,19 +61,10 @@ class Results:
 
 
 class CellStore:
-    """A folder of finished cells, all made with the same settings.
+    """A folder of finished cells, all made with the same settings, computed on several cores.
 
-    Parameters
-    ----------
-    folder : made where it is missing
-    settings : plain data; whatever changes the cells' content must be in it
-    cores : processes that compute cells side by side
-    on_progress : as `Progress`
-
-    Raises
-    ------
-    InvalidInputError
-        When the folder cannot be written or holds cells of other settings.
+    Whatever changes the cells' content must be in the settings. A folder with cells of other
+    settings is an error.
     """
 
     def __init__(

@@ -203,15 +203,10 @@ class Calibration:
 def ratios_of_means(
     scores: NDArray[np.float64], others: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return mean scores over mean other scores of the same trajectories, and standard errors.
+    """Return ratios (n_horizons,) of mean scores, and their standard errors to first order.
 
-    Parameters
-    ----------
-    scores, others : (n, n_horizons) m; NaN where the outcome is not known
-
-    Returns
-    -------
-    ratios, errors : (n_horizons,); errors to first order in the deviations from the means
+    Scores and others are (n, n_horizons) m of the same trajectories, NaN where the outcome is not
+    known.
     """
     mean = np.nanmean(others, axis=0)
     ratios = np.nanmean(scores, axis=0) / mean
@@ -223,18 +218,10 @@ def ratios_of_means(
 def ideal_energy_scores(
     outcomes: Sequence[Outcome], truth: Prediction, prediction: Prediction, seed: int
 ) -> NDArray[np.float64]:
-    """Return the energy scores that a prediction has on average if another one is the truth.
+    """Return the mean energy scores of a prediction if another one is the truth.
 
-    Parameters
-    ----------
-    outcomes : what was known of each, and which positions were seen
-    truth : draws what happens, `IDEAL_DRAWS` times for each outcome
-    prediction : what is scored, with the random numbers that `score` gives it
-    seed : of the prediction; what happens has another one
-
-    Returns
-    -------
-    (n_trajectories, n_horizons) m, NaN where the position was not seen
+    The truth draws `IDEAL_DRAWS` outcomes for each; the scores are (n_trajectories, n_horizons) m,
+    NaN where the position was not seen.
     """
     rows = []
     for outcome, happened, samples in zip(
@@ -260,16 +247,10 @@ def calibrate(
     seed: int = 0,
     simulator: Simulator | None = None,
 ) -> Calibration:
-    """Fit the noise to the past, then score predictions of what was held out.
+    """Fit the noise to the past, then score predictions of held-out outcomes at horizons in s.
 
-    Parameters
-    ----------
-    past : outcomes that θ_s was learned from, or others that are not held out
-    held_out : outcomes to score on
-    learned : θ_s
-    horizons : (n_horizons,) s, what the outcomes' times mean
-    scales_to_fit, start : as in `fit_noise_scales`
-    sample_count : of all predictions but the single rollout; fits take half of it
+    The past may be the outcomes that θ_s was learned from. `scales_to_fit` and `start` are those of
+    `fit_noise_scales`; the fits take half of `sample_count` simulations.
     """
     engine = simulator or make_simulator("auto")
     few = max(sample_count // 2, FEWEST_SAMPLES)

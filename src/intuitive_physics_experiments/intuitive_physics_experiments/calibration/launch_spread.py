@@ -93,14 +93,7 @@ def launch_spread(
     seed: int,
     simulator: Simulator,
 ) -> LaunchSpread:
-    """Predict the spread of launches from that of the first stretch of others.
-
-    Parameters
-    ----------
-    past : launches whose states the prediction starts from, at least 8
-    others : launches to compare with, at least 3
-    parameters : θ_s
-    """
+    """Predict the spread of launches from that of the first stretch of others."""
     if len(past) < 8 or len(others) < 3:
         raise InvalidInputError(
             f"there are {len(past)} launches to predict from and {len(others)} to compare with; "

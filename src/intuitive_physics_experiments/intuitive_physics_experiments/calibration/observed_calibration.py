@@ -56,22 +56,12 @@ def observed_outcomes(
     horizons: Sequence[float],
     densities: Mapping[str, float] | None = None,
 ) -> list[Outcome]:
-    """Return each observation as seen for its first points, and what was seen after them.
+    """Return each observation as seen for its first points (at least 4), and what was seen later.
 
-    Initial states are fitted to those points, before the first bounce, again: those of an
-    observation may know more of its motion. The points nearest in time to each horizon count; where
-    an object was not seen within a frame of it, what happened is not known.
-
-    Parameters
-    ----------
-    points : of each object that are seen, at least 4
-    horizons : s after the last of them, increasing, further apart than two frames
-    densities : kg/m³ by material, of objects that air acts on
-
-    Raises
-    ------
-    InvalidInputError
-        When an object was seen less often.
+    Initial states are fitted again to those points before the first bounce, because those of an
+    observation may know more of its motion. Horizons are s after the last of the points; the points
+    nearest in time to them count. Where an object was not seen within a frame of a horizon, the
+    outcome is not known. `densities` are kg/m³ by material, of objects that air acts on.
     """
     return [
         _outcome(detected(seen), points, np.array(horizons), densities or {})
@@ -88,14 +78,10 @@ class PointNoise:
 
 
 def point_noise(observed_object: ObservedObject) -> PointNoise:
-    """Find the errors of an object's points.
+    """Return the errors of the points of an object, as `detected` returns it.
 
     Detections state them, up to a factor that the track shows. Points without are as noisy as their
     track shows, and share an error of `SYSTEMATIC`.
-
-    Parameters
-    ----------
-    observed_object : as `detected` returns it
     """
     trajectory, detections = observed_object.trajectory, observed_object.detections
     if detections is None:
@@ -107,21 +93,13 @@ def point_noise(observed_object: ObservedObject) -> PointNoise:
 
 
 def position_noise(trajectory: Trajectory, covariances: NDArray[np.float64] | None = None) -> float:
-    """Standard deviation of the noise of seen positions, in m on each axis, or in that stated.
+    """Standard deviation of the noise of positions, in m on each axis; 0 where it is unknown.
 
     Estimated from how far seven points in a row lie from a parabola. Where a ball bounces high, a
     bounce spoils most groups of seven; only those count that chance can explain, given the noise of
     the best tenth of them. (The median of all would be too large: with a bounce every ten points
-    the squared errors of a rendered rubber ball by 60 %.)
-
-    Parameters
-    ----------
-    covariances : (n, 3, 3) m², stated of each point; None: the result is in m
-
-    Returns
-    -------
-    float
-        In m, or as a factor on the standard deviations stated; 0 where there are too few points
+    the squared errors of a rendered rubber ball by 60 %.) With the covariances (n, 3, 3) m² that
+    are stated of the points, the result is a factor on the stated standard deviations.
     """
     times, positions = trajectory.times, trajectory.positions
     if len(times) < WINDOW:
@@ -231,16 +209,8 @@ def splits_of(
 ) -> list[tuple[list[Observation], list[Observation]]]:
     """Return past and held-out observations, each in their first order.
 
-    Parameters
-    ----------
-    count : of splits. 1: one part is held out. More: the observations fall into as many parts at
-        random, which are held out in turn, so that each observation is held out once.
-    seed : of the parts
-
-    Raises
-    ------
-    InvalidInputError
-        When there are fewer observations than parts, or less than one part.
+    One split holds out one part. Of more, the observations fall into as many parts at random, which
+    are held out in turn, so that each observation is held out once.
     """
     if count == 1:
         return [split(observations, PAST_SHARE, seed)]
@@ -297,15 +267,9 @@ def calibrate_on_observations(
     """Learn and fit the noise with one part, predict the other part from its first points.
 
     Of several splits the scores are pooled; θ_s is then learned from all observations, and each
-    noise scale is the median over the splits.
-
-    Parameters
-    ----------
-    same_settings : whether all are shots of a launcher that was set once, so that their spread is
-        compared too, those of the first split
-    start : θ_s that learning starts from; None: the defaults
-    on_progress : called with the progress of searches in this process: all of them on one core, of
-        all observations else
+    noise scale is the median over the splits. `same_settings`: all are shots of a launcher that was
+    set once, and their spread is compared too, in the first split. Learning starts from `start`, or
+    from the defaults. Progress is that of searches in this process.
     """
     parts = splits_of(observations, options.splits, options.seed)
     if options.cores == 1 or len(parts) == 1:

@@ -54,15 +54,10 @@ def with_first_points(observation: Observation, points: int, noise: float) -> Ob
 def initial_states(observation: Observation, points: int, noise: float) -> list[ObjectState]:
     """Fit free flight to each object's first points; orientation and spin are as observed.
 
-    A point no longer counts, at the latest, where the object's bounding sphere has come near a
-    plane or another object's: a gentle touch bends a path by less than noise, and points after it
-    would be taken for flight. The first three always count.
-
-    Parameters
-    ----------
-    observation : all its objects seen first at its start
-    points : maximum number of each object, at least 3
-    noise : m, standard deviation of a point on each axis
+    Points, at least 3 of each object, have noise of a standard deviation in m on each axis. A point
+    does not count, at the latest, where the object's bounding sphere has come near a plane or
+    another object's: a gentle touch bends a path by less than noise, and points after it would be
+    taken for flight. The first three always count.
     """
     gravity = observation.environment.gravity
     states = []
@@ -118,23 +113,12 @@ def paper_outcomes(
     rng: np.random.Generator | None = None,
     ahead_of: int | None = None,
 ) -> list[Outcome]:
-    """Return each run as seen for its first points, and what then truly happened.
+    """Return each run as seen for its first points (at least 3), and what then truly happened.
 
-    Parameters
-    ----------
-    parameters : the true θ_s, and `simulator` the engine that moved the objects
-    points : of each object that are seen, at least 3; the state is fitted to those
-        before the first contact
-    horizons : s after the last of these points
-    rng : of the noise that is added to what happened, as a learner sees it; None: the truth
-    ahead_of : the point that horizons count from, by how many were seen then, at least `points`;
-        None: the last of `points`. Predictions from more and from fewer points are of the same
-        instants where this is the same.
-
-    Raises
-    ------
-    InvalidInputError
-        When horizons would count from before the last point that is seen.
+    The state is fitted to those points before the first contact; `parameters` are the true θ_s and
+    `simulator` the engine that moved the objects. Horizons are s after the last of these points, or
+    after point `ahead_of`, so that predictions from more and from fewer points are of the same
+    instants. With `rng` the outcome has the noise with which a learner sees it.
     """
     last = points if ahead_of is None else ahead_of
     if last < points:
@@ -221,12 +205,8 @@ class PaperCalibration:
     def summary(self) -> dict[str, Any]:
         """Return coverage of the 90 % regions by horizon, and our score against the baselines'.
 
-        Returns
-        -------
-        dict
-            `coverage_90` by horizon; `energy_score_vs_best_baseline`, the largest of the ratios at
-            all horizons: below 1, ours is better than every baseline at every one;
-            `energy_score_vs_fitted_noise`, the same against fixed noise that suits the past
+        The ratios are the largest of all horizons. Where `energy_score_vs_best_baseline` is below
+        1, ours is better than every baseline at every horizon.
         """
         found = self.calibration
         covered = found.scores[OURS].coverage(0.9)
@@ -249,15 +229,6 @@ def calibrate_on_paper_set(
     Joint estimation learns, because the set obeys the laws it simulates: it takes the noise of
     initial states for what it is. A search by J alone makes θ_s answer for it, far beyond the
     uncertainty it states (boxes get too little friction), and no scale mends a wrong mean.
-
-    Parameters
-    ----------
-    on_progress : called with the progress of the search
-
-    Raises
-    ------
-    InvalidInputError
-        When there are too few runs for three parts.
     """
     simulator = make_simulator(options.engine)
     dataset = make_paper_dataset(

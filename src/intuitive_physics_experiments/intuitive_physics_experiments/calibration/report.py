@@ -174,13 +174,7 @@ def write_calibration(
     by_points: Mapping[int, Scores] | None = None,
     more: Sequence[str] = (),
 ) -> None:
-    """Write everything a calibration found.
-
-    Parameters
-    ----------
-    by_points : scores by how many points were seen, where that was varied
-    more : paragraphs to add to the page
-    """
+    """Write tables, figure, parameters and page, with scores by points and more paragraphs."""
     points = dict(by_points or {})
     tables = {
         "scores.csv": score_rows(calibration),

@@ -45,12 +45,7 @@ class Scores:
 
 
 def score(outcomes: Sequence[Outcome], prediction: Prediction, seed: int) -> Scores:
-    """Predict every outcome and compare.
-
-    Parameters
-    ----------
-    outcomes : at least one, all with the same number of times: the horizons
-    """
+    """Predict every outcome and compare; all have the same number of times, the horizons."""
     parts = []
     for outcome, samples in zip(
         outcomes, predict_outcomes(outcomes, prediction, seed), strict=True
@@ -69,12 +64,7 @@ def score(outcomes: Sequence[Outcome], prediction: Prediction, seed: int) -> Sco
 
 
 def known(levels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rows of outcomes that are known, (n_known, 2) probabilities.
-
-    Parameters
-    ----------
-    levels : (n, 2) probabilities; NaN where the outcome is not known
-    """
+    """Return the rows (n_known, 2) of levels (n, 2) whose outcome is known: those without NaN."""
     return levels[~np.isnan(levels).any(axis=1)]
 
 

@@ -169,12 +169,7 @@ def _calibrate_on_observations(options: argparse.Namespace) -> None:
 
 
 def _read(path: Path, drag: float) -> tuple[str, list[Observation], LearnedParameters | None]:
-    """Return title and observations of a folder or a recorded set, and where learning starts.
-
-    Parameters
-    ----------
-    drag : coefficient of table-tennis balls; 0: no air
-    """
+    """Return title and observations of a folder or a recorded set, and where learning starts."""
     from intuitive_physics_experiments.recorded_sets.recorded_data import load_table_tennis
     from intuitive_physics_experiments.recorded_sets.table_tennis import (
         AirCoefficients,

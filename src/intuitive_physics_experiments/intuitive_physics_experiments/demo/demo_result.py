@@ -136,14 +136,7 @@ def throw_errors(
     costs: NDArray[np.float64],
     frame: PerceivedFrame,
 ) -> tuple[ThrowErrors, ...]:
-    """Return for each observation how well it was perceived and explained.
-
-    Parameters
-    ----------
-    observations : one a throw
-    costs : (3, n) m, from `explain_costs`
-    frame : in which the observations are
-    """
+    """Return how well each observation was perceived, and explained at its costs (3, n) m."""
     rows = []
     for k, seen in enumerate(observations):
         observed_object = seen.objects[0]
@@ -182,14 +175,8 @@ def prediction_outcome(
 ) -> PredictionOutcome:
     """Put a prediction beside what then happened, for as long as the throw is known.
 
-    Parameters
-    ----------
-    stamp : s on the bag's clock, time of the state that was predicted from
-    times : (n_times,) s after the stamp
-    samples : (n_samples, n_times, 3) m
-    mean : (n_times, 3) m
-    observation : of the same throw
-    frame : in which perception and prediction are
+    The stamp is s on the bag's clock, of the state that was predicted from; times (n_times,) s
+    count from there, samples are (n_samples, n_times, 3) m and the mean (n_times, 3) m.
     """
     throw = frame.throw_at(stamp)
     end = throw.end_time + 1e-9 * frame.truth.start_time - stamp

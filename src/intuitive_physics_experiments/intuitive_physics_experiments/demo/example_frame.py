@@ -32,11 +32,7 @@ def example_frame(
 ) -> ExampleFrame:
     """Take the frame of a throw in which the ball flies, with the planes in view.
 
-    Parameters
-    ----------
-    bag : with the depth images of `camera`
-    observation : of the throw
-    rotation, translation : (3, 3) and (3,) m, p_environment = rotation p_sensor + translation
+    Rotation (3, 3) and translation (3,) m lead from the sensor to the environment.
     """
     seen = observation.objects[0]
     track = seen.trajectory

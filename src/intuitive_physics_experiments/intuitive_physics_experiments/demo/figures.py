@@ -96,13 +96,9 @@ def projected(
     translation: NDArray[np.float64],
     camera_matrix: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the pixels (n, 2) of points of the environment.
+    """Return the pixels (n, 2) of points (n, 3) m of the environment.
 
-    Parameters
-    ----------
-    points : (n, 3) m
-    rotation, translation : (3, 3) and (3,) m, p_environment = rotation p_camera + translation
-    camera_matrix : (3, 3) pixels
+    Rotation (3, 3) and translation (3,) m lead from the camera to the environment.
     """
     sensor = (points - translation) @ rotation
     return np.asarray((sensor @ camera_matrix.T)[:, :2] / sensor[:, 2:])

@@ -55,14 +55,8 @@ def write_moving_picture(
 ) -> None:
     """Write an animated GIF of a throw, in slow motion, that begins again and again.
 
-    Parameters
-    ----------
-    frames : stamp in s and depth image (height, width) of each frame of the recording
-    perceived : where the camera is
-    track : of the ball in the recording, by the stamps of the frames
-    radius : of the ball, m
-    predictions : in the order in which they were made
-    comment : of the file, such as how it was made
+    Frames are stamps in s and depth images (height, width) of the recording, predictions in the
+    order in which they were made; the comment is written into the file.
     """
     view = _View(perceived, _part_shown(perceived, track))
     first, last = track.times[0] - 0.1, track.times[-1]

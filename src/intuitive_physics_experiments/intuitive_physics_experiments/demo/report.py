@@ -64,13 +64,7 @@ class ReportPaths:
 
 
 def write_report(result: DemoResult, folder: Path) -> ReportPaths:
-    """Write page and picture into a folder, which is made where it is missing.
-
-    Raises
-    ------
-    InvalidInputError
-        When the folder cannot be written.
-    """
+    """Write page and picture into a folder, which is made where it is missing."""
     paths = ReportPaths(folder / PAGE_NAME, folder / PICTURE_NAME)
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -86,13 +86,7 @@ def model_text(worlds: WorldBatch, w: int, time_step: float) -> str:
 def set_parameters(
     model: Any, worlds: WorldBatch, w: int, time_step: float, contact_time: float
 ) -> None:
-    """Write masses, inertias and the pairs' coefficients of a world into its model.
-
-    Parameters
-    ----------
-    time_step : s
-    contact_time : s that a bounce lasts
-    """
+    """Write masses, inertias and the pairs' coefficients of a world into its model; times in s."""
     import mujoco
 
     c = int(worlds.parameter_index[w])
@@ -201,15 +195,8 @@ DEFAULT_CONTACT_TIME = 8e-3
 class MujocoSimulator(Simulator):
     """Simulates batches of worlds with MuJoCo's `rollout`, on one thread.
 
-    Parameters
-    ----------
-    time_step : s; outputs are interpolated linearly between steps
-    contact_time : s that a bounce lasts, at least two steps
-
-    Raises
-    ------
-    IntuitivePhysicsError
-        When MuJoCo is not installed.
+    Outputs are interpolated linearly between steps of `time_step` s; a bounce lasts `contact_time`
+    s, at least two steps.
     """
 
     name = "mujoco"

@@ -28,13 +28,7 @@ def flight_length(
 
     A point is a surprise when it lies further from where the points before it send the object than
     noise does. The one before the surprise is left out too: the bounce may have begun there.
-
-    Parameters
-    ----------
-    times : (n,) s, n ≥ 3, strictly increasing
-    positions : (n, 3) m
-    gravity : (3,) m/s²
-    noise : m, standard deviation of a point on each axis, or (n, 3, 3) m², covariance of each point
+    Arguments are those of `fit_noisy_flight`.
     """
     flight = _Flight(times, positions, gravity, noise)
     for count in range(FEWEST_POINTS, flight.times.size):
@@ -48,17 +42,10 @@ def fit_noisy_flight(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Fit x(t) = x₀ + v₀ t + g t² / 2 by least squares to points with known noise.
 
-    Parameters
-    ----------
-    times : (n,) s, n ≥ 3, strictly increasing
-    positions : (n, 3) m
-    gravity : (3,) m/s²
-    noise : m, standard deviation of a point on each axis, or (n, 3, 3) m², covariance of each point
-
-    Returns
-    -------
-    position, velocity : (3,) m and m/s, at `times[0]`
-    covariance : (12, 12) as that of an `ObjectState`; rotation and spin are left zero
+    Times (n,) s, n ≥ 3, strictly increase; positions are (n, 3) m, gravity (3,) m/s². Noise is a
+    standard deviation in m on each axis, or the covariance (n, 3, 3) m² of each point. Returns
+    position (3,) m and velocity (3,) m/s at the first time, and the covariance (12, 12) of an
+    `ObjectState`, in which rotation and spin are zero.
     """
     flight = _Flight(times, positions, gravity, noise)
     start, inverse = flight.fit(flight.times.size)
@@ -71,12 +58,7 @@ def fit_noisy_flight(
 
 
 class _Flight:
-    """Weighted least squares over the first points of a flight, as it would be without gravity.
-
-    Parameters
-    ----------
-    times, positions, gravity, noise : as in `fit_noisy_flight`
-    """
+    """Weighted least squares over the first points of a flight, as it would be without gravity."""
 
     def __init__(
         self, times: ArrayLike, positions: ArrayLike, gravity: ArrayLike, noise: ArrayLike

@@ -120,27 +120,12 @@ def make_paper_dataset(
     kinds: Sequence[str] = SHAPE_KINDS,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> PaperDataset:
-    """Draw a pool of objects and throw them until each has enough trajectories.
+    """Draw a pool of objects and throw them until each has `samples` trajectories.
 
-    A run has k = ⌈N(1, 1)⌉ objects, at least one, of those that still lack trajectories; so in the
-    end each has just `samples` of them.
-
-    Parameters
-    ----------
-    objects : in the pool; |θ_s| is 14, 275, 945 for 1, 10, 20 (Eq. 3)
-    samples : trajectories of each object
-    rng : of all randomness; the same generator state makes the same set
-    engine : one of `dataset_engines.DATASET_ENGINES`
-    initial_states : one of `INITIAL_STATES`
-    kinds : of shapes in the pool, some of `paper_room.SHAPE_KINDS`
-    on_progress : called with the trajectories made and the trajectories in all
-
-    Raises
-    ------
-    InvalidInputError
-        When a number is too small or a simulation fails.
-    UnknownNameError
-        When there is no such engine, source of initial states or kind of shapes.
+    A run has k = ⌈N(1, 1)⌉ objects, at least one, of those that still lack trajectories. |θ_s| is
+    14, 275, 945 for 1, 10, 20 objects (Eq. 3). The engine is one of `DATASET_ENGINES`,
+    `initial_states` one of `INITIAL_STATES`, the kinds of shapes are some of `SHAPE_KINDS`.
+    Progress is trajectories made, and trajectories in all.
     """
     _check_source(initial_states)
     if samples < 1:
@@ -181,22 +166,10 @@ def throw_objects(
     initial_states: str,
     rng: np.random.Generator,
 ) -> PaperRun:
-    """Throw objects through the room once, from initial states drawn by Eq. 10.
+    """Throw objects, each of a material of its own, through the room once, as Eq. 10 says.
 
-    Parameters
-    ----------
-    objects : each of a material of its own
-    parameters : the true θ_s
-    simulator : the engine that moves them
-    initial_states : one of `INITIAL_STATES`
-    rng : of initial states, noise and id
-
-    Raises
-    ------
-    InvalidInputError
-        When the simulation fails.
-    UnknownNameError
-        When there is no such source of initial states.
+    The random numbers are those of initial states, noise and id; `initial_states` is one of
+    `INITIAL_STATES`.
     """
     scene = Scene(paper_room(), tuple(objects), draw_initial_states(objects, rng))
     times = np.arange(round(DURATION * SAMPLE_RATE) + 1) / SAMPLE_RATE
@@ -218,18 +191,8 @@ def observed_run(
 ) -> PaperRun:
     """Return a run whose true motion is known, with the observation that a learner gets of it.
 
-    Parameters
-    ----------
-    scene : with the true initial states
-    times : (n_times,) s from 0 on
-    positions : (n_objects, n_times, 3) m, the true ones
-    initial_states : one of `INITIAL_STATES`
-    rng : of noise and id
-
-    Raises
-    ------
-    UnknownNameError
-        When there is no such source of initial states.
+    The scene has the true initial states, times (n_times,) s begin at 0, positions are (n_objects,
+    n_times, 3) m. The random numbers are those of noise and id.
     """
     _check_source(initial_states)
     noisy = positions + rng.normal(0.0, POSITION_NOISE, positions.shape)
@@ -274,11 +237,6 @@ def save_paper_dataset(dataset: PaperDataset, folder: Path) -> None:
 
     `training` and `test` get a file for each observation; `trajectories.csv` all points, seen and
     true; `ground_truth.json` the pool, the true θ_s, and the true initial states of each run.
-
-    Raises
-    ------
-    InvalidInputError
-        When the folder has something in it or cannot be written.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InvalidInputError(f"{folder} exists already; expected a new folder for the set")

@@ -108,13 +108,7 @@ def draw_parameters(pool: Sequence[SceneObject], rng: np.random.Generator) -> St
 def draw_initial_states(
     objects: Sequence[SceneObject], rng: np.random.Generator
 ) -> tuple[ObjectState, ...]:
-    """Draw θ_d of each object by Eq. 10, again where it reaches out of the room or into another.
-
-    Raises
-    ------
-    InvalidInputError
-        When there are more objects than find room.
-    """
+    """Draw θ_d of each object by Eq. 10, again where it reaches out of the room or into another."""
     states: list[ObjectState] = []
     for scene_object in objects:
         for _ in range(MOST_ATTEMPTS):
@@ -173,13 +167,7 @@ DATASET_ENGINES = ("auto", "stepped", "bullet", "mujoco")
 
 
 def dataset_simulator(engine: str) -> Simulator:
-    """Return the simulator of that name.
-
-    Raises
-    ------
-    UnknownNameError
-        When it is none of `DATASET_ENGINES`.
-    """
+    """Return the simulator of that name, one of `DATASET_ENGINES`."""
     if engine not in DATASET_ENGINES:
         raise UnknownNameError(
             f"engine of the set is {engine!r}; expected one of {', '.join(DATASET_ENGINES)}"

@@ -39,15 +39,8 @@ FEWEST_ROWS = 10
 def carom_observations(arrays: Arrays) -> list[Observation]:
     """Observations of the shots, each with all balls, on the table z = 0 between four cushions.
 
-    Parameters
-    ----------
-    arrays : `shot_ball_t_x_y` (n, 5) shot, ball, s, m, m; `ball_radius` m; `table` (2,) m, how far
-        it reaches along x and y
-
-    Raises
-    ------
-    InvalidInputError
-        When an array is not as above, or the balls of a shot were not seen at the same times.
+    The arrays are `shot_ball_t_x_y` (n, 5) shot, ball, s, m, m; `ball_radius` m; `table` (2,) m,
+    its size along x and y.
     """
     radius = positive_float(arrays["ball_radius"], "ball_radius")
     size = finite_array(arrays["table"], "table", (2,))

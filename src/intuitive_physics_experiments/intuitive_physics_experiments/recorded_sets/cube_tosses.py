@@ -54,18 +54,10 @@ def cube_tosses(
 ) -> list[CubeToss]:
     """Tosses above the table z = 0.
 
-    Parameters
-    ----------
-    arrays : `position` (n, 3) m, `quaternion_wxyz` (n, 4), `velocity_world` (n, 3) m/s,
-        `angular_velocity_body` (n, 3) rad/s, `offsets`, `dt` s, `cube_edge` m
-    length_correction : factor on all recorded positions and velocities
-    measured_inertia : whether the cube turns as the arrays `mass` kg and `inertia` kg m² say, or
-        as a solid one
-
-    Raises
-    ------
-    InvalidInputError
-        When an array is not as above or a toss has a single row.
+    The arrays are `position` (n, 3) m, `quaternion_wxyz` (n, 4), `velocity_world` (n, 3) m/s,
+    `angular_velocity_body` (n, 3) rad/s, `offsets`, `dt` s, `cube_edge` m; for the measured
+    inertia, instead of that of a solid cube, `mass` kg and `inertia` kg m². The length correction
+    is a factor on all recorded positions and velocities.
     """
     period = positive_float(arrays["dt"], "dt")
     edge = positive_float(arrays["cube_edge"], "cube_edge")

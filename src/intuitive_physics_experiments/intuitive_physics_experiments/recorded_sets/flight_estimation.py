@@ -120,18 +120,10 @@ class BallModel:
     def positions(
         self, unknowns: NDArray[np.float64], times: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Simulate.
+        """Simulate positions (n, k, 3) m at times (k,) s, increasing, none negative.
 
-        Parameters
-        ----------
-        unknowns : (n, 16) position (m), velocity (m/s) and spin (rad/s) at time 0, then
-            `COEFFICIENTS`; those out of bounds count as the bounds
-        times : (k,) s, increasing, none negative
-
-        Returns
-        -------
-        array
-            (n, k, 3) m
+        The unknowns (n, 16) are position (m), velocity (m/s) and spin (rad/s) at time 0, then
+        `COEFFICIENTS`; those out of bounds count as the bounds.
         """
         paths = np.empty((len(unknowns), len(times), 3))
         now, begin = unknowns, 0.0
@@ -295,15 +287,7 @@ def estimate_ball(
     times: NDArray[np.float64],
     positions: NDArray[np.float64],
 ) -> BallEstimate:
-    """Estimate state, spin and coefficients of one flight.
-
-    Parameters
-    ----------
-    model : the simulator
-    prior : what is known before
-    times : (n,) s, n ≥ 2
-    positions : (n, 3) m
-    """
+    """Estimate state, spin and coefficients of one flight: times (n,) s, positions (n, 3) m."""
     problem = _Problem(model, prior, times, positions)
     unknowns, costs = problem.solve()
     normal, _ = problem.linearised(unknowns)

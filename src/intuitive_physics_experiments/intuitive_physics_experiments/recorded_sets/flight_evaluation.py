@@ -127,12 +127,7 @@ class FlightEvaluation:
 def evaluate_flights(
     flights: Sequence[SpinFlight], progress: Callable[[int, int], None]
 ) -> FlightEvaluation:
-    """Learn from half of the flights, estimate and predict both halves.
-
-    Parameters
-    ----------
-    progress : called with the numbers of steps done and of all
-    """
+    """Learn from half of the flights, estimate and predict both halves; progress is of steps."""
     model, halves = BallModel(), (training_half(flights), test_half(flights))
     scored = [[flight for flight in half if bounces_well(flight)] for half in halves]
     total = ROUNDS * len(learned_from(halves[0])) + sum(map(len, scored))
@@ -180,13 +175,8 @@ def fit_prior(
 ) -> BallPrior:
     """Learn how coefficients and spins vary from flight to flight.
 
-    Expectation maximisation: estimate each flight, then take medians of the estimates. A
-    measured spin is used where it explains the flight better than a spin that was not measured.
-
-    Raises
-    ------
-    InvalidInputError
-        When fewer than four flights have a bounce.
+    Expectation maximisation: estimate each flight, then take medians of the estimates. A measured
+    spin is used where it explains the flight better than a spin that was not measured.
     """
     used = learned_from(flights)
     bounced = np.array([flight.bounce is not None for flight in used])

@@ -23,22 +23,12 @@ SMALLEST_NOISE = 5e-4
 
 
 def fit_initial_state(times: ArrayLike, positions: ArrayLike, gravity: ArrayLike) -> ObjectState:
-    """Fit x(t) = x₀ + v₀ t + g t² / 2 to points in free flight.
+    """Fit x(t) = x₀ + v₀ t + g t² / 2 to points (n, 3) m in free flight at times (n,) s, n ≥ 2.
 
     Three points are the paper's choice; more points average more noise but feel more of what the
     model lacks, such as air drag. The covariance counts both: it comes from the residuals, and
-    neighbours whose residuals go together count as fewer points.
-
-    Parameters
-    ----------
-    times : (n,) s, n ≥ 2, strictly increasing
-    positions : (n, 3) m
-    gravity : (3,) m/s²
-
-    Returns
-    -------
-    ObjectState
-        Holds at `times[0]`; the spin is zero with the standard deviation `UNKNOWN_SPIN`.
+    neighbours whose residuals go together count as fewer points. The state is that of the first
+    time; the spin is zero with the standard deviation `UNKNOWN_SPIN`.
     """
     t = increasing_times(times, "times of free flight")
     x = finite_array(positions, "positions of free flight", (t.size, 3))
@@ -61,12 +51,9 @@ def fit_initial_state(times: ArrayLike, positions: ArrayLike, gravity: ArrayLike
 
 
 def noise_variance(residuals: NDArray[np.float64], parameters: int) -> NDArray[np.float64]:
-    """Variance of a point on each axis, (3,) m², as if neighbours were independent.
+    """Variance (3,) m² of a point on each axis, as if neighbours were independent.
 
-    Parameters
-    ----------
-    residuals : (n, 3) m, of points along one track
-    parameters : numbers that were fitted on each axis
+    Residuals (n, 3) m are of points along one track; `parameters` were fitted on each axis.
     """
     n = len(residuals)
     freedom = max(n - parameters, 1)

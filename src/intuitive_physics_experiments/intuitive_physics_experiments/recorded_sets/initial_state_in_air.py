@@ -50,25 +50,11 @@ class AirFactors:
 def fit_initial_state_in_air(
     times: ArrayLike, positions: ArrayLike, gravity: ArrayLike, air: AirFactors
 ) -> ObjectState:
-    """Fit position, velocity and spin to points in free flight.
+    """Fit position, velocity and spin to points (n, 3) m in free flight at times (n,) s, n ≥ 3.
 
-    Parameters
-    ----------
-    times : (n,) s, n ≥ 3, strictly increasing
-    positions : (n, 3) m
-    gravity : (3,) m/s²
-    air : what it does to the ball
-
-    Returns
-    -------
-    ObjectState
-        Holds at `times[0]`. Of the spin the flight determines only the part across it; of the
-        rest the covariance says `LIKELY_SPIN`.
-
-    Raises
-    ------
-    InvalidInputError
-        When there are too few points, or the air is so strong that the fit does not converge.
+    The state is that of the first time. The flight determines only the part of the spin across it;
+    of the rest the covariance says `LIKELY_SPIN`. Air that is too strong for the fit to converge is
+    an error.
     """
     t = increasing_times(times, "times of free flight")
     x = finite_array(positions, "positions of free flight", (t.size, 3))
@@ -129,14 +115,7 @@ class _LinearisedFlight:
     def fit(
         self, positions: NDArray[np.float64], variance: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Weighted least squares with the spin's prior.
-
-        Returns
-        -------
-        solution : (9,) position, velocity, spin
-        covariance : (9, 9)
-        residuals : (n, 3) m
-        """
+        """Return position, velocity and spin (9,), covariance (9, 9) and residuals (n, 3) m."""
         n = len(positions)
         design = np.zeros((3, n, 9))
         for axis in range(3):

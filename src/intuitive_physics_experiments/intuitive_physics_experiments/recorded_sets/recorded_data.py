@@ -89,44 +89,21 @@ RECORDED_SETS = (SPIN_FLIGHTS, LAUNCHES, GUN_FLIGHTS, CUBE_TOSSES, CAROM_SHOTS)
 
 
 def load_recorded_set(path: Path) -> tuple[str, list[Observation]]:
-    """Return title and observations of a recorded set.
-
-    Raises
-    ------
-    InvalidInputError
-        When the arrays are of no known set, or not what that set has.
-    """
+    """Return title and observations of a recorded set."""
     known, arrays = _read(path)
     with _telling(path, known):
         return known.title, known.load(arrays)
 
 
 def kind_of_set(path: Path) -> RecordedSet:
-    """Return which of `RECORDED_SETS` a file belongs to.
-
-    Raises
-    ------
-    InvalidInputError
-        When the arrays are of no known set.
-    """
+    """Return which of `RECORDED_SETS` a file belongs to."""
     return _read(path)[0]
 
 
 def load_cube_tosses(
     path: Path, length_correction: float = 1.0, measured_inertia: bool = False
 ) -> list[CubeToss]:
-    """Return the tosses of a set of cube tosses, with orientations.
-
-    Parameters
-    ----------
-    length_correction : factor on all recorded lengths
-    measured_inertia : whether the cube turns as it was measured to, or as a solid one
-
-    Raises
-    ------
-    InvalidInputError
-        When the arrays are of another set, or not what that set has.
-    """
+    """Return the tosses of a set of cube tosses, with orientations; see `cube_tosses`."""
     known, arrays = _read(path)
     if known is not CUBE_TOSSES:
         raise InvalidInputError(f"{path} is a set of {known.title}; expected cube tosses")
@@ -135,13 +112,7 @@ def load_cube_tosses(
 
 
 def load_spin_flights(path: Path) -> list[SpinFlight]:
-    """Return the flights of a set of flights with measured spin.
-
-    Raises
-    ------
-    InvalidInputError
-        When the arrays are of another set, or not what that set has.
-    """
+    """Return the flights of a set of flights with measured spin."""
     known, arrays = _read(path)
     if known is not SPIN_FLIGHTS:
         raise InvalidInputError(f"{path} is a set of {known.title}; expected {SPIN_FLIGHTS.title}")
@@ -150,13 +121,7 @@ def load_spin_flights(path: Path) -> list[SpinFlight]:
 
 
 def load_table_tennis(path: Path, air: AirCoefficients) -> tuple[str, list[Observation]]:
-    """Return title and observations of a table-tennis set, of balls that fly through air.
-
-    Raises
-    ------
-    InvalidInputError
-        When the arrays are of another set, or not what that set has.
-    """
+    """Return title and observations of a table-tennis set, of balls that fly through air."""
     known, arrays = _read(path)
     load = {LAUNCHES: launch_observations, GUN_FLIGHTS: gun_observations}.get(known)
     if load is None:

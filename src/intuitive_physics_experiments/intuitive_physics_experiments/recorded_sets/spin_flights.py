@@ -54,15 +54,8 @@ class SpinFlight:
 def spin_flights(arrays: Arrays) -> list[SpinFlight]:
     """Flights of a set; recordings of fewer than `FEWEST_ROWS` rows are left out.
 
-    Parameters
-    ----------
-    arrays : `time` (n,) s, `position` (n, 3) m, `offsets` (k + 1,), `spin` (k, 3) rad/s,
-        `radius` m and `mass` kg
-
-    Raises
-    ------
-    InvalidInputError
-        When an array is not as above, or a time goes back.
+    The arrays are `time` (n,) s, `position` (n, 3) m, `offsets` (k + 1,), `spin` (k, 3) rad/s,
+    `radius` m and `mass` kg.
     """
     positive_float(arrays["radius"], "radius")
     positive_float(arrays["mass"], "mass")
@@ -86,12 +79,7 @@ def spin_flights(arrays: Arrays) -> list[SpinFlight]:
 
 
 def spin_flight_observations(arrays: Arrays) -> list[Observation]:
-    """Observations of the flights; those without enough free flight are left out.
-
-    Parameters
-    ----------
-    arrays : as `spin_flights` takes them
-    """
+    """Observations of the flights; those without enough free flight are left out."""
     radius = positive_float(arrays["radius"], "radius")
     environment, ball = table_at(-radius), ball_in_air(radius, VACUUM)
     observations = [
@@ -104,20 +92,10 @@ def spin_flight_observations(arrays: Arrays) -> list[Observation]:
 def frame_numbers(
     stamps: NDArray[np.float64], positions: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Number the frames that rows were seen in, strictly increasing from 0.
+    """Number the frames (n,) of rows by stamps (n,) s and positions (n, 3) m, increasing from 0.
 
     The ball's way since the row before, over its way in one frame around that, is a whole number.
-    Where the stamps speak for another number that differs by more than one, they are believed.
-
-    Parameters
-    ----------
-    stamps : (n,) s, n ≥ 2
-    positions : (n, 3) m
-
-    Returns
-    -------
-    array
-        (n,)
+    Where the stamps give another number that differs by more than one, it is taken instead.
     """
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     elapsed = np.diff(stamps)

@@ -80,10 +80,7 @@ def ball_parameters() -> StaticParameters:
 def launch_observations(arrays: Arrays, air: AirCoefficients = VACUUM) -> list[Observation]:
     """Observations of the launcher's shots; recordings without enough free flight are left out.
 
-    Parameters
-    ----------
-    arrays : `time` (n,) s, `position` (n, 3) m, `offsets`, `radius` m
-    air : that the balls fly through
+    The arrays are `time` (n,) s, `position` (n, 3) m, `offsets`, `radius` m.
     """
     radius = positive_float(arrays["radius"], "radius")
     environment = table_at(LAUNCH_BOUNCE_HEIGHT - radius)
@@ -99,14 +96,10 @@ def launch_observations(arrays: Arrays, air: AirCoefficients = VACUUM) -> list[O
 def gun_observations(arrays: Arrays, air: AirCoefficients = VACUUM) -> list[Observation]:
     """Observations of the gun's flights; recordings without enough free flight are left out.
 
-    The set has no time stamps. Displacement over speed of neighbouring rows comes in whole
-    multiples of half of `dt_implied`, so the time between two rows is taken to be the nearest
-    such multiple; rows that repeat the one before are left out.
-
-    Parameters
-    ----------
-    arrays : `position` (n, 3) m, `velocity` (n, 3) m/s, `offsets`, `dt_implied` s
-    air : that the balls fly through
+    The arrays are `position` (n, 3) m, `velocity` (n, 3) m/s, `offsets`, `dt_implied` s, without
+    time stamps. Displacement over speed of neighbouring rows comes in whole multiples of half of
+    `dt_implied`, so the time between two rows is taken to be the nearest such multiple; rows that
+    repeat the one before are left out.
     """
     period = positive_float(arrays["dt_implied"], "dt_implied")
     environment = table_at(GUN_BOUNCE_HEIGHT - BALL_RADIUS)
@@ -124,18 +117,7 @@ def gun_observations(arrays: Arrays, air: AirCoefficients = VACUUM) -> list[Obse
 def recovered_times(
     positions: NDArray[np.float64], velocities: NDArray[np.float64], period: float
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Recover when rows were taken from where they are and how fast the ball was.
-
-    Parameters
-    ----------
-    positions, velocities : (n, 3) m, m/s
-    period : s, the usual time between rows
-
-    Returns
-    -------
-    times : (k,) s, the first one 0
-    kept : (k,) rows that have them
-    """
+    """Return times (k,) s from 0 of rows, and which have them, by positions and velocities."""
     # Only horizontal motion: a bounce turns the vertical speed round between two rows.
     steps = np.diff(positions[:, :2], axis=0)
     speeds = 0.5 * (velocities[1:, :2] + velocities[:-1, :2])
@@ -161,15 +143,9 @@ def flight_observation(
     environment: Environment,
     ball: SceneObject,
 ) -> Observation | None:
-    """Observation of one ball, or None where too little of its flight was seen.
+    """Observation of one ball above a table, or None where too little of its flight was seen.
 
-    Parameters
-    ----------
-    name : of the observation
-    times : (n,) s
-    positions : (n, 3) m
-    environment : its first plane is the table
-    ball : the object
+    Times are (n,) s, positions (n, 3) m; the first plane of the environment is the table.
     """
     above = environment.planes[0].signed_distances(positions) - ball.shape.bounding_radius
     free = rows_before_contact(above)
@@ -194,15 +170,7 @@ def fit_ball_state(
     environment: Environment,
     ball: SceneObject,
 ) -> ObjectState:
-    """Fit θ_d at the first row of a free flight, in the ball's air.
-
-    Parameters
-    ----------
-    times : (n,) s
-    positions : (n, 3) m
-    environment : its gravity and air
-    ball : its radius and air coefficients
-    """
+    """Fit θ_d at the first row of a free flight in the ball's air: times (n,) s, positions (n, 3)."""
     if ball.drag_coefficient == ball.magnus_coefficient == 0.0:
         return fit_initial_state(times, positions, environment.gravity)
     radius = ball.shape.bounding_radius

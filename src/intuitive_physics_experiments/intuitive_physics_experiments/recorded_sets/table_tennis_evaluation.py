@@ -58,17 +58,10 @@ def learn_drag(
     train_fraction: float,
     seed: int,
 ) -> float:
-    """Find the drag coefficient that makes flights before the first bounce fit best.
+    """Find the drag coefficient with which flights to the first bounce fit best.
 
-    Parameters
-    ----------
-    load : makes the observations of a set in some air
-    magnus : C_M, which stays
-    train_fraction, seed : as `evaluation.split` takes them; only that part is learned from
-
-    Returns
-    -------
-    C_d, between 0 and `LARGEST_DRAG`
+    `load` makes the observations of a set in some air; only the training part of the split is
+    learned from.
     """
     simulator = make_simulator("stepped")
 
@@ -92,11 +85,8 @@ def look_ahead(
 ) -> LookAhead | None:
     """Predict where each ball is up to a second after its first 0.2 s, from those alone.
 
-    Balls that bounce while they are watched are left out.
-
-    Returns
-    -------
-    None where all are, or none is seen for longer.
+    Balls that bounce while they are watched are left out; None where all do, or none is seen for
+    longer.
     """
     pairs = [(seen, _watched(seen)) for seen in observations]
     due = [(seen, early) for seen, early in pairs if early is not None]

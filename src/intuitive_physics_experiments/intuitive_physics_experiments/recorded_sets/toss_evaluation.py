@@ -42,16 +42,7 @@ class TossErrors:
 
 
 class TossBatch:
-    """Tosses packed once to be simulated and judged many times.
-
-    Parameters
-    ----------
-    tosses : at least one, in one environment
-
-    Attributes
-    ----------
-    width : m, of the cube
-    """
+    """Tosses in one environment, packed once to be simulated and judged many times."""
 
     def __init__(self, tosses: Sequence[CubeToss]) -> None:
         self._worlds = pack_worlds(
@@ -88,13 +79,10 @@ class TossBatch:
     def errors(
         self, positions: NDArray[np.float64], orientations: NDArray[np.float64]
     ) -> TossErrors:
-        """Errors of predicted poses.
+        """Errors of positions (..., n_tosses, n_steps, 3) m and orientations (..., 4).
 
-        Parameters
-        ----------
-        positions : (..., n_tosses, n_steps, 3) m; what is not finite at a step that was recorded
-            counts `FAILED_DISTANCE` and half a turn
-        orientations : (..., n_tosses, n_steps, 4) unit quaternions (x, y, z, w)
+        A pose that is not finite at a step that was recorded counts `FAILED_DISTANCE` and half a
+        turn.
         """
         recorded = np.isfinite(self._times)
         distances = np.linalg.norm(positions - self._positions, axis=-1)
@@ -109,12 +97,7 @@ class TossBatch:
 
 
 def rotation_angles(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Angle of the rotation from a to b, shape (...), rad, 0 to π.
-
-    Parameters
-    ----------
-    a, b : (..., 4) unit quaternions
-    """
+    """Angle (...) rad, 0 to π, of the rotation from a to b, unit quaternions (..., 4)."""
     # As 4 atan2(|a - b|, |a + b|), which is exact for small angles where acos(a · b) is not;
     # b and -b are the same rotation, the nearer one counts.
     apart, together = np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1)
@@ -140,12 +123,7 @@ class FrictionAndRestitution:
         return 2
 
     def to_parameters(self, unit: ArrayLike) -> StaticParameters:
-        """Map a point of the unit square to θ_s.
-
-        Parameters
-        ----------
-        unit : (2,) friction and restitution; clipped to the square
-        """
+        """Map a point (2,) of the unit square, clipped to it, to θ_s."""
         point = np.clip(finite_array(unit, "friction and restitution", (2,)), 0.0, 1.0)
         return toss_parameters(*point.tolist())
 
@@ -204,19 +182,8 @@ def evaluate_tosses(
 ) -> TossEvaluation:
     """Split at random (by the options' seed), fit each engine to one part, simulate both.
 
-    Parameters
-    ----------
-    tosses : at least two
-    engines : names of simulators; each gets a fit of its own
-    options : method, criteria and seed of the fit
-    train_fraction : share that is fitted to, above 0 and below 1
-    learn_mass_centre : whether the cube's centre of mass is fitted too, to the training's flights
-
-    Raises
-    ------
-    InvalidInputError
-        When there are too few tosses, the share is not between 0 and 1, or the flights do not tell
-        the centre of mass.
+    `learn_mass_centre`: the cube's centre of mass is fitted too, to the flights of the training
+    part.
     """
     training, test = split(tosses, train_fraction, options.seed)
     centre = fit_mass_centre(training) if learn_mass_centre else None

@@ -35,13 +35,7 @@ class MassCentreFit:
 
 
 def fit_mass_centre(tosses: Sequence[CubeToss]) -> MassCentreFit:
-    """Fit one centre of mass, and one gravity, to the flights of all tosses by least squares.
-
-    Raises
-    ------
-    InvalidInputError
-        When the tosses do not fly, or do not turn, for long enough to tell.
-    """
+    """Fit one centre of mass, and one gravity, to the flights of all tosses by least squares."""
     flights = [flight for flight in map(_flight, tosses) if flight is not None]
     if not flights:
         raise InvalidInputError(
@@ -65,13 +59,7 @@ def fit_mass_centre(tosses: Sequence[CubeToss]) -> MassCentreFit:
 
 
 def with_mass_centre(toss: CubeToss, mass_centre: NDArray[np.float64]) -> CubeToss:
-    """Return the toss of a cube with a centre-of-mass offset.
-
-    Parameters
-    ----------
-    toss : of a cube with or without an offset
-    mass_centre : (3,) m in the cube's frame
-    """
+    """Return the toss of a cube with a centre-of-mass offset (3,) m in the cube's frame."""
     (seen,) = toss.observation.objects
     x, y, z = mass_centre.tolist()
     cube = replace(seen.object, mass_centre=(x, y, z))

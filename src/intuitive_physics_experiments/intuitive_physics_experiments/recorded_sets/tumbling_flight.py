@@ -17,14 +17,8 @@ def tumbling_flight(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Positions (n, 3) m and orientations (n, 4) of a cube that stops where it first touches.
 
-    A cube has three equal moments of inertia, so in free flight its angular velocity is constant.
-
-    Parameters
-    ----------
-    environment : its planes and gravity count
-    width : m, edge of the cube
-    state : where the flight begins
-    times : (n,) s after the state, strictly increasing
+    Times (n,) s after the state strictly increase; the width is the cube's edge in m. A cube has
+    three equal moments of inertia, so in free flight its angular velocity is constant.
     """
     instants = increasing_times(times, "times")
     flight = _Flight(environment, width, state)
@@ -42,13 +36,9 @@ def cube_gaps(
     positions: NDArray[np.float64],
     axes: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Distance in m, shape (n,), of the lowest corner of a cube from the nearest plane.
+    """Distance (n,) m of the lowest corner of a cube from the nearest plane.
 
-    Parameters
-    ----------
-    width : m, edge of the cube
-    positions : (n, 3) m, of its centre
-    axes : (n, 3, 3) rotation matrices, cube to world
+    Positions (n, 3) m are of its centre, axes (n, 3, 3) rotate from the cube to the world.
     """
     gaps = np.full(len(axes), np.inf)
     for plane in environment.planes:

@@ -52,19 +52,7 @@ class Camera:
         height: int = 480,
         focal_length: float = 460.0,
     ) -> Camera:
-        """Return an upright camera at `position` that sees `target` in its image's centre.
-
-        Parameters
-        ----------
-        position, target : (3,) m in the world
-        width, height : pixels
-        focal_length : pixels
-
-        Raises
-        ------
-        InvalidInputError
-            When it would look straight up or down, where upright means nothing.
-        """
+        """Return an upright camera at a position (3,) m with the target (3,) m in its centre."""
         origin = finite_array(position, "camera position", (3,))
         forward = unit_vector(finite_array(target, "target", (3,)) - origin, "viewing direction")
         if abs(forward @ UP) > 1.0 - 1e-9:

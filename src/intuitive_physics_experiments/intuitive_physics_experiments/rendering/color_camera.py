@@ -38,9 +38,7 @@ class RoomLight:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the factor (...,) of the reflectance and the white highlight (...,) added to it.
 
-        Parameters
-        ----------
-        normals, to_camera : (..., 3) unit vectors in the world
+        Normals and directions to the camera are unit vectors (..., 3) in the world.
         """
         light = np.asarray(self.direction) / np.linalg.norm(self.direction)
         cosine = normals @ light
@@ -96,15 +94,7 @@ class ColoredBall:
 
 
 class ColorCamera:
-    """Renders colour images.
-
-    Parameters
-    ----------
-    renderer : of the depth images of the same camera
-    light : of the room
-    noise : faults of the image
-    rng : where the noise comes from
-    """
+    """Renders colour images of a room in the view of a depth renderer."""
 
     def __init__(
         self,

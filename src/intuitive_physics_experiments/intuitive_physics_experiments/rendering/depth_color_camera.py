@@ -20,14 +20,7 @@ from intuitive_physics_perception.input.depth import points_from_depth
 
 
 class DepthColorCamera:
-    """Registered depth and colour images.
-
-    Parameters
-    ----------
-    renderer : of a camera in a room
-    rng : of the noise of both images
-    light : of the room
-    """
+    """Registered depth and colour images, each with its noise."""
 
     def __init__(
         self, renderer: DepthRenderer, rng: np.random.Generator, light: RoomLight | None = None

@@ -71,25 +71,12 @@ class DepthNoise:
             )
 
     def sigma(self, depth: NDArray) -> NDArray:
-        """Axial standard deviation of each depth, (...) m.
-
-        Parameters
-        ----------
-        depth : (...) m
-        """
+        """Axial standard deviation (...) m of each depth (...) m."""
         return self.axial_constant + self.axial_quadratic * depth**2
 
 
 class NoisyDepthCamera:
-    """Turns ideal images of one static background, with or without a ball, into noisy ones.
-
-    Parameters
-    ----------
-    background : ideal image without the ball
-    focal_length : pixels
-    noise : sizes of the faults
-    rng : where the noise comes from
-    """
+    """Turns ideal images of one static background, with or without a ball, into noisy ones."""
 
     def __init__(
         self,
@@ -120,9 +107,7 @@ class NoisyDepthCamera:
     ) -> NDArray[np.uint16]:
         """Return one noisy image (height, width) in millimetres, 0 where there is no reading.
 
-        Parameters
-        ----------
-        part, region : what `DepthRenderer.render` answered; None for the empty background
+        Part and region are what `DepthRenderer.render` returned; None: the empty background.
         """
         level, sigma, loss = self._level, self._sigma, self._loss
         if part is not None and region is not None and not region.empty:

@@ -58,13 +58,9 @@ class RenderedBalls:
 
 
 class DepthRenderer:
-    """Renders balls in an environment.
+    """Renders balls among the planes and boxes of an environment.
 
-    Parameters
-    ----------
-    camera : where it is seen from
-    environment : its planes and boxes; a plane reaches `PLANE_EXTENT` and ends where another cuts
-        it off
+    A plane reaches `PLANE_EXTENT` and ends where another cuts it off.
     """
 
     def __init__(self, camera: Camera, environment: Environment) -> None:
@@ -73,33 +69,14 @@ class DepthRenderer:
         self.background = _cast_background(camera, environment, self._rays)
 
     def render(self, center: ArrayLike, radius: float) -> tuple[DepthImage, ImageRegion]:
-        """Return the rectangle of the image that a ball covers, and where that rectangle is.
-
-        Parameters
-        ----------
-        center : (3,) m, in the world
-        radius : m
-
-        Raises
-        ------
-        InvalidInputError
-            When the ball reaches behind the camera's image plane.
-        """
+        """Return the rectangle of the image that a ball covers, and where that rectangle is."""
         rendered = self.render_balls([center], [radius])
         return rendered.image, rendered.region
 
     def render_balls(self, centers: Sequence[ArrayLike], radii: Sequence[float]) -> RenderedBalls:
-        """Return the rectangle of the image that covers all of some balls.
+        """Return the rectangle of the image that covers balls of centres (3,) m and radii in m.
 
-        Parameters
-        ----------
-        centers : of each ball (3,) m, in the world
-        radii : m
-
-        Raises
-        ------
-        InvalidInputError
-            When a ball reaches behind the camera's image plane.
+        A ball that reaches behind the camera's image plane is an error.
         """
         optical = [self.camera.to_optical(finite_array(c, "ball center", (3,))) for c in centers]
         own = [self._ball_region(c, radius) for c, radius in zip(optical, radii, strict=True)]
@@ -122,13 +99,7 @@ class DepthRenderer:
         return RenderedBalls(DepthImage(depth, cosine), region, owner)
 
     def full_image(self, center: ArrayLike, radius: float) -> DepthImage:
-        """Return the whole image with a ball in it.
-
-        Parameters
-        ----------
-        center : (3,) m in the world
-        radius : m
-        """
+        """Return the whole image with a ball in it, centre (3,) and radius in m."""
         part, region = self.render(center, radius)
         depth, cosine = self.background.depth.copy(), self.background.incidence_cosine.copy()
         depth[region.rows, region.columns] = part.depth
@@ -186,11 +157,7 @@ def cast_sphere(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return depth (...,) m, 0 where missed, and cosine of incidence (...,) of rays on a sphere.
 
-    Parameters
-    ----------
-    rays : (..., 3) directions from the camera, z = 1
-    center : (3,) m, in the camera's frame
-    radius : m
+    Rays are directions (..., 3) with z = 1; the centre (3,) m is in the camera's frame.
     """
     directions = rays.astype(np.float64)
     square = np.einsum("...i,...i", directions, directions)

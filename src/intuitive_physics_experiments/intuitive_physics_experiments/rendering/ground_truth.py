@@ -53,13 +53,7 @@ class GroundTruth:
 
     @staticmethod
     def load(bag: Path) -> GroundTruth:
-        """Read what `save` wrote.
-
-        Raises
-        ------
-        InvalidInputError
-            When the folder has no ground truth or it cannot be read.
-        """
+        """Read what `save` wrote."""
         path = bag / FILE_NAME
         try:
             data = json.loads(path.read_text(encoding="utf-8"))

@@ -56,18 +56,7 @@ def render_bag(
     settings: RenderSettings,
     report_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> GroundTruth:
-    """Render a bag with its ground truth; it appears whole or not at all.
-
-    Parameters
-    ----------
-    path : folder to make; it must not exist
-    report_progress : called with the frames done and the frames in all
-
-    Raises
-    ------
-    InvalidInputError
-        When the folder exists or cannot be written.
-    """
+    """Render a new bag with its ground truth; it appears whole or not at all."""
     throw_rng, noise_rng = map(
         np.random.default_rng, np.random.SeedSequence(settings.seed).spawn(2)
     )
@@ -96,20 +85,10 @@ def render_truth(
     rng: np.random.Generator,
     report_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
-    """Render what is known to happen, any number of balls at once, as a bag.
+    """Render the throws of a ground truth, any number of balls at once, as a new bag.
 
-    Parameters
-    ----------
-    path : folder to make; it must not exist
-    truth : camera, environment and throws
-    settings : frame rate, pause after the last throw, and the camera's faults
-    rng : where the noise comes from
-    report_progress : called with the frames done and the frames in all
-
-    Raises
-    ------
-    InvalidInputError
-        When the folder exists or cannot be written.
+    Settings are frame rate, pause after the last throw, and the camera's faults; progress is frames
+    done, and frames in all.
     """
     target = Path(path)
     if target.exists():

@@ -77,13 +77,9 @@ class BallMotion:
     angular_velocities: NDArray[np.float64]  # (n, 3) rad/s
 
     def orientation_at(self, time: float) -> NDArray[np.float64]:
-        """Return the rotation (3, 3) since the initial state.
+        """Return the rotation (3, 3) since the initial state, at a time in s after it.
 
         Between two samples the ball turns with the angular velocity of the first of them.
-
-        Parameters
-        ----------
-        time : s after the initial state
         """
         durations = np.clip(time - self.times[:-1], 0.0, np.diff(self.times))
         turns = Rotation.from_rotvec(durations[:, None] * self.angular_velocities[:-1])
@@ -100,21 +96,10 @@ def move_ball(
     sample_rate: int = 120,
     fidelity: Fidelity = AS_BULLET_HAS_IT,
 ) -> BallMotion:
-    """Simulate one ball from its initial state.
+    """Simulate one ball of a radius in m and a density in kg/m³ for a duration in s.
 
-    Parameters
-    ----------
-    environment : its planes, unbounded, and gravity; boxes are not supported
-    radius : m
-    density : kg/m³
-    duration : s
-    sample_rate : Hz, a whole number of steps apart
-    fidelity : to the contact laws
-
-    Raises
-    ------
-    InvalidInputError
-        When the environment has boxes, or no whole number of steps lies between samples.
+    Planes are unbounded, boxes are not supported. A whole number of steps lies between samples,
+    `sample_rate` of them in a second.
     """
     if environment.boxes:
         raise InvalidInputError(f"environment has {len(environment.boxes)} boxes; expected none")
@@ -156,14 +141,6 @@ class _Grip:
 
     A contact sticks where friction can take all its slip s: 2/7 m |s| ≤ μ J_n, with the normal
     impulse J_n of an impact, m (1 + e) u, or of the weight, m g_n h.
-
-    Parameters
-    ----------
-    ball : index of the body, a solid sphere
-    environment : its planes and gravity
-    radius : m
-    contact : of the ball
-    step : s
     """
 
     def __init__(

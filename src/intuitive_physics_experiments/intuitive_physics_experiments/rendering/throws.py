@@ -52,13 +52,7 @@ class Throw:
         return self.start_time + float(self.motion.times[-1])
 
     def positions_at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Centre (n, 3) m at times (n,) s after the recording's start.
-
-        Raises
-        ------
-        InvalidInputError
-            When a time lies outside the throw.
-        """
+        """Centre (n, 3) m at times (n,) s after the recording's start, all within the throw."""
         since = np.asarray(times, dtype=np.float64) - self.start_time
         known = self.motion.times
         if since.size and (since.min() < -1e-6 or since.max() > known[-1] + 1e-6):
@@ -71,13 +65,7 @@ class Throw:
         )
 
     def colored_at(self, time: float, surface: BallSurface) -> ColoredBall:
-        """Return the ball as a colour camera sees it, with something painted on it.
-
-        Parameters
-        ----------
-        time : s after the recording's start
-        surface : what is painted on it
-        """
+        """Return the ball as a colour camera sees it, with a painted surface, s after the start."""
         motion, since = self.motion, time - self.start_time
         velocity, spin = (
             np.array([np.interp(since, motion.times, column) for column in values.T])
@@ -109,16 +97,9 @@ def make_throws(
 ) -> list[Throw]:
     """Throw balls in turn, each in view of the camera from hand to end.
 
-    Parameters
-    ----------
-    count : number of throws
-    environment, parameters : Ω_e and the true θ_s
-    first_start : s after the recording's start when the first ball appears
-    duration : s of each throw
-    pause : s without a ball after each
-    materials : of the balls, some of `BALL_RADII`
-    fidelity : of their motions to the contact laws
-    spin : rad/s, standard deviation of the initial angular velocity about each axis
+    The first ball appears `first_start` s after the recording's start; each throw lasts `duration`
+    s, with `pause` s without a ball after it. The spin is the standard deviation in rad/s of the
+    initial angular velocity about each axis.
     """
     throws = []
     for i in range(count):

@@ -39,11 +39,8 @@ ACTION = "/learner_node/learn_parameters"
 class Suite:
     """Starts perception, learner and predictor, and stops them at the end.
 
-    Parameters
-    ----------
-    database : file in which the learner keeps what it hears
-    horizon : s that the predictor predicts ahead
-    log_folder : where each node's output is written when they end
+    The learner keeps what it receives in the file `database`, the predictor predicts `horizon` s
+    ahead. When they end, each node's output is written into `log_folder`.
     """
 
     def __init__(self, database: Path, horizon: float, log_folder: Path) -> None:
@@ -136,13 +133,7 @@ def listen(peer: Peer) -> Heard:
 
 
 def replay(bag: Path, rate: float, suite: Suite, peer: Peer, progress: Progress) -> None:
-    """Play a bag from start to end while the nodes watch.
-
-    Raises
-    ------
-    IntuitivePhysicsError
-        When a node ends, or the bag cannot be played.
-    """
+    """Play a bag from start to end while the nodes watch."""
     with BagReader(bag) as reader:
         duration = reader.duration / rate
     arguments = ["-p", f"bag:={bag}", "-p", f"rate:={rate}", "-p", "clock:=false"]
@@ -191,21 +182,7 @@ def learn(
     progress: Progress,
     timeout: float = 120.0,
 ) -> Learned:
-    """Learn from all observations the learner has stored.
-
-    Parameters
-    ----------
-    client : from `learner_client`
-    method : update rule
-    iterations : evaluations of J at most
-    seed : of the search
-    timeout : s to wait for the result
-
-    Raises
-    ------
-    IntuitivePhysicsError
-        When the learner refuses, fails or does not answer.
-    """
+    """Learn from all observations the learner has stored, with a client from `learner_client`."""
     peer.spin_until(client.server_is_ready, f"the action {ACTION}")
     goal = LearnParameters.Goal()
     goal.options.method = method

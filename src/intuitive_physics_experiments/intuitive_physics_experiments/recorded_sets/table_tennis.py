@@ -170,7 +170,7 @@ def fit_ball_state(
     environment: Environment,
     ball: SceneObject,
 ) -> ObjectState:
-    """Fit θ_d at the first row of a free flight in the ball's air: times (n,) s, positions (n, 3)."""
+    """Fit θ_d at the first row of a free flight (n, 3) m at times (n,) s, in the ball's air."""
     if ball.drag_coefficient == ball.magnus_coefficient == 0.0:
         return fit_initial_state(times, positions, environment.gravity)
     radius = ball.shape.bounding_radius

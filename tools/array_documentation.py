@@ -197,8 +197,10 @@ def _has_entry(docstring: str, name: str) -> bool:
 
 def _states_result(docstring: str) -> bool:
     summary = docstring.split("\n\n")[0]
-    section = re.search(r"^(?:Returns|Yields)\n-+\n(.*?)(?:\n\n|\Z)", docstring, re.M | re.S)
-    return bool(re.search(_SHAPE, f"{summary}\n{section[1] if section else ''}"))
+    results = re.findall(
+        r"^(?:.*[.] )?(?:Returns|Yields)(?:\n-+\n|\s)(.*?)(?:\n\n|\Z)", docstring, re.M | re.S
+    )
+    return any(re.search(_SHAPE, text) for text in (summary, *results))
 
 
 def _string(statement: ast.stmt) -> str:

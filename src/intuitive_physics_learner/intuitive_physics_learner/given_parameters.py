@@ -202,14 +202,7 @@ def _with_knowledge(
 ) -> LearnedParameters:
     """Return a version with its posterior, and with what was given of it.
 
-    Parameters
-    ----------
-    merged : the version, its values and standard deviations
-    base : what stays of all that is not chosen
-    chosen : (|θ_s|,) bool, which parameters are given
-    as_what : one of `GIVEN_AS`
-    whole : what is given of all parameters together; None: the standard deviations
-    bounds : by kind
+    `chosen` (|θ_s|,) bool, which parameters are given.
     """
     wide = widened_bounds(bounds or {}, merged.parameters)
     own = ParameterPosterior.from_marginals(
@@ -260,13 +253,7 @@ def _with_knowledge(
 def _without_intervals(
     posterior: ParameterPosterior, learned: LearnedParameters
 ) -> ParameterPosterior:
-    """Return a posterior in which one-sided intervals are standard deviations that contain them.
-
-    Parameters
-    ----------
-    posterior : of all parameters
-    learned : with the standard deviations and intervals in SI units
-    """
+    """Return a posterior in which one-sided intervals are standard deviations that contain them."""
     sided = ~np.isnan(posterior.intervals[:, 0])
     if not sided.any():
         return posterior

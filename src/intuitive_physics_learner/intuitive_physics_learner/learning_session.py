@@ -279,13 +279,7 @@ def _begin(
 
 
 def _given_prior(task: LearningTask, given: GivenKnowledge) -> GaussianPrior | None:
-    """What a user gave of the active parameters; None where that is nothing.
-
-    Raises
-    ------
-    InvalidInputError
-        When a value that was given lies outside the bounds of the search.
-    """
+    """What a user gave of the active parameters; None where that is nothing."""
     space, prior = task.space, given.prior
     check_within_bounds(task.start, given.fixed, space.bounds)
     with_prior = np.asarray(prior.factor.any(axis=0))
@@ -390,13 +384,7 @@ def _merged_posterior(
 ) -> ParameterPosterior:
     """What is known of the next version of θ_s.
 
-    Parameters
-    ----------
-    previous : version before, over the materials of `merged`
-    space : of the search
-    merged : the next version
-    searched : (|θ_s| of the search,) indices of its parameters among those of `merged`
-    identifiability : of the search's parameters
+    `searched` (|θ_s| of the search,) indices of its parameters among those of `merged`.
     """
     bounds = widened_bounds(space.bounds, merged)
     whole = ParameterSpace(merged.materials, bounds)

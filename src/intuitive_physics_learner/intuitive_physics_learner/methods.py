@@ -50,18 +50,6 @@ def check_method(name: str, distance: str = MEAN_DISTANCE) -> None:
     """Check that there is such a method and that it can minimise a distance.
 
     Joint estimation maximises a likelihood of the observed points; it has no distance to choose.
-
-    Parameters
-    ----------
-    name : of the method
-    distance : one of `trajectory.DISTANCES`
-
-    Raises
-    ------
-    UnknownMethodError
-        When no method has that name.
-    InvalidInputError
-        When it is joint estimation and the distance not the default.
     """
     if name not in METHODS:
         raise UnknownMethodError.among(name, METHODS)
@@ -74,18 +62,6 @@ def check_method(name: str, distance: str = MEAN_DISTANCE) -> None:
 
 
 def make_search(name: str, task: LearningTask, generator: np.random.Generator) -> Search:
-    """Return the search by the method of that name, ready to run.
-
-    Parameters
-    ----------
-    name : one of `METHODS`
-    task : what to learn
-    generator : the only source of randomness; owned by the search from now on
-
-    Raises
-    ------
-    UnknownMethodError
-        When no method has that name.
-    """
+    """Return the search by the method of that name, ready to run."""
     check_method(name)
     return _SEARCHES[name](task, generator)

@@ -112,13 +112,8 @@ def reassessed(
     their median and with the spread from there to their 84 % quantile, which a share of disturbed
     ones below 16 % does not move.
 
-    Parameters
-    ----------
-    assessments : n of them, by the laws of motion
-    lengths : (n,) σ, of residuals just beyond where each fit stops; NaN where it does not stop
-    times : (n,) s after the start, where these are
-    trusted : ids of observations that are never doubtful
-    settings : of the distribution and of the mixture
+    `lengths` (n,) σ, of residuals just beyond where each fit stops; NaN where it does not stop;
+    `times` (n,) s after the start, where these are.
     """
     settings = settings or AssessmentSettings()
     rest = np.flatnonzero([one.status == USED for one in assessments])
@@ -149,11 +144,7 @@ on an observation is not used."""
 def clean_part(seen: Observation, until: float, settings: AssessmentSettings) -> Observation:
     """Return an observation up to a time, and with a few points after its start in any case.
 
-    Parameters
-    ----------
-    seen : the whole of it
-    until : s, on the clock of its trajectories
-    settings : of how many points are left
+    `until` in s, on the clock of its trajectories.
     """
     objects = tuple(
         _cut(each, until, seen.start_time, settings.least_points) for each in seen.objects
@@ -205,10 +196,7 @@ def good_probabilities(
 ) -> NDArray[np.float64]:
     """Return the probability (n,) of each observation to be good.
 
-    Parameters
-    ----------
-    log_ps : (n,) logarithms of p values that are uniform, or larger, where good
-    settings : of the density of the others, and of the prior of their share
+    `log_ps` (n,) logarithms of p values that are uniform, or larger, where good.
     """
     if log_ps.size == 0:
         return np.zeros(0)

@@ -38,14 +38,7 @@ def flight_violation(track: Track, settings: AssessmentSettings) -> Violation | 
     an impulse in the middle must not explain more of it than of noise. One point of each window
     does not count, the one that fits worst, so that an outlier alone violates nothing.
 
-    Parameters
-    ----------
-    track : n points
-    settings : of the windows
-
-    Returns
-    -------
-    None where there is no such window.
+    Returns None where there is no such window.
     """
     free = free_intervals(track, settings)
     begins, ends, log_ps = [], [], []
@@ -78,11 +71,6 @@ def free_intervals(track: Track, settings: AssessmentSettings) -> NDArray[np.boo
 
     A contact between two points takes the gap to zero and back. The speed at which it can do so is
     taken from the intervals beside, which a jump leaves as they are.
-
-    Parameters
-    ----------
-    track : n points
-    settings : of the clearance
     """
     durations = np.diff(track.times)
     gaps = np.minimum(track.support_gaps, track.side_gaps)
@@ -111,13 +99,7 @@ def flight_losses(
 ) -> NDArray[np.float64]:
     """Return the least sums of squares (w,), without a unit, that remain without the worst point.
 
-    Parameters
-    ----------
-    track : n points
-    starts : (w,) index of the first point of each window
-    count : points of a window
-    settings : of the acceleration beyond gravity
-    impulse : whether the velocity may change at once in the middle
+    `starts` (w,) index of the first point of each window.
     """
     index = starts[:, None] + np.arange(count)
     times = track.times[index]
@@ -242,11 +224,7 @@ def _contact_states(
 
     Nothing that could push it is near: no other object, and while it moves no wall.
 
-    Parameters
-    ----------
-    track : n points
-    index : (w, l) of the points about each place
-    settings : of what is steady and near
+    `index` (w, l) of the points about each place.
     """
     before = index[:, : index.shape[1] // 2]
     short = track.times[index[:, -1]] - track.times[index[:, 0]] <= settings.impulse_duration

@@ -73,10 +73,7 @@ class Track:
 def tracks_of(observation: Observation, whitenings: Sequence[NDArray[np.float64]]) -> list[Track]:
     """Prepare the tracks of an observation.
 
-    Parameters
-    ----------
-    observation : its trajectories are taken to be what was detected
-    whitenings : of each object, (n, 3, 3) 1/m
+    `whitenings` (n, 3, 3) of each object, 1/m.
     """
     return [_track(observation, number, whitening) for number, whitening in enumerate(whitenings)]
 

@@ -39,11 +39,8 @@ def violations_of(
 ) -> Violation | None:
     """Put together what a test found at w places; None where there was no place.
 
-    Parameters
-    ----------
-    log_ps : (w,) logarithm of the p value at each
-    begins, ends : (w,) s, between which a violation at each place lies
-    what : for people
+    `log_ps` (w,) logarithm of the p value at each; `begins` (w,) and `ends` (w,) s, between which a
+    violation at each place lies.
     """
     if log_ps.size == 0:
         return None

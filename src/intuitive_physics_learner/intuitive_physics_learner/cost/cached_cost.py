@@ -22,10 +22,6 @@ class CachedCost(Cost):
     J is a sum over observations, and each depends on few parameters, so a candidate that differs
     from an earlier one in some parameters costs only the observations which these can change.
 
-    Parameters
-    ----------
-    cost : what simulates
-
     Attributes
     ----------
     simulated : trials that were simulated so far

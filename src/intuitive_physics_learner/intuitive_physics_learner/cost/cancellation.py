@@ -14,18 +14,7 @@ LARGEST_BATCH = 50
 def batches(
     candidates: list[StaticParameters], cancelled: Callable[[], bool] | None
 ) -> Iterator[list[StaticParameters]]:
-    """Yield candidates in batches of up to `LARGEST_BATCH`.
-
-    Parameters
-    ----------
-    candidates : θ_s
-    cancelled : looked at before each batch
-
-    Raises
-    ------
-    LearningCancelledError
-        Before a batch, when `cancelled` returned True.
-    """
+    """Yield candidates in batches of up to `LARGEST_BATCH`."""
     for first in range(0, len(candidates), LARGEST_BATCH):
         stop_if(cancelled)
         yield candidates[first : first + LARGEST_BATCH]

@@ -229,9 +229,7 @@ class _Simulated:
     def residuals(self, points: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return the offsets (N, P, 3) in m of some points, as `Cost.trial_residuals`.
 
-        Parameters
-        ----------
-        points : (W, P) of each observation of the group, as `PackedObservations.points`
+        `points` (W, P) of each observation of the group, as `PackedObservations.points`.
         """
         count, objects, simulated = self.counted.shape
         owner, column = np.divmod(points, self.group.seen.shape[2])

@@ -44,17 +44,9 @@ class PackedObservations:
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
         """Simulate trials of these observations.
 
-        Parameters
-        ----------
-        simulator : the engine
-        trials : N of them
-        rows : (N,) index among these observations of that of each trial
-
-        Returns
-        -------
-        offsets : (N, O, T', 3) m, simulated minus observed position, T' ≤ T
-        counted : (N, O, T') bool, which of them were seen and wanted
-        failed : (N,) bool, which worlds did not simulate to their end
+        `rows` (N,) index among these observations of that of each trial. Returns `offsets` (N, O,
+        T', 3) m, simulated minus observed position, T' ≤ T; `counted` (N, O, T') bool, which of
+        them were seen and wanted; `failed` (N,) bool, which worlds did not simulate to their end.
         """
         tables = self.worlds.taken(rows[:0]).crossed(trials.parameters)
         changes = {
@@ -116,13 +108,7 @@ def _packed(
 
 
 def times_after_start(observation: Observation, seen: ObservedObject) -> NDArray[np.float64]:
-    """Return the times (n_points,) in s after the start; points before it do not count.
-
-    Parameters
-    ----------
-    observation : with a start time
-    seen : one of its objects
-    """
+    """Return the times (n_points,) in s after the start; points before it do not count."""
     relative = seen.trajectory.times - observation.start_time
     relative[(relative < 0.0) & (relative >= -START_TOLERANCE)] = 0.0
     return relative

@@ -14,10 +14,7 @@ from intuitive_physics_learner.cost.trials import Trials, resting
 class PartialCost(Cost):
     """J over some of the observations of another cost.
 
-    Parameters
-    ----------
-    cost : over all of them
-    members : (n_members,) indices of the observations that are left, at least one
+    `members` (n_members,) indices of the observations that are left, at least one.
     """
 
     def __init__(self, cost: Cost, members: NDArray[np.int64]) -> None:

@@ -53,9 +53,7 @@ class Trials:
     def taken(self, trials: NDArray[np.int64]) -> Trials:
         """Return some trials, with only the θ_s they need.
 
-        Parameters
-        ----------
-        trials : (k,) indices, in the order wanted
+        `trials` (k,) indices, in the order wanted.
         """
         used, index = np.unique(self.parameter_index[trials], return_inverse=True)
         return Trials(

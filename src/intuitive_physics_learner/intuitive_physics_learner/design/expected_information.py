@@ -67,10 +67,8 @@ class ExpectedPosteriors:
     ) -> Reduction:
         """Return what is left of the covariance of r linear functions of θ_s after each throw.
 
-        Parameters
-        ----------
-        covariance : (n, n) widths², of all parameters before the throw
-        directions : (r, n) slopes of the functions per width of each parameter
+        `covariance` (n, n) widths², of all parameters before the throw; `directions` (r, n) slopes
+        of the functions per width of each parameter.
         """
         crossed = covariance @ directions.T
         own = covariance[self.parameters[:, :, None], self.parameters[:, None, :]]
@@ -109,10 +107,6 @@ class Reduction:
         """Fall (W,) of ln det of the covariances, the square of `blur` added to each variance.
 
         By the matrix determinant lemma det(M - U D Uᵀ) = det M det(I - D Uᵀ M⁻¹ U).
-
-        Parameters
-        ----------
-        blur : in the units of the functions
         """
         blurred = self.before + blur**2 * np.eye(len(self.before))
         weighted = self.gains.transpose(0, 2, 1) @ np.linalg.solve(blurred, self.gains)
@@ -124,10 +118,6 @@ def gaussian_covariance(posterior: ParameterPosterior) -> NDArray[np.float64]:
     """Covariance (n, n), widths², of the normal distribution that stands for a posterior.
 
     Bounds and one-sided intervals count by the variance of a number that is uniform between them.
-
-    Parameters
-    ----------
-    posterior : of θ_s
     """
     precision = posterior.information + UNIFORM_PRECISION * np.eye(posterior.mean.size)
     lengths = np.nan_to_num(posterior.intervals[:, 1] - posterior.intervals[:, 0])
@@ -147,21 +137,7 @@ def expected_posteriors(
 ) -> Iterator[ExpectedPosteriors]:
     """Judge throws, those together that have equally many unknowns.
 
-    Parameters
-    ----------
-    throws : at least one, of materials that the posterior knows
-    posterior : of θ_s before the throw
-    units : (n_draws, n) draws of θ_s from it, points of the unit cube
-    viewing : how the throw will be observed
-    simulator : of the throws
-    settings : steps of slopes, and how well throws are made
-    rng : of the errors with which throws are made
-    cancelled : looked at before each draw
-
-    Raises
-    ------
-    LearningCancelledError
-        When `cancelled` returned True.
+    `units` (n_draws, n) draws of θ_s from it, points of the unit cube.
     """
     observations = [viewing.observation(throw.scene) for throw in throws]
     cost = TrajectoryCost(observations, simulator, posterior.materials)
@@ -220,14 +196,7 @@ def _filtered(
 ) -> NDArray[np.float64]:
     """Covariance (W, q, q) of each throw's parameters after its track, in widths².
 
-    Parameters
-    ----------
-    linear : at the draw; its residuals are positions, as nothing was observed yet
-    block : W throws of up to P detections
-    own : (W, q, q) covariance of each one's parameters before the throw, in widths²
-    at : steps of the slopes
-    viewing : noise and region in view
-    settings : of what counts
+    `own` (W, q, q) covariance of each one's parameters before the throw, in widths².
     """
     how, noise = settings.estimation, viewing.noise
     count, k, points = linear.slopes.shape[:3]

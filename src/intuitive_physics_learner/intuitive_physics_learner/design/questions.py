@@ -37,12 +37,7 @@ class Question(ABC):
 
     @abstractmethod
     def information(self, reduction: Reduction) -> NDArray[np.float64]:
-        """Information (W,), nat, that each throw is worth.
-
-        Parameters
-        ----------
-        reduction : of the covariance of the functions
-        """
+        """Information (W,), nat, that each throw is worth."""
 
     @abstractmethod
     def functions(self, posterior: ParameterPosterior) -> list[tuple[str, float]]:
@@ -56,15 +51,7 @@ class Question(ABC):
         settings: DesignSettings,
         rng: np.random.Generator,
     ) -> NDArray[np.float64]:
-        """Slopes (r, n) of the functions per width of each of the n parameters.
-
-        Parameters
-        ----------
-        posterior : of θ_s at present
-        simulator : of a query's scene
-        settings : number of draws
-        rng : of the draws
-        """
+        """Slopes (r, n) of the functions per width of each of the n parameters."""
 
 
 @dataclass(frozen=True)
@@ -103,29 +90,12 @@ class AboutParameters(Question):
     ) -> NDArray[np.float64]:
         """One for each parameter asked about, zero for all others.
 
-        Parameters
-        ----------
-        posterior : of θ_s at present
-        simulator : of a query's scene
-        settings : number of draws
-        rng : of the draws
-
-        Returns
-        -------
-        (r, n) units of the functions per width
+        Returns (r, n) units of the functions per width.
         """
         return np.eye(posterior.mean.size)[self.indices(posterior.space.names)]
 
     def indices(self, known: Sequence[str]) -> list[int]:
-        """Return the index of each among the names of all parameters.
-
-        Raises
-        ------
-        InvalidInputError
-            When nothing is asked for, or something twice.
-        UnknownNameError
-            When there is no such parameter.
-        """
+        """Return the index of each among the names of all parameters."""
         places = {parameter_key(name): k for k, name in enumerate(known)}
         found = []
         for name in self.names:
@@ -190,16 +160,7 @@ class AboutMotion(Question):
     ) -> NDArray[np.float64]:
         """Slopes of the linear function that is closest to the answer over draws.
 
-        Parameters
-        ----------
-        posterior : of θ_s at present
-        simulator : of a query's scene
-        settings : number of draws
-        rng : of the draws
-
-        Returns
-        -------
-        (r, n) units of the functions per width
+        Returns (r, n) units of the functions per width.
         """
         own = posterior.extended(self.scene.materials)
         units = own.draw(settings.query_draws, rng)

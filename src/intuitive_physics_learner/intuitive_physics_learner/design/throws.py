@@ -124,10 +124,8 @@ class ThrownObject:
     def state(self, place: NDArray[np.float64], orientation: NDArray[np.float64]) -> ObjectState:
         """Return the initial state at a place of the ranges.
 
-        Parameters
-        ----------
-        place : (9,) from 0 to 1, in the order of `ThrowRanges.lower`
-        orientation : (4,) unit quaternion (x, y, z, w)
+        `place` (9,) from 0 to 1, in the order of `ThrowRanges.lower`; `orientation` (4,) unit
+        quaternion (x, y, z, w).
         """
         values = self.ranges.lower + place * self.ranges.widths
         return ObjectState(values[0:3], orientation, values[3:6], values[6:9], self.covariance)
@@ -155,11 +153,7 @@ class ViewingConditions:
     ) -> ViewingConditions:
         """Return what observations, at least one, have in common.
 
-        Parameters
-        ----------
-        observations : whose rate, duration and noise (their medians) and region are taken
-        smallest_noise : m, taken at least
-        margin : by which the region is larger on all sides, a part of its largest extent
+        `smallest_noise` in m, taken at least.
         """
         tracks = [(each, seen) for each in observations for seen in each.objects]
         periods = np.concatenate([np.diff(seen.trajectory.times) for _, seen in tracks])
@@ -374,15 +368,7 @@ class Throw:
     states: tuple[ObjectState, ...]
 
     def nearby(self, count: int, spread: float, rng: np.random.Generator) -> list[Throw]:
-        """Return valid throws whose initial states differ a little, `count` of them at most.
-
-        Parameters
-        ----------
-        count : of throws
-        spread : standard deviation of the differences, a part of the width of each range; at the
-            ends of the ranges they are reflected
-        rng : of all randomness
-        """
+        """Return valid throws whose initial states differ a little, `count` of them at most."""
         found = []
         for _ in range(count):
             states = []

@@ -28,12 +28,8 @@ from intuitive_physics_learner.search.search_space import SearchSpace
 class ScanCandidates:
     """θ_s in which the parameters of a group take one of their levels, the others stay.
 
-    Parameters
-    ----------
-    unit : (n,) the estimate on the unit cube
-    groups : arrays (n_members,) of indices of parameters, as `separate_groups`
-    space : maps the cube to θ_s
-    levels : (n, n_levels) places on the unit interval of each parameter
+    `unit` (n,) the estimate on the unit cube; `groups` (n_members,) each, indices of parameters,
+    as `separate_groups`; `levels` (n, n_levels) places on the unit interval of each parameter.
 
     Attributes
     ----------
@@ -70,20 +66,9 @@ def scanned_states(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Fit the initial states of a block to each level of each of its parameters.
 
-    Parameters
-    ----------
-    cost : simulates the observations
-    block : W of them
-    fits : their present initial states and fit horizons
-    linear : at these initial states
-    candidates : the levels
-    settings : of the weight of outliers
-
-    Returns
-    -------
-    estimates : (q * n_levels, W, d) deviations from the observed initial states, in SI units, the
-        levels of one parameter after those of the other
-    residuals : (q * n_levels, W, P, 3) m
+    Returns `estimates` (q * n_levels, W, d) deviations from the observed initial states, in SI
+    units, the levels of one parameter after those of the other; `residuals` (q * n_levels, W, P, 3)
+    m.
     """
     estimate, until, outlier = fits.estimate, fits.horizons, settings.outlier_length
     count, d = estimate.shape
@@ -113,15 +98,9 @@ def compatible_moves(
 ) -> list[int]:
     """Choose parameters to move, the most gainful first, no two of which share an observation.
 
-    Parameters
-    ----------
-    gains : (n,) by which moving each alone lowers the loss, in the unit of the loss
-    influence : (n_observations, n) bool, which observation can depend on which parameter
-    least_gain : of a parameter that is moved, in the same unit
-
-    Returns
-    -------
-    Indices of parameters.
+    `gains` (n,) by which moving each alone lowers the loss, in the unit of the loss; `influence`
+    (n_observations, n) bool, which observation can depend on which parameter. Returns indices of
+    parameters.
     """
     chosen: list[int] = []
     occupied = np.zeros(len(influence), dtype=bool)

@@ -43,13 +43,7 @@ from intuitive_physics_learner.search.update_rules import HybridRandomSearch, Up
 class CostDescent:
     """Gauss-Newton steps on J, from the best of some points.
 
-    Parameters
-    ----------
-    cost : J
-    space : maps the unit cube of the n parameters to θ_s
-    influence : (n_observations, n) bool, which observation can depend on which parameter
-    generator : of all randomness
-    settings : of the descent
+    `influence` (n_observations, n) bool, which observation can depend on which parameter.
 
     Attributes
     ----------
@@ -87,19 +81,12 @@ class CostDescent:
     def begin(self, points: NDArray[np.float64]) -> None:
         """Begin at the best of some points.
 
-        Parameters
-        ----------
-        points : (k, n) of the unit cube
+        `points` (k, n) of the unit cube.
         """
         self._take_best(points)
 
     def step(self, limit: int) -> None:
-        """Try to lower J: along slopes first, then at random.
-
-        Parameters
-        ----------
-        limit : evaluations of J at most; a step along slopes may exceed it
-        """
+        """Try to lower J: along slopes first, then at random."""
         if self._scan_next:
             self._scan_next = False
             self._scan(np.tile(self._settings.scan_levels, (self._space.size, 1)))

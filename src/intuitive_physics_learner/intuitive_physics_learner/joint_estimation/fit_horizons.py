@@ -68,12 +68,8 @@ class TrajectoryFits:
     ) -> NDArray[np.float64]:
         """Loss (c, W), without a unit, of each observation up to its horizon.
 
-        Parameters
-        ----------
-        block : W observations
-        estimates : (c, W, d) deviations from the observed initial states, in SI units
-        residuals : (c, W, P, 3) m, of simulations from these initial states
-        settings : of the weight of outliers
+        `estimates` (c, W, d) deviations from the observed initial states, in SI units; `residuals`
+        (c, W, P, 3) m, of simulations from these initial states.
         """
         lengths = np.linalg.norm(block.whitened(residuals), axis=3)
         lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
@@ -90,17 +86,9 @@ class TrajectoryFits:
     ) -> tuple[bool, int]:
         """Move horizons to their goals; where a misfit has lasted too long, to before it.
 
-        Parameters
-        ----------
-        block : W observations
-        residuals : (W, P, 3) m, of the present estimate
-        goals : (W,) s, to which horizons may advance
-        settings : of misfits and retreats
-
-        Returns
-        -------
-        moved : whether any horizon did
-        misfits : number of observations with a misfit
+        `residuals` (W, P, 3) m, of the present estimate; `goals` (W,) s, to which horizons may
+        advance. Returns `moved`: whether any horizon did; `misfits`: number of observations with a
+        misfit.
         """
         starts = misfit_starts(block, residuals, self.horizons, settings)
         misfit = np.isfinite(starts)
@@ -127,13 +115,7 @@ class TrajectoryFits:
 def first_horizons(
     block: ObservationBlock, settings: JointEstimationSettings
 ) -> NDArray[np.float64]:
-    """Return the horizons (W,), in s, that a fit begins with: the first points, or the first time.
-
-    Parameters
-    ----------
-    block : W observations
-    settings : how many points, and how long
-    """
+    """Return the first horizons (W,) s of a fit: up to the first points, or the first time."""
     ordered = np.sort(block.times, axis=1)
     counts = np.isfinite(ordered).sum(axis=1)
     last = np.minimum(settings.first_points * block.initial_states.objects, counts) - 1
@@ -145,11 +127,7 @@ def farthest_horizons(
 ) -> NDArray[np.float64]:
     """Return the times (W,), in s, that horizons can reach in one step.
 
-    Parameters
-    ----------
-    block : W observations
-    horizons : (W,) s, the present ones
-    settings : of the largest advance
+    `horizons` (W,) s, the present ones.
     """
     return np.minimum(horizons + settings.largest_advance, block.durations)
 
@@ -166,17 +144,8 @@ def advanced_horizons(
     A point can be predicted where both the standard deviation of its predicted position and the
     linearisation error there are small enough.
 
-    Parameters
-    ----------
-    block : W observations of up to P points
-    linear : at the present estimate, simulated up to `farthest_horizons`
-    spreads : (W, P) m, standard deviation of the predicted positions
-    horizons : (W,) s, the present ones
-    settings : how large spreads and linearisation errors may be
-
-    Returns
-    -------
-    (W,) s, never below the present horizons.
+    `spreads` (W, P) m, standard deviation of the predicted positions; `horizons` (W,) s, the
+    present ones. Returns (W,) s, never below the present horizons.
     """
     allowed = settings.largest_bend * block.noise + settings.largest_bend_share * spreads
     straight = linear.bends <= allowed
@@ -196,12 +165,6 @@ def misfit_length(window: int, points: int, false_alarm: float) -> float:
     neighbours can only exceed it where ⌈n/2⌉ of them do, which is binomial, and `points` hold
     points / n windows without a common point: c is where the expected number of such windows is
     the rate of false alarms.
-
-    Parameters
-    ----------
-    window : neighbours n
-    points : of the trajectory
-    false_alarm : expected number of windows of the trajectory that exceed it by noise alone
     """
     needed = (window + 1) // 2
     rate = false_alarm * window / max(points, window)
@@ -217,12 +180,7 @@ def misfit_starts(
 ) -> NDArray[np.float64]:
     """Return the time (W,), in s, at which each fit begins to fail; infinite where it does not.
 
-    Parameters
-    ----------
-    block : W observations of up to P points
-    residuals : (W, P, 3) m, of the present estimate
-    horizons : (W,) s; later points do not count
-    settings : what a misfit is
+    `residuals` (W, P, 3) m, of the present estimate; `horizons` (W,) s; later points do not count.
     """
     inside = block.times <= horizons[:, None]
     lengths = np.linalg.norm(block.whitened(residuals), axis=2)
@@ -244,18 +202,9 @@ def lengths_beyond(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return how far observations are from the fit just beyond their horizons.
 
-    Parameters
-    ----------
-    block : W observations of up to P points
-    residuals : (W, P, 3) m, of the present estimate
-    horizons : (W,) s
-    settings : what a misfit is, and how far before one horizons end
-
-    Returns
-    -------
-    lengths : (W,) σ, the largest median length of neighbouring residuals up to where the next
-        misfit would show; NaN where a horizon includes all points
-    times : (W,) s, at which these neighbours begin
+    `residuals` (W, P, 3) m, of the present estimate; `horizons` (W,) s. Returns `lengths` (W,) σ,
+    the largest median length of neighbouring residuals up to where the next misfit would show; NaN
+    where a horizon includes all points; `times` (W,) s, at which these neighbours begin.
     """
     ends = horizons + settings.retreat + settings.largest_advance
     beyond = (block.times > horizons[:, None]) & (block.times <= ends[:, None])

@@ -63,13 +63,7 @@ class ObservationFit:
 class JointFit:
     """Fits all trajectories, each from an initial state of its own and up to its fit horizon.
 
-    Parameters
-    ----------
-    cost : simulates the observations
-    space : maps the unit cube of the n parameters to θ_s
-    influence : (n_observations, n) bool, which observation can depend on which parameter
-    prior : of the n parameters; the fit begins at its mean
-    settings : of the estimation
+    `influence` (n_observations, n) bool, which observation can depend on which parameter.
 
     Attributes
     ----------
@@ -141,30 +135,20 @@ class JointFit:
     def posterior(self) -> tuple[Posterior, NDArray[np.float64]]:
         """Return the posterior at the estimate.
 
-        Returns
-        -------
-        posterior : from slopes to both sides
-        deviations : (n,) widths, as `TrajectoryModel.curvature_posterior`
+        Returns `posterior`: from slopes to both sides; `deviations` (n,) widths, as
+        `TrajectoryModel.curvature_posterior`.
         """
         return self._model.curvature_posterior(self._estimate)
 
     def plausible_moves(self, first: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how far each parameter can be moved, (n, 2) widths down and up.
 
-        Parameters
-        ----------
-        first : (n,) widths, as `TrajectoryModel.plausible_moves`
+        `first` (n,) widths, as `TrajectoryModel.plausible_moves`.
         """
         return self._model.plausible_moves(self._estimate, first)
 
     def likelihoods(self, *, look_for_spins: bool = False) -> list[LocalLikelihood]:
-        """Return the likelihood of θ_s near the estimate, of each observation.
-
-        Parameters
-        ----------
-        look_for_spins : whether what is said of an initial spin is that of one farther away than
-            slopes reach, where that explains more of the trajectory
-        """
+        """Return the likelihood of θ_s near the estimate, of each observation."""
         found = local_likelihoods(self._model, self._estimate)
         if look_for_spins:
             for member, spins in self._other_spins().items():
@@ -197,10 +181,8 @@ class JointFit:
     def lengths_beyond(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return how far observations are from the fit just beyond their horizons.
 
-        Returns
-        -------
-        lengths : (n_observations,) σ, as `fit_horizons.lengths_beyond`
-        times : (n_observations,) s, where that is
+        Returns `lengths` (n_observations,) σ, as `fit_horizons.lengths_beyond`; `times`
+        (n_observations,) s, where that is.
         """
         model = self._model
         here = [model.space.to_parameters(self.unit)]
@@ -227,11 +209,8 @@ class JointFit:
     ) -> None:
         """Continue from what other fits have found.
 
-        Parameters
-        ----------
-        unit : (n,) θ_s on the unit cube
-        deviations : (n,) widths, standard deviation of each parameter
-        fits : of each observation; None begins with the observed initial states
+        `unit` (n,) θ_s on the unit cube; `deviations` (n,) widths, standard deviation of each
+        parameter.
         """
         self._estimate.unit = unit.copy()
         self._estimate.deviations = deviations.copy()
@@ -250,14 +229,7 @@ class JointFit:
         observed. The gain of a single observation counts up to `largest_vote`, so that no single
         fit that took a wrong turn decides.
 
-        Parameters
-        ----------
-        unit : (n,) θ_s on the unit cube
-
-        Returns
-        -------
-        bool
-            Whether it was better.
+        `unit` (n,) θ_s on the unit cube. Returns whether it was better.
         """
         here, found = self._held(self.unit, self.observation_fits())
         nothing = [replace(one, estimate=0.0 * one.estimate) for one in found]
@@ -292,13 +264,7 @@ class JointFit:
     ) -> JointFit:
         """Return a fit of initial states alone, up to fixed horizons.
 
-        Parameters
-        ----------
-        cost : simulates the observations
-        influence : of them, as the fit's own
-        unit : (n,) θ_s on the unit cube, which is held
-        fits : of each observation, to begin from
-        spins : by which the priors of initial spins are widened; None: they are not
+        `unit` (n,) θ_s on the unit cube, which is held.
         """
         prior = GaussianPrior(unit, HELD_PRECISION * np.eye(unit.size))
         settings = self.settings.with_fixed_horizons()
@@ -400,10 +366,8 @@ class JointFit:
     ) -> tuple[list[NDArray[np.float64]], SpinEvidence]:
         """Take over the posterior's deviations.
 
-        Returns
-        -------
-        goals : of each block, (W,) s, how far its horizons may go
-        evidence : of how balls are thrown
+        Returns `goals` (W,) of each block, s, how far its horizons may go; `evidence`: of how balls
+        are thrown.
         """
         posterior, eliminated = self._model.posterior(equations)
         self._estimate.deviations = posterior.deviations
@@ -489,14 +453,7 @@ class JointFit:
 
 
 def next_damping(damping: float, chosen: int, settings: JointEstimationSettings) -> float:
-    """Return the damping of the next step after the proposal of that index was the best.
-
-    Parameters
-    ----------
-    damping : of the last step, a part of the diagonal
-    chosen : index among the proposals; 0: no step was better than none
-    settings : of the dampings
-    """
+    """Return the damping of the next step after the proposal of that index was the best."""
     factors = settings.damping_factors
     factor = factors[chosen - 1] if chosen > 0 else factors[-1]
     return _clipped_damping(damping * factor, settings)
@@ -512,20 +469,10 @@ def proposals(
 ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
     """Propose θ_s and initial states, at several dampings.
 
-    Parameters
-    ----------
-    unit : (n,) the present θ_s on the unit cube
-    prior : of θ_s
-    estimates : of each block, (W, d) deviations from the observed initial states, in SI units
-    equations : of each block, at the present estimate
-    damping : of the last step, a part of the diagonal
-    settings : of the dampings and of the largest step
-
-    Returns
-    -------
-    units : (c, n) points of the cube, the present one first
-    states : of each block, (c, W, d) deviations from the observed initial states, in SI units, that
-        go with them
+    `unit` (n,) the present θ_s on the unit cube; `estimates` (W, d) of each block, deviations from
+    the observed initial states, in SI units. Returns `units` (c, n) points of the cube, the present
+    one first; `states` (c, W, d) of each block, deviations from the observed initial states, in SI
+    units, that go with them.
     """
     units = [unit]
     states = [[estimate] for estimate in estimates]

@@ -49,15 +49,7 @@ def joint_identifiability(
     task: LearningTask,
     seconds_left: Callable[[], float] = lambda: np.inf,
 ) -> Identifiability:
-    """State what is identified and how well, after a fit has converged.
-
-    Parameters
-    ----------
-    staged : over the space of the task's active parameters
-    task : that the fit is of
-    seconds_left : looked at before each step of the fits to halves of the observations; stopped
-        early, they agree less and the uncertainties get wider
-    """
+    """State what is identified and how well, after a fit has converged."""
     fit, searched, active = staged.joint, task.searched, task.active
     parameters = searched.to_parameters(fit.unit)
     began = seconds_left()
@@ -105,16 +97,10 @@ def one_sided_moves(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Find the parameters that the observations bind to one side only.
 
-    Parameters
-    ----------
-    fit : that has converged
-    deviations : (n,) widths, standard deviation of each parameter by slopes to both sides
-    sided : (n,) widths, the largest by slopes to any side
-
-    Returns
-    -------
-    free : (n, 2) widths, how far they can be moved down and up; 0 for the other parameters
-    ends : (n,) widths, standard deviation of their ends; `sided` for the other parameters
+    `deviations` (n,) widths, standard deviation of each parameter by slopes to both sides; `sided`
+    (n,) widths, the largest by slopes to any side. Returns `free` (n, 2) widths, how far they can
+    be moved down and up; 0 for the other parameters; `ends` (n,) widths, standard deviation of
+    their ends; `sided` for the other parameters.
     """
     least = fit.settings.one_sided_deviations * UNIFORM
     moves = fit.plausible_moves(least * deviations)
@@ -140,13 +126,8 @@ class Half:
 def halves(influence: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     """Part observations so that each half has about as many that depend on each parameter.
 
-    Parameters
-    ----------
-    influence : (n_observations, n) bool, which observation can depend on which parameter
-
-    Returns
-    -------
-    Two arrays (n_members,) of indices of observations.
+    `influence` (n_observations, n) bool, which observation can depend on which parameter. Returns
+    two arrays (n_members,) of indices of observations.
     """
     weights = 1.0 / np.maximum(influence.sum(axis=0), 1)
     surplus = np.zeros(influence.shape[1])
@@ -168,16 +149,11 @@ def agreed_deviations(
 ) -> NDArray[np.float64]:
     """Standard deviations (n,), in widths, with which both halves agree.
 
-    Parameters
-    ----------
-    unit : (n,) the estimate from all observations, on the unit cube
-    deviations : (n,) widths, standard deviation of each parameter by slopes
-    halves : what fits to both found
-    families : arrays (n_members,) of indices of parameters that are likely to err alike, each
-        parameter in one
-    settings : of what disagreement is more than chance
-    free : (n, 2) widths, how far parameters that are bound to one side only can be moved down and
-        up, 0 for others; None: all are bound to both
+    `unit` (n,) the estimate from all observations, on the unit cube; `deviations` (n,) widths,
+    standard deviation of each parameter by slopes; `families` (n_members,) each, indices of
+    parameters that are likely to err alike, each parameter in one; `free` (n, 2) widths, how far
+    parameters that are bound to one side only can be moved down and up, 0 for others; None: all are
+    bound to both.
     """
     free = np.zeros((unit.size, 2)) if free is None else free
     low, high = unit - free[:, 0], unit + free[:, 1]

@@ -49,13 +49,8 @@ class Linearisation:
 class ParameterSteps:
     """The θ_s of all differences: parameters of one group take their steps together.
 
-    Parameters
-    ----------
-    unit : (n,) the estimate on the unit cube
-    deviations : (n,) standard deviation of each parameter there
-    groups : arrays (n_members,) of indices of parameters, as `separate_groups`
-    to_parameters : maps the cube to θ_s
-    settings : of the steps' sizes
+    `unit` (n,) the estimate on the unit cube; `deviations` (n,) standard deviation of each
+    parameter there; `groups` (n_members,) each, indices of parameters, as `separate_groups`.
 
     Attributes
     ----------
@@ -94,13 +89,8 @@ def separate_groups(influence: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     One simulation of all observations moves all members of a group at once. Greedy, those first
     that influence most observations.
 
-    Parameters
-    ----------
-    influence : (n_observations, n_parameters) bool
-
-    Returns
-    -------
-    Arrays (n_members,) of indices of parameters; those that influence nothing are in none.
+    `influence` (n_observations, n_parameters) bool. Returns arrays (n_members,) of indices of
+    parameters; those that influence nothing are in none.
     """
     taken: list[NDArray[np.bool_]] = []
     groups: list[list[int]] = []
@@ -129,15 +119,8 @@ def linearise(
 ) -> Linearisation:
     """Take differences of the residuals of a block.
 
-    Parameters
-    ----------
-    cost : simulates the observations
-    block : W of them
-    estimate : (W, d) nuisance parameters, as `ObservationBlock`
-    state_deviations : (W, d) standard deviation of each, in the same units
-    steps : of the parameters
-    until : (W,) s up to which each observation is simulated
-    settings : of the sizes of the initial states' steps
+    `estimate` (W, d) nuisance parameters, as `ObservationBlock`; `state_deviations` (W, d) standard
+    deviation of each, in the same units; `until` (W,) s up to which each observation is simulated.
     """
     count, shared = len(estimate), block.shared.shape[1]
     d = estimate.shape[1] - shared
@@ -193,18 +176,9 @@ def residuals_at(
 ) -> NDArray[np.float64]:
     """Simulate the observations of a block under other θ_s and from other initial states.
 
-    Parameters
-    ----------
-    cost : simulates the observations
-    block : W of them
-    estimates : (c, W, d) nuisance parameters, as `ObservationBlock`
-    candidates : the θ_s that occur
-    candidate_index : (c, W) index of the candidate of each, or (c, 1) for all observations alike
-    until : (W,) s up to which each observation is simulated
-
-    Returns
-    -------
-    (c, W, P, 3) m, residuals
+    `estimates` (c, W, d) nuisance parameters, as `ObservationBlock`; `candidate_index` (c, W) index
+    of the candidate of each, or (c, 1) for all observations alike; `until` (W,) s up to which each
+    observation is simulated. Returns (c, W, P, 3) m, residuals.
     """
     count = len(candidate_index)
     members = block.members.size

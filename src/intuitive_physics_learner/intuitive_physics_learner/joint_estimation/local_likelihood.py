@@ -49,11 +49,6 @@ def local_likelihoods(model: TrajectoryModel, estimate: Estimate) -> list[LocalL
 
     Each is that of its own observation alone: the weights with which a fit counts them are left
     out.
-
-    Parameters
-    ----------
-    model : of the observations
-    estimate : of θ_s and initial states, about which to take them
     """
     found: dict[int, LocalLikelihood] = {}
     linear = model.linearised(estimate)

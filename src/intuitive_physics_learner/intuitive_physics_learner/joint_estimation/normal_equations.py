@@ -31,10 +31,7 @@ from intuitive_physics_learner.joint_estimation.settings import JointEstimationS
 def robust_loss(lengths: NDArray[np.float64], outlier_length: float) -> NDArray[np.float64]:
     """Return Huber's loss (...,), without a unit, of residuals.
 
-    Parameters
-    ----------
-    lengths : (...,) of residuals, in standard deviations of the noise
-    outlier_length : from which on the loss grows linearly
+    `lengths` (...,) of residuals, in standard deviations of the noise.
     """
     linear = outlier_length * (lengths - 0.5 * outlier_length)
     return np.where(lengths < outlier_length, 0.5 * lengths**2, linear)
@@ -72,14 +69,8 @@ class NormalEquations:
     ) -> NormalEquations:
         """Set them up with the points up to a time.
 
-        Parameters
-        ----------
-        block : W observations
-        estimate : (W, d) deviations from the observed initial states, in SI units
-        linear : at that estimate
-        until : (W,) s, the last time that counts
-        settings : of the weight of outliers
-        weights : (W,) of the observations; None: 1
+        `estimate` (W, d) deviations from the observed initial states, in SI units; `until` (W,) s,
+        the last time that counts; `weights` (W,) of the observations; None: 1.
         """
         outlier = settings.outlier_length
         counted = linear.valid & (block.times <= until[:, None])
@@ -108,10 +99,7 @@ class NormalEquations:
 
         Their prior is left out: it holds once for all observations.
 
-        Parameters
-        ----------
-        index : (W, b) index of each observation's shared errors, the last nuisance parameters
-        first : number of parameters, from which on shared errors are counted
+        `index` (W, b) index of each observation's shared errors, the last nuisance parameters.
         """
         count = index.shape[1]
         d = self.state_size - count
@@ -162,10 +150,8 @@ class Elimination:
     def add_to(self, information: NDArray[np.float64], scores: NDArray[np.float64]) -> None:
         """Add the equations of these observations to those of all n parameters.
 
-        Parameters
-        ----------
-        information : (n, n) per width², changed in place
-        scores : (n,) per width, changed in place
+        `information` (n, n) per width², changed in place; `scores` (n,) per width, changed in
+        place.
         """
         rows, columns = self.parameters[:, :, None], self.parameters[:, None, :]
         np.add.at(information, (rows, columns), self.information)
@@ -174,9 +160,7 @@ class Elimination:
     def state_steps(self, parameter_steps: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the steps (W, d) of the initial states, in SI units, that go with parameter steps.
 
-        Parameters
-        ----------
-        parameter_steps : (n,) widths, of all parameters
+        `parameter_steps` (n,) widths, of all parameters.
         """
         own = parameter_steps[self.parameters][..., None]
         return -self.offsets - (self.gains @ own)[..., 0]
@@ -207,17 +191,8 @@ def agreement_weights(
     Taylor 1989), (ν + r) / (ν + T / t), at most 1, where t is the median of T / r, at least 1:
     what all observations disagree about is no fault of one.
 
-    Parameters
-    ----------
-    eliminations : of each block, weighted
-    weights : of each block, (W,) those weights
-    posterior : of the n parameters, from all of these
-    step : (n,) widths, Newton step of all
-    freedom : ν
-
-    Returns
-    -------
-    Of each block, (W,) weights.
+    `weights` (W,) of each block, those weights; `step` (n,) widths, Newton step of all. Returns
+    (W,) weights of each block.
     """
     squares, ranks = [], []
     for part, weight in zip(eliminations, weights, strict=True):
@@ -251,12 +226,8 @@ def bounded_step(
 ) -> NDArray[np.float64]:
     """Damped Newton step (n,), in widths, within the unit cube; what would leave it does not move.
 
-    Parameters
-    ----------
-    unit : (n,) the point of the cube to step from
-    information : (n, n) per width²
-    scores : (n,) per width, the gradient of the loss
-    damping : part by which the diagonal is enlarged (Levenberg and Marquardt)
+    `unit` (n,) the point of the cube to step from; `information` (n, n) per width²; `scores` (n,)
+    per width, the gradient of the loss.
     """
     damped = information + damping * np.diag(np.diag(information))
     free = np.ones(unit.size, dtype=bool)
@@ -286,10 +257,7 @@ class Posterior:
     def of(eliminations: Sequence[Elimination], prior: NDArray[np.float64]) -> Posterior:
         """Add up the information of all observations and of the prior.
 
-        Parameters
-        ----------
-        eliminations : of each block
-        prior : (n, n) precision of the n parameters before the observations, per width²
+        `prior` (n, n) precision of the n parameters before the observations, per width².
         """
         information = prior.copy()
         for part in eliminations:

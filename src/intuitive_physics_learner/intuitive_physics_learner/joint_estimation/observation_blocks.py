@@ -38,14 +38,7 @@ class InitialStateDeviations:
     def of(
         observation: Observation, settings: JointEstimationSettings, free: bool = True
     ) -> InitialStateDeviations:
-        """Read them from the diagonals of the initial states' covariances.
-
-        Parameters
-        ----------
-        observation : with O objects
-        settings : by which the prior is widened
-        free : False takes the initial states to be exactly known
-        """
+        """Read them from the diagonals of the initial states' covariances."""
         axes, deviations = [], []
         for j, seen in enumerate(observation.objects):
             spread = np.sqrt(np.diag(seen.initial_state.covariance))
@@ -92,15 +85,8 @@ class InitialStates:
     def states(self, deviations: NDArray[np.float64], objects: int) -> NDArray[np.float64]:
         """Return n initial states of each observation.
 
-        Parameters
-        ----------
-        deviations : (W, n, at least d) from those observed, in the SI unit of each component; what
-            follows the first d is not of the initial states
-        objects : number of objects to pad to with states at rest
-
-        Returns
-        -------
-        (W, n, objects, 13) in SI units
+        `deviations` (W, n, at least d) from those observed, in the SI unit of each component; what
+        follows the first d is not of the initial states. Returns (W, n, objects, 13) in SI units.
         """
         count, each = deviations.shape[:2]
         own = self.observed.shape[1]
@@ -165,9 +151,7 @@ class ObservationBlock:
     def whitened(self, residuals: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return residuals (..., W, P, 3) in standard deviations of the noise.
 
-        Parameters
-        ----------
-        residuals : (..., W, P, 3) m
+        `residuals` (..., W, P, 3) m.
         """
         return np.asarray((self.whitening @ residuals[..., None])[..., 0])
 
@@ -176,10 +160,8 @@ class ObservationBlock:
     ) -> NDArray[np.float64]:
         """Return residuals (..., W, P, 3) in m, shared errors taken out of what was observed.
 
-        Parameters
-        ----------
-        residuals : (..., W, P, 3) m, simulated minus observed
-        estimates : (..., W, d) nuisance parameters
+        `residuals` (..., W, P, 3) m, simulated minus observed; `estimates` (..., W, d) nuisance
+        parameters.
         """
         count = self.shared.shape[1]
         if count == 0:
@@ -190,9 +172,7 @@ class ObservationBlock:
     def shortened(self, until: NDArray[np.float64]) -> ObservationBlock:
         """Return the block without the points that are later than `until` in all observations.
 
-        Parameters
-        ----------
-        until : (W,) s
+        `until` (W,) s.
         """
         left = (self.times <= until[:, None]).any(axis=0)
         return replace(
@@ -213,12 +193,8 @@ def observation_blocks(
 ) -> list[ObservationBlock]:
     """Put observations into blocks.
 
-    Parameters
-    ----------
-    observations : to estimate from
-    influence : (n_observations, n_parameters) bool, which observation can depend on which parameter
-    settings : by which the priors of initial states are widened
-    free_states : whether initial states may differ from those observed
+    `influence` (n_observations, n_parameters) bool, which observation can depend on which
+    parameter.
     """
     initial_states = [
         InitialStateDeviations.of(seen, settings, free_states) for seen in observations

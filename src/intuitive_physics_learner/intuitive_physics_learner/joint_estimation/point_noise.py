@@ -72,13 +72,7 @@ class TrackNoise:
 def track_noises(
     observations: Sequence[Observation], settings: JointEstimationSettings
 ) -> list[list[TrackNoise]]:
-    """Find the noise of each object of each observation.
-
-    Parameters
-    ----------
-    observations : as `detected` returns them
-    settings : of the smallest noise, and of how tracks are averaged
-    """
+    """Find the noise of each object of each observation."""
     tracks = [seen for observation in observations for seen in observation.objects]
     units = [_unit_whitening(seen) for seen in tracks]
     lengths = [_difference_lengths(seen, unit) for seen, unit in zip(tracks, units, strict=True)]
@@ -93,10 +87,7 @@ def track_noises(
 def position_noise(observations: Sequence[Observation], smallest: float) -> float:
     """Estimate the standard deviation in m of an observed position on each axis, one for all.
 
-    Parameters
-    ----------
-    observations : whose trajectories are looked at
-    smallest : m, returned at least
+    `smallest` in m, returned at least.
     """
     lengths = [
         _difference_lengths(seen, np.broadcast_to(np.eye(3), (len(seen.trajectory.times), 3, 3)))

@@ -336,9 +336,7 @@ class JointEstimationSettings:
     def difference_steps(self, deviations: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the steps (...,) of finite differences, in the unit of each deviation.
 
-        Parameters
-        ----------
-        deviations : (...,) standard deviations of what is moved, in the unit of each
+        `deviations` (...,) standard deviations of what is moved, in the unit of each.
         """
         steps = self.difference_step * deviations
         return np.clip(steps, self.smallest_difference, self.largest_difference)

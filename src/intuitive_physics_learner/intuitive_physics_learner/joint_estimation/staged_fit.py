@@ -47,13 +47,7 @@ class SeparateFit:
 class StagedFit:
     """Fits objects that moved alone, each by itself, and then all observations jointly.
 
-    Parameters
-    ----------
-    cost : simulates the observations
-    space : maps the unit cube of the n parameters to θ_s
-    influence : (n_observations, n) bool, which observation can depend on which parameter
-    prior : of the n parameters; the fits begin at its mean
-    settings : of the estimation
+    `influence` (n_observations, n) bool, which observation can depend on which parameter.
 
     Attributes
     ----------
@@ -140,14 +134,8 @@ def separable(
 ) -> list[NDArray[np.int64]]:
     """Find groups of observations of single objects that have no parameter in common.
 
-    Parameters
-    ----------
-    observations : of any number of objects
-    influence : (n_observations, n) bool, which observation can depend on which parameter
-
-    Returns
-    -------
-    Arrays (n_members,) of indices of observations; none where all observations would be in one
+    `influence` (n_observations, n) bool, which observation can depend on which parameter. Returns
+    arrays (n_members,) of indices of observations; none where all observations would be in one
     group, which a joint fit is of anyway.
     """
     alone = np.array([len(seen.objects) == 1 for seen in observations])

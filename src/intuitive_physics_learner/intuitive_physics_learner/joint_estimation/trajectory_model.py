@@ -65,13 +65,7 @@ class Estimate:
 class TrajectoryModel:
     """Simulates observations near an estimate.
 
-    Parameters
-    ----------
-    cost : simulates the observations
-    space : maps the unit cube of the n parameters to θ_s
-    influence : (n_observations, n) bool, which observation can depend on which parameter
-    prior : of the n parameters
-    settings : of the estimation
+    `influence` (n_observations, n) bool, which observation can depend on which parameter.
 
     Attributes
     ----------
@@ -136,10 +130,8 @@ class TrajectoryModel:
     def other_spins(self, estimate: Estimate) -> dict[int, tuple[NDArray[np.float64], float]]:
         """Find spins that explain more than those of an estimate, as `search_spins`.
 
-        Returns
-        -------
-        of each observation where there are any: deviations (d,) from its observed initial states,
-        and the time in s up to which they explain more
+        Returns, of each observation where there are any, deviations (d,) from its observed initial
+        states, and the time in s up to which they explain more.
         """
         parameters = self.space.to_parameters(estimate.unit)
         others = {}
@@ -157,11 +149,7 @@ class TrajectoryModel:
     ) -> list[tuple[SpinLikelihood, ...]]:
         """Return what each of a block's W observations says of its initial spins.
 
-        Parameters
-        ----------
-        block : with the priors that the fits had
-        fits : to it
-        covariances : (W, d, d) of the nuisance parameters, whatever θ_s is
+        `covariances` (W, d, d) of the nuisance parameters, whatever θ_s is.
         """
         return [
             tuple(
@@ -218,10 +206,6 @@ class TrajectoryModel:
 
         Each observation is fitted with shared errors of its own, which does no harm. But were they
         independent, many observations would average them out: here they are the same in all.
-
-        Parameters
-        ----------
-        equations : of each block
         """
         size = len(self.prior.mean)
         common = [
@@ -239,18 +223,10 @@ class TrajectoryModel:
     ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
         """Try each parameter at each level.
 
-        Parameters
-        ----------
-        estimate : to move from
-        linear : of each block, at the estimate
-        levels : (n_levels,) places on the unit interval, or (n, n_levels) of each parameter
-
-        Returns
-        -------
-        rises : (n, n_levels) change of the loss, without a unit, of the prior and of the
-            observations that each parameter influences
-        found : of each block, (q, n_levels, W, d) deviations from the observed initial states, in
-            SI units, fitted to the levels
+        `levels` (n_levels,) places on the unit interval, or (n, n_levels) of each parameter.
+        Returns `rises` (n, n_levels) change of the loss, without a unit, of the prior and of the
+        observations that each parameter influences; `found` (q, n_levels, W, d) of each block,
+        deviations from the observed initial states, in SI units, fitted to the levels.
         """
         each = np.broadcast_to(levels, (estimate.unit.size, np.shape(levels)[-1]))
         candidates = ScanCandidates(estimate.unit, self._groups, self.space, each)
@@ -275,12 +251,10 @@ class TrajectoryModel:
     def curvature_posterior(self, estimate: Estimate) -> tuple[Posterior, NDArray[np.float64]]:
         """Return the posterior at an estimate, by the curvature of the loss on all sides.
 
-        Returns
-        -------
-        posterior : from slopes to both sides
-        deviations : (n,) widths, largest standard deviation of each parameter by slopes to one
-            side or both, and by how far it can be moved over its range without a loss: where a
-            friction only has to be large enough, the curvature is zero on one side
+        Returns `posterior`: from slopes to both sides; `deviations` (n,) widths, largest standard
+        deviation of each parameter by slopes to one side or both, and by how far it can be moved
+        over its range without a loss: where a friction only has to be large enough, the curvature
+        is zero on one side.
         """
         linear = self.linearised(estimate, self.settings.curvature_widening)
         posterior = self.marginal_posterior(self.equations(estimate, linear))
@@ -301,15 +275,9 @@ class TrajectoryModel:
         Each is moved outwards from the estimate, with initial states fitted to each place, and the
         end is bisected. A rise that its bounds alone bring does not count.
 
-        Parameters
-        ----------
-        estimate : to move from
-        first : (n,) widths, the first move to each side; a parameter that can be moved by it to no
-            side, or that its bounds leave no room for it, is not looked at further
-
-        Returns
-        -------
-        (n, 2) widths down and up, 0 for parameters that are not looked at further
+        `first` (n,) widths, the first move to each side; a parameter that can be moved by it to no
+        side, or that its bounds leave no room for it, is not looked at further. Returns (n, 2)
+        widths down and up, 0 for parameters that are not looked at further.
         """
         linear = self.linearised(estimate, self.settings.curvature_widening)
         unit = estimate.unit

@@ -33,12 +33,6 @@ def limit_process(pid: int, priority: str, cores: int) -> None:
     """Give a process a priority and a largest number of cores.
 
     To be called before it has started threads, which inherit both.
-
-    Parameters
-    ----------
-    pid : of the process
-    priority : one of `PRIORITIES`
-    cores : that it may use at most
     """
     # It may have ended already, and some containers forbid one or the other.
     with suppress(ProcessLookupError, PermissionError):
@@ -59,14 +53,7 @@ LAST_LINES = 3
 
 
 class BackgroundLearning:
-    """Learns from a store in a process of its own. Its methods return at once, in any thread.
-
-    Parameters
-    ----------
-    database : file of the store
-    simulator : name of the engine
-    on_improved : called from another thread when a new version of θ_s was stored
-    """
+    """Learns from a store in a process of its own. Its methods return at once, in any thread."""
 
     def __init__(self, database: Path, simulator: str, on_improved: Callable[[], None]) -> None:
         self._database = database
@@ -89,14 +76,7 @@ class BackgroundLearning:
             return self._report
 
     def start(self, options: OnlineOptions, cores: int, priority: str = "idle") -> None:
-        """Start to learn; a process that runs already is replaced.
-
-        Parameters
-        ----------
-        options : how to learn
-        cores : of this machine that it may use at most
-        priority : one of `PRIORITIES`
-        """
+        """Start to learn; a process that runs already is replaced."""
         task = {
             "database": str(self._database),
             "simulator": self._simulator,

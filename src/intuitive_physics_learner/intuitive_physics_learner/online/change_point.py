@@ -82,15 +82,8 @@ def find_change(
 ) -> ChangePoint | None:
     """Look for a change before any of the last observations.
 
-    Parameters
-    ----------
-    known : all that is known of the n parameters
-    centre : (n,) mean where nothing is known
-    recent : the last observations in the order in which they came, each with its weight in `known`
-    families : indices (k,) of the parameters of each pair of materials
-    counts : observations in `known` of each pair
-    false_alarm_rate : chance of a false alarm for each observation
-    fewest : observations that must agree on a change
+    `centre` (n,) mean where nothing is known; `families` (k,) indices of the parameters of
+    each pair of materials.
     """
     asked = max(len(recent) - fewest + 1, 0) * len(families)
     best: ChangePoint | None = None
@@ -120,11 +113,7 @@ def change_probability(
 ) -> float:
     """Probability of so large a ratio T without a change.
 
-    Parameters
-    ----------
-    prior : of the n parameters, from before these observations
-    likelihoods : of the observations
-    members : (k,) indices of the parameters that may have changed
+    `members` (k,) indices of the parameters that may have changed.
     """
     size = prior.mean.size
     information, scores = np.zeros((size, size)), np.zeros(size)

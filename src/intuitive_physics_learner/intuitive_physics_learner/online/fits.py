@@ -27,13 +27,8 @@ def log_evidence(
 ) -> float:
     """Return ln ∫ p(points up to horizons | θ_s) p(θ_s) dθ_s by Laplace's approximation.
 
-    Parameters
-    ----------
-    task : of the fit
-    found : fit of that task, near which the integrand is large
-    horizons : s, the last time of each observation that counts; evidences up to different ones do
-        not compare
-    settings : of the steps
+    `horizons` in s, the last time of each observation that counts; evidences up to different ones
+    do not compare.
     """
     *_, prior = task
     fit = JointFit(*task, settings.joint().with_fixed_horizons())
@@ -52,16 +47,7 @@ def log_evidence(
 class LoneFit:
     """Fits one observation by itself to a prior of θ_s, up to where it can be explained.
 
-    Parameters
-    ----------
-    cost : of the one observation
-    space : of the n parameters
-    influence : (n,) bool, which parameters the observation can depend on, at least one
-    prior : of the n parameters
-    settings : of the steps
-    scans : numbers of steps after which all parameters are tried over their whole range
-    others : θ_s from which parameters are taken that it cannot depend on, or that are held; None:
-        the prior's mean
+    `influence` (n,) bool, which parameters the observation can depend on, at least one.
 
     Attributes
     ----------
@@ -116,9 +102,7 @@ class LoneFit:
     def log_evidence(self, horizon: float) -> float:
         """Return ln ∫ p(points up to a horizon | θ_s) p(θ_s) dθ_s by Laplace's approximation.
 
-        Parameters
-        ----------
-        horizon : s, the last time that counts; evidences up to different ones do not compare
+        `horizon` in s, the last time that counts; evidences up to different ones do not compare.
         """
         task = self._cost, self._space, self._everything, self._prior
         return log_evidence(task, self._fit, [horizon], self._settings)
@@ -134,13 +118,7 @@ class LoneFit:
 class WindowProblem:
     """The joint fit of some observations to a prior.
 
-    Parameters
-    ----------
-    cost : of the observations
-    space : of their n parameters
-    influence : (n_observations, n) bool, which observation can depend on which parameter
-    prior : of these parameters
-    settings : of the steps
+    `influence` (n_observations, n) bool, which observation can depend on which parameter.
     """
 
     def __init__(
@@ -155,12 +133,7 @@ class WindowProblem:
         self._settings = settings
 
     def fit(self, scans: tuple[int, ...]) -> JointFit:
-        """Return a fit that begins at the prior's mean.
-
-        Parameters
-        ----------
-        scans : numbers of steps after which it scans all parameters
-        """
+        """Return a fit that begins at the prior's mean."""
         return JointFit(*self._task, self._settings.joint(scans=scans))
 
     def better(self, one: JointFit, other: JointFit) -> JointFit:
@@ -174,14 +147,7 @@ class WindowProblem:
 
 
 def run(fit: JointFit, steps: int, seconds_left: Callable[[], float] = lambda: np.inf) -> None:
-    """Take steps, at least one, until the fit has settled or the time is over.
-
-    Parameters
-    ----------
-    fit : to continue
-    steps : at most
-    seconds_left : looked at between steps
-    """
+    """Take steps, at least one, until the fit has settled or the time is over."""
     for _ in range(steps):
         if fit.settled or (fit.steps and seconds_left() <= 0.0):
             break

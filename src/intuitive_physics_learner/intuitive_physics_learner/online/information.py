@@ -46,10 +46,7 @@ class Information:
     def about(mean: NDArray[np.float64], matrix: NDArray[np.float64]) -> Information:
         """Return a Gaussian.
 
-        Parameters
-        ----------
-        mean : (n,) on the unit cube
-        matrix : (n, n) its precision, per width²
+        `mean` (n,) on the unit cube; `matrix` (n, n) its precision, per width².
         """
         return Information(matrix.copy(), matrix @ mean)
 
@@ -77,9 +74,7 @@ class Information:
     def part(self, parameters: NDArray[np.int64]) -> Information:
         """Return what is known of some parameters whatever the others are, and nothing of these.
 
-        Parameters
-        ----------
-        parameters : (k,) their indices
+        `parameters` (k,) their indices.
         """
         rest = np.setdiff1d(np.arange(self.vector.size), parameters)
         known = self.copy()
@@ -92,9 +87,7 @@ class Information:
         What is known of the others is their marginal distribution. Directions of the parameters of
         which nothing is known have no information to give, so the inverse leaves them out.
 
-        Parameters
-        ----------
-        parameters : (k,) their indices
+        `parameters` (k,) their indices.
         """
         rest = np.setdiff1d(np.arange(self.vector.size), parameters)
         across = self.matrix[np.ix_(rest, parameters)]
@@ -108,10 +101,7 @@ class Information:
     def spread(self, places: NDArray[np.int64], size: int) -> Information:
         """Return the same among more parameters, of which nothing is known.
 
-        Parameters
-        ----------
-        places : (n,) indices of these n parameters among all
-        size : number of all parameters
+        `places` (n,) indices of these n parameters among all.
         """
         wider = Information.none(size)
         wider.matrix[np.ix_(places, places)] = self.matrix
@@ -121,9 +111,7 @@ class Information:
     def prior(self, centre: NDArray[np.float64]) -> GaussianPrior:
         """Return this with the knowledge that parameters lie within their bounds.
 
-        Parameters
-        ----------
-        centre : (n,) mean where nothing else is known
+        `centre` (n,) mean where nothing else is known.
         """
         precision = self.matrix + UNIFORM_PRECISION * np.eye(self.vector.size)
         pull = self.vector - self.matrix @ centre
@@ -142,12 +130,8 @@ def jackknife_variances(
     observation whose linearisation may be wrong, this is the uncertainty without it. 0 for
     parameters that fewer than two of them depend on.
 
-    Parameters
-    ----------
-    known : of n parameters, from all observations
-    centre : (n,) mean where nothing is known
-    likelihoods : of the observations that may be left out
-    weights : (n_observations,) with which `known` has them
+    `centre` (n,) mean where nothing is known; `weights` (n_observations,) with which `known` has
+    them.
     """
     prior = known.prior(centre)
     covariance = np.asarray(np.linalg.inv(prior.precision), dtype=np.float64)
@@ -164,12 +148,7 @@ def _without(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mean (q,) and covariance (q, q) of an observation's parameters without its likelihood.
 
-    Parameters
-    ----------
-    prior : of all n parameters, with it
-    covariance : (n, n) of that, widths²
-    one : the likelihood
-    weight : with which the prior has it
+    `covariance` (n, n) of that, widths².
     """
     own = one.parameters
     precision = np.linalg.inv(covariance[np.ix_(own, own)])
@@ -198,13 +177,8 @@ def agreement_weights(
 
         w = min(1, (ν + q) / (ν + d²)).
 
-    Parameters
-    ----------
-    known : of n parameters, from all observations
-    centre : (n,) mean where nothing is known
-    likelihoods : of the observations that may be wrong
-    weights : (n_observations,) with which `known` has them
-    freedom : ν
+    `centre` (n,) mean where nothing is known; `weights` (n_observations,) with which `known` has
+    them.
     """
     prior = known.prior(centre)
     covariance = np.asarray(np.linalg.inv(prior.precision), dtype=np.float64)
@@ -225,9 +199,7 @@ def agreement_weights(
 def encode_array(array: NDArray[np.float64]) -> dict[str, Any]:
     """Return an array as plain data, to its last digit.
 
-    Parameters
-    ----------
-    array : (...,) of any shape
+    `array` (...,) of any shape.
     """
     packed = zlib.compress(np.ascontiguousarray(array, dtype="<f8").tobytes(), FASTEST)
     return {"shape": list(array.shape), "zlib": base64.b64encode(packed).decode("ascii")}

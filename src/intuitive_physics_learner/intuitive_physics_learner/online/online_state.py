@@ -208,13 +208,7 @@ class OnlineState:
 
     @staticmethod
     def from_json(text: str) -> OnlineState:
-        """Read what `to_json` wrote.
-
-        Raises
-        ------
-        InvalidInputError
-            When the text is cut short, of another format, or lacks a part.
-        """
+        """Read what `to_json` wrote."""
         try:
             data = json.loads(text)
             if data["format"] != FORMAT:

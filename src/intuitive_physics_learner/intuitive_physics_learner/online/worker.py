@@ -56,15 +56,7 @@ LEARNING, COMPILING, WAITING, FAILED = "learning", "compiling", "waiting", "fail
 
 
 class Worker:
-    """Learns whenever there are observations to learn from.
-
-    Parameters
-    ----------
-    store : of observations and θ_s
-    simulator_name : the engine
-    cores : it may use
-    options : how to learn
-    """
+    """Learns whenever there are observations to learn from."""
 
     def __init__(
         self, store: ObservationStore, simulator_name: str, cores: int, options: OnlineOptions

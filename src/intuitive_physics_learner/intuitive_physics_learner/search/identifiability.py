@@ -83,15 +83,9 @@ def widened_information(
     unknown, and well known ones, such as a ratio, are not mixed with them. Then what the marginals
     of identified parameters lack to their deviations is added, as an independent error of each.
 
-    Parameters
-    ----------
-    information : (n, n) per width², without that of the bounds
-    factors : (n,) on the standard deviation of each parameter
-    least : (n,) widths, smallest standard deviation of each parameter
-
-    Returns
-    -------
-    (n, n) per width²
+    `information` (n, n) per width², without that of the bounds; `factors` (n,) on the standard
+    deviation of each parameter; `least` (n,) widths, smallest standard deviation of each parameter.
+    Returns (n, n) per width².
     """
     values, vectors = np.linalg.eigh(0.5 * (information + information.T))
     squares = (vectors**2).T @ factors**2
@@ -111,10 +105,7 @@ def identification_trials(
 ) -> int:
     """Simulations of single observations that `identify` takes at most.
 
-    Parameters
-    ----------
-    influence : (n_observations, |θ_s|) bool, of the parameters that are asked about
-    settings : that `identify` is given
+    `influence` (n_observations, |θ_s|) bool, of the parameters that are asked about.
     """
     settings = settings or IdentifiabilitySettings()
     each = len(settings.scan_levels) + 2 + 2 * settings.move_rounds
@@ -293,10 +284,7 @@ def _squares_of_slopes(
 ) -> NDArray[np.float64]:
     """Aᵀ A (n_chosen, n_chosen) in m², A being the slopes of all residuals along the chosen axes.
 
-    Parameters
-    ----------
-    influence : (n_observations, n_chosen) bool
-    step : width of the differences to each side
+    `influence` (n_observations, n_chosen) bool; `step`: width of the differences to each side.
     """
     below = np.maximum(axes.origin - step, axes.lower)[chosen]
     above = np.minimum(axes.origin + step, axes.upper)[chosen]

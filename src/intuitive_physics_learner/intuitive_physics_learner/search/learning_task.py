@@ -40,9 +40,7 @@ class GaussianPrior:
     def losses(self, units: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the negative logarithm of the density (c,), but for a constant.
 
-        Parameters
-        ----------
-        units : (c, n) points of the unit cube
+        `units` (c, n) points of the unit cube.
         """
         off = units - self.mean
         return 0.5 * np.einsum("ci,ij,cj->c", off, self.precision, off)
@@ -50,18 +48,14 @@ class GaussianPrior:
     def scores(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the gradient (n,) of the loss, per width.
 
-        Parameters
-        ----------
-        unit : (n,) point of the unit cube
+        `unit` (n,) point of the unit cube.
         """
         return self.precision @ (unit - self.mean)
 
     def marginal(self, chosen: NDArray[np.int64]) -> GaussianPrior:
         """Return what is known of some of the parameters alone.
 
-        Parameters
-        ----------
-        chosen : (k,) indices of parameters
+        `chosen` (k,) indices of parameters.
         """
         covariance = np.linalg.inv(self.precision)[np.ix_(chosen, chosen)]
         return GaussianPrior(self.mean[chosen], np.linalg.inv(covariance))

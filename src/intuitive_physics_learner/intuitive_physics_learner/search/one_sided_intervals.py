@@ -40,20 +40,8 @@ def acceptable_moves(
 
     From √3 standard deviations on; 0 where J rises too much there already.
 
-    Parameters
-    ----------
-    cost : J over the observations
-    axes : through the optimum
-    parameters : θ_s of the optimum
-    influence : (n_observations, |θ_s|) bool, which observation can depend on which parameter
-    deviations : (|θ_s|,) widths, by slopes; infinite for parameters that are not asked about
-    cancelled : looked at between batches
-    settings : of acceptable rises and of the rounds
-
-    Raises
-    ------
-    LearningCancelledError
-        When `cancelled` returned True.
+    `influence` (n_observations, |θ_s|) bool, which observation can depend on which parameter;
+    `deviations` (|θ_s|,) widths, by slopes; infinite for parameters that are not asked about.
     """
     at_optimum = cost.observation_costs([parameters])[0]
     asked = np.flatnonzero(np.isfinite(deviations))
@@ -89,11 +77,8 @@ def is_acceptable(
 
     A world that the engine cannot finish is not acceptable.
 
-    Parameters
-    ----------
-    rises : (n_observations,) m, by which the cost of each observation rises
-    costs : (n_observations,) m, of each at the optimum
-    settings : of acceptable rises
+    `rises` (n_observations,) m, by which the cost of each observation rises; `costs`
+    (n_observations,) m, of each at the optimum.
     """
     if (rises > 0.5 * FAILED_DISTANCE).any():
         return False

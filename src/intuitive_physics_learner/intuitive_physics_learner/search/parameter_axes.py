@@ -16,11 +16,6 @@ class ParameterAxes:
     its cube can move both. Here every axis moves one number only; where μ_d ≤ μ_s or an equal
     lower and upper bound leave it less room than its bounds, `lower` and `upper` say so.
 
-    Parameters
-    ----------
-    space : bounds and scales
-    parameters : θ_s the axes go through, over the materials of the space
-
     Attributes
     ----------
     origin : (|θ_s|,) where θ_s lies on each axis
@@ -105,10 +100,8 @@ def parameters_of_vector(
 ) -> StaticParameters:
     """Return θ_s from one array.
 
-    Parameters
-    ----------
-    materials : m names
-    vector : (|θ_s|,) in each parameter's SI unit, as `parameter_vector` returns it
+    `vector` (|θ_s|,) in each parameter's SI unit, as `parameter_vector`
+    returns it.
     """
     m = len(materials)
     rows, columns = np.triu_indices(m)

@@ -24,9 +24,7 @@ class SearchSpace(Protocol):
     def to_parameters(self, unit: ArrayLike) -> StaticParameters:
         """Map a point of the unit cube to θ_s.
 
-        Parameters
-        ----------
-        unit : (size,) point, each coordinate from 0 to 1
+        `unit` (size,) point, each coordinate from 0 to 1.
         """
 
 
@@ -36,11 +34,7 @@ class ActiveSpace:
     Where the static friction of a pair is fixed and its dynamic friction is active, dynamic
     friction is cut off at static friction: a larger one has no effect.
 
-    Parameters
-    ----------
-    space : of all parameters
-    active : (|θ_s|,) bool
-    others : θ_s that those not active are taken from
+    `active` (|θ_s|,) bool.
     """
 
     def __init__(
@@ -70,9 +64,7 @@ class ActiveSpace:
     def to_parameters(self, unit: ArrayLike) -> StaticParameters:
         """Map a point of the cube to θ_s.
 
-        Parameters
-        ----------
-        unit : (size,) point, each coordinate from 0 to 1
+        `unit` (size,) point, each coordinate from 0 to 1.
         """
         whole = self._unit.copy()
         whole[self._active] = unit
@@ -94,11 +86,8 @@ class ActiveSpace:
 class PartialSpace:
     """The unit cube of some axes of another space; the others are held.
 
-    Parameters
-    ----------
-    space : of n parameters
-    chosen : (k,) indices of the parameters that are searched
-    unit : (n,) point of its cube that the others are taken from
+    `chosen` (k,) indices of the parameters that are searched; `unit` (n,) point of its cube that
+    the others are taken from.
     """
 
     def __init__(
@@ -116,9 +105,7 @@ class PartialSpace:
     def to_parameters(self, unit: ArrayLike) -> StaticParameters:
         """Map a point of the cube to θ_s.
 
-        Parameters
-        ----------
-        unit : (k,) point, each coordinate from 0 to 1
+        `unit` (k,) point, each coordinate from 0 to 1.
         """
         whole = self._unit.copy()
         whole[self._chosen] = unit

@@ -11,18 +11,9 @@ from intuitive_physics_learner.store.observation_store import ObservationStore
 class CurrentParameters:
     """θ_s to be used at present.
 
-    Parameters
-    ----------
-    store : whose observations and θ_s it begins with
-
     Attributes
     ----------
     newest : θ_s of the highest version; None when nothing was learned yet
-
-    Raises
-    ------
-    StorageError
-        When the store cannot be read.
     """
 
     def __init__(self, store: ObservationStore) -> None:
@@ -39,11 +30,6 @@ class CurrentParameters:
     def read(self) -> bool:
         """Read the store; return whether θ_s is newer than the present one, or the materials
         others.
-
-        Raises
-        ------
-        StorageError
-            When the store cannot be read.
         """
         materials, newest = self._store.materials(), self._store.newest_parameters()
         with self._lock:

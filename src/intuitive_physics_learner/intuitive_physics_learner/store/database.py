@@ -155,18 +155,7 @@ PLACEHOLDER_GUIDE = (
 
 
 def database_path(template: str, namespace: str) -> Path:
-    """Return the path that a template with placeholders stands for.
-
-    Parameters
-    ----------
-    template : path in which `PLACEHOLDER_GUIDE` holds
-    namespace : of the node, such as "/robots/left"; each of its names becomes a folder
-
-    Raises
-    ------
-    InvalidInputError
-        When the template has another placeholder.
-    """
+    """Return the path that a template with placeholders stands for."""
     unknown = set(re.findall(r"\{\w*\}", template)) - {NAMESPACE, SESSION}
     if unknown:
         raise InvalidInputError(
@@ -193,16 +182,7 @@ def _check_place(folder: Path) -> None:
 class Database:
     """An open file; may be used from several threads, and the file by several processes.
 
-    Parameters
-    ----------
-    path : of the file; it and its folder are made where they do not exist
-    busy_timeout : s to wait for another process that writes; None takes `BUSY_TIMEOUT`
-
-    Raises
-    ------
-    StorageError
-        When the file cannot be opened or written, is seen to be damaged, is not a database of this
-        suite, or was written by a newer version of it. The file is left as it is.
+    `busy_timeout` in s to wait for another process that writes; None takes `BUSY_TIMEOUT`.
     """
 
     def __init__(self, path: str | os.PathLike[str], busy_timeout: float | None = None) -> None:
@@ -249,11 +229,6 @@ class Database:
         Other processes wait meanwhile: prepare what is to be written before. A thread of idle
         priority has normal priority within, as far as the system allows it, because on a busy
         machine it could stand still for seconds while it keeps others from writing.
-
-        Raises
-        ------
-        StorageError
-            When nothing can be written, or a newer version of the suite has migrated the file.
         """
         with self._lock, self._explained("write"), _out_of_idle_priority():
             self._connection.execute("BEGIN IMMEDIATE")
@@ -371,13 +346,7 @@ def latest_version() -> int:
 
 
 def schema_version(connection: sqlite3.Connection, path: Path) -> int:
-    """Return the version of a file's tables; 0: it has none yet.
-
-    Raises
-    ------
-    StorageError
-        When the file is another program's, or of a version that is not known yet.
-    """
+    """Return the version of a file's tables; 0: it has none yet."""
     version = int(connection.execute("PRAGMA user_version").fetchone()[0])
     application = int(connection.execute("PRAGMA application_id").fetchone()[0])
     tables = int(connection.execute("SELECT COUNT(*) FROM sqlite_master").fetchone()[0])

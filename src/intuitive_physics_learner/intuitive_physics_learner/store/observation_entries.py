@@ -122,11 +122,6 @@ def text_columns(text: str) -> tuple[Any, ...]:
     """Return what the columns `start_time` to `has_detections` say of an observation's JSON text.
 
     Only what the columns need is read, which takes a fraction of the time of a whole observation.
-
-    Raises
-    ------
-    InvalidInputError
-        When the text cannot be read.
     """
     try:
         check_limit("longest_text", len(text), "characters of the text")

@@ -45,13 +45,7 @@ def insert_observation(connection: sqlite3.Connection, row: tuple[str, float, st
 
 
 def readable_text(observation: Observation) -> str:
-    """Return the JSON text of an observation, which the next start can read.
-
-    Raises
-    ------
-    InvalidInputError
-        When it cannot be read.
-    """
+    """Return the JSON text of an observation, which the next start can read."""
     text = observation.to_json()
     read = parsed_observation(text)
     if not isinstance(read, Observation):

@@ -18,10 +18,6 @@ class OnlineRecord:
     """The part of an open database that learning in the background reads.
 
     Reading takes no longer the more observations there are.
-
-    Parameters
-    ----------
-    database : open
     """
 
     def __init__(self, database: Database) -> None:
@@ -32,16 +28,9 @@ class OnlineRecord:
     ) -> tuple[list[Observation], dict[str, str], int]:
         """Read the first observations that were added or given back since a revision.
 
-        Parameters
-        ----------
-        revision : of the store; 0 for the beginning
-        limit : number of observations at most
-
-        Returns
-        -------
-        observations : in the order in which they were added or given back
-        problems : of each observation that cannot be read, by its id
-        revision : from which to read on; the same where there are none
+        Returns `observations`: the order in which they were added or given back; `problems`: of
+        each observation that cannot be read, by its id; `revision`: from which to read on; the same
+        where there are none.
         """
         with self._database.reading() as connection:
             rows = connection.execute(

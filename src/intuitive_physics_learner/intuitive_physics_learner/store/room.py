@@ -60,9 +60,7 @@ class Room:
     def warning(self, least_free: int) -> str:
         """Return in one sentence what will soon be missing, and what to do; empty: nothing.
 
-        Parameters
-        ----------
-        least_free : bytes on the disk below which it is warned of
+        `least_free` in bytes on the disk below which it is warned of.
         """
         if self.largest and self.size >= NEARLY * self.largest:
             return (

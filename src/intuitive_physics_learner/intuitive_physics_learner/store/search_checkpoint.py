@@ -45,13 +45,7 @@ class SearchCheckpoint:
 
     @staticmethod
     def from_json(key: str, version: int, text: str) -> SearchCheckpoint:
-        """Read what `to_json` wrote.
-
-        Raises
-        ------
-        InvalidInputError
-            When the text is cut short, not JSON, or lacks a part.
-        """
+        """Read what `to_json` wrote."""
         try:
             data = json.loads(text)
             start = None if data["start"] is None else LearnedParameters.from_dict(data["start"])

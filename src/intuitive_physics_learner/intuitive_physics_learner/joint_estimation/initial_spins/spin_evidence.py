@@ -69,10 +69,7 @@ class UnknownSpin:
 def unknown_spins(observation: Observation, components: NDArray[np.int64]) -> list[UnknownSpin]:
     """Find the initial spins of an observation that were guesses.
 
-    Parameters
-    ----------
-    observation : of O objects
-    components : (k,) index of each free component of the initial states on the axes (O, 12)
+    `components` (k,) index of each free component of the initial states on the axes (O, 12).
     """
     found = []
     for j, seen in enumerate(observation.objects):
@@ -110,12 +107,8 @@ class SpinLikelihood:
     ) -> SpinLikelihood:
         """Take the prior out of a posterior.
 
-        Parameters
-        ----------
-        spin : that the posterior is of
-        mean : (3,) rad/s, of the posterior
-        covariance : (3, 3) rad²/s², of the posterior
-        prior : rad/s on each axis, standard deviation of the prior, whose mean is zero
+        `mean` (3,) rad/s, of the posterior; `covariance` (3, 3) rad²/s², of the posterior; `prior`
+        in rad/s on each axis, standard deviation of the prior, whose mean is zero.
         """
         whole = np.linalg.inv(covariance)
         values, axes = np.linalg.eigh(0.5 * (whole + whole.T))
@@ -197,10 +190,7 @@ class _ThrowSum:
 def log_normal(centre: float, throws: float) -> NDArray[np.float64]:
     """Logarithm (G,), without a constant, of the normal density of ln σ on the grid.
 
-    Parameters
-    ----------
-    centre : rad/s, exp of its mean
-    throws : of exactly measured spin, that know as much
+    `centre` in rad/s, exp of its mean.
     """
     return np.asarray(-0.5 * INFORMATION * throws * (GRID - np.log(centre)) ** 2)
 

@@ -42,20 +42,9 @@ def search_spins(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     """Find spins that explain more of what comes beyond the horizons of fits.
 
-    Parameters
-    ----------
-    cost : simulates the observations
-    block : W observations
-    fits : to it
-    unknown : of each observation, its initial spins that were guesses
-    parameters : θ_s
-    settings : of horizons, and of the smallest gain
-
-    Returns
-    -------
-    estimates : (W, d) as of the fits, with the best spin found
-    ends : (W,) s, where the next misfit of the given fit would show
-    gained : (W,) bool, where this spin explains more up to there
+    Returns `estimates` (W, d) as of the fits, with the best spin found; `ends` (W,) s, where the
+    next misfit of the given fit would show; `gained` (W,) bool, where this spin explains more up to
+    there.
     """
     ends_early = (fits.horizons < block.durations) & np.array([bool(each) for each in unknown])
     if not ends_early.any():

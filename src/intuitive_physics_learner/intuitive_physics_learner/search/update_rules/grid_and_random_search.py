@@ -14,12 +14,7 @@ GENERATION = 50
 
 
 class GridSearch(UpdateRule):
-    """Counts through the grid, the first parameter changing fastest.
-
-    Parameters
-    ----------
-    increment : δp, step of each parameter on the unit interval (Table I: 0.05)
-    """
+    """Counts through the grid, the first parameter changing fastest."""
 
     name = "grid"
 
@@ -63,10 +58,6 @@ def grid_levels(increment: float) -> NDArray[np.float64]:
 
     The paper gives their number and not where they lie: with the middles of 1/δp equal parts, none
     of the interval is further than δp / 2 from one of them.
-
-    Parameters
-    ----------
-    increment : δp, part of the unit interval; where 1/δp is no whole number it is rounded down
     """
     count = max(1, int(1.0 / increment + 1e-9))
     steps = np.arange(count, dtype=np.float64) - 0.5 * (count - 1)

@@ -35,10 +35,7 @@ class ClimbingRule(UpdateRule):
     def continue_from(self, point: NDArray[np.float64], cost: float) -> None:
         """Take over the best point of another rule.
 
-        Parameters
-        ----------
-        point : (n,) of the unit cube
-        cost : J there, m
+        `point` (n,) of the unit cube.
         """
         self.point = point.copy()
         self.cost = cost
@@ -78,12 +75,7 @@ class ClimbingRule(UpdateRule):
 
 
 class CoordinateDescent(ClimbingRule):
-    """Sweeps over all parameters, each sweep in a new random order.
-
-    Parameters
-    ----------
-    increment : δp, step of a parameter on the unit interval (Table I: 0.05)
-    """
+    """Sweeps over all parameters, each sweep in a new random order."""
 
     name = "coordinate_descent"
 
@@ -122,11 +114,6 @@ class CoordinateDescent(ClimbingRule):
 
 class ParameterGradientSearch(ClimbingRule):
     """Adds δp to one parameter as long as J falls, else turns around with half the step.
-
-    Parameters
-    ----------
-    learning_rate : α, first step on the unit interval (Table I: 0.1)
-    smallest_step : β, below which the next parameter is targeted (Table I: 0.001)
 
     Attributes
     ----------
@@ -206,11 +193,6 @@ class BoundedAdaptiveRandomSearch(AdaptiveRandomSearch):
     With J of decimetres, steps of ε = J reach over the whole interval and nothing adapts; a J near
     0 leaves no step. Table I names an α and a β for adaptive random search; this reads them as
     they are meant in parameter gradient search, the largest and the smallest step.
-
-    Parameters
-    ----------
-    learning_rate : α, largest ε on the unit interval (Table I: 0.1)
-    smallest_step : β, smallest ε (Table I: 0.001)
     """
 
     name = "bounded_adaptive_random"
@@ -239,10 +221,7 @@ class MetropolisHastings(UpdateRule):
     A candidate of cost J' replaces the current one of cost J with the chance
     min(1, exp((J - J') / temperature)); the paper names no temperature.
 
-    Parameters
-    ----------
-    learning_rate : α, largest step on the unit interval (Table I: 0.05)
-    temperature : m of cost by which a candidate is accepted with the chance 1/e
+    `temperature` in m of cost by which a candidate is accepted with the chance 1/e.
     """
 
     name = "metropolis_hastings"

@@ -288,6 +288,11 @@ class SceneObject:
         object.__setattr__(self, "inertia_factor", factor)
         object.__setattr__(self, "mass_centre", self._checked_mass_centre())
 
+    @property
+    def has_air_forces(self) -> bool:
+        """Whether the air acts on it: drag or Magnus force."""
+        return self.drag_coefficient > 0.0 or self.magnus_coefficient > 0.0
+
     def _checked_mass_centre(self) -> tuple[float, float, float]:
         words = f"centre of mass of object {self.id}"
         x, y, z = finite_array(self.mass_centre, words, (3,)).tolist()

@@ -74,7 +74,7 @@ def engine_names() -> tuple[str, ...]:
     return (*SIMULATORS, *(entry.name for entry in _installed(ENGINES)))
 
 
-def make_engine(name: str, threads: int = 1) -> Simulator:
+def make_engine(name: str) -> Simulator:
     """Return the engine of that name, the library's or an added one.
 
     Raises
@@ -85,7 +85,7 @@ def make_engine(name: str, threads: int = 1) -> Simulator:
         When its package cannot be imported.
     """
     if name in SIMULATORS:
-        return make_simulator(name, threads)
+        return make_simulator(name)
     for entry in _installed(ENGINES):
         if entry.name == name:
             simulator: Simulator = _loaded(entry)()

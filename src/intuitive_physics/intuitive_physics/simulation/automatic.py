@@ -59,5 +59,5 @@ class AutomaticSimulator(Simulator):
 def suits_event_driven(worlds: WorldBatch) -> NDArray[np.bool_]:
     """Whether the event-driven engine can simulate each world, shape (W,)."""
     absent = np.arange(worlds.shape_kinds.shape[1]) >= worlds.object_counts[:, None]
-    simple = (worlds.shape_kinds == SPHERE) & (worlds.air_factors == 0.0).all(axis=2)
+    simple = (worlds.shape_kinds == SPHERE) & ~worlds.has_air_forces
     return (simple | absent).all(axis=1)

@@ -96,6 +96,11 @@ class WorldBatch:
         return int(self.object_counts.size)
 
     @property
+    def has_air_forces(self) -> NDArray[np.bool_]:
+        """Whether the air acts on each object, (W, O); never on padding."""
+        return np.asarray(self.air_factors.any(axis=2))
+
+    @property
     def arrays(self) -> tuple[NDArray, ...]:
         """All arrays (W, …) in order: what a kernel takes, and makes `WorldArrays` of.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,7 +75,6 @@ def predict_cases(
     simulator: Simulator,
     rng: np.random.Generator,
     sample_count: int = 100,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
     estimates: Sequence[tuple[WeightedStates | None, ...]] | None = None,
 ) -> list[PredictionCase]:
     """Predict each object of each observation from the observation's initial states.
@@ -84,18 +83,16 @@ def predict_cases(
     ----------
     parameters : θ_s of all materials of the observations, or its distribution
     sample_count : simulations of each observation
-    on_progress : called with the observations done and the observations in all
     estimates : of each observation, as of `PreparedScene`, in place of initial states; None: of
         no object
     """
     noises = track_noises(observations, JointEstimationSettings())
     given = estimates if estimates is not None else [()] * len(observations)
     cases = []
-    for done, (seen, own, states) in enumerate(zip(observations, noises, given, strict=True)):
+    for seen, own, states in zip(observations, noises, given, strict=True):
         covariances = [_covariances(noise) for noise in own]
         scene = PreparedScene.of(seen.scene(), parameters, StateNoise(), states)
         cases += _cases_of(seen, covariances, scene, simulator, rng, sample_count)
-        on_progress(done + 1, len(observations))
     return cases
 
 

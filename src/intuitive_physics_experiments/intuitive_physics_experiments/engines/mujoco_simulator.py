@@ -37,7 +37,7 @@ def check_supported(worlds: WorldBatch) -> None:
         raise UnsupportedSceneError(
             "a plane has a boundary; mujoco simulates planes without edges only, use stepped"
         )
-    if worlds.air_factors.any():
+    if worlds.has_air_forces.any():
         raise UnsupportedSceneError(
             "an object has air drag or Magnus force; mujoco simulates neither here, use stepped"
         )

@@ -88,7 +88,6 @@ def _track(observation: Observation, number: int, whitening: NDArray[np.float64]
     for other in observation.objects[:number] + observation.objects[number + 1 :]:
         reach = radius + other.object.shape.bounding_radius
         others = np.minimum(others, _distances(other, times, positions) - reach)
-    in_air = seen.object.drag_coefficient > 0.0 or seen.object.magnus_coefficient > 0.0
     return Track(
         times,
         positions,
@@ -99,7 +98,7 @@ def _track(observation: Observation, number: int, whitening: NDArray[np.float64]
         others,
         heights,
         _resting_heights(seen.object.shape),
-        in_air,
+        seen.object.has_air_forces,
     )
 
 

@@ -37,8 +37,7 @@ def parameter_influence(
             near = [other.material for other in objects[:i] + objects[i + 1 :]]
             for material in (*near, *seen.environment.materials):
                 pairs[row, place[frozenset((one.material, material))]] = True
-            in_air = one.drag_coefficient > 0.0 or one.magnus_coefficient > 0.0
-            densities[row, index[one.material]] |= bool(near) or in_air
+            densities[row, index[one.material]] |= bool(near) or one.has_air_forces
     return np.hstack([densities, np.repeat(pairs, len(PAIR_COEFFICIENTS), axis=1)])
 
 

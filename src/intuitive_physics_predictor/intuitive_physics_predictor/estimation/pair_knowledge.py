@@ -59,7 +59,7 @@ class PairKnowledge:
             world.box_materials[0, : world.box_counts[0]],
         ]
         others = np.unique(np.concatenate(surfaces)).astype(np.int64)
-        has_density = bool(world.air_factors.any())
+        has_density = bool(world.has_air_forces.any())
         columns = _columns(len(world.materials), material, others, has_density)
         drawn = uncertain.units[:, columns]
         covariance = np.atleast_2d(np.cov(drawn, rowvar=False)) if len(columns) else np.eye(0)

@@ -47,7 +47,7 @@ def plan_world(worlds: WorldBatch, w: int) -> Plan:
     """
     environment = worlds.environments[worlds.environment_index[w]]
     count = int(worlds.object_counts[w])
-    _check_supported(environment, worlds.air_factors[w, :count])
+    _check_supported(environment, worlds.has_air_forces[w])
     shapes = [_shape(worlds.shape_kinds[w, i], worlds.dimensions[w, i]) for i in range(count)]
     objects = worlds.object_materials[w, :count]
     static = np.array(
@@ -69,15 +69,15 @@ def plan_world(worlds: WorldBatch, w: int) -> Plan:
     )
 
 
-def _check_supported(environment: Environment, air_factors: NDArray[np.float64]) -> None:
+def _check_supported(environment: Environment, has_air_forces: NDArray[np.bool_]) -> None:
     for plane in environment.planes:
         if plane.boundary is not None:
             raise UnsupportedSceneError(
                 f"plane {plane.id} has a boundary; bullet simulates planes without edges only, "
                 "use stepped, leave the boundary out or put a static box in the plane's place"
             )
-    if air_factors.any():
-        i = int(np.flatnonzero(air_factors.any(axis=1))[0])
+    if has_air_forces.any():
+        i = int(np.flatnonzero(has_air_forces)[0])
         raise UnsupportedSceneError(
             f"object {i} of the scene has air drag or Magnus force; bullet simulates neither, "
             "use stepped or set both coefficients to zero"

@@ -75,7 +75,7 @@ class EventDrivenSimulator(KernelSimulator):
                 "scene has an object that is not a sphere; event_driven simulates spheres only, "
                 "use the stepped simulator"
             )
-        if worlds.air_factors.any():
+        if worlds.has_air_forces.any():
             raise UnsupportedSceneError(
                 "scene has an object with a drag or Magnus coefficient; event_driven simulates "
                 "motion without air only, use the stepped simulator"

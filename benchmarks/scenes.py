@@ -1,4 +1,4 @@
-"""What is simulated: objects thrown through the paper's room, and single balls for known laws."""
+"""Scenes to simulate: objects thrown through the paper's room, and single balls for known laws."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SIMULATIONS, STEPS, TIME_STEP = 20, 500, 0.01
 """Of a prediction: simulations, steps of each, and s of a step."""
 
 POSITION_NOISE, VELOCITY_NOISE = 0.01, 0.1
-"""m and m/s, standard deviations of the noisy copies."""
+"""m and m/s, standard deviations of the noise on an initial state."""
 
 CLEARANCE = 0.05
 """m between an object and the floor at the start, at least; twice that between two objects."""
@@ -42,11 +42,7 @@ class Surface:
     """Coefficients that all pairs of bodies of an instance have.
 
     PyBullet has coefficients of bodies, so only what all pairs share is the same for all peers.
-
-    Parameters
-    ----------
-    static_friction, dynamic_friction, restitution : as in `StaticParameters`
-    rolling_arm : m; the rolling torque is at most rolling_arm · normal force
+    The rolling torque is at most rolling_arm (m) times the normal force.
     """
 
     static_friction: float = 0.5
@@ -57,13 +53,10 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class Instance:
-    """One scene, its coefficients, and the states its simulations start from.
+    """One scene, the coefficients of all pairs, and the states its simulations start from.
 
-    Parameters
-    ----------
-    scene : each object of it has a material of its own, so that each gets its own μ_r
-    surface : the coefficients of all pairs
-    starts : (n_simulations, n_objects, 13) as `ObjectState.to_vector`
+    Each object has a material of its own, so that each gets its own μ_r. The starts are
+    (n_simulations, n_objects, 13) as `ObjectState.to_vector`.
     """
 
     scene: Scene

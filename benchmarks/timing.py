@@ -21,10 +21,8 @@ TURN = 0.02
 class Measured:
     """What each engine did with one instance, by the engine's name.
 
-    Parameters
-    ----------
-    seconds : median wall time of one prediction
-    positions : (n_simulations, n_objects, STEPS, 3) m
+    Seconds are the median wall time of one prediction; positions are
+    (n_simulations, n_objects, STEPS, 3) m.
     """
 
     seconds: dict[str, float]

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import itertools
 
 import numpy as np
 import pytest
-from benchmarks.learning.__main__ import LINE, PARTS, chosen_parts, combined, run
+from benchmarks.learning.__main__ import LINE, PARTS, combined
 from benchmarks.learning.camera import TRUE_RANGES, draw_truth
 from benchmarks.learning.disturbances import EARLIEST, LEAST_DEVIATION, Disturber
 from benchmarks.learning.disturbed import SHARE, DisturbedSet, counted, disturbed_set
@@ -258,24 +257,3 @@ def test_every_key_of_the_last_line_is_of_one_part_at_most():
     keys = [key for part in PARTS for key in part.keys]
     assert len(keys) == len(set(keys))
     assert set(keys) <= set(LINE)
-
-
-def test_parts_are_chosen_by_name():
-    assert chosen_parts(None) == list(PARTS)
-    assert [part.name for part in chosen_parts("camera, sets")] == ["sets", "camera"]
-    assert [part.name for part in chosen_parts("information,sets")] == ["sets", "information"]
-    with pytest.raises(InvalidInputError, match="'nothing'; expected some of sets,"):
-        chosen_parts("sets,nothing")
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"first_seed": -1}, "--first-seed is -1; expected at least 0"),
-        ({"only": "sets", "write": True}, "--write was given with --only"),
-    ],
-)
-def test_options_that_make_no_sense_are_errors(changes, message):
-    given_options = {"quick": True, "first_seed": 0, "only": None, "write": False, **changes}
-    with pytest.raises(InvalidInputError, match=message):
-        run(argparse.Namespace(**given_options))

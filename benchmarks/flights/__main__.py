@@ -88,8 +88,7 @@ Errors = dict[str, tuple[float, float, float, float]]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, and print the line of JSON last."""
-    description = (__doc__ or "").splitlines()[0]
-    return run_benchmark("flights", description, run, arguments, _add_options)
+    return run_benchmark("flights", __doc__, run, arguments, _add_options)
 
 
 def _add_options(parser: argparse.ArgumentParser) -> None:

@@ -25,7 +25,7 @@ from benchmarks.learning.stream import STREAM
 from benchmarks.learning.suggested import SUGGESTED
 from benchmarks.peers.engine import MissingPeerError
 from benchmarks.results.result import Cell, Column, Table
-from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
+from intuitive_physics.errors import IntuitivePhysicsError
 
 PARTS = (SETS, CAMERA, ONLINE, MASS_RATIO, DISTURBED, STREAM, SUGGESTED, METHODS)
 """In the order in which they are measured and reported."""
@@ -55,52 +55,16 @@ FIRST_SEED = 100
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, draw the figure, and print the line of JSON last."""
-    return run_benchmark("learning", __doc__.splitlines()[0], run, arguments, _add_options)
-
-
-def _add_options(parser: argparse.ArgumentParser) -> None:
-    names = ",".join(part.name for part in (*PARTS, *PARTS_ON_REQUEST))
-    parser.add_argument(
-        "--first-seed",
-        type=int,
-        default=FIRST_SEED,
-        metavar="N",
-        help=f"of the random sets, at least 0; default {FIRST_SEED}",
-    )
-    parser.add_argument("--only", metavar="PARTS", help=f"measure only some of {names}")
+    names = [part.name for part in (*PARTS, *PARTS_ON_REQUEST)]
+    return run_benchmark("learning", __doc__, run, arguments, parts=names, first_seed=FIRST_SEED)
 
 
 def run(options: argparse.Namespace) -> Outcome:
     """Measure all parts, or those that were chosen."""
-    if options.first_seed < 0:
-        raise InvalidInputError(f"--first-seed is {options.first_seed}; expected at least 0")
-    if options.only is not None and options.write:
-        raise InvalidInputError(
-            "--write was given with --only; a result that is kept has all parts, so leave one out"
-        )
-    plan = Plan(options.quick, options.first_seed)
-    return combined(chosen_parts(options.only), plan)
-
-
-def chosen_parts(only: str | None) -> list[Part]:
-    """Return the parts that are named, separated by commas, in their own order.
-
-    None stands for all but those that are measured on request.
-
-    Raises
-    ------
-    InvalidInputError
-        When there is no part of a name.
-    """
-    if only is None:
-        return list(PARTS)
-    wanted = [name.strip() for name in only.split(",")]
-    known = (*PARTS, *PARTS_ON_REQUEST)
-    names = [part.name for part in known]
-    unknown = [name for name in wanted if name not in names]
-    if unknown:
-        raise InvalidInputError(f"--only has {unknown[0]!r}; expected some of {','.join(names)}")
-    return [part for part in known if part.name in wanted]
+    parts = PARTS
+    if options.only is not None:
+        parts = tuple(part for part in (*PARTS, *PARTS_ON_REQUEST) if part.name in options.only)
+    return combined(parts, Plan(options.quick, options.first_seed))
 
 
 def combined(parts: Sequence[Part], plan: Plan) -> Outcome:

@@ -1,4 +1,4 @@
-"""What the benchmark wants of an engine."""
+"""The interface of all engines that are compared."""
 
 from __future__ import annotations
 
@@ -18,12 +18,9 @@ class MissingPeerError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Simulations of one instance and what they took.
+    """Positions (n_simulations, n_objects, n_steps, 3) m after each step of one instance.
 
-    Parameters
-    ----------
-    seconds : wall time of setting the initial states, simulating and writing the positions down
-    positions : (n_simulations, n_objects, n_steps, 3) m, after each step
+    The seconds are the wall time of setting initial states, simulating and writing positions.
     """
 
     seconds: float
@@ -42,13 +39,7 @@ class Prepared(AbstractContextManager["Prepared"], ABC):
 
 
 class Engine(ABC):
-    """Simulates instances on one thread at equal time steps.
-
-    Parameters
-    ----------
-    name : as in the tables
-    how : one line on how it is set up
-    """
+    """Simulates instances on one thread at equal time steps; `how` says how it is set up."""
 
     name: str
     how: str

@@ -41,7 +41,6 @@ from benchmarks.perception.score import Ball, Score
 from benchmarks.perception.truth import TrueRecording
 from benchmarks.perception.unorganised import measure_unorganised
 from benchmarks.results.result import Table
-from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_truth
 from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.settings import PerceptionSettings
@@ -91,7 +90,7 @@ class Comparison:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, and print the line of JSON last."""
-    return run_benchmark("perception", __doc__.splitlines()[0], run, arguments, _add_options)
+    return run_benchmark("perception", __doc__, run, arguments, _add_options, parts=PARTS)
 
 
 def _add_options(parser: argparse.ArgumentParser) -> None:
@@ -109,19 +108,11 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="LiDAR scans with one ball each (lidar_ball_*.npz: xyz in m); default %(default)s",
     )
-    parser.add_argument("--only", metavar="PARTS", help=f"measure only some of {','.join(PARTS)}")
 
 
 def run(options: argparse.Namespace) -> Outcome:
     """Measure all parts, or those that were chosen."""
-    wanted = PARTS if options.only is None else options.only.split(",")
-    unknown = [name for name in wanted if name not in PARTS]
-    if unknown:
-        raise InvalidInputError(f"--only has {unknown[0]!r}; expected some of {','.join(PARTS)}")
-    if options.only is not None and options.write:
-        raise InvalidInputError(
-            "--write was given with --only; a result that is kept has all parts, so leave one out"
-        )
+    wanted = options.only or PARTS
     warm_up()
     outcome = Outcome([], {})
     if RENDERED in wanted:

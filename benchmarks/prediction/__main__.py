@@ -32,7 +32,6 @@ from benchmarks.prediction.surfaces import samples_below_a_surface
 from benchmarks.prediction.truth import truth
 from benchmarks.results.result import Table
 from benchmarks.steady_loop import watch_loops
-from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_experiments.calibration.paper_calibration import PaperCalibrationOptions
 
 CORES = 2  # that node, learner and benchmark share
@@ -65,40 +64,31 @@ FIRST_SEED = 500  # of the camera's worlds; nobody tuned on them. Those from 50 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, and print the line of JSON last."""
-    description = (__doc__ or "").splitlines()[0]
-    return run_benchmark("prediction", description, run, arguments, _add_options)
-
-
-def _add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--only",
-        choices=PARTS,
-        help="measure this part alone; --write keeps its result in a file of its own",
-    )
-    parser.add_argument(
-        "--first-seed",
-        type=int,
-        default=FIRST_SEED,
-        metavar="SEED",
-        help=f"of the camera's worlds, one for each ({FIRST_SEED})",
+    return run_benchmark(
+        "prediction",
+        __doc__,
+        run,
+        arguments,
+        parts=PARTS,
+        parts_are_kept=True,
+        first_seed=FIRST_SEED,
     )
 
 
 def run(options: argparse.Namespace) -> Outcome:
     """Measure what was asked for, on the first cores of the machine."""
-    if options.first_seed < 0:
-        raise InvalidInputError(f"--first-seed is {options.first_seed}; expected at least 0")
+    wanted = options.only or PARTS
     effort = QUICK if options.quick else FULL
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:CORES])
     found: list[Table] = []
     figures: dict[str, Any] = {}
     missed: list[str] = []
-    if options.only != "camera":
+    if "node" in wanted:
         results = measure(effort)
         found += tables(results)
         figures |= key_figures(results)
         missed += complaints(results)
-    if options.only != "node":
+    if "camera" in wanted:
         worlds = see_worlds(effort.throws, options.first_seed)
         found += [camera_table(worlds), coverage_table(worlds)]
         figures["camera"] = camera_figures(worlds)
@@ -107,7 +97,7 @@ def run(options: argparse.Namespace) -> Outcome:
         tables=found,
         key_figures=figures,
         complaints=[f"bar missed: {complaint}" for complaint in missed],
-        part=options.only or "",
+        part="_".join(options.only or ()),
     )
 
 

@@ -7,9 +7,6 @@ from pathlib import Path
 
 from benchmarks.results.result import Cell, Column, Machine, Result, Run, Table, read_result
 
-NOTHING = "–"
-"""Stands where nothing was measured."""
-
 
 def write_page(path: Path) -> None:
     """Write the page of a JSON file beside it."""
@@ -79,5 +76,6 @@ def _grid(table: Table) -> str:
 
 def _shown(cell: Cell, column: Column) -> str:
     if cell is None:
-        return NOTHING
+        # Nothing was measured.
+        return "–"
     return cell if isinstance(cell, str) else format(cell, column.number_format)

@@ -15,31 +15,12 @@ from benchmarks.results.result import Machine, Run
 REPOSITORY = Path(__file__).resolve().parents[2]
 """Whose commit is recorded."""
 
-LIBRARIES = (
-    "numpy",
-    "scipy",
-    "numba",
-    "pybullet",
-    "mujoco",
-    "open3d",
-    "pyransac3d",
-    "dask",
-)
+LIBRARIES = ("numpy", "scipy", "numba", "pybullet", "mujoco", "open3d", "pyransac3d", "dask")
 """Python libraries whose versions are recorded where they are installed."""
 
 
-TARGETS = {"torture": "torture"}
-"""Target of the Makefile of each benchmark that is not named `bench-` and its own name."""
-
-
 def started_run(name: str, arguments: Sequence[str]) -> Run:
-    """Return the record of a benchmark's run that starts at this moment.
-
-    Parameters
-    ----------
-    name : of the benchmark
-    arguments : of its command line
-    """
+    """Return the record of a benchmark's run that starts now, with these command line arguments."""
     commit = _output("git", "-C", str(REPOSITORY), "rev-parse", "HEAD")
     changes = _output("git", "-C", str(REPOSITORY), "status", "--porcelain", "-uno")
     return Run(
@@ -47,18 +28,13 @@ def started_run(name: str, arguments: Sequence[str]) -> Run:
         commit=commit or "",
         dirty=None if changes is None else bool(changes),
         date=datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        machine=this_machine(),
-    )
-
-
-def this_machine() -> Machine:
-    """Return what this process runs on."""
-    return Machine(
-        processor=_processor(),
-        cores=len(os.sched_getaffinity(0)),
-        system=platform.platform(),
-        python=platform.python_version(),
-        libraries=_libraries(),
+        machine=Machine(
+            processor=_processor(),
+            cores=len(os.sched_getaffinity(0)),
+            system=platform.platform(),
+            python=platform.python_version(),
+            libraries=_libraries(),
+        ),
     )
 
 
@@ -68,7 +44,8 @@ def _command(name: str, arguments: Sequence[str]) -> str:
     if "MAKELEVEL" not in os.environ:
         return f"python -m benchmarks.{name} {options}".rstrip()
     quoted = f'"{options}"' if len(arguments) > 1 else options
-    return f"make {TARGETS.get(name, f'bench-{name}')}" + (f" options={quoted}" if options else "")
+    target = name if name == "torture" else f"bench-{name}"
+    return f"make {target}" + (f" options={quoted}" if options else "")
 
 
 def _processor() -> str:

@@ -88,7 +88,7 @@ class Place:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, and print the line of JSON last."""
-    return run_benchmark("robot", (__doc__ or "").splitlines()[0], run, arguments)
+    return run_benchmark("robot", __doc__, run, arguments)
 
 
 def run(options: argparse.Namespace) -> Outcome:

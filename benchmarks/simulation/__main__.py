@@ -91,9 +91,8 @@ Scenes = dict[str, list[tuple[Instance, Measured]]]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, and print the line of JSON last."""
-    description = __doc__.splitlines()[0]
     return run_benchmark(
-        "simulation", description, lambda options: run(QUICK if options.quick else FULL), arguments
+        "simulation", __doc__, lambda options: run(QUICK if options.quick else FULL), arguments
     )
 
 

@@ -278,49 +278,6 @@ def test_bounds_come_back(bounds):
     assert to.bounds_from_messages(to.bounds_to_messages(bounds)) == bounds
 
 
-@given(st.data(), st.integers(1, 3), st.integers(0, 3), st.integers(1, 4))
-def test_distribution_comes_back(data, n_samples, n_objects, n_times):
-    numbers = st.floats(-1e3, 1e3, width=32)
-    covariance = data.draw(arrays(np.float64, (n_objects, n_times, 3, 3), elements=numbers))
-    sent = {
-        "frame_id": "world",
-        "stamp": Time(sec=5, nanosec=6),
-        "states_stamp": Time(sec=4, nanosec=7),
-        "object_ids": tuple(f"object {i}" for i in range(n_objects)),
-        "times": np.arange(n_times) / 8.0,
-        "positions": data.draw(
-            arrays(np.float64, (n_samples, n_objects, n_times, 3), elements=numbers)
-        ),
-        "weights": np.full(n_samples, 0.25),
-        "simulated_count": 500,
-        "mean": data.draw(arrays(np.float64, (n_objects, n_times, 3), elements=numbers)),
-        "covariance": covariance + covariance.swapaxes(-1, -2),
-        "static_parameters_version": 3,
-        "environment_version": 4,
-        "seed": 2**64 - 1,
-        "computation_time": 0.25,
-    }
-    message = over_the_wire(to.trajectory_distribution_to_message(to.DistributionFields(**sent)))
-    got = to.trajectory_distribution_from_message(message)
-    for name, value in sent.items():
-        if isinstance(value, np.ndarray):
-            np.testing.assert_allclose(getattr(got, name), value, rtol=1e-7, err_msg=name)
-        else:
-            assert getattr(got, name) == value, name
-
-
-def test_a_writer_uses_its_memory_again_and_leaves_nothing_of_before():
-    writer = to.DistributionWriter()
-    first = writer.write(distribution_fields(positions=np.ones((2, 1, 2, 3)), seed=1))
-    memory = first.objects[0].samples.buffer_info()
-    second = writer.write(distribution_fields(positions=np.full((2, 1, 2, 3), 2.0), seed=2))
-    assert second.objects[0].samples.buffer_info() == memory
-    assert second == distribution_message(positions=np.full((2, 1, 2, 3), 2.0), seed=2)
-    # Another number of samples takes another message.
-    more = {"positions": np.zeros((3, 1, 2, 3)), "weights": [0.5, 0.25, 0.25]}
-    assert writer.write(distribution_fields(**more)) == distribution_message(**more)
-
-
 @given(st.floats(0.0, 2**31 - 1))
 def test_seconds_come_back(seconds):
     stamp = over_the_wire(to.stamp_from_seconds(seconds))
@@ -538,50 +495,3 @@ def test_wrong_pair():
 def test_wrong_bounds(message, complaint):
     with pytest.raises(InvalidInputError, match=complaint):
         to.bounds_from_messages([message])
-
-
-def distribution_fields(**changes):
-    fields = {
-        "frame_id": "world",
-        "stamp": Time(),
-        "states_stamp": Time(),
-        "object_ids": ["ball"],
-        "times": [0.0, 0.1],
-        "positions": np.zeros((2, 1, 2, 3)),
-        "weights": [0.5, 0.5],
-        "simulated_count": 2,
-        "mean": np.zeros((1, 2, 3)),
-        "covariance": np.zeros((1, 2, 3, 3)),
-        "static_parameters_version": 0,
-        "environment_version": 0,
-        "seed": 0,
-        "computation_time": 0.0,
-        **changes,
-    }
-    return to.DistributionFields(**fields)
-
-
-def distribution_message(**changes):
-    return to.trajectory_distribution_to_message(distribution_fields(**changes))
-
-
-@pytest.mark.parametrize(
-    ("path", "value", "complaint"),
-    [
-        ("times", [], "times: list is empty"),
-        ("times", [0.1, 0.1], "times: list goes from"),
-        ("sample_count", 3, "weights: has 2 numbers; expected 3"),
-        ("weights", [math.nan, 1.0], "weights: has 1 numbers that are not finite"),
-        ("times", [0.0], r"objects\[0\].mean: has 6 numbers; expected 3"),
-    ],
-)
-def test_wrong_distribution(path, value, complaint):
-    message = distribution_message()
-    spoil(message, path, value)
-    with pytest.raises(InvalidInputError, match=complaint):
-        to.trajectory_distribution_from_message(message)
-
-
-def test_distribution_of_arrays_that_do_not_fit():
-    with pytest.raises(InvalidInputError, match=r"mean has shape \(1, 3, 3\); expected \(1, 2, 3"):
-        distribution_message(mean=np.zeros((1, 3, 3)))

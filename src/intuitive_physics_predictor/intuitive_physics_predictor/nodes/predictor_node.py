@@ -2,63 +2,37 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from copy import copy
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
-from intuitive_physics_msgs.msg import ObjectStates
-from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.serialization import deserialize_message
-from visualization_msgs.msg import MarkerArray
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.limits import InputLimits
 from intuitive_physics_predictor.compile import warm_up
-from intuitive_physics_predictor.live.predictor import Predictor, Snapshot
+from intuitive_physics_predictor.live.predictor import Predictor
 from intuitive_physics_predictor.live.self_calibration import (
     SelfCalibration,
     load_calibration,
     save_calibration,
 )
 from intuitive_physics_predictor.live.settings import PredictionOptions, PredictionSettings
-from intuitive_physics_predictor.nodes.messages import (
-    Arrival,
-    environment_inputs,
-    estimated_message,
-    header_of,
-    states_inputs,
-)
+from intuitive_physics_predictor.nodes.inputs import PredictionInputs
+from intuitive_physics_predictor.nodes.outputs import PredictionOutputs
 from intuitive_physics_predictor.nodes.services import PredictionServices
 from intuitive_physics_predictor.nodes.ticks import PredictionTicks
 from intuitive_physics_ros.background import RequestLimits
-from intuitive_physics_ros.conversions import static_parameters_from_message
 from intuitive_physics_ros.diagnostics import Level, Status
 from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
 from intuitive_physics_ros.lifecycle.run_node import run_node
-from intuitive_physics_ros.markers import distribution_markers
-from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.parameters import (
     Parameter,
     setting_parameters,
     use_limits_of,
 )
-from intuitive_physics_ros.qos import LATCHED, QOS_OVERRIDES, SENSOR_DATA, STREAM
-from intuitive_physics_ros.silence import SAME_NAMESPACE, WARN_AGAIN, Silence
-from intuitive_physics_ros.topics import (
-    ENVIRONMENT,
-    OBJECT_STATES,
-    STATIC_PARAMETERS,
-)
-from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 OPTIONS = frozenset(option.name for option in fields(PredictionOptions))
 """Names of the parameters that are options of the library."""
@@ -96,7 +70,7 @@ PARAMETERS = [
 
 
 class PredictorNode(ManagedNode):
-    """Parameters and topics in, around `PredictionTicks` and `PredictionServices`."""
+    """Parameters and states around inputs, ticks, outputs and services, each with a module."""
 
     def __init__(self) -> None:
         super().__init__("predictor_node", PARAMETERS, warm_up)
@@ -117,14 +91,9 @@ class PredictorNode(ManagedNode):
         """Predict from what is known and what comes, once the kernels are there."""
         values = self.values()
         self._predictor.set(settings=settings_from_parameters(values))
-        self._ticks = PredictionTicks(
-            self, self._predictor, values["rate"], values["published_samples"]
-        )
+        self._outputs = PredictionOutputs(self, values["published_samples"])
+        self._ticks = PredictionTicks(self, self._predictor, values["rate"], self._outputs)
         self._answers = PredictionServices(self, self._ticks, self.kernels)
-        self._estimated_publisher = self.create_publisher(
-            ObjectStates, "~/estimated_states", copy(STREAM), qos_overriding_options=QOS_OVERRIDES
-        )
-        self._marker_publisher = self.create_publisher(MarkerArray, "~/markers", 1)
         self._marker_timer = self.create_timer(1.0 / values["marker_rate"], self._on_marker_tick)
         self.create_timer(SAVE_EVERY, self._on_save_tick)
         self.diagnostics.add("calibration", self._check_calibration)
@@ -148,74 +117,8 @@ class PredictorNode(ManagedNode):
 
     def _begin(self) -> None:
         # Who waits for subscribers before playing a recording may count on its first states.
-        self._subscribe()
+        PredictionInputs(self, self._ticks, self._outputs)
         self._ticks.start()
-
-    def _subscribe(self) -> None:
-        for name, kind, read, qos, expected in (
-            (ENVIRONMENT, EnvironmentMessage, environment_inputs, LATCHED, None),
-            (OBJECT_STATES, ObjectStates, states_inputs, SENSOR_DATA, 2.0),
-            (STATIC_PARAMETERS, StaticParametersMessage, None, LATCHED, None),
-        ):
-            monitor = InputMonitor(self, name, expected)
-            heard = (
-                partial(self._on_parameters, monitor)
-                if read is None
-                else partial(self._on_input, monitor, kind, read)
-            )
-            self.create_subscription(
-                kind, name, heard, copy(qos), qos_overriding_options=QOS_OVERRIDES, raw=True
-            )
-            if kind is not StaticParametersMessage:
-                # A learner is not needed; perception that is there says itself what it waits for.
-                monitor.expect(Silence(self, {name: kind}, SAME_NAMESPACE, patience=WARN_AGAIN))
-            self.diagnostics.add(name.rpartition("/")[2], monitor.check)
-
-    def _on_input(self, monitor: InputMonitor, kind: Any, read: Any, message: bytes) -> None:
-        """Post an input, to be decoded and taken over between two ticks."""
-        arrival = Arrival(1e-9 * self.get_clock().now().nanoseconds, time.monotonic())
-
-        def take(predictor: Predictor) -> bool:
-            with _reported(self, monitor):
-                newer = read(deserialize_message(message, kind), arrival)
-                if kind is ObjectStates:
-                    return self._go_on(predictor.take_seen(newer["seen"]), monitor)
-                predictor.take(**newer)
-                monitor.accepted()
-            return True
-
-        # Of messages that come faster than they can be decoded the newest counts; new states are
-        # predicted from at once.
-        self._ticks.post(take, key=monitor, urgent=kind is ObjectStates)
-
-    def _go_on(self, steps: Iterator[None], monitor: InputMonitor) -> bool:
-        """Take one step, and post the next one; return whether there is none."""
-        with _reported(self, monitor):
-            for _ in steps:
-                self._ticks.post(lambda _: self._go_on(steps, monitor), urgent=True)
-                return False
-            self._publish_estimated(self._ticks.snapshot)
-            monitor.accepted()
-        return True
-
-    def _publish_estimated(self, snapshot: Snapshot) -> None:
-        """Publish where the objects are by everything that was seen of them."""
-        seen = snapshot.inputs.seen
-        if seen is not None and self._estimated_publisher.get_subscription_count() > 0:
-            self._estimated_publisher.publish(estimated_message(seen, snapshot.estimates))
-
-    def _on_parameters(self, monitor: InputMonitor, message: bytes) -> None:
-        """Draw from newer θ_s beside the ticks, then have it taken over between two of them."""
-
-        def prepare(snapshot: Snapshot) -> None:
-            with _reported(self, monitor):
-                received = deserialize_message(message, StaticParametersMessage)
-                learned = static_parameters_from_message(received)
-                snapshot.settings.uncertain_parameters(learned, learned.materials)
-                self._ticks.post(lambda predictor: predictor.take(learned=learned), key=monitor)
-                monitor.accepted()
-
-        self._ticks.prepare(prepare)
 
     def _stored_calibration(self) -> SelfCalibration:
         """Return what was known of how well is predicted; nothing where it cannot be read."""
@@ -265,18 +168,7 @@ class PredictorNode(ManagedNode):
         )
 
     def _on_marker_tick(self) -> None:
-        made = self._ticks.snapshot.newest
-        if made is not None and self._marker_publisher.get_subscription_count() > 0:
-            distribution = made.distribution
-            self._marker_publisher.publish(
-                distribution_markers(
-                    header_of(made),
-                    distribution.object_ids,
-                    distribution.positions,
-                    distribution.mean,
-                    distribution.covariance,
-                )
-            )
+        self._outputs.publish_markers(self._ticks.snapshot.newest)
 
     def _check_parameters(self, new: Sequence[RosParameter]) -> SetParametersResult:
         """Refuse parameters that are valid each, but not together."""
@@ -294,24 +186,13 @@ class PredictorNode(ManagedNode):
             if self.configured and "seed" in names:
                 self._predictor.set(seed=values["seed"])
             return
+        self._outputs.published_samples = values["published_samples"]
         self._ticks.set(
             rate=values["rate"],
-            published_samples=values["published_samples"],
             settings=settings_from_parameters(values) if names & OPTIONS else None,
             seed=values["seed"] if "seed" in names else None,
         )
         self._marker_timer.timer_period_ns = round(1e9 / values["marker_rate"])
-
-
-@contextmanager
-def _reported(node: Node, monitor: InputMonitor) -> Iterator[None]:
-    """Report an input that is wrong, and go on."""
-    try:
-        yield
-    except IntuitivePhysicsError as error:
-        monitor.rejected(error)
-    except Exception as error:
-        monitor.rejected(unexpected_errors(node).report(error, "an input"))
 
 
 def settings_from_parameters(values: dict[str, Any]) -> PredictionSettings:

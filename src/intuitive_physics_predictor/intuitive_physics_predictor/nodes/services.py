@@ -19,12 +19,11 @@ from intuitive_physics_predictor.live.live_prediction import LivePrediction, pre
 from intuitive_physics_predictor.live.predictor import Snapshot
 from intuitive_physics_predictor.live.question import Answer, Event, Question, answer
 from intuitive_physics_predictor.live.settings import output_times
-from intuitive_physics_predictor.nodes.messages import distribution_message, header_of
+from intuitive_physics_predictor.nodes.distribution_messages import DistributionWriter, header_of
 from intuitive_physics_predictor.nodes.ticks import PredictionTicks
 from intuitive_physics_predictor.noisy_newton import PredictionFailedError
 from intuitive_physics_ros.background import Background
 from intuitive_physics_ros.conversions import (
-    DistributionWriter,
     environment_from_message,
     float32_field,
     object_states_from_messages,
@@ -119,7 +118,7 @@ class PredictionServices:
         # What was heard and set before the request counts.
         snapshot = self._ticks.settled_snapshot(LONGEST_WAIT)
         snapshot = replace(snapshot, settings=snapshot.settings.stopped_by(stop))
-        return distribution_message(DistributionWriter(), predict_request(request, snapshot, now))
+        return DistributionWriter().write(predict_request(request, snapshot, now))
 
     def _refusal(self, error: Exception) -> ResultCode:
         if not isinstance(error, IntuitivePhysicsError):

@@ -1,13 +1,11 @@
-"""The thread that owns the predictor: takes inputs over, predicts at each tick and publishes."""
+"""The thread that owns the predictor: takes over inputs, and predicts at each tick."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Callable, Hashable
-from copy import copy
 
-from intuitive_physics_msgs.msg import TrajectoryDistribution as DistributionMessage
 from rclpy.node import Node
 
 from intuitive_physics.errors import IntuitivePhysicsError
@@ -21,12 +19,9 @@ from intuitive_physics_predictor.live.live_prediction import (
 from intuitive_physics_predictor.live.pacer import Pacer
 from intuitive_physics_predictor.live.predictor import Predictor, Snapshot
 from intuitive_physics_predictor.live.settings import PredictionSettings
-from intuitive_physics_predictor.nodes.messages import distribution_message
+from intuitive_physics_predictor.nodes.outputs import PredictionOutputs
 from intuitive_physics_ros.background import Background
-from intuitive_physics_ros.conversions import DistributionWriter
 from intuitive_physics_ros.monitors import RateMonitor
-from intuitive_physics_ros.qos import QOS_OVERRIDES, STREAM
-from intuitive_physics_ros.topics import PREDICTIONS
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 FAILURES_LOGGED_EVERY = 10.0
@@ -38,38 +33,30 @@ that begins again, bring some that are late. Our choice."""
 
 
 class PredictionTicks:
-    """Publishes predictions at a steady rate, from a thread of its own.
+    """Predicts at a steady rate, in a thread of its own.
 
     Only that thread touches the predictor. Others post work to it, which is done in the gaps
     between two ticks, and read the newest snapshot.
 
     Parameters
     ----------
-    node : publishes the predictions
+    node : its clock and its log
     predictor : with the inputs and settings so far
     rate : 1/s
-    published_samples : largest number in a message
+    outputs : publish the predictions
     """
 
     def __init__(
-        self,
-        node: Node,
-        predictor: Predictor,
-        rate: float,
-        published_samples: int,
+        self, node: Node, predictor: Predictor, rate: float, outputs: PredictionOutputs
     ) -> None:
         self.monitor = RateMonitor("predicts", rate)
         self._node = node
         self._stop = StopFlag()
         self._predictor = predictor
         predictor.set(settings=predictor.snapshot.settings.stopped_by(self._stop))
-        self._published_samples = published_samples
-        self._writer = DistributionWriter()
+        self._outputs = outputs
         self._paused_for = ""
         self._clock_was_right = time.monotonic()
-        self._publisher = node.create_publisher(
-            DistributionMessage, PREDICTIONS, copy(STREAM), qos_overriding_options=QOS_OVERRIDES
-        )
         self._background = Background(node, "prepare")
         self._prepared = threading.Event()
         self._prepared.set()
@@ -124,7 +111,6 @@ class PredictionTicks:
         self,
         *,
         rate: float,
-        published_samples: int,
         settings: PredictionSettings | None = None,
         seed: int | None = None,
     ) -> None:
@@ -133,7 +119,6 @@ class PredictionTicks:
         def work() -> None:
             own = None if settings is None else settings.stopped_by(self._stop)
             self._predictor.set(settings=own, seed=seed)
-            self._published_samples = published_samples
             if rate != self.monitor.rate:
                 self.monitor.rate = rate
                 self._pacer.set_rate(rate)
@@ -158,9 +143,7 @@ class PredictionTicks:
         had_prediction = self.snapshot.newest is not None
         try:
             made = self._predictor.predict(now=now, monotonic=time.monotonic())
-            message = distribution_message(self._writer, made, self._published_samples)
-            message.computation_time = time.perf_counter() - due
-            self._publisher.publish(message)
+            self._outputs.publish_prediction(made, due)
         except Exception as error:
             # An exception that ended this thread would end all prediction.
             if not self._stop.is_set():

@@ -53,7 +53,6 @@ from intuitive_physics_ros.conversions import (
     object_states_to_message,
     seconds_from_stamp,
     static_parameters_to_message,
-    trajectory_distribution_from_message,
 )
 from intuitive_physics_ros.lifecycle.kernel_loading import KernelLoading
 from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
@@ -145,6 +144,11 @@ def age_of(message):
     return seconds_from_stamp(message.header.stamp) - seconds_from_stamp(message.states_stamp)
 
 
+def mean_of(message):
+    """Mean (n_times, 3), m, of the one object that is predicted."""
+    return np.reshape(message.objects[0].mean, (-1, 3))
+
+
 def test_it_carries_what_it_is_fed_forward_to_now(peer, inputs):
     # States seen 0.2 s ago and more. Free flight of the mean from them: x = v t, z = z0 - g t²/2,
     # until the ball lands at 0.44 s; the times published count from the tick.
@@ -161,22 +165,23 @@ def test_it_carries_what_it_is_fed_forward_to_now(peer, inputs):
     stamps = [message.header.stamp for message in sent]
     assert all(message.states_stamp in stamps for message in heard)
     # The one of the newest states: a busy machine may bring some late.
-    got = trajectory_distribution_from_message(min(heard, key=age_of))
-    assert got.frame_id == "lab"
+    got = min(heard, key=age_of)
+    assert got.header.frame_id == "lab"
     assert got.environment_version == 3
-    assert got.positions.shape == (20, 1, 101, 3)
-    assert got.simulated_count == 20
-    assert (got.times[0], got.times[-1]) == (0.0, pytest.approx(1.0))
-    age = age_of(min(heard, key=age_of))
+    assert (got.sample_count, got.simulated_count) == (20, 20)
+    times = np.array(got.times)
+    assert times.shape == (101,)
+    assert (times[0], times[-1]) == (0.0, pytest.approx(1.0))
+    age = age_of(got)
     # A tick that is late, as on a busy machine, counts from when it was due.
     assert AGE - 0.1 < age < AGE + 0.2
     # Each has noise of its own; one or another may be lost on the way.
     assert all(a.seed < b.seed for a, b in pairwise(heard))
-    flying = age + got.times < 0.42
-    t = age + got.times[flying]
+    flying = age + times < 0.42
+    t = age + times[flying]
     truth = np.stack([2.0 * t, 0 * t, 1.0 - 0.5 * 9.81 * t**2], axis=1)
     # 20 samples of σ = 1 mm + 10 mm/s t: the mean is off by less than 4 σ / sqrt(20).
-    np.testing.assert_allclose(got.mean[0, flying], truth, atol=0.006)
+    np.testing.assert_allclose(mean_of(got)[flying], truth, atol=0.006)
     assert {"samples", "mean", "covariance"} <= {m.ns for m in markers[-1].markers}
 
 
@@ -316,9 +321,9 @@ def test_predict_answers_any_scene_and_the_same_to_the_same_seed(peer):
     again = peer.call(Predict, f"{NODE}/predict", predict_request())
     other = peer.call(Predict, f"{NODE}/predict", predict_request(seed=8))
     assert first.result.value == ResultCode.OK, first.result.message
-    got = trajectory_distribution_from_message(first.distribution)
-    assert got.positions.shape == (50, 1, 11, 3)
-    assert got.object_ids == ("ball",)
+    got = first.distribution
+    assert [each.object_id for each in got.objects] == ["ball"]
+    assert (got.sample_count, len(got.times)) == (50, 11)
     assert first.distribution.objects[0].samples == again.distribution.objects[0].samples
     assert first.distribution.objects[0].samples != other.distribution.objects[0].samples
 
@@ -331,10 +336,9 @@ def test_predict_answers_boxes_too(peer):
     objects = states_message((BOX,)).objects
     answer = peer.call(Predict, f"{NODE}/predict", predict_request(objects=objects))
     assert answer.result.value == ResultCode.OK, answer.result.message
-    got = trajectory_distribution_from_message(answer.distribution)
     # 50 samples of σ = 1 mm + 10 mm/s t: the mean is off by less than 5 σ / sqrt(50).
     truth = [2.0 * 0.2, 0.0, 1.0 - 0.5 * 9.81 * 0.2**2]
-    np.testing.assert_allclose(got.mean[0, 2], truth, atol=0.003)
+    np.testing.assert_allclose(mean_of(answer.distribution)[2], truth, atol=0.003)
 
 
 def test_what_the_chosen_engine_cannot_simulate_is_refused():

@@ -34,16 +34,8 @@ from intuitive_physics_ros.conversions.static_parameters import (
     static_parameters_from_message,
     static_parameters_to_message,
 )
-from intuitive_physics_ros.conversions.trajectory_distribution import (
-    DistributionFields,
-    DistributionWriter,
-    trajectory_distribution_from_message,
-    trajectory_distribution_to_message,
-)
 
 __all__ = [
-    "DistributionFields",
-    "DistributionWriter",
     "InvalidFieldError",
     "bounds_from_messages",
     "bounds_to_messages",
@@ -67,6 +59,4 @@ __all__ = [
     "stamp_from_seconds",
     "static_parameters_from_message",
     "static_parameters_to_message",
-    "trajectory_distribution_from_message",
-    "trajectory_distribution_to_message",
 ]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from intuitive_physics_msgs.msg import Environment
+from intuitive_physics_msgs.msg import Environment, TrajectoryDistribution
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.geometry.rotations import rotation_matrix
@@ -49,11 +49,7 @@ from intuitive_physics_experiments.results import source_commit
 from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.methods import DEFAULT_METHOD
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
-from intuitive_physics_ros.conversions import (
-    observation_from_message,
-    seconds_from_stamp,
-    trajectory_distribution_from_message,
-)
+from intuitive_physics_ros.conversions import observation_from_message, seconds_from_stamp
 from intuitive_physics_ros.scripting import Peer
 
 SEEN_BEFORE_PREDICTING = 0.2
@@ -207,26 +203,26 @@ def _prediction(heard: Heard, unseen: Seen) -> PredictionOutcome:
     due = observation.start_time + SEEN_BEFORE_PREDICTING
     for _, message in heard.distributions:
         if seconds_from_stamp(message.header.stamp) >= due:
-            predicted = trajectory_distribution_from_message(message)
+            paths = _predicted_paths(message)
+            mean = np.array(message.objects[0].mean, dtype=np.float64).reshape(-1, 3)
             return prediction_outcome(
-                seconds_from_stamp(predicted.stamp),
-                predicted.times,
-                predicted.positions[:, 0],
-                predicted.mean[0],
-                observation,
-                unseen.frame,
+                paths.made, paths.times, paths.paths, mean, observation, unseen.frame
             )
     raise DemoError("the predictor predicted nothing while the ball was in the air")
+
+
+def _predicted_paths(message: TrajectoryDistribution) -> PredictedPaths:
+    """Read the samples of the one object in a message."""
+    times = np.array(message.times, dtype=np.float64)
+    paths = np.array(message.objects[0].samples, dtype=np.float64)
+    made = seconds_from_stamp(message.header.stamp)
+    return PredictedPaths(made, times, paths.reshape(message.sample_count, times.size, 3))
 
 
 def _write_moving_picture(path: Path, bag: Path, unseen: Seen, heard: Heard, commit: str) -> None:
     """Draw the throw that was predicted, with every prediction of it as it was made."""
     (ball, *_) = unseen.observations[0].objects
-    predictions = [
-        PredictedPaths(seconds_from_stamp(message.header.stamp), each.times, each.positions[:, 0])
-        for _, message in heard.distributions
-        for each in [trajectory_distribution_from_message(message)]
-    ]
+    predictions = [_predicted_paths(message) for _, message in heard.distributions]
     radius = ball.object.shape.bounding_radius
     write_moving_picture(
         path, depth_images(bag), unseen.frame, ball.trajectory, radius, predictions, commit

@@ -14,7 +14,7 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics_predictor.live.settings import PredictionOptions, PredictionSettings
 from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noisy_newton import PreparedScene
-from intuitive_physics_predictor.outside import count_samples_inside
+from intuitive_physics_predictor.outside import objects_inside
 
 PREDICTIONS = 500  # predictions that are made, each of states perceived anew
 # m: half the edge of the table, the height of its two walls, and the radius of the balls
@@ -48,7 +48,7 @@ def samples_below_a_surface(predictions: int = PREDICTIONS) -> int:
             sample_count=settings.options.sample_count,
             drawn=worlds,
         )
-        inside = count_samples_inside(worlds, prepared.spread.means)
+        inside = int(objects_inside(worlds, prepared.spread.means).any(axis=1).sum())
         found += max(inside, int(_behind(environment.planes, predicted.positions).sum()))
     return found
 

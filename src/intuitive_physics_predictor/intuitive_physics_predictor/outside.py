@@ -120,24 +120,13 @@ def condition_on_outside(
     condition_samples(worlds.arrays, scratch.world, work, spread.means, spread.roots, normal)
 
 
-def count_samples_inside(worlds: WorldBatch, means: NDArray[np.float64]) -> int:
-    """Return in how many samples an object is inside a static box or below the surface of a plane.
-
-    Parameters
-    ----------
-    worlds : samples of one scene
-    means : (n_objects, 13) states that were perceived; what lies under a bounded plane may do so
-    """
-    return int(objects_inside(worlds, means).any(axis=1).sum())
-
-
 def objects_inside(worlds: WorldBatch, means: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which objects are inside a static box or below the surface of a plane.
 
     Parameters
     ----------
     worlds : samples of one scene
-    means : (n_objects, 13) as in `count_samples_inside`
+    means : (n_objects, 13) states that were perceived; what lies under a bounded plane may do so
 
     Returns
     -------

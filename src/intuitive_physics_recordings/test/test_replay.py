@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from rosbags.interfaces import Qos
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_recordings.bag_reader import BagMessage, BagReader
+from intuitive_physics_recordings.bag_writing import offered_qos
 from intuitive_physics_recordings.replay import CLOCK_RATE, Replay, ReplaySettings
 
 START = 10**18
@@ -21,15 +21,16 @@ COUNT = 25
 
 
 @pytest.fixture(scope="module")
-def bag_path(tmp_path_factory: pytest.TempPathFactory, latched: Qos) -> Path:
+def bag_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """25 messages, 40 ms apart, on /number, and one latched message on /map at the start."""
     path = tmp_path_factory.mktemp("replay") / "bag"
     typestore = get_typestore(Stores.ROS2_JAZZY)
     number = typestore.types["std_msgs/msg/Int32"]
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         numbers = writer.add_connection("/number", number.__msgtype__, typestore=typestore)
+        latched = [offered_qos(1, transient_local=True)]
         maps = writer.add_connection(
-            "/map", number.__msgtype__, typestore=typestore, offered_qos_profiles=[latched]
+            "/map", number.__msgtype__, typestore=typestore, offered_qos_profiles=latched
         )
         writer.write(maps, START, typestore.serialize_cdr(number(data=7), number.__msgtype__))
         for i in range(COUNT):

@@ -60,6 +60,10 @@ MAX_SAMPLES = 50
 """Sample lines an object: more are a blur, and a load on RViz."""
 
 
+MOST_POINTS = 1000
+"""Points of a bundle of lines, evenly over time: Python makes about 300 in a millisecond."""
+
+
 def clearing_marker() -> Marker:
     """Return what removes all markers of a topic; put first, the others replace the last ones."""
     return Marker(action=Marker.DELETEALL)
@@ -70,7 +74,6 @@ def object_markers(
     states: Sequence[ObjectState],
     header: Header,
     *,
-    namespace: str = "objects",
     colors: Sequence[ArrayLike | None] | None = None,
 ) -> list[Marker]:
     """Return the solids of objects where their states have them.
@@ -87,7 +90,7 @@ def object_markers(
             markers.append(
                 Marker(
                     header=header,
-                    ns=namespace,
+                    ns="objects",
                     id=len(markers),
                     type=kind,
                     pose=pose_to_message(center, state.orientation),
@@ -164,7 +167,6 @@ def trajectory_marker(
     namespace: str = "trajectories",
     id: int = 0,
     width: float = 0.004,
-    max_points: int = 1000,
 ) -> Marker:
     """Return trajectories as one bundle of lines.
 
@@ -172,11 +174,10 @@ def trajectory_marker(
     ----------
     positions : (n, n_times, 3) m; times that are not finite are left out
     width : m, of the lines
-    max_points : as many points at most, evenly over time: Python makes about 300 in a millisecond
     """
     paths = np.asarray(positions, dtype=np.float64)
     n, n_times = paths.shape[:2]
-    kept = max(2, min(n_times, max_points // (2 * max(n, 1)) + 1))
+    kept = max(2, min(n_times, MOST_POINTS // (2 * max(n, 1)) + 1))
     paths = paths[:, np.linspace(0, n_times - 1, kept).round().astype(int)]
     segments = np.stack([paths[:, :-1], paths[:, 1:]], axis=2).reshape(-1, 2, 3)
     segments = segments[np.isfinite(segments).all(axis=(1, 2))]

@@ -10,6 +10,8 @@ from types import TracebackType
 from typing import Any
 
 import rclpy
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
@@ -122,14 +124,10 @@ class Peer:
         self.node.create_subscription(kind, topic, heard.append, qos)
         return heard
 
-    def publisher(
-        self, kind: type, topic: str, qos: QoSProfile | int = 10, *, listeners: int = 1
-    ) -> Any:
-        """Return a publisher once `listeners` subscribers are connected to it."""
+    def publisher(self, kind: type, topic: str, qos: QoSProfile | int = 10) -> Any:
+        """Return a publisher once a subscriber is connected to it."""
         publisher = self.node.create_publisher(kind, topic, qos)
-        self.spin_until(
-            lambda: publisher.get_subscription_count() >= listeners, f"listeners on {topic}"
-        )
+        self.spin_until(publisher.get_subscription_count, f"listeners on {topic}")
         return publisher
 
     def close(self) -> None:
@@ -148,6 +146,26 @@ class Peer:
         traceback: TracebackType | None,
     ) -> None:
         self.close()
+
+
+class LifecycleManager(Peer):
+    """Leads nodes through their states, each by its name."""
+
+    def state(self, node: str) -> str:
+        """Return the state of a node, such as "inactive"."""
+        return self.call(GetState, f"/{node}/get_state", GetState.Request()).current_state.label
+
+    def change(self, node: str, label: str) -> bool:
+        """Ask a node for a transition, such as "activate"; return whether it succeeded.
+
+        The request is sent once: a second one would meet the next state.
+        """
+        # An answer of the node shows that it has discovered this peer.
+        self.state(node)
+        request = ChangeState.Request(transition=Transition(label=label))
+        future = self.send(ChangeState, f"/{node}/change_state", request)
+        self.spin_until(future.done, f"an answer of {node} to {label}")
+        return future.result().success
 
 
 class NodeProcess(ChildProcess):

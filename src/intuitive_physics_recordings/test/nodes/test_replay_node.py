@@ -5,58 +5,38 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rosbags.interfaces import Qos
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int32
 
+from intuitive_physics_recordings.bag_writing import offered_qos
 from intuitive_physics_recordings.depth_bag_writer import DEPTH_TOPIC, DepthBagWriter
 from intuitive_physics_recordings.nodes import replay_node
-from intuitive_physics_ros.scripting import NodeProcess
+from intuitive_physics_ros.qos import LATCHED
+from intuitive_physics_ros.scripting import NodeProcess, Peer
 
 from ..small_camera import SMALL
 
+os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
+os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+
 TIMEOUT = 20.0
+"""s until something must have happened."""
 
 
-@pytest.fixture(scope="module")
-def environment() -> dict[str, str]:
-    """Processes of this test hear each other and nobody else."""
-    return {
-        **os.environ,
-        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "PYTHONUNBUFFERED": "1",
-    }
-
-
-@pytest.fixture(scope="module")
-def listener(environment: dict[str, str]) -> Iterator:
-    """A node of this process."""
-    before = dict(os.environ)
-    os.environ.update(environment)
-    context = rclpy.Context()
-    rclpy.init(context=context)
-    node = rclpy.create_node("listener", context=context)
-    executor = rclpy.executors.SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    yield node, executor
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.shutdown(context=context)
-    os.environ.clear()
-    os.environ.update(before)
+@pytest.fixture
+def listener() -> Iterator[Peer]:
+    with Peer("listener", TIMEOUT) as peer:
+        yield peer
 
 
 @pytest.fixture
@@ -68,12 +48,9 @@ def depth_bag(tmp_path: Path) -> Path:
     return path
 
 
-def start(environment: dict[str, str], **parameters: object) -> NodeProcess:
-    arguments = [f"-p{name}:={value}" for name, value in parameters.items()]
-    pairs = [part for text in arguments for part in (text[:2], text[2:])]
-    return NodeProcess(
-        "intuitive_physics_recordings.nodes.replay_node", pairs, environment=environment
-    )
+def start(**parameters: object) -> NodeProcess:
+    arguments = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
+    return NodeProcess("intuitive_physics_recordings.nodes.replay_node", arguments)
 
 
 def finish(process: NodeProcess, code: int = 0) -> str:
@@ -83,37 +60,21 @@ def finish(process: NodeProcess, code: int = 0) -> str:
     return process.output
 
 
-def spin_until(executor: Any, condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + TIMEOUT
-    while not condition() and time.monotonic() < deadline:
-        executor.spin_once(timeout_sec=0.05)
-    assert condition()
-
-
 @pytest.mark.parametrize("quality", ["best effort", "reliable"])
 def test_every_message_arrives_as_it_was_recorded(
-    environment: dict[str, str], listener: tuple[Any, Any], depth_bag: Path, quality: str
+    listener: Peer, depth_bag: Path, quality: str
 ) -> None:
-    node, executor = listener
     # The queue holds the whole bag, so that a listener that is held up for a moment loses nothing.
     reliability = {
         "best effort": ReliabilityPolicy.BEST_EFFORT,
         "reliable": ReliabilityPolicy.RELIABLE,
     }
     qos = QoSProfile(depth=100, reliability=reliability[quality])
-    heard: list[Image] = []
-    clock: list[Clock] = []
-    subscriptions = [
-        node.create_subscription(Image, DEPTH_TOPIC, heard.append, qos),
-        node.create_subscription(Clock, "/clock", clock.append, 100),
-    ]
-    process = start(environment, bag=depth_bag, wait_for_subscribers=f"[{DEPTH_TOPIC}]")
-    try:
-        spin_until(executor, lambda: len(heard) == 30)
-    finally:
-        finish(process)
-        for subscription in subscriptions:
-            node.destroy_subscription(subscription)
+    heard = listener.listen(Image, DEPTH_TOPIC, qos)
+    clock = listener.listen(Clock, "/clock", 100)
+    process = start(bag=depth_bag, wait_for_subscribers=f"[{DEPTH_TOPIC}]")
+    listener.spin_until(lambda: len(heard) == 30, "every message")
+    finish(process)
     assert [np.frombuffer(m.data, "<u2")[0] for m in heard] == list(range(1, 31))
     assert heard[3].header.frame_id == SMALL.frame_id
     times = [message.clock.sec * 10**9 + message.clock.nanosec for message in clock]
@@ -121,13 +82,14 @@ def test_every_message_arrives_as_it_was_recorded(
     assert times[0] >= 10**18
 
 
-def latched_and_unknown_bag(path: Path, latched: Qos) -> None:
+def latched_and_unknown_bag(path: Path) -> None:
     typestore = get_typestore(Stores.ROS2_JAZZY)
     typestore.register(get_types_from_msg("int32 value", "strange_msgs/msg/Strange"))
     int32, strange = typestore.types["std_msgs/msg/Int32"], "strange_msgs/msg/Strange"
     with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        latched = [offered_qos(1, transient_local=True)]
         maps = writer.add_connection(
-            "/map", int32.__msgtype__, typestore=typestore, offered_qos_profiles=[latched]
+            "/map", int32.__msgtype__, typestore=typestore, offered_qos_profiles=latched
         )
         others = writer.add_connection("/strange", strange, typestore=typestore)
         writer.write(maps, 10**18, typestore.serialize_cdr(int32(data=7), int32.__msgtype__))
@@ -139,27 +101,23 @@ def latched_and_unknown_bag(path: Path, latched: Qos) -> None:
 
 
 def test_latched_topics_reach_late_subscribers_and_unknown_types_are_skipped(
-    environment: dict[str, str], listener: tuple[Any, Any], tmp_path: Path, latched: Qos
+    listener: Peer, tmp_path: Path
 ) -> None:
-    latched_and_unknown_bag(tmp_path / "bag", latched)
-    node, executor = listener
-    process = start(environment, bag=tmp_path / "bag", loop="true", rate=0.01)
-    spin_until(executor, lambda: node.count_publishers("/map") == 1)
-    time.sleep(1.0)
-    heard: list[Int32] = []
-    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    subscription = node.create_subscription(Int32, "/map", heard.append, qos)
-    spin_until(executor, lambda: bool(heard))
+    latched_and_unknown_bag(tmp_path / "bag")
+    process = start(bag=tmp_path / "bag", loop="true", rate=0.01)
+    listener.spin_until(lambda: listener.node.count_publishers("/map"), "the replay")
+    listener.spin_for(1.0)
+    heard = listener.listen(Int32, "/map", LATCHED)
+    listener.spin_until(lambda: heard, "the latched message")
     process.send_signal(signal.SIGINT)
     output = finish(process)
-    node.destroy_subscription(subscription)
     assert heard[0].data == 7
     assert "/strange is skipped: its type strange_msgs/msg/Strange is not installed" in output
 
 
 @pytest.mark.parametrize(("inputs", "left_out"), [("true", True), ("false", False)])
 def test_what_is_made_again_from_a_recorded_session_is_left_out(
-    environment: dict[str, str], tmp_path: Path, inputs: str, left_out: bool
+    tmp_path: Path, inputs: str, left_out: bool
 ) -> None:
     typestore = get_typestore(Stores.ROS2_JAZZY)
     path = tmp_path / "session"
@@ -184,7 +142,7 @@ def test_what_is_made_again_from_a_recorded_session_is_left_out(
                 )
             )
             writer.write(connection, 10**18 + number, typestore.serialize_cdr(data, kind))
-    process = start(environment, bag=path, inputs_only=inputs, wait_timeout=0.1)
+    process = start(bag=path, inputs_only=inputs, wait_timeout=0.1)
     output = finish(process)
     assert ("/object_states is left out: it is made again" in output) is left_out
     plays = next(
@@ -217,9 +175,7 @@ def test_packages_of_messages_are_known(message: type) -> None:
     assert replay_node._message_class(f"{package}/msg/Missing") is None
 
 
-def test_bad_bags_and_parameters_are_one_clear_error(
-    environment: dict[str, str], depth_bag: Path
-) -> None:
+def test_bad_bags_and_parameters_are_one_clear_error(depth_bag: Path) -> None:
     file = depth_bag / "depth.mcap"
     whole = file.read_bytes()
     cases: list[tuple[dict[str, Any], str]] = [
@@ -232,23 +188,19 @@ def test_bad_bags_and_parameters_are_one_clear_error(
         ),
         ({"bag": depth_bag, "rate": -1.0}, "parameter rate is -1.0"),
     ]
-    running = [(start(environment, **parameters), text) for parameters, text in cases[:3]]
-    running += [(start(environment, **parameters), text) for parameters, text in cases[3:]]
+    running = [(start(**parameters), text) for parameters, text in cases[:3]]
+    running += [(start(**parameters), text) for parameters, text in cases[3:]]
     for process, text in running:
         output = finish(process, 1)
         assert text in output
         assert len([line for line in output.splitlines() if "[INFO]" not in line]) == 1
     file.write_bytes(whole[: len(whole) // 2])
-    process = start(environment, bag=depth_bag)
+    process = start(bag=depth_bag)
     assert "cut short or damaged" in finish(process, 1)
 
 
-def test_a_bag_nobody_listens_to_ends_with_a_clear_error(
-    environment: dict[str, str], depth_bag: Path
-) -> None:
-    process = start(
-        environment, bag=depth_bag, wait_for_subscribers=f"[{DEPTH_TOPIC}]", wait_timeout=0.5
-    )
+def test_a_bag_nobody_listens_to_ends_with_a_clear_error(depth_bag: Path) -> None:
+    process = start(bag=depth_bag, wait_for_subscribers=f"[{DEPTH_TOPIC}]", wait_timeout=0.5)
     output = finish(process, 1)
     assert f"waits 0.5 s at most for a subscriber of {DEPTH_TOPIC}" in output
     assert f"nobody subscribed to {DEPTH_TOPIC} within 0.5 s" in output

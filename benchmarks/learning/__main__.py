@@ -61,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run(options: argparse.Namespace) -> Outcome:
     """Measure all parts, or those that were chosen."""
-    parts = PARTS
+    parts: tuple[Part, ...] = PARTS
     if options.only is not None:
         parts = tuple(part for part in (*PARTS, *PARTS_ON_REQUEST) if part.name in options.only)
     return combined(parts, Plan(options.quick, options.first_seed))

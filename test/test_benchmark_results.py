@@ -289,8 +289,8 @@ def check_verdict(outcome: Outcome, missed: str | None) -> None:
 def test_part_of_torture_is_kept_apart_with_its_missed_bar(tmp_path, monkeypatch, capsys):
     torture = importlib.import_module("benchmarks.torture.__main__")
     monkeypatch.setattr("benchmarks.command.FOLDER", tmp_path)
-    found = torture.parts.Found({}, MADE_UP.tables[0], ["a node grew by 9 MB"])
-    monkeypatch.setattr(torture.parts, "soak", lambda folder, minutes: found)
+    result = torture.Part({}, MADE_UP.tables[0], ["a node grew by 9 MB"])
+    monkeypatch.setattr(torture, "soak", lambda folder, minutes: result)
     assert torture.main(["--only", "soak", "--write"]) == 1
     assert "bench-torture: soak: a node grew by 9 MB" in capsys.readouterr().err
     usual = {"torture_soak.json", "torture_soak.md"}

@@ -11,8 +11,9 @@ import pytest
 os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
-from benchmarks.torture.camera import PERCEPTION_ARGUMENTS, Camera
-from benchmarks.torture.nodes import LEARNER, PERCEPTION, PREDICTOR, Nodes, family, thrown_ball
+from benchmarks.running_nodes import LEARNER, PERCEPTION, PERCEPTION_ARGUMENTS, PREDICTOR
+from benchmarks.torture.camera import EndlessCamera
+from benchmarks.torture.nodes import Nodes, family, thrown_ball
 from diagnostic_msgs.msg import DiagnosticArray
 from intuitive_physics_msgs.msg import (
     Environment,
@@ -144,7 +145,7 @@ def test_perception_and_predictor_go_on_with_what_they_know(
         manager.spin_for(seconds)
         return not heard
 
-    with Camera(folder, seed=4):
+    with EndlessCamera(folder, seed=4):
         assert none_come(states)
         manager.go_on(PERCEPTION)
         manager.spin_until(lambda: environments and states, "an environment and states")

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 from benchmarks.results.result import Column, Table
 from benchmarks.torture.answers import Answers
-from benchmarks.torture.early_end import EarlyEndError, noted, traceback_in
-from benchmarks.torture.faults_around import result_of
+from benchmarks.torture.early_end import EarlyEndError, noted, result_of, traceback_in
 from benchmarks.torture.interfaces import FUZZED
 from benchmarks.torture.nodes import blamed_on_death, megabytes, peak_megabytes
+from benchmarks.torture.part import Part
 from benchmarks.torture.soak import Watched
 
 from intuitive_physics.processes import ChildProcess
@@ -182,8 +182,8 @@ def test_part_that_ends_early_is_a_missed_bar_and_the_others_go_on(tmp_path, mon
     torture = importlib.import_module("benchmarks.torture.__main__")
     monkeypatch.setattr("benchmarks.command.FOLDER", tmp_path)
     table = Table("cancels", [Column("cancelled")], [[3]])
-    monkeypatch.setattr(torture.parts, "kill", lambda *_: {}["no such"])
-    monkeypatch.setattr(torture.parts, "cancel", lambda *_: torture.parts.Found({}, table, []))
+    monkeypatch.setattr(torture, "kill", lambda *_: {}["no such"])
+    monkeypatch.setattr(torture, "cancel", lambda *_: Part({}, table, []))
     assert torture.main(["--only", "kills,cancels", "--write"]) == 1
     written = capsys.readouterr()
     assert "bench-torture: kills: ended early: KeyError in " in written.err

@@ -9,6 +9,7 @@ from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
 
+from benchmarks.running_nodes import RATE
 from benchmarks.scenes import POSITION_NOISE, VELOCITY_NOISE, Instance, thrown
 from benchmarks.scenes import SCENES as ALL_SCENES
 from intuitive_physics.learned_parameters import LearnedParameters
@@ -31,7 +32,6 @@ from intuitive_physics_ros.topics import ENVIRONMENT, OBJECT_STATES, STATIC_PARA
 SCENES = {name: ALL_SCENES[name] for name in ("1_sphere", "3_spheres", "3_mixed")}
 # The same balls as they move, detected in every frame: the node estimates their states
 SEEN = {f"{name}_seen": name for name in ("1_sphere", "3_spheres")}
-RATE = 30.0  # 1/s, of the states
 # Random throws that take turns, each for a second; from each the whole flight lies ahead
 THROWS = 8
 FRAMES = int(RATE)  # of a throw, for as long as it has its turn

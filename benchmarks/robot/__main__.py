@@ -18,13 +18,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from intuitive_physics_msgs.msg import TrajectoryDistribution
 
 from benchmarks.command import Outcome, report_progress, run_benchmark, verdict
 from benchmarks.perception.end_to_end import measure_end_to_end
 from benchmarks.results.result import Cell, Column, Table
 from benchmarks.robot.ros2_process import LAUNCH, Ros2Process
+from benchmarks.running_nodes import PERCEPTION, PREDICTOR, SECOND, prediction_rate
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_bringup.connections import NODES
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_bag
@@ -48,29 +48,21 @@ STARTS, QUICK_STARTS = 3, 1  # how often the suite is started and stopped; the s
 TIMEOUT = 120.0  # s to wait for anything
 CONNECT_TIMEOUT = 30.0  # s that plain nodes have to find one another
 WATCHED = 10.0  # s for which the predictions of two robots are counted
-LONGEST_PERIOD = 0.25  # s; a longer time without a prediction is one in which nothing was followed
 IN_FLIGHT = 0.3  # s after a kill in which messages of the killed node still arrive
 
 
 @dataclass
-class Heard:
+class Predictions:
     """Predictions of one robot."""
 
     arrivals: list[float] = field(default_factory=list)  # s, on the monotonic clock
-    # ns, of the states that they were made from
-    states_stamps: list[int] = field(default_factory=list)
+    states_stamps: list[int] = field(default_factory=list)  # ns, of the states they are made from
 
     def take(self, message: TrajectoryDistribution) -> None:
         """Note a prediction."""
         self.arrivals.append(time.monotonic())
         stamp = message.states_stamp
-        self.states_stamps.append(1_000_000_000 * stamp.sec + stamp.nanosec)
-
-    def rate(self, since: float) -> float:
-        """Return predictions a second while something was followed, from a moment on."""
-        periods = np.diff([moment for moment in self.arrivals if moment >= since])
-        followed = periods[periods < LONGEST_PERIOD]
-        return float(followed.size / followed.sum()) if followed.size else 0.0
+        self.states_stamps.append(SECOND * stamp.sec + stamp.nanosec)
 
 
 @dataclass(frozen=True)
@@ -104,7 +96,7 @@ def run(options: argparse.Namespace) -> Outcome:
         throws = QUICK_THROWS if options.quick else THROWS
         render_bag(place.bag, RenderSettings(throws=throws, seed=SEED, pause=0.1))
         starts = [_start_and_stop(place) for _ in range(QUICK_STARTS if options.quick else STARTS)]
-        respawns = {node: _respawn(place, node) for node in ("perception_node", "predictor_node")}
+        respawns = {node: _respawn(place, node) for node in (PERCEPTION, PREDICTOR)}
         rates = _two_robots(place)
         connected = _connects_bare(place)
     end_to_end, tables = measure_end_to_end(quick=True)
@@ -120,14 +112,14 @@ def run(options: argparse.Namespace) -> Outcome:
 
 
 def judged(tables: Sequence[Table], figures: Mapping[str, Any]) -> Outcome:
-    """Return what was found, as valid where every bar was kept."""
+    """Return the outcome, valid where every bar was kept."""
     missed = _missed(figures)
     return Outcome(
         tables=tables,
         key_figures=figures,
         note="`ros2 launch` of the suite with a rendered bag that is replayed in a loop. "
         + verdict(missed),
-        complaints=[f"bar missed: {one}" for one in missed],
+        complaints=[f"bar missed: {miss}" for miss in missed],
         valid=not missed,
     )
 
@@ -136,11 +128,11 @@ def _start_and_stop(place: Place) -> tuple[float, float]:
     """Return the s from the command to the first prediction, and from Ctrl-C to the end of all."""
     report_progress("start and stop")
     with Peer("bench", TIMEOUT) as peer:
-        heard = _listen(peer, "")
-        begun = time.monotonic()
+        predictions = _listen(peer, "")
+        begin = time.monotonic()
         with place.launch() as launch:
-            peer.spin_until(lambda: heard.arrivals, "the first prediction")
-            bringup = heard.arrivals[0] - begun
+            peer.spin_until(lambda: predictions.arrivals, "the first prediction")
+            bringup = predictions.arrivals[0] - begin
             peer.spin_for(1.0)
             stop = launch.interrupt()
     return bringup, stop
@@ -150,18 +142,18 @@ def _respawn(place: Place, node: str) -> float:
     """Return the s from kill -9 of a node to the next prediction that it had its part in."""
     report_progress(f"kill -9 of {node}")
     with Peer("bench", TIMEOUT) as peer, place.launch("respawn:=true") as launch:
-        heard = _listen(peer, "")
-        peer.spin_until(lambda: heard.arrivals, "the first prediction")
+        predictions = _listen(peer, "")
+        peer.spin_until(lambda: predictions.arrivals, "the first prediction")
         peer.spin_for(2.0)
         os.kill(launch.pid_of(node), signal.SIGKILL)
         killed = time.monotonic()
         peer.spin_for(IN_FLIGHT)
         # Of states that were not seen yet: both perception and predictor made them.
-        first, newest = len(heard.arrivals), max(heard.states_stamps)
-        peer.spin_until(lambda: max(heard.states_stamps) > newest, f"{node} to work again")
-        again = next(k for k, stamp in enumerate(heard.states_stamps) if stamp > newest)
+        first, newest = len(predictions.arrivals), max(predictions.states_stamps)
+        peer.spin_until(lambda: max(predictions.states_stamps) > newest, f"{node} to work again")
+        again = next(k for k, stamp in enumerate(predictions.states_stamps) if stamp > newest)
         assert again >= first
-        return heard.arrivals[again] - killed
+        return predictions.arrivals[again] - killed
 
 
 def _two_robots(place: Place) -> list[float]:
@@ -169,13 +161,13 @@ def _two_robots(place: Place) -> list[float]:
     report_progress("two robots")
     names = ("left", "right")
     with Peer("bench", TIMEOUT) as peer, ExitStack() as running:
-        heard = [_listen(peer, f"/{name}") for name in names]
+        robots = [_listen(peer, f"/{name}") for name in names]
         for name in names:
             running.enter_context(place.launch(f"namespace:={name}"))
-        peer.spin_until(lambda: all(one.arrivals for one in heard), "both robots to predict")
+        peer.spin_until(lambda: all(robot.arrivals for robot in robots), "both robots to predict")
         since = time.monotonic()
         peer.spin_for(WATCHED)
-        return [one.rate(since) for one in heard]
+        return [prediction_rate([t for t in robot.arrivals if t >= since]) for robot in robots]
 
 
 def _connects_bare(place: Place) -> bool:
@@ -197,12 +189,12 @@ def _both_ends(peer: Peer, topic: str) -> Callable[[], int]:
     return lambda: peer.node.count_publishers(topic) and peer.node.count_subscribers(topic)
 
 
-def _listen(peer: Peer, namespace: str) -> Heard:
-    heard = Heard()
+def _listen(peer: Peer, namespace: str) -> Predictions:
+    predictions = Predictions()
     peer.node.create_subscription(
-        TrajectoryDistribution, f"{namespace}/{PREDICTIONS}", heard.take, 10
+        TrajectoryDistribution, f"{namespace}/{PREDICTIONS}", predictions.take, 10
     )
-    return heard
+    return predictions
 
 
 def _table(starts: Sequence[tuple[float, float]], respawns: dict[str, float]) -> Table:
@@ -213,19 +205,19 @@ def _table(starts: Sequence[tuple[float, float]], respawns: dict[str, float]) ->
 
 
 def _missed(figures: Mapping[str, Any]) -> list[str]:
-    found = [
+    missed = [
         f"{name} is {figures[name]}; expected at most {bar:g}"
         for name, bar in BARS.items()
         if not isinstance(value := figures[name], float) or value > bar
     ]
-    found += [
+    missed += [
         f"{part} of end_to_end_ms is {figures['end_to_end_ms'][part]:g}; expected at most {bar:g}"
         for part, bar in END_TO_END_BARS.items()
         if not figures["end_to_end_ms"][part] <= bar
     ]
     if not figures["graph_connected_bare"]:
-        found.append("plain nodes do not find one another")
-    return found
+        missed.append("plain nodes do not find one another")
+    return missed
 
 
 if __name__ == "__main__":

@@ -16,16 +16,21 @@ import numpy as np
 
 from benchmarks.command import Outcome, report_progress, run_benchmark, verdict
 from benchmarks.results.result import Table
-from benchmarks.torture import parts
 from benchmarks.torture.bars import PATIENT, use_bars
+from benchmarks.torture.cancels import cancel
 from benchmarks.torture.early_end import noted
+from benchmarks.torture.faults_around import bear_faults
+from benchmarks.torture.fuzz import fuzz
+from benchmarks.torture.kills import kill
+from benchmarks.torture.part import SEED, Part
+from benchmarks.torture.soak import soak
 from intuitive_physics.errors import InvalidInputError
 
 # Parts that `--only` may name
 KILLS, FUZZ, CANCELS, FAULTS, SOAK = PARTS = ("kills", "fuzz", "cancels", "faults", "soak")
 # Kills, messages and cancelled searches, of a full run and of a first look
 COUNTS = {KILLS: (200, 10), FUZZ: (100_000, 3_000), CANCELS: (100, 10)}
-# Unless `--hours` says another time; a first look has a soak only where one is asked for
+# Without `--hours`; a first look has a soak only where one is asked for
 SOAK_MINUTES, QUICK_SOAK_MINUTES = 15.0, 3.0
 # Ends the name of a result whose soak was longer than usual: it is kept beside the usual one
 LONG = "long"
@@ -52,7 +57,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> Outcome:
-    """Do all parts, or those that were chosen, whatever becomes of one of them."""
+    """Do all parts, or those that were chosen, also after one that ended early."""
     if options.patient:
         use_bars(PATIENT)
     wanted = _wanted(options)
@@ -63,25 +68,26 @@ def run(options: argparse.Namespace) -> Outcome:
     complaints: list[str] = []
     draw = None
     with tempfile.TemporaryDirectory(prefix="torture-") as folder:
-        measures: dict[str, Callable[[Path, np.random.Generator], parts.Found]] = {
-            KILLS: lambda folder, rng: parts.kill(folder, counts[KILLS], rng),
-            FUZZ: lambda folder, rng: parts.fuzz(folder, counts[FUZZ], rng),
-            CANCELS: lambda folder, rng: parts.cancel(folder, counts[CANCELS], rng),
-            FAULTS: lambda folder, rng: parts.bear_faults(folder, quick=options.quick),
-            SOAK: lambda folder, rng: parts.soak(folder, minutes),
+        measures: dict[str, Callable[[Path, np.random.Generator], Part]] = {
+            KILLS: lambda folder, rng: kill(folder, counts[KILLS], rng),
+            FUZZ: lambda folder, rng: fuzz(folder, counts[FUZZ], rng),
+            CANCELS: lambda folder, rng: cancel(folder, counts[CANCELS], rng),
+            FAULTS: lambda folder, rng: bear_faults(folder, quick=options.quick),
+            SOAK: lambda folder, rng: soak(folder, minutes),
         }
         for name in wanted:
             report_progress(name)
-            own = Path(folder) / name
-            own.mkdir()
+            part_folder = Path(folder) / name
+            part_folder.mkdir()
             failures: list[str] = []
             with noted(failures):
-                found = measures[name](own, np.random.default_rng([parts.SEED, PARTS.index(name)]))
-                figures.update(found.figures)
-                tables.append(found.table)
-                failures += found.missed
-                draw = found.draw or draw
-            complaints += [f"{name}: {one}" for one in failures]
+                rng = np.random.default_rng([SEED, PARTS.index(name)])
+                result = measures[name](part_folder, rng)
+                figures.update(result.figures)
+                tables.append(result.table)
+                failures += result.missed
+                draw = result.draw or draw
+            complaints += [f"{name}: {failure}" for failure in failures]
     part = [] if options.only is None else [*wanted]
     part += [LONG] if SOAK in wanted and minutes > SOAK_MINUTES else []
     return judged(tables, figures, complaints, "_".join(part), patient=options.patient, draw=draw)
@@ -111,7 +117,7 @@ def judged(
     patient: bool = False,
     draw: Callable[[Path], None] | None = None,
 ) -> Outcome:
-    """Return what was found, as valid where every bar was kept."""
+    """Return the outcome, valid where every bar was kept."""
     limits = "Limits of time are those for a busy machine. " if patient else ""
     return Outcome(
         tables,

@@ -12,61 +12,61 @@ LIMIT = 30.0
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _Request:
     """A request that waits for its answer."""
 
     node: str
     what: str
     future: Any
     since: float
-    is_known: bool
+    is_discovered: bool
     forget: Callable[[], object]
 
 
 class Answers:
-    """Watches requests until they are answered.
+    """Watches requests until they are answered, each within `limit` s.
 
     A server drops its answer to a client that it has not discovered yet. So an answer may be
     missing as long as a client has had none, unless no other comes in the same time.
     """
 
     def __init__(self, limit: float = LIMIT) -> None:
-        self.hangs: list[str] = []
+        self.hangs: list[str] = []  # node and service of requests that were not answered in time
         self._limit = limit
-        self._asked: list[_Asked] = []
-        self._known: set[tuple[str, str]] = set()
+        self._pending: list[_Request] = []
+        self._discovered: set[tuple[str, str]] = set()
 
     def watch(self, node: str, what: str, future: Any, forget: Callable[[], object]) -> None:
-        """Expect an answer from now on."""
-        is_known = (node, what) in self._known
-        self._asked.append(_Asked(node, what, future, time.monotonic(), is_known, forget))
+        """Expect an answer of a service, or of a step of an action, from now on.
+
+        `forget` is called when the answer is awaited no more.
+        """
+        is_discovered = (node, what) in self._discovered
+        request = _Request(node, what, future, time.monotonic(), is_discovered, forget)
+        self._pending.append(request)
 
     def awaits(self, node: str, what: str) -> bool:
         """Whether a request to a service of a node is under way."""
-        return any((one.node, one.what) == (node, what) for one in self._asked)
+        return any((request.node, request.what) == (node, what) for request in self._pending)
 
     def look(self) -> bool:
-        """Take what was answered, and note what was not in time; return whether all was."""
-        for one in self._asked:
-            if one.future.done():
-                self._known.add((one.node, one.what))
-        waiting = []
-        for one in self._asked:
-            if one.future.done():
-                continue
-            if time.monotonic() - one.since <= self._limit:
-                waiting.append(one)
-                continue
-            one.forget()
-            if one.is_known or (one.node, one.what) not in self._known:
-                self.hangs.append(f"{one.node} {one.what}")
-        self._asked = waiting
-        return not waiting
+        """Take the answers, note requests that are too old, and return whether none is pending."""
+        self._discovered |= {(r.node, r.what) for r in self._pending if r.future.done()}
+        unanswered = [request for request in self._pending if not request.future.done()]
+        oldest = time.monotonic() - self._limit
+        self._pending = [request for request in unanswered if request.since >= oldest]
+        for request in unanswered:
+            if request.since < oldest:
+                request.forget()
+                client = (request.node, request.what)
+                if request.is_discovered or client not in self._discovered:
+                    self.hangs.append(f"{request.node} {request.what}")
+        return not self._pending
 
     def leave(self, node: str, but: str = "") -> None:
-        """Expect nothing of a node that has ended, or whose services end."""
-        for one in self._asked:
-            if one.node == node and one.what != but:
-                one.forget()
-        self._asked = [one for one in self._asked if one.node != node or one.what == but]
-        self._known = {pair for pair in self._known if pair[0] != node or pair[1] == but}
+        """Expect nothing of a node that has ended, or whose services end but one."""
+        for request in self._pending:
+            if request.node == node and request.what != but:
+                request.forget()
+        self._pending = [r for r in self._pending if r.node != node or r.what == but]
+        self._discovered = {pair for pair in self._discovered if pair[0] != node or pair[1] == but}

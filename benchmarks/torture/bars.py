@@ -12,19 +12,18 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Bars:
-    """Limits of wall time. Our choices."""
+    """Limits of wall time (s), and of a rate. Our choices."""
 
-    answer: float  # s in which a node answers a ping; longer is a hang
-    stop: float  # s from SIGINT to the end of a process
-    cancel: float  # s from the request to cancel a search to its result
-    recovery: float  # s in which predictions come again, or /diagnostics say what is wrong
-    # part of the rate of predictions that remains under pressure, or is back after it
-    kept_rate: float
+    answer: float  # to a ping; a longer time is a hang
+    stop: float  # from SIGINT to the end of a process
+    cancel: float  # from the request to cancel a search to its result
+    recovery: float  # until predictions come again, or /diagnostics reports the fault
+    kept_rate: float  # part of the rate of predictions under pressure, or after it
 
 
-# Recovery takes a throw and a half; after a jump of the clock the environment is seen anew too
+# Recovery takes a throw and a half; after a jump of the clock the environment is modelled again too
 STRICT = Bars(answer=1.0, stop=2.0, cancel=0.5, recovery=5.0, kept_rate=0.9)
-# Ten times what a loaded machine was seen to need (1 s for an answer, at a load of 9 on two cores)
+# Ten times what a loaded machine needed (1 s for an answer, at a load of 9 on two cores)
 PATIENT = Bars(answer=10.0, stop=10.0, cancel=10.0, recovery=30.0, kept_rate=0.1)
 
 _in_use = STRICT

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -50,3 +50,16 @@ def traceback_in(output: str) -> str:
     cause = (before.splitlines() or [""])[-1].strip()
     error = next((line for line in after.splitlines()[1:] if line[:1].strip()), "")
     return f"a traceback: {cause} {error}"
+
+
+class FaultError(IntuitivePhysicsError):
+    """The nodes did not bear a fault as they should."""
+
+
+def result_of(check: Callable[[], None]) -> str:
+    """Return "ok", or in one line the error that a check raises."""
+    try:
+        check()
+    except Exception as error:
+        return in_one_line(error)
+    return "ok"

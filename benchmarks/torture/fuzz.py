@@ -16,7 +16,8 @@ from rclpy.action import ActionClient
 from rclpy.qos import QoSProfile
 
 from benchmarks.command import report_progress
-from benchmarks.torture.answers import Answers
+from benchmarks.results.result import Column
+from benchmarks.torture.answers import LIMIT, Answers
 from benchmarks.torture.bars import bars
 from benchmarks.torture.early_end import EarlyEndError, check_deaths, noted
 from benchmarks.torture.interfaces import (
@@ -24,26 +25,32 @@ from benchmarks.torture.interfaces import (
     FUZZED,
     OWN_LIMITS,
     SETTERS,
-    forgotten,
     full_name,
     start_fuzzed,
+    unreached,
 )
 from benchmarks.torture.nodes import PATIENCE, Nodes
+from benchmarks.torture.part import (
+    MOST_MEGABYTES,
+    Part,
+    Stops,
+    missed_stops,
+    row_table,
+    slowest_stop,
+)
 from benchmarks.torture.random_messages import bent, random_message
 from benchmarks.torture.valid_messages import valid_messages
 from intuitive_physics_ros.qos import LATCHED
 from intuitive_physics_ros.scripting import Peer, PeerTimeoutError
 
-CALLS = 0.25  # part of what is sent that are calls. Our choice
-# Part that are valid messages with a few fields that are not, where there is a valid one
-BENT = 0.5
-OWN_NAMES = 0.9  # part of the parameters to set that have the name of one
+CALLS = 0.25  # part of the messages that are calls. Our choice
+BENT = 0.5  # part that are valid messages with a few wrong fields, where there is a valid one
+OWN_NAMES = 0.9  # part of the parameters to set that have the name of a parameter of the node
 # Transitions that end where they began, in the active state
 PAUSES = (("deactivate", "activate"), ("deactivate", "cleanup", "configure", "activate"))
-# Part of the requests for transitions that are such rounds; the others are of nothing that is
-PAUSED = 0.3
-SHUTDOWNS = (5, 6, 7)  # transitions after which a node does as it was told, and nothing any more
-BACK = ("configure", "activate")  # transitions into the active state, whatever a random one led to
+PAUSED = 0.3  # part of the requests for transitions that are such rounds; the others are random
+SHUTDOWNS = (5, 6, 7)  # transitions after which a node rightly does nothing
+BACK = ("configure", "activate")  # transitions into the active state after a random one
 CANCELLED = 0.5  # part of the goals that are cancelled as soon as they are accepted
 PING_EVERY = 40  # messages between two pings of all nodes
 ANSWERS = QoSProfile(depth=1000)  # of a client: more answers than can wait between two looks
@@ -52,209 +59,235 @@ DRAIN = 0.01  # s for which answers are taken after each round of pings
 
 @dataclass
 class Fuzz:
-    """What messages did."""
+    """The effects of random messages."""
 
     sent: int = 0  # messages and calls
-    # name of the node and s of each ping that took longer than a node may
-    slow: list[tuple[str, float]] = field(default_factory=list)
-    # node and service of each request that was not answered in time
-    unanswered: list[str] = field(default_factory=list)
+    slow: list[tuple[str, float]] = field(default_factory=list)  # node and s of each slow ping
+    unanswered: list[str] = field(default_factory=list)  # node and service of each hanging request
     slowest: float = 0.0  # s, of a ping
-    deaths: list[str] = field(default_factory=list)  # of nodes, with the last thing each said
+    deaths: list[str] = field(default_factory=list)  # of nodes, with the last words of each
     megabytes: float = 0.0  # the most memory that a node has had
-    # s that each node took to stop afterwards, and its exit code
-    stops: dict[str, tuple[float, int]] = field(default_factory=dict)
-    failures: list[str] = field(default_factory=list)  # what ended it early
+    stops: Stops = field(default_factory=dict)
+    failures: list[str] = field(default_factory=list)  # early ends
 
 
-# What sends, and what makes what is sent
-Send = tuple[Callable[[Any], Any], Callable[[np.random.Generator], Any]]
-
-
-def measure_fuzz(folder: Path, count: int, rng: np.random.Generator) -> Fuzz:
-    """Send messages and calls to all nodes, and stop them."""
-    found = Fuzz()
+def fuzz(folder: Path, count: int, rng: np.random.Generator) -> Part:
+    """Send `count` random messages and calls to all nodes together, and stop the nodes."""
+    effects = Fuzz()
     with (
-        noted(found.failures),
+        noted(effects.failures),
         Peer("torturer", timeout=60.0) as peer,
         start_fuzzed(folder, peer) as nodes,
     ):
-        found.deaths = nodes.deaths
-        with noted(found.failures):
-            _send_all(nodes, peer, count, found, rng)
+        effects.deaths = nodes.deaths
+        with noted(effects.failures):
+            Fuzzer(nodes, peer, effects, rng).send_all(count)
         nodes.revive()
-        found.megabytes = nodes.most_megabytes
-        found.stops = nodes.stop()
-    return found
+        effects.stops = nodes.stop()
+    return _part(effects, count)
 
 
-def _send_all(nodes: Nodes, peer: Peer, count: int, found: Fuzz, rng: np.random.Generator) -> None:
-    _check_reach(peer)
-    answers = Answers()
-    valid = valid_messages()
-    topics, calls = _publishers(peer, valid), _callers(peer, answers, valid)
-    found.unanswered = answers.hangs
-    while found.sent < count:
-        kinds = calls if rng.random() < CALLS else topics
-        send, make = kinds[int(rng.integers(len(kinds)))]
-        send(make(rng))
-        found.sent += 1
-        if found.sent % PING_EVERY == 0:
-            _ping_all(nodes, peer, answers, found)
-        if found.sent % 2000 == 0:
-            report_progress(f"{found.sent} of {count} messages, {len(nodes.deaths)} deaths")
-    while not answers.look():
-        _ping_all(nodes, peer, answers, found)
-
-
-def _check_reach(peer: Peer) -> None:
-    try:
-        peer.spin_until(lambda: not forgotten(peer), "all topics and services", PATIENCE)
-    except PeerTimeoutError:
-        raise EarlyEndError(f"fuzz does not reach all: {'; '.join(forgotten(peer))}") from None
-
-
-def _ping_all(nodes: Nodes, peer: Peer, answers: Answers, found: Fuzz) -> None:
-    for name, process in nodes.processes.items():
-        took = nodes.ping(name)
-        if not process.is_running:  # that is its death, and no hang
-            continue
-        found.slowest = max(found.slowest, took)
-        if took > bars().answer:
-            found.slow.append((name, took))
-    nodes.measure_memory()
-    peer.spin_for(DRAIN)
-    for name in nodes.revive():
-        answers.leave(name)
-    answers.look()
-    check_deaths(nodes.deaths)
-
-
-def _publishers(peer: Peer, valid: dict[type, Any]) -> list[Send]:
-    """What sends to each topic."""
-    kinds = {
-        full_name(topic, name): kind
-        for name, node in FUZZED.items()
-        for topic, kind in node.topics.items()
+def _part(effects: Fuzz, count: int) -> Part:
+    stop = slowest_stop(effects.stops)
+    figures = {
+        "fuzzed": effects.sent,
+        "deaths": len(effects.deaths),
+        "hangs": len(effects.slow) + len(effects.unanswered),
+        "answer_s_worst": round(effects.slowest, 2),
+        "memory_bound_mb": round(effects.megabytes),
+        "stop_s_worst": round(stop, 2),
     }
-    # Subscribers that ask for less than this quality of service hear it as well.
-    return [
-        (peer.node.create_publisher(kind, topic, LATCHED).publish, _maker(kind, valid.get(kind)))
-        for topic, kind in kinds.items()
-    ]
+    table = row_table(
+        "Messages and calls made from the interface definitions",
+        "Each node is pinged all the while; a ping that is not answered within "
+        f"{bars().answer:g} s is a hang, and so is a request to a service or an action that is not "
+        f"answered within {LIMIT:g} s.",
+        [
+            (Column("sent"), effects.sent),
+            (Column("deaths"), len(effects.deaths)),
+            (Column("slow pings"), len(effects.slow)),
+            (Column("requests without an answer"), len(effects.unanswered)),
+            (Column("slowest answer", "s", ".2f"), effects.slowest),
+            (Column("most memory", "MB", ".0f"), effects.megabytes),
+            (Column("slowest stop", "s", ".2f"), stop),
+        ],
+        [*effects.deaths, *effects.failures],
+    )
+    missed = [*effects.deaths, *effects.failures, *missed_stops(effects.stops)]
+    missed += [f"{name} answered a ping after {took:.1f} s" for name, took in effects.slow]
+    missed += [f"{what} was not answered within {LIMIT:g} s" for what in effects.unanswered]
+    if effects.megabytes > MOST_MEGABYTES:
+        missed.append(f"{effects.megabytes:.0f} MB; expected at most {MOST_MEGABYTES:.0f}")
+    if effects.sent < count:
+        missed.append(f"{effects.sent} messages; expected {count}")
+    return Part(figures, table, missed)
 
 
-def _callers(peer: Peer, answers: Answers, valid: dict[type, Any]) -> list[Send]:
-    """What calls each service and action of each node."""
-    found: list[Send] = []
-    for name, node in FUZZED.items():
-        for service, kind in node.all_services().items():
-            ask = _asker(peer, answers, name, service, kind)
-            if service in SETTERS:
-                found.append((ask, _parameter_maker(peer, name, kind)))
-            elif service == CHANGE_STATE:
-                found.append((partial(_lead, answers, name, ask), _transitions))
-            else:
-                found.append((ask, _maker(kind.Request, valid.get(kind.Request))))
-        for action, kind in node.actions.items():
-            send = _goal_sender(peer, answers, name, action, kind)
-            found.append((send, _goal_maker(_maker(kind.Goal, valid.get(kind.Goal)))))
-    return found
+class Fuzzer:
+    """Sends random messages to all nodes, pings them, and watches for their answers."""
 
+    def __init__(self, nodes: Nodes, peer: Peer, effects: Fuzz, rng: np.random.Generator) -> None:
+        self._nodes = nodes
+        self._peer = peer
+        self._effects = effects
+        self._rng = rng
+        self._answers = Answers()
+        self._valid = valid_messages()
+        effects.unanswered = self._answers.hangs
 
-def _asker(
-    peer: Peer, answers: Answers, node: str, service: str, kind: Any
-) -> Callable[[Any], None]:
-    client = peer.node.create_client(kind, full_name(service, node), qos_profile=ANSWERS)
+    def send_all(self, count: int) -> None:
+        """Send messages and calls, and wait for the last answers."""
+        try:
+            self._peer.spin_until(lambda: not unreached(self._peer), "all interfaces", PATIENCE)
+        except PeerTimeoutError:
+            problems = "; ".join(unreached(self._peer))
+            raise EarlyEndError(f"fuzz does not reach all: {problems}") from None
+        effects, rng = self._effects, self._rng
+        topics, calls = self._publishers(), self._callers()
+        while effects.sent < count:
+            senders = calls if rng.random() < CALLS else topics
+            senders[int(rng.integers(len(senders)))]()
+            effects.sent += 1
+            if effects.sent % PING_EVERY == 0:
+                self._ping_all()
+            if effects.sent % 2000 == 0:
+                deaths = len(effects.deaths)
+                report_progress(f"{effects.sent} of {count} messages, {deaths} deaths")
+        while not self._answers.look():
+            self._ping_all()
 
-    def ask(request: Any) -> None:
+    def _ping_all(self) -> None:
+        effects = self._effects
+        for name, process in self._nodes.processes.items():
+            took = self._nodes.ping(name)
+            if not process.is_running:  # that is its death, and no hang
+                continue
+            effects.slowest = max(effects.slowest, took)
+            if took > bars().answer:
+                effects.slow.append((name, took))
+        effects.megabytes = max(effects.megabytes, self._nodes.peak_megabytes())
+        self._peer.spin_for(DRAIN)
+        for name in self._nodes.revive():
+            self._answers.leave(name)
+        self._answers.look()
+        check_deaths(effects.deaths)
+
+    def _publishers(self) -> list[Callable[[], None]]:
+        """Return a sender for each topic."""
+        kinds = {
+            full_name(topic, name): kind
+            for name, node in FUZZED.items()
+            for topic, kind in node.topics.items()
+        }
+        # Subscribers that ask for less than this quality of service receive it as well.
+        return [
+            partial(self._publish, self._peer.node.create_publisher(kind, topic, LATCHED), kind)
+            for topic, kind in kinds.items()
+        ]
+
+    def _callers(self) -> list[Callable[[], None]]:
+        """Return a sender for each service and action of each node."""
+        senders: list[Callable[[], None]] = []
+        for name, node in FUZZED.items():
+            for service, kind in node.all_services().items():
+                client = self._peer.node.create_client(
+                    kind, full_name(service, name), qos_profile=ANSWERS
+                )
+                call = partial(self._call, name, service, client)
+                if service in SETTERS:
+                    senders.append(
+                        partial(self._set_parameters, call, kind, self._parameters(name))
+                    )
+                elif service == CHANGE_STATE:
+                    senders.append(partial(self._change_states, call, name))
+                else:
+                    senders.append(partial(self._call_with_message, call, kind))
+            for action, kind in node.actions.items():
+                actions = ActionClient(
+                    self._peer.node,
+                    kind,
+                    full_name(action, name),
+                    goal_service_qos_profile=ANSWERS,
+                    result_service_qos_profile=ANSWERS,
+                    cancel_service_qos_profile=ANSWERS,
+                )
+                senders.append(partial(self._send_goal, name, action, actions, kind))
+        return senders
+
+    def _message(self, kind: type) -> Any:
+        """Return a random message, or a valid one in which a few fields are random."""
+        valid = self._valid.get(kind)
+        if valid is not None and self._rng.random() < BENT:
+            return bent(valid, self._rng)
+        return random_message(kind, self._rng)
+
+    def _publish(self, publisher: Any, kind: type) -> None:
+        publisher.publish(self._message(kind))
+
+    def _call(self, node: str, service: str, client: Any, request: Any) -> None:
         future = client.call_async(request)
         forget = partial(client.remove_pending_request, future)
-        if service != CHANGE_STATE and answers.awaits(node, CHANGE_STATE):
+        if service != CHANGE_STATE and self._answers.awaits(node, CHANGE_STATE):
             # A node that is not active offers nothing.
             forget()
         else:
-            answers.watch(node, service, future, forget)
+            self._answers.watch(node, service, future, forget)
 
-    return ask
+    def _call_with_message(self, call: Callable[[Any], None], kind: Any) -> None:
+        call(self._message(kind.Request))
 
+    def _parameters(self, node: str) -> list[str]:
+        """Return the names of the parameters of a node that may be set."""
+        request = ListParameters.Request()
+        listed = self._peer.call(ListParameters, f"/{node}/list_parameters", request)
+        return [name for name in listed.result.names if name not in ("use_sim_time", *OWN_LIMITS)]
 
-def _lead(answers: Answers, node: str, ask: Callable[[Any], None], requests: list[Any]) -> None:
-    """Lead a node through states, in which what it was asked before may end without an answer."""
-    answers.leave(node, but=CHANGE_STATE)
-    for request in requests:
-        ask(request)
-
-
-def _goal_sender(
-    peer: Peer, answers: Answers, node: str, action: str, kind: Any
-) -> Callable[[tuple[Any, bool]], None]:
-    client = ActionClient(
-        peer.node,
-        kind,
-        full_name(action, node),
-        goal_service_qos_profile=ANSWERS,
-        result_service_qos_profile=ANSWERS,
-        cancel_service_qos_profile=ANSWERS,
-    )
-
-    def watch(step: str, future: Any) -> None:
-        if not answers.awaits(node, CHANGE_STATE):
-            answers.watch(node, f"{action} {step}", future, lambda: None)
-
-    def go_on(handle: Any, *, is_cancelled: bool) -> None:
-        if handle.accepted:
-            watch("result", handle.get_result_async())
-            if is_cancelled:
-                watch("cancel", handle.cancel_goal_async())
-
-    def send(goal: tuple[Any, bool]) -> None:
-        message, is_cancelled = goal
-        future = client.send_goal_async(message)
-        future.add_done_callback(lambda done: go_on(done.result(), is_cancelled=is_cancelled))
-        watch("goal", future)
-
-    return send
-
-
-def _goal_maker(make: Callable[[np.random.Generator], Any]) -> Callable[[np.random.Generator], Any]:
-    return lambda rng: (make(rng), rng.random() < CANCELLED)
-
-
-def _parameter_maker(peer: Peer, node: str, kind: Any) -> Callable[[np.random.Generator], Any]:
-    """What makes requests to set parameters, most of them a node's own, to whatever there is."""
-    listed = peer.call(ListParameters, f"/{node}/list_parameters", ListParameters.Request())
-    names = [name for name in listed.result.names if name not in ("use_sim_time", *OWN_LIMITS)]
-
-    def make(rng: np.random.Generator) -> Any:
+    def _set_parameters(self, call: Callable[[Any], None], kind: Any, names: list[str]) -> None:
+        """Set parameters, most of them a node's own, to random values."""
+        rng = self._rng
         request = random_message(kind.Request, rng)
         for parameter in request.parameters:
             if rng.random() < OWN_NAMES:
                 parameter.name = str(rng.choice(names))
             parameter.value.type = int(rng.integers(11))
-        return request
+        call(request)
 
-    return make
+    def _change_states(self, call: Callable[[Any], None], node: str) -> None:
+        """Lead a node through its states, or ask for a random transition.
+
+        Requests that the node had before may end without an answer.
+        """
+        rng = self._rng
+        if rng.random() < PAUSED:
+            requests = _transitions(PAUSES[int(rng.integers(len(PAUSES)))])
+        else:
+            request = random_message(ChangeState.Request, rng)
+            if request.transition.id in SHUTDOWNS:
+                request.transition.id = 0
+            requests = [request, *_transitions(BACK)]
+        self._answers.leave(node, but=CHANGE_STATE)
+        for request in requests:
+            call(request)
+
+    def _send_goal(self, node: str, action: str, client: ActionClient, kind: Any) -> None:
+        goal = self._message(kind.Goal)
+        is_cancelled = self._rng.random() < CANCELLED
+
+        def watch(step: str, future: Any) -> None:
+            if not self._answers.awaits(node, CHANGE_STATE):
+                self._answers.watch(node, f"{action} {step}", future, lambda: None)
+
+        def go_on(answer: Any) -> None:
+            handle = answer.result()
+            if handle.accepted:
+                watch("result", handle.get_result_async())
+                if is_cancelled:
+                    watch("cancel", handle.cancel_goal_async())
+
+        future = client.send_goal_async(goal)
+        future.add_done_callback(go_on)
+        watch("goal", future)
 
 
-def _transitions(rng: np.random.Generator) -> list[Any]:
-    """Requests that lead a node through its states, or ask for a transition that is not."""
-    if rng.random() < PAUSED:
-        return _led(PAUSES[int(rng.integers(len(PAUSES)))])
-    request = random_message(ChangeState.Request, rng)
-    if request.transition.id in SHUTDOWNS:
-        request.transition.id = 0
-    return [request, *_led(BACK)]
-
-
-def _led(labels: tuple[str, ...]) -> list[Any]:
+def _transitions(labels: tuple[str, ...]) -> list[Any]:
     return [ChangeState.Request(transition=Transition(label=label)) for label in labels]
-
-
-def _maker(kind: type, valid: Any) -> Callable[[np.random.Generator], Any]:
-    def make(rng: np.random.Generator) -> Any:
-        if valid is not None and rng.random() < BENT:
-            return bent(valid, rng)
-        return random_message(kind, rng)
-
-    return make

@@ -1,9 +1,12 @@
-"""What the nodes hear and offer, and how they are started so that all of it is there."""
+"""The topics, services and actions of the nodes, and how they are started so that all are there."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -11,41 +14,14 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped
 from intuitive_physics_msgs.action import LearnParameters
 from intuitive_physics_msgs.msg import Environment, ObjectStates, Observation, StaticParameters
-from intuitive_physics_msgs.srv import (
-    AddObservation,
-    DeleteObservations,
-    ExportObservations,
-    GetStaticParameters,
-    Learn,
-    ListObservations,
-    Predict,
-    Query,
-    SetObservationStatus,
-    SetStaticParameters,
-    Suggest,
-)
-from lifecycle_msgs.srv import (
-    ChangeState,
-    GetAvailableStates,
-    GetAvailableTransitions,
-    GetState,
-)
-from rcl_interfaces.srv import (
-    DescribeParameters,
-    GetParameters,
-    GetParameterTypes,
-    ListParameters,
-    SetParameters,
-    SetParametersAtomically,
-)
+from lifecycle_msgs.srv import GetAvailableTransitions
 from rclpy.action import get_action_server_names_and_types_by_node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu, PointCloud2
 from std_srvs.srv import Trigger
-from type_description_interfaces.srv import GetTypeDescription
 
-from benchmarks.torture.nodes import LEARNER, PERCEPTION, PREDICTOR, Nodes
-from benchmarks.torture.valid_messages import TF_MESSAGE
+from benchmarks.running_nodes import LEARNER, PERCEPTION, PREDICTOR, parameter_arguments
+from benchmarks.torture.nodes import Nodes
 from intuitive_physics_bringup.connections import module
 from intuitive_physics_experiments.rendering.camera import Camera
 from intuitive_physics_recordings.depth_bag_writer import DepthBagWriter
@@ -57,84 +33,81 @@ from intuitive_physics_ros.topics import (
     STATIC_PARAMETERS,
 )
 
+Interfaces = dict[str, Any]
+"""Types of topics, services or actions, by their names as in the code of the node."""
+
+
+def _services(package: str, *types: str) -> Interfaces:
+    """Return services in the namespace of a node that are named after their types."""
+    kinds = import_module(f"{package}.srv")
+    return {f"~/{re.sub('(?<=.)(?=[A-Z])', '_', t).lower()}": getattr(kinds, t) for t in types}
+
+
 CHANGE_STATE = "~/change_state"  # service that leads a managed node
-# Services that set parameters of a node
-SETTERS: dict[str, Any] = {
-    "~/set_parameters": SetParameters,
-    "~/set_parameters_atomically": SetParametersAtomically,
-}
-
+SETTERS = _services("rcl_interfaces", "SetParameters", "SetParametersAtomically")
 # Services of every node
-OF_PARAMETERS: dict[str, Any] = {
-    "~/describe_parameters": DescribeParameters,
-    "~/get_parameters": GetParameters,
-    "~/get_parameter_types": GetParameterTypes,
-    "~/list_parameters": ListParameters,
+OF_PARAMETERS: Interfaces = {
+    **_services("rcl_interfaces", "DescribeParameters", "GetParameters", "GetParameterTypes"),
+    **_services("rcl_interfaces", "ListParameters"),
     **SETTERS,
-    "~/get_type_description": GetTypeDescription,
+    **_services("type_description_interfaces", "GetTypeDescription"),
 }
-
-# Further ones of every managed node
-OF_STATES: dict[str, Any] = {
-    CHANGE_STATE: ChangeState,
-    "~/get_state": GetState,
-    "~/get_available_states": GetAvailableStates,
-    "~/get_available_transitions": GetAvailableTransitions,
+# Further services of every managed node
+OF_STATES: Interfaces = {
+    **_services("lifecycle_msgs", "ChangeState", "GetState", "GetAvailableStates"),
+    **_services("lifecycle_msgs", "GetAvailableTransitions"),
     "~/get_transition_graph": GetAvailableTransitions,
 }
 
-# Parameters of the time in which the nodes themselves end a request, which fuzz leaves alone
+# Parameters of the time in which the nodes themselves end a request, which fuzz does not change
 OWN_LIMITS = ("request_time_limit", "suggestion_time_limit", "search_deadline")
 OWN_LIMIT = "10.0"  # s, of each of them
-# Arguments with which a node hears /clock, as far as its time is not steady
+# Arguments with which a node subscribes to /clock, unless it uses steady time only
 CLOCKED = ("-p", "use_sim_time:=true")
-CLOCK: dict[str, Any] = {"/clock": Clock}  # what it then hears
-# What a node hears that looks transforms up, where tf is installed
-TRANSFORMS: dict[str, Any] = (
-    {} if TF_MESSAGE is None else {"/tf": TF_MESSAGE, "/tf_static": TF_MESSAGE}
+CLOCK: Interfaces = {"/clock": Clock}
+# None where tf2_msgs is not installed
+TF_MESSAGE: Any = import_module("tf2_msgs.msg").TFMessage if find_spec("tf2_msgs") else None
+# Subscriptions of a node that looks up transforms, where tf is installed
+TRANSFORMS: Interfaces = (
+    {} if TF_MESSAGE is None else dict.fromkeys(("/tf", "/tf_static"), TF_MESSAGE)
 )
-
 REPLAYED_IMAGES = 30  # in the bag that is replayed again and again
 
 
 @dataclass(frozen=True)
 class Fuzzed:
-    """A node that is fuzzed, and what of it is there with its arguments."""
+    """A node that is fuzzed, and its interfaces while it is active with its arguments."""
 
     module: str  # Python module that runs it
     arguments: tuple[str, ...] = ()  # of its command line; {folder} stands for that of the run
-    # topics, services, actions: types of what it hears and offers when it is active, by their names
-    # as in its code; beside those of parameters and states
-    topics: Mapping[str, Any] = field(default_factory=dict)
-    services: Mapping[str, Any] = field(default_factory=dict)
-    actions: Mapping[str, Any] = field(default_factory=dict)
+    topics: Interfaces = field(default_factory=dict)  # that it subscribes to
+    services: Interfaces = field(default_factory=dict)  # without those of parameters and states
+    actions: Interfaces = field(default_factory=dict)
     managed: bool = True  # whether it has states
 
-    def all_services(self) -> dict[str, Any]:
-        """Return the types of its services, of parameters and states too, by their names."""
+    def all_services(self) -> Interfaces:
+        """Return its services, with those of parameters and states."""
         return {**self.services, **OF_PARAMETERS, **(OF_STATES if self.managed else {})}
 
 
 def _limits(*names: str) -> tuple[str, ...]:
-    return tuple(word for name in names for word in ("-p", f"{name}:={OWN_LIMIT}"))
+    return tuple(parameter_arguments(**dict.fromkeys(names, OWN_LIMIT)))
 
 
-# What a predictor hears
-PREDICTORS_TOPICS: dict[str, Any] = {
+PREDICTORS_TOPICS: Interfaces = {
     ENVIRONMENT: Environment,
     OBJECT_STATES: ObjectStates,
     STATIC_PARAMETERS: StaticParameters,
 }
-
 POSE_BRIDGE = "intuitive_physics_perception.nodes.pose_bridge_node"  # its module
-# What a pose bridge hears of its object, by its parameter `input`
-POSES: dict[str, Any] = {
+# Type of the poses that a pose bridge subscribes to, by its parameter `input`
+POSES: Mapping[str, Any] = {
     "pose": PoseStamped,
     "pose_with_covariance": PoseWithCovarianceStamped,
     "transform": TransformStamped,
 }
 
-# All by their names. Where an input excludes another, there is a node for each
+# All by their names. Where an input excludes another, there is a node for each.
 FUZZED: dict[str, Fuzzed] = {
     PERCEPTION: Fuzzed(
         module(PERCEPTION),
@@ -164,36 +137,31 @@ FUZZED: dict[str, Fuzzed] = {
         module(LEARNER),
         _limits(*OWN_LIMITS),
         {OBSERVATIONS: Observation},
-        {
-            "~/add_observation": AddObservation,
-            "~/delete_observations": DeleteObservations,
-            "~/export_observations": ExportObservations,
-            "~/get_static_parameters": GetStaticParameters,
-            "~/learn": Learn,
-            "~/list_observations": ListObservations,
-            "~/set_observation_status": SetObservationStatus,
-            "~/set_static_parameters": SetStaticParameters,
-            "~/suggest": Suggest,
-        },
+        _services(
+            "intuitive_physics_msgs",
+            *("AddObservation", "DeleteObservations", "ExportObservations", "ListObservations"),
+            *("GetStaticParameters", "SetStaticParameters", "SetObservationStatus"),
+            *("Learn", "Suggest"),
+        ),
         {"~/learn_parameters": LearnParameters},
     ),
     PREDICTOR: Fuzzed(
         module(PREDICTOR),
         _limits("request_time_limit"),
         PREDICTORS_TOPICS,
-        {"~/predict": Predict, "~/query": Query},
+        _services("intuitive_physics_msgs", "Predict", "Query"),
     ),
     "predictor_by_clock": Fuzzed(
         module(PREDICTOR),
         (*_limits("request_time_limit"), *CLOCKED),
         {**PREDICTORS_TOPICS, **CLOCK},
-        {"~/predict": Predict, "~/query": Query},
+        _services("intuitive_physics_msgs", "Predict", "Query"),
     ),
     **{
-        f"bridge_of_{wanted}": Fuzzed(
-            POSE_BRIDGE, ("-p", f"input:={wanted}"), {"~/object/pose": kind, **TRANSFORMS}
+        f"bridge_of_{kind}": Fuzzed(
+            POSE_BRIDGE, ("-p", f"input:={kind}"), {"~/object/pose": pose, **TRANSFORMS}
         )
-        for wanted, kind in POSES.items()
+        for kind, pose in POSES.items()
     },
     "replay": Fuzzed(
         "intuitive_physics_recordings.nodes.replay_node",
@@ -215,38 +183,33 @@ def full_name(name: str, node: str) -> str:
 
 
 def start_fuzzed(folder: Path, peer: Peer) -> Nodes:
-    """Start all nodes."""
+    """Start all nodes, with a learner's database and a bag to replay in a folder."""
     camera = Camera.looking_at((0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
     with DepthBagWriter(folder / "replayed", camera) as bag:
         for k in range(REPLAYED_IMAGES):
             image = np.full((camera.height, camera.width), 1000 + k, np.uint16)
             bag.write(k * 100_000_000, image)
     arguments = {
-        name: ["-r", f"__node:={name}", *(one.format(folder=folder) for one in node.arguments)]
+        name: ["-r", f"__node:={name}", *(word.format(folder=folder) for word in node.arguments)]
         for name, node in FUZZED.items()
     }
     modules = {name: node.module for name, node in FUZZED.items()}
     return Nodes(folder, peer, arguments, modules=modules)
 
 
-def forgotten(peer: Peer) -> list[str]:
-    """Return what running nodes hear or offer that is not fuzzed, or is and is not there."""
-    found = []
+def unreached(peer: Peer) -> list[str]:
+    """Return interfaces of running nodes that are not fuzzed, and fuzzed ones that are absent."""
+    problems = []
     for name, node in FUZZED.items():
-        own = {
-            "topic": (node.topics, peer.node.get_subscriber_names_and_types_by_node(name, "/")),
-            "service": (
-                node.all_services(),
-                peer.node.get_service_names_and_types_by_node(name, "/"),
-            ),
-            "action": (
-                node.actions,
-                get_action_server_names_and_types_by_node(peer.node, name, "/"),
-            ),
+        graph = peer.node
+        offered = {
+            "topic": (node.topics, graph.get_subscriber_names_and_types_by_node(name, "/")),
+            "service": (node.all_services(), graph.get_service_names_and_types_by_node(name, "/")),
+            "action": (node.actions, get_action_server_names_and_types_by_node(graph, name, "/")),
         }
-        for kind, (fuzzed, offered) in own.items():
-            expected = {full_name(one, name) for one in fuzzed}
-            there = {one for one, _ in offered if "/_action/" not in one}
-            found += [f"{name} has the {kind} {one}" for one in sorted(there - expected)]
-            found += [f"{name} has no {kind} {one}" for one in sorted(expected - there)]
-    return found
+        for kind, (fuzzed, found) in offered.items():
+            expected = {full_name(interface, name) for interface in fuzzed}
+            there = {interface for interface, _ in found if "/_action/" not in interface}
+            problems += [f"{name} has the {kind} {extra}" for extra in sorted(there - expected)]
+            problems += [f"{name} has no {kind} {absent}" for absent in sorted(expected - there)]
+    return problems

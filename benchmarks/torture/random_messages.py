@@ -43,24 +43,21 @@ def random_message(kind: Any, rng: np.random.Generator, depth: int = 0) -> Any:
 
 def bent(message: Any, rng: np.random.Generator) -> Any:
     """Return a copy of a valid message with one to three random fields in it."""
-    found = copy.deepcopy(message)
+    changed = copy.deepcopy(message)
     for _ in range(int(rng.integers(1, 4))):
-        part = found
+        part = changed
         while True:
             names = list(part.get_fields_and_field_types().items())
             name, definition = names[int(rng.integers(len(names)))]
             value = getattr(part, name)
-            inner = value[int(rng.integers(len(value)))] if _is_list(value) and value else value
+            is_list = isinstance(value, list) and value
+            inner = value[int(rng.integers(len(value)))] if is_list else value
             if hasattr(inner, "get_fields_and_field_types") and rng.random() < 0.9:
                 part = inner
                 continue
             setattr(part, name, _value(definition, rng, 0))
             break
-    return found
-
-
-def _is_list(value: Any) -> bool:
-    return isinstance(value, list)
+    return changed
 
 
 def _value(definition: str, rng: np.random.Generator, depth: int) -> Any:
@@ -78,7 +75,9 @@ def _value(definition: str, rng: np.random.Generator, depth: int) -> Any:
     if definition in ("float", "double", "float32", "float64"):
         return _float(rng, single=definition in ("float", "float32"))
     if "/" in definition:
-        return random_message(_class(definition), rng, depth)
+        package, name = definition.split("/")
+        kind = getattr(importlib.import_module(f"{package}.msg"), name)
+        return random_message(kind, rng, depth)
     return _integer(definition, rng)
 
 
@@ -109,9 +108,3 @@ def _integer(definition: str, rng: np.random.Generator) -> int:
     )
     usual = min(most, int(rng.integers(0, 10)))
     return int(rng.choice(np.array([usual, usual, least, most, max(least, -1)], dtype=object)))
-
-
-def _class(definition: str) -> type:
-    package, name = definition.split("/")
-    found: type = getattr(importlib.import_module(f"{package}.msg"), name)
-    return found

@@ -1,0 +1,50 @@
+"""The result of a part of `make torture`: a table, key figures, and the bars that were missed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.results.result import Cell, Column, Table
+from benchmarks.torture.bars import bars
+
+SEED = 19  # of all random choices
+MOST_MEGABYTES = 1500.0  # bar of the memory of a node
+
+Stops = Mapping[str, tuple[float, int]]
+"""Time that each node took to stop, s, and its exit code."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """The result of a part."""
+
+    figures: Mapping[str, Any]  # key figures
+    table: Table
+    missed: Sequence[str]  # bars that were missed, and what ended the part early
+    draw: Callable[[Path], None] | None = None  # writes its figure to a path
+
+
+def row_table(
+    title: str, note: str, cells: Sequence[tuple[Column, Cell]], remarks: Sequence[str]
+) -> Table:
+    """Return a table of one row, of which each cell stands beside its column."""
+    columns, row = zip(*cells, strict=True)
+    return Table(title, list(columns), [list(row)], note, remarks)
+
+
+def slowest_stop(stops: Stops) -> float:
+    """Return the longest time, s; zero of none."""
+    return max((seconds for seconds, _ in stops.values()), default=0.0)
+
+
+def missed_stops(stops: Stops) -> list[str]:
+    """Return what was wrong with the ends of nodes."""
+    missed = [f"{name} ended with code {code}" for name, (_, code) in stops.items() if code]
+    return missed + [
+        f"{name} took {took:.1f} s to stop; expected at most {bars().stop:g}"
+        for name, (took, _) in stops.items()
+        if took > bars().stop
+    ]

@@ -59,14 +59,17 @@ def _leave(_: bytes) -> None:
 
 
 class DepthPublisher:
-    """Publishes recorded depth images with stamps of choice, once `listeners` are connected."""
+    """Publishes recorded depth images with stamps of choice."""
 
-    def __init__(self, peer: Peer, listeners: int = 0) -> None:
-        kinds = {CAMERA_INFO_TOPIC: CameraInfo, DEPTH_TOPIC: Image}
+    def __init__(self, peer: Peer) -> None:
         self._publishers = {
-            topic: peer.publisher(kind, topic, SENSOR_DATA, listeners=listeners)
-            for topic, kind in kinds.items()
+            topic: peer.node.create_publisher(kind, topic, SENSOR_DATA)
+            for topic, kind in {CAMERA_INFO_TOPIC: CameraInfo, DEPTH_TOPIC: Image}.items()
         }
+
+    def is_connected(self) -> bool:
+        """Whether images and camera info have subscribers."""
+        return all(p.get_subscription_count() for p in self._publishers.values())
 
     def publish(self, messages: Sequence[BagMessage], stamp: int) -> None:
         """Publish an image and its camera info with a stamp, ns since the epoch."""

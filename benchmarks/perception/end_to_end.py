@@ -75,7 +75,8 @@ def _play(peer: Peer, bag: Path, first: float) -> dict[str, NDArray[np.float64]]
     """Publish each image when it is due, that moment its stamp, and take what arrives."""
     states = MessageQueue(peer, ObjectStates, f"/{OBJECT_STATES}")
     distributions = MessageQueue(peer, TrajectoryDistribution, f"/{PREDICTIONS}")
-    publisher = DepthPublisher(peer, listeners=1)
+    publisher = DepthPublisher(peer)
+    peer.spin_until(publisher.is_connected, "subscribers of images")
     stamps: set[int] = set()
     # s since the epoch of the first message of an image, by the image's stamp in ns
     arrivals: dict[str, dict[int, float]] = {STATES: {}, DISTRIBUTION: {}}

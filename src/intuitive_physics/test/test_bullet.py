@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import pytest
 
-from intuitive_physics.errors import InvalidInputError, UnsupportedSceneError
+from intuitive_physics.errors import UnsupportedSceneError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject, StaticBox
 from intuitive_physics.shapes import Box, Capsule, Sphere
-from intuitive_physics.simulation import make_simulator
 from intuitive_physics.simulation.bullet import BulletSimulator
 from intuitive_physics.state import ObjectState
 
@@ -24,51 +21,6 @@ STEP = 2.5e-4
 @pytest.fixture(scope="module")
 def bullet():
     return BulletSimulator(time_step=STEP)
-
-
-def test_free_fall(bullet, world):
-    # Semi-implicit Euler lags by g h t / 2.
-    times = np.array([0.1, 0.3])
-    path = bullet.rollout([world.scene((R, (0, 0, 1)))], world.parameters(0.4, 0.4), times)
-    truth = 1 - 0.5 * G * times**2
-    np.testing.assert_allclose(path.positions[0, 0, :, 2], truth, atol=G * STEP * 0.3)
-
-
-@pytest.mark.parametrize("e", [0.3, 0.7, 0.9])
-def test_first_bounce_height(bullet, world, e):
-    # e² h; Bullet's impact is late by up to one step: δz ≈ v h.
-    times = np.sqrt(2 / G) * (1 + np.linspace(0.9, 1.1, 41) * e)
-    path = bullet.rollout([world.scene((R, (0, 0, 1 + R)))], world.parameters(0.4, 0.4, e=e), times)
-    peak = path.positions[0, 0, :, 2].max() - R
-    assert peak == pytest.approx(e**2, abs=3 * np.sqrt(2 * G) * STEP)
-
-
-@pytest.mark.parametrize(
-    ("velocity", "spin", "mu", "mu_r"),
-    [
-        ((2, 0, 0), (0, 0, 0), 0.3, 0.0),
-        ((1, 0.5, 0), (0, -30.0, 0), 0.4, 0.0),
-        ((1, 0, 0), (0, 20.0, 0), 0.4, 0.1),
-    ],
-)
-def test_sliding_and_rolling_agree_with_event_driven(bullet, world, velocity, spin, mu, mu_r):
-    # Both obey Coulomb's law and a rolling torque μ_r r N; Bullet's Euler steps leave O(h) v.
-    scene = world.scene((R, (0, 0, R), UPRIGHT, velocity, spin))
-    theta = world.parameters(mu, mu, mu_r=mu_r)
-    times = np.linspace(0.1, 1.5, 8)
-    ours = world.path(scene, theta, times)
-    theirs = bullet.rollout([scene], theta, times).positions[0]
-    np.testing.assert_allclose(theirs, ours, atol=10 * STEP)
-
-
-def test_oblique_bounce_agrees_with_event_driven(bullet, world):
-    # Up to the first bounce's next landing; a step's delay of the impact costs |v| h.
-    scene = world.scene((R, (0, 0, R + 0.3), UPRIGHT, (2, 1, 0), (5, -20, 9)))
-    theta = world.parameters(0.3, 0.3, e=0.6)
-    times = np.linspace(0.02, 0.5, 10)
-    ours = world.path(scene, theta, times)
-    theirs = bullet.rollout([scene], theta, times).positions[0]
-    np.testing.assert_allclose(theirs, ours, atol=20 * STEP)
 
 
 def test_two_balls_collide_as_in_event_driven(bullet, world):
@@ -96,33 +48,6 @@ def test_boxes_and_capsules_come_to_rest_on_a_static_box(bullet):
     rollout = bullet.rollout([Scene(environment, objects, states)], theta, [0.0, 3.0])
     heights = rollout.positions[0, :, 1, 2] - 0.8
     np.testing.assert_allclose(heights, [0.05, 0.06], atol=2e-3)
-
-
-def test_threads_take_turns(bullet, world):
-    scenes = [world.scene((R, (0, 0, 0.2 + 0.1 * k))) for k in range(6)]
-    theta = world.parameters(0.4, 0.4)
-
-    def roll(scene):
-        return bullet.rollout([scene], theta, [0.5]).positions
-
-    alone = [roll(scene) for scene in scenes]
-    with ThreadPoolExecutor(4) as pool:
-        together = list(pool.map(roll, scenes))
-    np.testing.assert_array_equal(alone, together)
-    batch = bullet.rollout(scenes, theta, [0.5]).positions
-    np.testing.assert_array_equal(batch, np.concatenate(alone))
-
-
-def test_a_batch_from_two_threads_at_once(bullet, world):
-    # PyBullet itself crashes there; the two calls take turns and answer what each does alone.
-    scenes = [world.scene((R, (0, 0, 0.2 + 0.1 * k)), (R, (1, 0, 0.3))) for k in range(3)]
-    theta = world.parameters(0.4, 0.4)
-    alone = bullet.rollout(scenes, theta, [0.2, 0.4])
-    with ThreadPoolExecutor(2) as pool:
-        calls = [pool.submit(bullet.rollout, scenes, theta, [0.2, 0.4]) for _ in range(6)]
-    for call in calls:
-        np.testing.assert_array_equal(call.result().positions, alone.positions)
-        np.testing.assert_array_equal(call.result().orientations, alone.orientations)
 
 
 @pytest.mark.parametrize("shape", [Box((0.1, 0.12, 0.1)), Capsule(0.05, 0.2), Sphere(0.05)])
@@ -193,15 +118,6 @@ def test_rolling_friction_that_is_no_sum_is_refused(bullet, world):
         bullet.rollout([scene], world.parameters(0.5, 0.5, mu_r=0.1), [0.1])
 
 
-def test_the_air_is_refused(bullet, world):
-    scene = world.scene((R, (0, 0, 1)))
-    for air in ({"drag_coefficient": 0.5}, {"magnus_coefficient": 1.0}):
-        light = SceneObject("light", "ball", Sphere(R), **air)
-        flying = Scene(scene.environment, (light,), scene.states)
-        with pytest.raises(UnsupportedSceneError, match=r"drag or Magnus force.*stepped"):
-            bullet.rollout([flying], world.parameters(0.4, 0.4), [0.1])
-
-
 def test_what_bullet_cannot_express_is_refused(bullet, world):
     scene = world.scene((R, (0, 0, 1)))
     with pytest.raises(UnsupportedSceneError, match="one friction coefficient"):
@@ -217,12 +133,3 @@ def test_what_bullet_cannot_express_is_refused(bullet, world):
     objects = (two.objects[0], SceneObject("other", "cork", Sphere(R)))
     with pytest.raises(UnsupportedSceneError, match="restitution of the pairs is no product"):
         bullet.rollout([Scene(mixed, objects, two.states)], theta, [1.0])
-    edged = Environment([Plane("t", "floor", (0, 0, 1), 0, [(0, 0, 0), (1, 0, 0), (0, 1, 0)])])
-    with pytest.raises(UnsupportedSceneError, match="boundary"):
-        bullet.rollout([Scene(edged, scene.objects, scene.states)], world.parameters(), [1.0])
-    with pytest.raises(InvalidInputError, match="time step"):
-        BulletSimulator(time_step=1.0)
-
-
-def test_it_is_known_by_name():
-    assert make_simulator("bullet").name == "bullet"

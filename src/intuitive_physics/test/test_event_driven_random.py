@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject, StaticBox
 from intuitive_physics.shapes import Sphere
@@ -23,12 +24,6 @@ TIMES = np.arange(0, 3, 2e-3)
 def quaternion(rng, tilt):
     vector = np.array([*rng.normal(size=3) * tilt, 1.0])
     return vector / np.linalg.norm(vector)
-
-
-def rotation_matrix(q):
-    x, y, z, w = q
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
 
 
 def random_sheet(rng, k):

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject, StaticBox
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
@@ -150,13 +151,6 @@ def test_reflection_at_faces_edges_and_corners(world, corner, spread, aim, speed
     np.testing.assert_allclose(path[0], placed(hit), atol=EXACT)
     # Rounding of the hit, 1e-15 m, over the radius turns the normal by 1e-14.
     np.testing.assert_allclose(path[1], placed(hit + 0.01 * after), atol=EXACT)
-
-
-def rotation_matrix(q):
-    """Rotation matrix of a unit quaternion: columns are the turned axes."""
-    x, y, z, w = q
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
 
 
 def test_ball_dropped_on_an_edge_at_45_degrees(world):

@@ -68,7 +68,7 @@ def scenes_for(engine, count):
     if engine is STEPPED:
         return varied_scenes(count)
     if engine is EVENT_DRIVEN:
-        return varied_scenes(count, kinds=(0,), grounds=GROUNDS[:1])
+        return varied_scenes(count, kinds=(0,))
     return varied_scenes(count, grounds=GROUNDS[:1])
 
 

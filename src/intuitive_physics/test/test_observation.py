@@ -195,30 +195,6 @@ def test_unreadable_files_are_named(tmp_path):
         save_observation(make_observation(4), tmp_path / "no" / "folder.json")
 
 
-@pytest.mark.parametrize(
-    ("make", "word"),
-    [
-        (lambda: ObjectState((0, 0)), "shape"),
-        (lambda: ObjectState((0, 0, np.nan)), "finite"),
-        (lambda: ObjectState((0, 0, 0), (0, 0, 0, 2)), "norm"),
-        (lambda: ObjectState((0, 0, 0), covariance=-np.eye(12)), "eigenvalue"),
-        (lambda: ObjectState((0, 0, 0), covariance=np.triu(np.ones((12, 12)))), "symmetric"),
-        (lambda: Plane("", "m", (0, 0, 1), 0), "plane id"),
-        (lambda: Plane("p", "m", (0, 0, 0), 0), "direction"),
-        (lambda: Plane("p", "m", (0, 0, 1), 0, [(0, 0, 0)]), "corners"),
-        (lambda: StaticBox("b", "m", (0, 0, 0), (0, 0, 0, 1), (1, 0, 1)), "edge lengths"),
-        (lambda: Environment([Plane("p", "m", (0, 0, 1), 0)] * 2), "each once"),
-        (lambda: SceneObject("a", "", Sphere(1)), "material"),
-        (lambda: SceneObject("a", "m", "ball"), "Sphere"),
-        (lambda: Scene(Environment(), (), ()), "no objects"),
-        (lambda: Scene(Environment(), (SceneObject("a", "m", Sphere(1)),), ()), "one state"),
-    ],
-)
-def test_bad_parts_are_refused(make, word):
-    with pytest.raises(IntuitivePhysicsError, match=word):
-        make()
-
-
 def test_materials_of_a_scene_are_listed_once():
     environment = Environment([Plane("p", "wood", (0, 0, 1), 0), Plane("q", "wood", (0, 1, 0), 0)])
     objects = (SceneObject("a", "cork", Sphere(1)), SceneObject("b", "cork", Box((1, 1, 1))))

@@ -56,7 +56,11 @@ BALL = Body(Sphere(0.05), (0, 0, 1.0))
         (lambda: ObjectState((0, 0, NAN)), "not finite"),
         (lambda: ObjectState((0, 0)), r"shape \(2,\)"),
         (lambda: ObjectState((0, 0, 0), UPRIGHT, (INF, 0, 0)), "not finite"),
+        (lambda: ObjectState((0, 0, 0), covariance=-np.eye(12)), "eigenvalue"),
+        (lambda: ObjectState((0, 0, 0), covariance=np.triu(np.ones((12, 12)))), "symmetric"),
+        (lambda: Plane("", "ground", (0, 0, 1), 0.0), "plane id"),
         (lambda: Plane("p", "ground", (0, 0, 0), 0.0), "direction"),
+        (lambda: Plane("p", "ground", (0, 0, 1), 0.0, [(0, 0, 0)]), "corners"),
         (lambda: StaticBox("b", "ground", (0, 0, 0), UPRIGHT, (1, 0, 1)), "above zero"),
         (lambda: StaticBox("b", "ground", (0, 0, 0), (1, 1, 0, 0), (1, 1, 1)), "norm 1.41421"),
         (lambda: SceneObject("o", "body", Sphere(1.0), drag_coefficient=-1.0), "is -1"),
@@ -71,6 +75,7 @@ BALL = Body(Sphere(0.05), (0, 0, 1.0))
         (lambda: Environment([], air_density=-1.2), "is -1.2"),
         (lambda: Environment([], gravity=(0, 0, NAN)), "not finite"),
         (lambda: Scene(Environment(), (), ()), "no objects"),
+        (lambda: Scene(Environment(), (SceneObject("o", "body", Sphere(1)),), ()), "one state"),
         (lambda: make_scene(BALL, planes=[Plane("body", "ground", (0, 0, 1), 0)] * 2), "each once"),
     ],
 )
@@ -324,6 +329,7 @@ def test_unknown_engines_are_refused_with_the_known_ones():
         lambda: type(STEPPED.simulator)(threads=0),
         lambda: type(EVENT_DRIVEN.simulator)(threads=0),
         lambda: type(BULLET.simulator)(time_step=NAN),
+        lambda: type(BULLET.simulator)(time_step=1.0),
     ],
 )
 def test_bad_engine_options_are_refused(make):

@@ -1,4 +1,4 @@
-"""What `learn` and `evaluate` share: where observations come from, and how to learn."""
+"""What commands share: where observations come from, how to learn, and the seed."""
 
 from __future__ import annotations
 
@@ -28,13 +28,7 @@ def add_database(parser: argparse.ArgumentParser, *, new: bool = False) -> None:
 
 
 def open_database(path: Path, *, new: bool = False) -> Any:
-    """Open a learner's database.
-
-    Raises
-    ------
-    InvalidInputError
-        When there is none and it is not to be made.
-    """
+    """Open a learner's database; `new`: make it where there is none."""
     from intuitive_physics_learner.store import ObservationStore
 
     if not new and not path.expanduser().is_file():
@@ -48,15 +42,13 @@ def _warn_of_room(store: Any) -> None:
     """Say on standard error when a database or its disk is nearly full."""
     from intuitive_physics_learner.store.room import RoomSettings
 
-    warning = store.room().warning(RoomSettings().least_free_space)
-    if warning:
+    if warning := store.room().warning(RoomSettings().least_free_space):
         print(f"intuitive-physics: warning: {warning}", file=sys.stderr)
 
 
 def warn_of_unreadable(store: Any) -> None:
     """Say on standard error how many observations of a database cannot be read, if there are."""
-    count = store.count("unreadable")
-    if count:
+    if count := store.count("unreadable"):
         print(
             f"intuitive-physics: warning: observations of {store.path} that cannot be read and are "
             f"passed over: {count}; see `intuitive-physics observations list`",
@@ -84,31 +76,34 @@ METHOD = "levenberg_marquardt"
 
 
 def add_learning_options(
-    parser: argparse.ArgumentParser,
-    iterations: int | None = ITERATIONS,
-    shown_iterations: str = str(ITERATIONS),
-    method: str | None = METHOD,
-    shown_method: str = METHOD,
+    parser: argparse.ArgumentParser, method_note: str = "", iterations_note: str = ""
 ) -> None:
-    """Add the options that say how to learn.
-
-    Parameters
-    ----------
-    iterations, method : the defaults; None leaves one to the command, which must set it
-    shown_iterations, shown_method : what the help says of the defaults
-    """
+    """Add the options that say how to learn; the help has the notes after the defaults."""
     parser.add_argument(
         "--method",
-        default=method,
-        help=f"of the search, such as cma_es (default: {shown_method})",
+        default=METHOD,
+        help=f"of the search, such as cma_es (default: {METHOD}{method_note})",
     )
     parser.add_argument(
         "--iterations",
         type=int,
-        default=iterations,
-        help=f"evaluations of J at most (default: {shown_iterations})",
+        default=ITERATIONS,
+        help=f"evaluations of J at most (default: {ITERATIONS}{iterations_note})",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of all randomness (default: 0)")
+    add_seed(parser)
+
+
+def add_seed(parser: argparse.ArgumentParser, meaning: str = "of all randomness") -> None:
+    """Add the option `--seed`, which `checked_seed` reads."""
+    parser.add_argument("--seed", type=int, default=0, help=f"{meaning} (default: 0)")
+
+
+def checked_seed(options: argparse.Namespace) -> int:
+    """Return the seed; refuse one below zero, which NumPy does not take."""
+    seed: int = options.seed
+    if seed < 0:
+        raise InvalidInputError(f"seed is {seed}; expected 0 or more")
+    return seed
 
 
 def read_observations(path: Path) -> tuple[str, list[Observation]]:
@@ -145,10 +140,8 @@ def learning_options(options: argparse.Namespace) -> Any:
     from intuitive_physics_learner.learning_session import LearningOptions
     from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 
-    if options.seed < 0:
-        raise InvalidInputError(f"seed is {options.seed}; expected 0 or more")
     criteria = ConvergenceCriteria(max_iterations=options.iterations)
-    return LearningOptions(method=options.method, criteria=criteria, seed=options.seed)
+    return LearningOptions(method=options.method, criteria=criteria, seed=checked_seed(options))
 
 
 def progress_to(bar: Any, options: argparse.Namespace) -> Callable[[Any], None]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.scene import Environment
+from intuitive_physics_cli.commands.observation_source import add_seed, checked_seed
 
 Z_UP = (0.0, 0.0, 1.0)
 """Up in the frame of a sensor that is not a camera's optical frame (REP 103)."""
@@ -53,7 +54,7 @@ def add_to(commands: Any) -> None:
         metavar="FILE",
         help="write clouds, planes, gravity and balls of a bag as a Rerun recording (.rrd)",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of random choices (default: 0)")
+    add_seed(parser, "of random choices")
     parser.set_defaults(run=run)
 
 
@@ -121,8 +122,10 @@ def _environment_and_spheres(points: Any, options: argparse.Namespace) -> tuple[
     from intuitive_physics_perception.environment.environment_model import NoEnvironmentError
     from intuitive_physics_perception.scene import perceive_cloud
 
+    seed = checked_seed(options)
+
     def perceive(up: Sequence[float] | None) -> tuple[Any, Any]:
-        return perceive_cloud(points, _settings(options, up), np.random.default_rng(options.seed))
+        return perceive_cloud(points, _settings(options, up), np.random.default_rng(seed))
 
     if options.up is not None:
         return perceive(options.up)
@@ -144,7 +147,7 @@ def _perceive_bag(options: argparse.Namespace) -> None:
         recording = perceive_recording(
             options.path,
             _settings(options, options.up),
-            np.random.default_rng(options.seed),
+            np.random.default_rng(checked_seed(options)),
             topic=options.topic,
             rectified=options.rectified,
             on_progress=bar.update,

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from intuitive_physics.errors import InvalidInputError
+from intuitive_physics_cli.commands.observation_source import add_seed, checked_seed
 
 
 def add_to(commands: Any) -> None:
@@ -20,7 +20,7 @@ def add_to(commands: Any) -> None:
     parser.add_argument("observation", type=Path, help="file of a saved observation")
     parser.add_argument("parameters", type=Path, help="file that `learn` or `calibrate` wrote")
     parser.add_argument("--samples", type=int, default=20, help="simulations (default: 20)")
-    parser.add_argument("--seed", type=int, default=0, help="of the noise (default: 0)")
+    add_seed(parser, "of the noise")
     parser.add_argument(
         "--restitution-noise",
         type=float,
@@ -45,8 +45,7 @@ def run(options: argparse.Namespace) -> None:
     from intuitive_physics_cli.terminal import format_table
     from intuitive_physics_predictor.noisy_newton import predict
 
-    if options.seed < 0:
-        raise InvalidInputError(f"seed is {options.seed}; expected 0 or more")
+    seed = checked_seed(options)
     contact_noise = ContactNoise(options.restitution_noise, options.tilt_noise)
     observation = load_observation(options.observation)
     learned, scales = _read_parameters(options.parameters)
@@ -58,7 +57,7 @@ def run(options: argparse.Namespace) -> None:
             observation.scene(),
             parameters,
             times,
-            rng=np.random.default_rng(options.seed),
+            rng=np.random.default_rng(seed),
             sample_count=options.samples,
             noise=scales.state_noise(),
             size_noise=scales.size,

@@ -8,7 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_cli.commands.observation_source import ENGINE, add_database, open_database
+from intuitive_physics_cli.commands.observation_source import (
+    ENGINE,
+    add_database,
+    add_seed,
+    checked_seed,
+    open_database,
+)
 
 RANGES = {
     "position": ("position", "m"),
@@ -67,7 +73,7 @@ def add_to(commands: Any) -> None:
             help=f"lowest and highest {name} on each axis, {unit} (default: as seen so far)",
         )
     parser.add_argument("--count", type=int, default=5, help="throws to suggest (default: 5)")
-    parser.add_argument("--seed", type=int, default=0, help="of all randomness (default: 0)")
+    add_seed(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
     parser.set_defaults(run=run)
 
@@ -79,9 +85,8 @@ def run(options: argparse.Namespace) -> None:
     from intuitive_physics.simulation import make_simulator
     from intuitive_physics_learner.design import SuggestionRequest, suggest_from_store
 
-    for name, least in (("seed", 0), ("count", 1)):
-        if getattr(options, name) < least:
-            raise InvalidInputError(f"{name} is {getattr(options, name)}; expected {least} or more")
+    if options.count < 1:
+        raise InvalidInputError(f"count is {options.count}; expected 1 or more")
     if options.about and options.query is not None:
         raise InvalidInputError("--about and --query are given; expected one of them")
     ranges: dict[str, Any] = {
@@ -94,7 +99,7 @@ def run(options: argparse.Namespace) -> None:
         query=_query(options),
         object=options.object,
         count=options.count,
-        seed=options.seed,
+        seed=checked_seed(options),
         **ranges,
     )
     with open_database(options.database) as store:

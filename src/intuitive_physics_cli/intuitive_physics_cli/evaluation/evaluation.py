@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TypeVar
+from dataclasses import dataclass, replace
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,26 +19,14 @@ from intuitive_physics.simulation.event_driven.roots import first_fall_quadratic
 from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import finite_array
 from intuitive_physics_cli.plugins import make_engine
-from intuitive_physics_learner.learning_session import (
-    LearningOptions,
-    LearningResult,
-    learn,
-)
+from intuitive_physics_learner.learning_session import LearningOptions, LearningResult, learn
 from intuitive_physics_learner.search.convergence import SearchProgress
 
 
 def free_flight(
     environment: Environment, radius: float, state: ObjectState, times: ArrayLike
 ) -> NDArray[np.float64]:
-    """Positions (n, 3) m of a ball that stops at the first plane it reaches.
-
-    Parameters
-    ----------
-    environment : its planes and gravity count
-    radius : m
-    state : where the flight begins
-    times : (n,) s after the state
-    """
+    """Positions (n, 3) m of a ball that stops at the first plane, at `times` (n,) s."""
     flown = np.minimum(
         finite_array(times, "times", (None,)), _contact_time(environment, radius, state)
     )
@@ -59,6 +47,9 @@ def _contact_time(environment: Environment, radius: float, state: ObjectState) -
 
 
 Seen = TypeVar("Seen")
+
+Paths: TypeAlias = list[list[NDArray[np.float64]]]
+"""Positions (n, 3) m of each object of each observation."""
 
 
 @dataclass(frozen=True)
@@ -116,29 +107,18 @@ def evaluate(
     """
     training, test = split(observations, train_fraction, options.seed)
     known = None if start is None else _not_learned(start)
-    result = learn(
-        training,
-        make_engine(engine),
-        options,
-        previous=known,
-        on_progress=on_progress,
-    )
+    result = learn(training, make_engine(engine), options, previous=known, on_progress=on_progress)
     learned = result.learned.parameters
     default = StaticParameters.uniform(learned.materials) if start is None else start
-    parts = (training, test)
-    simulated = {
-        "learned parameters": learned,
-        "default parameters": default,
+    predictors: dict[str, Callable[[Sequence[Observation]], Paths]] = {
+        "learned parameters": lambda part: _simulate(part, learned, engine),
+        "default parameters": lambda part: _simulate(part, default, engine),
+        "free flight": lambda part: [_fly(seen) for seen in part],
     }
     errors = {
-        name: (
-            _errors(parts[0], _simulate(parts[0], parameters, engine)),
-            _errors(parts[1], _simulate(parts[1], parameters, engine)),
-        )
-        for name, parameters in simulated.items()
+        name: (_errors(training, predict(training)), _errors(test, predict(test)))
+        for name, predict in predictors.items()
     }
-    flights = [_errors(part, [_fly(seen) for seen in part]) for part in parts]
-    errors["free flight"] = (flights[0], flights[1])
     return Evaluation(tuple(training), tuple(test), result, errors)
 
 
@@ -164,21 +144,12 @@ def split(
 
 
 def _not_learned(parameters: StaticParameters) -> LearnedParameters:
-    unknown = LearnedParameters.defaults(parameters.materials)
-    return LearnedParameters(
-        parameters,
-        unknown.standard_deviations,
-        unknown.identified,
-        unknown.version,
-        unknown.cost,
-        unknown.observation_count,
-        unknown.method,
-    )
+    return replace(LearnedParameters.defaults(parameters.materials), parameters=parameters)
 
 
 def _simulate(
     observations: Sequence[Observation], parameters: StaticParameters, engine: str
-) -> list[list[NDArray[np.float64]]]:
+) -> Paths:
     """Simulated positions (n, 3) m at the times each object was observed."""
     simulator = make_engine(engine)
     simulated = []
@@ -207,9 +178,7 @@ def _fly(seen: Observation) -> list[NDArray[np.float64]]:
     ]
 
 
-def _errors(
-    observations: Sequence[Observation], predicted: Sequence[Sequence[NDArray[np.float64]]]
-) -> Errors:
+def _errors(observations: Sequence[Observation], predicted: Paths) -> Errors:
     means, lasts = [], []
     for seen, positions in zip(observations, predicted, strict=True):
         for observed_object, path in zip(seen.objects, positions, strict=True):

@@ -303,15 +303,22 @@ def predict_seen_parts(
     learned : θ_s of all materials of the observations
     """
     settings, uncertain = PerceptionSettings(), UncertainParameters(learned)
-    found: list[tuple[list[Observation], list[PredictionCase]]] = []
-    for known in (after_first_part, after_first_bounce):
-        parts = [part for seen in observations if (part := known(seen, settings)) is not None]
+
+    def predict(parts: Sequence[SeenPart]) -> tuple[PredictionCase, ...]:
         left = [part.left for part in parts]
         estimates = [part.estimates(uncertain, simulator, rng) for part in parts]
-        cases = predict_cases(left, uncertain, simulator, rng, sample_count, estimates=estimates)
-        found.append((left, cases))
-    (left, cases), (_, bounced) = found
-    return Predicted(tuple(left), tuple(cases), tuple(bounced), len(observations) - len(left))
+        return tuple(
+            predict_cases(left, uncertain, simulator, rng, sample_count, estimates=estimates)
+        )
+
+    begun = [part for seen in observations if (part := after_first_part(seen, settings))]
+    bounced = [part for seen in observations if (part := after_first_bounce(seen, settings))]
+    return Predicted(
+        tuple(part.left for part in begun),
+        predict(begun),
+        predict(bounced),
+        len(observations) - len(begun),
+    )
 
 
 def predict_before_learning(

@@ -52,13 +52,8 @@ def add_to(commands: Any) -> None:
         "are estimated from flight and bounce, and both halves of the set are predicted.",
     )
     parser.add_argument("path", type=Path, help=PATH_HELP)
-    add_learning_options(
-        parser,
-        None,
-        f"{ITERATIONS}; 120 for cube tosses",
-        None,
-        f"{METHOD}; cma_es for cube tosses",
-    )
+    add_learning_options(parser, "; cma_es for cube tosses", "; 120 for cube tosses")
+    parser.set_defaults(method=None, iterations=None)
     parser.add_argument(
         "--train-fraction",
         type=float,

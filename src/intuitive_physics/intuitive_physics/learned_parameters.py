@@ -16,13 +16,17 @@ from intuitive_physics.materials import (
     parameter_names,
     parameter_places,
 )
-from intuitive_physics.parameter_posterior import ParameterPosterior
+from intuitive_physics.parameter_posterior import ParameterPosterior, checked_intervals
 from intuitive_physics.parameter_space import Bounds
 from intuitive_physics.prior_knowledge import GivenKnowledge
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
+from intuitive_physics.validation import set_fields
 
 FORMAT = "intuitive_physics/learned_parameters/2"
 """Format of files, which every file names."""
+
+LARGEST_NUMBER = np.finfo(np.float64).max
+"""Ends of intervals may be any finite number."""
 
 Known = TypeVar("Known", ParameterPosterior, GivenKnowledge)
 """What is known of the parameters of some materials."""
@@ -84,21 +88,22 @@ class LearnedParameters:
                 f"standard deviations reach from {np.nanmin(deviations):g} to "
                 f"{np.nanmax(deviations):g}; expected finite numbers ≥ 0, or NaN where not known"
             )
-        object.__setattr__(self, "parameters", parameters)
-        object.__setattr__(self, "standard_deviations", deviations)
-        object.__setattr__(self, "identified", _vector(identified, "identified", size, np.bool_))
-        object.__setattr__(self, "version", _count(version, "version"))
-        object.__setattr__(self, "cost", _cost(cost))
-        object.__setattr__(
-            self, "observation_count", _count(observation_count, "observation count")
-        )
-        object.__setattr__(self, "method", str(method))
-        object.__setattr__(self, "intervals", _intervals(intervals, size))
-        object.__setattr__(self, "posterior", _of_materials(posterior, parameters.materials))
-        object.__setattr__(self, "given", _of_materials(given, parameters.materials))
         spins = initial_spins or InitialSpins()
         spins.check_materials(parameters.materials)
-        object.__setattr__(self, "initial_spins", spins)
+        set_fields(
+            self,
+            parameters=parameters,
+            standard_deviations=deviations,
+            identified=_vector(identified, "identified", size, np.bool_),
+            version=_count(version, "version"),
+            cost=_cost(cost),
+            observation_count=_count(observation_count, "observation count"),
+            method=str(method),
+            intervals=checked_intervals(intervals, size, -LARGEST_NUMBER, LARGEST_NUMBER),
+            posterior=_of_materials(posterior, parameters.materials),
+            given=_of_materials(given, parameters.materials),
+            initial_spins=spins,
+        )
 
     @staticmethod
     def defaults(materials: Sequence[str]) -> LearnedParameters:
@@ -262,31 +267,7 @@ def _vector(value: ArrayLike, name: str, size: int, kind: type) -> NDArray[Any]:
         raise InvalidInputError(
             f"{name} has shape {array.shape}; expected ({size},), one for each parameter"
         )
-    array.setflags(write=False)
     return array
-
-
-def _intervals(value: ArrayLike | None, size: int) -> NDArray[np.float64]:
-    try:
-        ends = np.array(np.full((size, 2), np.nan) if value is None else value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidInputError(
-            f"intervals are {value!r:.80}; expected {size} pairs of numbers, one for each parameter"
-        ) from None
-    if ends.shape != (size, 2):
-        raise InvalidInputError(
-            f"intervals have shape {ends.shape}; expected ({size}, 2), two ends for each parameter"
-        )
-    wrong = ~np.isnan(ends).all(axis=1) & ~(
-        np.isfinite(ends).all(axis=1) & (ends[:, 0] <= ends[:, 1])
-    )
-    if wrong.any():
-        raise InvalidInputError(
-            f"interval is {ends[wrong][0].tolist()}; expected two finite numbers that do not fall, "
-            "or NaN twice"
-        )
-    ends.setflags(write=False)
-    return ends
 
 
 def _count(value: Any, name: str) -> int:

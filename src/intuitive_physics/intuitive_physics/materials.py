@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.limits import check_limit
-from intuitive_physics.validation import finite_array, finite_float, name_string
+from intuitive_physics.validation import finite_array, finite_float, name_string, set_fields
 
 PAIR_COEFFICIENTS = ("static_friction", "dynamic_friction", "rolling_friction", "restitution")
 """Order of the four coefficients of a pair wherever they stand in one array."""
@@ -68,11 +68,7 @@ class StaticParameters:
         checked_density = finite_array(density, "density", (m,))
         checked = finite_array(coefficients, "pair coefficients", (len(PAIR_COEFFICIENTS), m, m))
         _check_ranges(names, checked_density, checked)
-        checked_density.setflags(write=False)
-        checked.setflags(write=False)
-        object.__setattr__(self, "materials", names)
-        object.__setattr__(self, "density", checked_density)
-        object.__setattr__(self, "coefficients", checked)
+        set_fields(self, materials=names, density=checked_density, coefficients=checked)
 
     @staticmethod
     def uniform(

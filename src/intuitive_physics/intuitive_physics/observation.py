@@ -26,6 +26,7 @@ from intuitive_physics.validation import (
     finite_float,
     increasing_times,
     name_string,
+    set_fields,
 )
 
 FORMAT = "intuitive_physics/observation/2"
@@ -75,17 +76,16 @@ class SeenSpin:
     since: float
 
     def __init__(self, mean: ArrayLike, covariance: ArrayLike, since: float) -> None:
-        def keep(name: str, value: NDArray[np.float64]) -> None:
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
-
-        keep("mean", finite_array(mean, "seen spin", (3,)))
-        keep("covariance", covariance_matrix(covariance, "covariance of a seen spin", 3))
+        set_fields(
+            self,
+            mean=finite_array(mean, "seen spin", (3,)),
+            covariance=covariance_matrix(covariance, "covariance of a seen spin", 3),
+            since=finite_float(since, "time since when a spin is seen"),
+        )
         if np.linalg.eigvalsh(self.covariance)[0] <= 0.0:
             raise InvalidInputError(
                 "covariance of a seen spin is singular; expected an error about every axis"
             )
-        object.__setattr__(self, "since", finite_float(since, "time since when a spin is seen"))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data that `from_dict` reads."""
@@ -137,18 +137,16 @@ class Detections:
         bias: ArrayLike,
         spin: SeenSpin | None = None,
     ) -> None:
-        def keep(name: str, value: NDArray[np.float64]) -> None:
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
-
-        keep("times", increasing_times(times, "detection times"))
-        count = self.times.size
-        keep("positions", finite_array(positions, "detected positions", (count, 3)))
-        keep(
-            "covariances", covariance_matrices(covariances, "detection covariances", count, size=3)
+        checked = increasing_times(times, "detection times")
+        n = checked.size
+        set_fields(
+            self,
+            times=checked,
+            positions=finite_array(positions, "detected positions", (n, 3)),
+            covariances=covariance_matrices(covariances, "detection covariances", n, size=3),
+            bias=covariance_matrix(bias, "detection bias", 3),
+            spin=spin,
         )
-        keep("bias", covariance_matrix(bias, "detection bias", 3))
-        object.__setattr__(self, "spin", spin)
 
     def __len__(self) -> int:
         return int(self.times.size)

@@ -37,7 +37,7 @@ from intuitive_physics.truncated_gaussian import (
     TruncatedGaussian,
     compressed,
 )
-from intuitive_physics.validation import finite_array
+from intuitive_physics.validation import finite_array, set_fields
 
 UNIFORM_PRECISION = 12.0
 """One over the variance of a number known only to lie within the unit interval, per width²."""
@@ -96,14 +96,14 @@ class ParameterPosterior:
                 f"factor of the posterior has {len(factor)} rows; expected at most {size}, one for "
                 "each parameter (`ParameterPosterior.from_information` makes such a one)"
             )
-        for name, value in (
-            ("materials", space.materials),
-            ("mean", _frozen(mean)),
-            ("factor", _frozen(factor)),
-            ("bounds", space.bounds),
-            ("intervals", _frozen(_checked_intervals(intervals, size))),
-        ):
-            object.__setattr__(self, name, value)
+        set_fields(
+            self,
+            materials=space.materials,
+            mean=mean,
+            factor=factor,
+            bounds=space.bounds,
+            intervals=checked_intervals(intervals, size, 0.0, 1.0),
+        )
 
     @staticmethod
     def from_information(
@@ -395,22 +395,30 @@ def widened_bounds(bounds: Mapping[str, Bounds], parameters: StaticParameters) -
     return wide
 
 
-def _checked_intervals(value: ArrayLike | None, size: int) -> NDArray[np.float64]:
-    given = np.full((size, 2), np.nan) if value is None else np.array(value, dtype=np.float64)
-    if given.shape != (size, 2):
-        raise InvalidInputError(
-            f"intervals of the posterior have shape {given.shape}; expected ({size}, 2)"
-        )
-    none = np.isnan(given).all(axis=1)
-    right = (given[:, 0] >= 0.0) & (given[:, 0] <= given[:, 1]) & (given[:, 1] <= 1.0)
-    if not (none | right).all():
-        raise InvalidInputError(
-            f"interval of the posterior is {given[~(none | right)][0].tolist()}; expected two ends "
-            "from 0 to 1 that do not fall, or NaN twice"
-        )
-    return given
+def checked_intervals(
+    value: ArrayLike | None, size: int, least: float, most: float
+) -> NDArray[np.float64]:
+    """Return one-sided intervals (size, 2) with ends from `least` to `most`, or NaN twice.
 
-
-def _frozen(array: NDArray[np.float64]) -> NDArray[np.float64]:
-    array.setflags(write=False)
-    return array
+    Parameters
+    ----------
+    value : (size, 2); None: all NaN
+    """
+    try:
+        ends = np.array(np.full((size, 2), np.nan) if value is None else value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidInputError(
+            f"intervals are {value!r:.80}; expected {size} pairs of numbers, one for each parameter"
+        ) from None
+    if ends.shape != (size, 2):
+        raise InvalidInputError(
+            f"intervals have shape {ends.shape}; expected ({size}, 2), two ends for each parameter"
+        )
+    right = (ends[:, 0] >= least) & (ends[:, 0] <= ends[:, 1]) & (ends[:, 1] <= most)
+    wrong = ~(right | np.isnan(ends).all(axis=1))
+    if wrong.any():
+        raise InvalidInputError(
+            f"interval is {ends[wrong][0].tolist()}; expected two numbers from {least:g} to "
+            f"{most:g} that do not fall, or NaN twice"
+        )
+    return ends

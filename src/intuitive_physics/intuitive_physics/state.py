@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.validation import covariance_matrix, finite_array, unit_quaternion
+from intuitive_physics.validation import (
+    covariance_matrix,
+    finite_array,
+    set_fields,
+    unit_quaternion,
+)
 
 ERROR_SIZE = 12
 """Components of the deviation of a state, which are the axes of its covariance."""
@@ -58,19 +63,17 @@ class ObjectState:
         angular_velocity: ArrayLike = (0.0, 0.0, 0.0),
         covariance: ArrayLike | None = None,
     ) -> None:
-        def keep(name: str, value: NDArray[np.float64]) -> None:
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
-
-        keep("position", finite_array(position, "position", (3,)))
-        keep("orientation", unit_quaternion(orientation, "orientation"))
-        keep("linear_velocity", finite_array(linear_velocity, "linear velocity", (3,)))
-        keep("angular_velocity", finite_array(angular_velocity, "angular velocity", (3,)))
-        keep(
-            "covariance",
-            np.zeros((ERROR_SIZE, ERROR_SIZE))
-            if covariance is None
-            else covariance_matrix(covariance, "state covariance", ERROR_SIZE),
+        if covariance is None:
+            checked = np.zeros((ERROR_SIZE, ERROR_SIZE))
+        else:
+            checked = covariance_matrix(covariance, "state covariance", ERROR_SIZE)
+        set_fields(
+            self,
+            position=finite_array(position, "position", (3,)),
+            orientation=unit_quaternion(orientation, "orientation"),
+            linear_velocity=finite_array(linear_velocity, "linear velocity", (3,)),
+            angular_velocity=finite_array(angular_velocity, "angular velocity", (3,)),
+            covariance=checked,
         )
 
     def with_covariance(self, covariance: ArrayLike) -> ObjectState:
@@ -80,13 +83,7 @@ class ObjectState:
         ----------
         covariance : (12, 12), in the order of `ObjectState`
         """
-        return ObjectState(
-            self.position,
-            self.orientation,
-            self.linear_velocity,
-            self.angular_velocity,
-            covariance,
-        )
+        return replace(self, covariance=np.asarray(covariance))
 
     def to_vector(self) -> NDArray[np.float64]:
         """Return the state without its covariance as one array.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.validation import finite_array, increasing_times
+from intuitive_physics.validation import finite_array, increasing_times, set_fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,10 +27,7 @@ class Trajectory:
     def __init__(self, times: ArrayLike, positions: ArrayLike) -> None:
         checked_times = increasing_times(times, "trajectory times")
         checked_positions = finite_array(positions, "trajectory positions", (checked_times.size, 3))
-        checked_times.setflags(write=False)
-        checked_positions.setflags(write=False)
-        object.__setattr__(self, "times", checked_times)
-        object.__setattr__(self, "positions", checked_positions)
+        set_fields(self, times=checked_times, positions=checked_positions)
 
     def __len__(self) -> int:
         return int(self.times.size)

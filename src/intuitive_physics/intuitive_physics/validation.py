@@ -197,6 +197,14 @@ def increasing_times(value: ArrayLike, name: str) -> NDArray[np.float64]:
     return times
 
 
+def set_fields(target: Any, **values: Any) -> None:
+    """Set fields of a frozen dataclass from its `__init__`; arrays become read-only."""
+    for name, value in values.items():
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+        object.__setattr__(target, name, value)
+
+
 def _scaled_to_one(array: NDArray[np.float64], norm: float) -> NDArray[np.float64]:
     """Scale to norm one, but leave a normalised array as it is: files then read back equal."""
     return array if abs(norm - 1.0) < 1e-15 else array / norm

@@ -10,12 +10,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from intuitive_physics.geometry.rotations import rotation_matrix
+from intuitive_physics.geometry.rotations import quaternion_product, rotation_matrix
 from intuitive_physics.observation import Detections, Observation, ObservedObject, SeenSpin
 from intuitive_physics.scene import Environment, Plane, StaticBox
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics.validation import finite_array, unit_quaternion
+from intuitive_physics.validation import finite_array, set_fields, unit_quaternion
 
 CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 """Turns a unit quaternion (x, y, z, w) into that of the inverse rotation."""
@@ -39,11 +39,11 @@ class RigidTransform:
         translation: ArrayLike = (0.0, 0.0, 0.0),
         orientation: ArrayLike = (0.0, 0.0, 0.0, 1.0),
     ) -> None:
-        shift = finite_array(translation, "translation of a frame", (3,))
-        turn = unit_quaternion(orientation, "orientation of a frame")
-        for name, value in (("translation", shift), ("orientation", turn)):
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
+        set_fields(
+            self,
+            translation=finite_array(translation, "translation of a frame", (3,)),
+            orientation=unit_quaternion(orientation, "orientation of a frame"),
+        )
 
     @property
     def matrix(self) -> NDArray[np.float64]:
@@ -69,28 +69,8 @@ class RigidTransform:
         return np.asarray(vectors, dtype=np.float64) @ self.matrix.T
 
     def orientations(self, quaternions: ArrayLike) -> NDArray[np.float64]:
-        """Return orientations in the new frame: the product q_frame q.
-
-        Parameters
-        ----------
-        quaternions : (…, 4) as (x, y, z, w)
-
-        Returns
-        -------
-        array
-            (…, 4)
-        """
-        x1, y1, z1, w1 = self.orientation
-        x2, y2, z2, w2 = np.moveaxis(np.asarray(quaternions, dtype=np.float64), -1, 0)
-        return np.stack(
-            [
-                w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
-                w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
-                w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
-                w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-            ],
-            axis=-1,
-        )
+        """Return orientations (…, 4), as `quaternions` (…, 4) x, y, z, w, in the new frame."""
+        return quaternion_product(self.orientation, quaternions)
 
     def covariances(self, matrices: ArrayLike) -> NDArray[np.float64]:
         """Return covariances (…, 3n, 3n) of n stacked vectors in the new frame.

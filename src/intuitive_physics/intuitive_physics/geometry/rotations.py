@@ -52,9 +52,19 @@ def rotate_quaternions(quaternions: ArrayLike, rotation_vectors: ArrayLike) -> N
     vectors = np.asarray(rotation_vectors, dtype=np.float64)
     angles = np.linalg.norm(vectors, axis=-1, keepdims=True)
     # sin(θ/2) / θ by NumPy's sinc(x) = sin(π x) / (π x), which is right at θ = 0 too.
-    x1, y1, z1 = np.moveaxis(0.5 * np.sinc(angles / (2.0 * np.pi)) * vectors, -1, 0)
-    w1 = np.cos(0.5 * angles[..., 0])
-    x2, y2, z2, w2 = np.moveaxis(np.asarray(quaternions, dtype=np.float64), -1, 0)
+    parts = 0.5 * np.sinc(angles / (2.0 * np.pi)) * vectors
+    return quaternion_product(np.concatenate([parts, np.cos(0.5 * angles)], axis=-1), quaternions)
+
+
+def quaternion_product(second: ArrayLike, first: ArrayLike) -> NDArray[np.float64]:
+    """Return the rotations by `first`, then `second`; all (…, 4) as (x, y, z, w).
+
+    Parameters
+    ----------
+    second, first : (…, 4) unit quaternions of shapes that broadcast
+    """
+    x1, y1, z1, w1 = np.moveaxis(np.asarray(second, dtype=np.float64), -1, 0)
+    x2, y2, z2, w2 = np.moveaxis(np.asarray(first, dtype=np.float64), -1, 0)
     return np.stack(
         [
             w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,

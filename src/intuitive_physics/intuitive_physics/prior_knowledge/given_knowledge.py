@@ -13,6 +13,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import StaticParameters, parameter_names, parameter_places
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.truncated_gaussian import compressed
+from intuitive_physics.validation import set_fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +50,7 @@ class GivenKnowledge:
             prior = ParameterPosterior(
                 prior.materials, prior.mean, factor, prior.bounds, prior.intervals
             )
-        held.setflags(write=False)
-        object.__setattr__(self, "prior", prior)
-        object.__setattr__(self, "fixed", held)
+        set_fields(self, prior=prior, fixed=held)
 
     @property
     def materials(self) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ throws what the spread σ really is. The predictor takes it where a state states
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.limits import check_limit
 from intuitive_physics.shapes import Shape, Sphere
 from intuitive_physics.state import ANGULAR_VELOCITY, ERROR_SIZE, ObjectState
-from intuitive_physics.validation import name_string, non_negative_float, positive_float
+from intuitive_physics.validation import name_string, non_negative_float, positive_float, set_fields
 
 PRIOR_THROWS = 1.0 / (6.0 * np.log(4.0) ** 2)
 """Throws of exactly measured spin as which the guess σ₀ counts, a twelfth of one.
@@ -55,13 +55,12 @@ class SpinSpread:
     stated: float
 
     def __post_init__(self) -> None:
-        checked = (
-            positive_float(self.deviation, "standard deviation of initial spins"),
-            non_negative_float(self.count, "effective number of throws"),
-            positive_float(self.stated, "stated standard deviation of an unknown spin"),
+        set_fields(
+            self,
+            deviation=positive_float(self.deviation, "standard deviation of initial spins"),
+            count=non_negative_float(self.count, "effective number of throws"),
+            stated=positive_float(self.stated, "stated standard deviation of an unknown spin"),
         )
-        for name, value in zip(("deviation", "count", "stated"), checked, strict=True):
-            object.__setattr__(self, name, value)
 
     @property
     def relative_error(self) -> float:
@@ -121,14 +120,7 @@ class InitialSpins:
 
     def to_dict(self) -> dict[str, dict[str, float]]:
         """Return plain data that `from_dict` reads."""
-        return {
-            name: {
-                "deviation": spread.deviation,
-                "count": spread.count,
-                "stated": spread.stated,
-            }
-            for name, spread in self.by_material.items()
-        }
+        return {name: asdict(spread) for name, spread in self.by_material.items()}
 
     @staticmethod
     def from_dict(data: Any) -> InitialSpins:

@@ -1,8 +1,7 @@
 """Simulators: one interface, several engines, always over a batch of worlds."""
 
-from intuitive_physics.simulation.choose import ENGINE_GUIDE, SIMULATORS, make_simulator
+from intuitive_physics.simulation.choose import ENGINE_GUIDE, SIMULATORS, make_simulator, simulate
 from intuitive_physics.simulation.rollout import Rollout, WorldStatus
-from intuitive_physics.simulation.simulate import simulate
 from intuitive_physics.simulation.simulator import Simulator
 from intuitive_physics.simulation.world_batch import WorldBatch, pack_worlds
 

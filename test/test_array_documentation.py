@@ -14,9 +14,14 @@ def found(source: str) -> list[str]:
     return undocumented_arrays([(Path("a.py"), ast.parse(textwrap.dedent(source)))])
 
 
+LEFT_OUT = {"intuitive_physics_bringup", "intuitive_physics_cli", "intuitive_physics_experiments"}
+"""Packages that nobody imports, and that are not on the reference pages."""
+
+
 def test_public_arrays_state_their_shape():
     # All at once: base classes may be those of another package.
-    modules = [module for package in PYTHON_PACKAGES for module in syntax_of(package)]
+    packages = [package for package in PYTHON_PACKAGES if package not in LEFT_OUT]
+    modules = [module for package in packages for module in syntax_of(package)]
     assert not undocumented_arrays(modules)
 
 

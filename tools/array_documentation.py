@@ -54,7 +54,7 @@ def undocumented_arrays(modules: Iterable[Module]) -> list[str]:
 
 def _undocumented(owner: ast.Module | ast.ClassDef, classes: Classes) -> Iterator[str]:
     prefix = f"{owner.name}." if isinstance(owner, ast.ClassDef) else ""
-    fields = set()
+    fields: set[str] = set()
     for index, node in enumerate(owner.body):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             if _is_public(node):
@@ -90,8 +90,8 @@ def _texts(owner: ast.AST, method: str, classes: Classes) -> list[str]:
     if not isinstance(owner, ast.ClassDef):
         return []
     methods = [node for node in owner.body if isinstance(node, ast.FunctionDef)]
-    documented = [owner, *(node for node in methods if node.name == method)]
-    texts = [ast.get_docstring(node) or "" for node in documented]
+    texts = [ast.get_docstring(owner) or ""]
+    texts += [ast.get_docstring(node) or "" for node in methods if node.name == method]
     for base in owner.bases:
         found = classes.get(ast.unparse(base).split("[")[0].split(".")[-1])
         if found not in (None, owner):

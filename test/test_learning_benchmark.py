@@ -45,7 +45,6 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     InitialStateDeviations,
     InitialStates,
 )
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 
 MATERIALS = ("ball", "floor")
 """Of θ_s that are held against the truth."""
@@ -213,9 +212,8 @@ def test_true_initial_states_are_those_that_estimation_calls_so():
     task = make_task(1, 6)
     observed = task.dataset.training_observations[:4]
     true = task.dataset.with_initial_states("true").training_observations[:4]
-    joint = JointEstimationSettings()
-    for seen, truth, found in zip(observed, true, true_fits(observed, true, joint), strict=True):
-        states = InitialStates.of([InitialStateDeviations.of(seen, joint)])
+    for seen, truth, found in zip(observed, true, true_fits(observed, true), strict=True):
+        states = InitialStates.of([InitialStateDeviations.of(seen)])
         (tracked,) = truth.objects
         expected = tracked.initial_state.to_vector()
         (reached,) = states.states(found.estimate[None, None], 1)[0, 0]

@@ -56,20 +56,17 @@ class Bound:
     last: float
 
 
-def true_fits(
-    observed: Sequence[Observation], true: Sequence[Observation], settings: JointEstimationSettings
-) -> list[ObservationFit]:
+def true_fits(observed: Sequence[Observation], true: Sequence[Observation]) -> list[ObservationFit]:
     """Return the true initial states as what a fit has found, with horizons of 0 s.
 
     Parameters
     ----------
     observed : with the initial states that a learner is given
     true : the same ones with their true initial states
-    settings : of the fit
     """
     fits = []
     for seen, truth in zip(observed, true, strict=True):
-        free = InitialStateDeviations.of(seen, settings)
+        free = InitialStateDeviations.of(seen)
         away = np.array([_away(a, b) for a, b in zip(seen.objects, truth.objects, strict=True)])
         estimate = np.array([away[axis] for axis in free.axes])
         fits.append(ObservationFit(estimate, free.standard_deviations, 0.0))
@@ -89,7 +86,7 @@ def _away(seen: ObservedObject, true: ObservedObject) -> NDArray[np.float64]:
 
 def bound_of(task: Task, seed: int) -> Bound:
     """Fit a set from its truth."""
-    settings = replace(JointEstimationSettings(), largest_advance=LONGEST_ADVANCE, scan_steps=())
+    settings = JointEstimationSettings(largest_advance=LONGEST_ADVANCE, scan_steps=())
     cost = task.training_cost()
     influence = parameter_influence(cost.observations, cost.materials)
     learning = LearningTask(cost, ParameterSpace(cost.materials), influence, task.start)
@@ -98,7 +95,6 @@ def bound_of(task: Task, seed: int) -> Bound:
     held = true_fits(
         cost.observations,
         task.dataset.with_initial_states("true").training_observations,
-        settings,
     )
 
     def fit(of: JointEstimationSettings) -> JointFit:

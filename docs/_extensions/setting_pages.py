@@ -36,14 +36,26 @@ def pages(repository: Path) -> dict[str, str]:
 def values(repository: Path) -> dict[str, dict[str, str]]:
     """Return what `{{ joint_estimation.NAME }}` and the like stand for in the pages.
 
-    The first part is the name of the class of settings, without its last word.
+    The first part is the name of the class of settings, without its last word, or of the folder
+    whose modules have the constant NAME.
     """
-    found = {}
+    found = _constants(repository)
     for name, settings in _classes(repository).items():
         parts = re.findall("[A-Z][a-z]+", name.rpartition(".")[2])
-        found["_".join(parts[:-1]).lower()] = {
-            one.name: words(one.default) for one in list_settings(settings)
-        }
+        found.setdefault("_".join(parts[:-1]).lower(), {}).update(
+            {one.name: words(one.default) for one in list_settings(settings)}
+        )
+    return found
+
+
+def _constants(repository: Path) -> dict[str, dict[str, str]]:
+    """Return the constants of public modules by folder and lower-case name."""
+    found: dict[str, dict[str, str]] = {}
+    for manifest in sorted((repository / "src").glob("*/setup.py")):
+        for module in public_modules(manifest.parent / manifest.parent.name):
+            for name, value in vars(importlib.import_module(module)).items():
+                if name.isupper() and isinstance(value, int | float | tuple):
+                    found.setdefault(module.split(".")[-2], {})[name.lower()] = words(value)
     return found
 
 

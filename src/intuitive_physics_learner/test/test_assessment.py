@@ -20,11 +20,14 @@ from intuitive_physics_learner import (
     learn_from_store,
 )
 from intuitive_physics_learner.assessment import (
-    AssessmentSettings,
     assess_observations,
     reassessed,
 )
-from intuitive_physics_learner.assessment.assessment import clean_part, good_probabilities
+from intuitive_physics_learner.assessment.assessment import (
+    LEAST_POINTS,
+    clean_part,
+    good_probabilities,
+)
 from intuitive_physics_learner.assessment.motion_laws import (
     flight_losses,
     flight_violation,
@@ -35,7 +38,6 @@ from intuitive_physics_learner.assessment.motion_laws import (
 from intuitive_physics_learner.assessment.tracks import tracks_of
 from intuitive_physics_learner.store.observation_entries import Assessment
 
-SETTINGS = AssessmentSettings()
 NOISE = 0.02
 TIMES = np.arange(90) / 30.0
 G = np.array([0.0, 0.0, -9.81])
@@ -91,10 +93,10 @@ def least(found):
 
 def violations(one):
     return [
-        flight_violation(one, SETTINGS),
-        jump_violation(one, SETTINGS),
-        rest_violation(one, SETTINGS),
-        *impulse_violations(one, SETTINGS),
+        flight_violation(one),
+        jump_violation(one),
+        rest_violation(one),
+        *impulse_violations(one),
     ]
 
 
@@ -110,15 +112,13 @@ def test_a_flight_of_any_velocity_leaves_a_chi_squared_loss():
     one = track(flight())
     starts = np.arange(0, 60, 12)
     losses = np.concatenate(
-        [flight_losses(track(flight(), seed), starts, 12, SETTINGS) for seed in range(100)]
+        [flight_losses(track(flight(), seed), starts, 12) for seed in range(100)]
     )
     # 30 degrees of freedom, less what accelerations within their prior and the choice of the worst
     # of 12 points take: at most 3 and about 6.
     assert 17.0 < losses.mean() < 30.0
     without = replace(one, positions=one.positions + TIMES[:, None] * [7.0, -3.0, 2.0] + 5.0)
-    np.testing.assert_allclose(
-        flight_losses(without, starts, 12, SETTINGS), flight_losses(one, starts, 12, SETTINGS)
-    )
+    np.testing.assert_allclose(flight_losses(without, starts, 12), flight_losses(one, starts, 12))
 
 
 def test_one_outlier_of_any_size_changes_no_loss():
@@ -129,7 +129,7 @@ def test_one_outlier_of_any_size_changes_no_loss():
     for size in (3.0, 300.0):
         positions = one.positions.copy()
         positions[26] += size
-        found.append(flight_losses(replace(one, positions=positions), starts, 12, SETTINGS))
+        found.append(flight_losses(replace(one, positions=positions), starts, 12))
     np.testing.assert_allclose(found[0], found[1], rtol=1e-3)
     assert found[0] < 60.0
 
@@ -145,22 +145,22 @@ def test_an_outlier_alone_is_no_disturbance(path):
 
 def test_a_kick_in_flight_is_found_before_it_began_to_matter():
     kicked = flight() + np.maximum(TIMES - 1.0, 0.0)[:, None] * [1.5, -1.5, 0.5]
-    found = flight_violation(track(kicked), SETTINGS)
+    found = flight_violation(track(kicked))
     assert found.log_p < NOTABLE
     assert 0.5 < found.clean_until <= 1.0 < found.time < 1.5
 
 
 def test_a_tilted_vertical_and_drag_of_the_air_are_no_disturbance():
     off = 0.5 * TIMES[:, None] ** 2 * [0.5, 0.0, -0.5]
-    assert flight_violation(track(flight() + off), SETTINGS).log_p > NOTABLE
+    assert flight_violation(track(flight() + off)).log_p > NOTABLE
     drag = replace(track(flight() + 10.0 * off), in_air=True)
-    assert flight_violation(drag, SETTINGS).log_p > NOTABLE
+    assert flight_violation(drag).log_p > NOTABLE
 
 
 @pytest.mark.parametrize("path", [flight(), sliding(), bouncing()])
 def test_a_jump_is_found_where_it_is(path):
     jumped = path + (TIMES > 1.01)[:, None] * [-0.6, 0.3, 0.3]
-    found = jump_violation(track(jumped), SETTINGS)
+    found = jump_violation(track(jumped))
     assert found.log_p < NOTABLE
     assert found.clean_until <= 1.01 < found.time + 1e-9 < 1.1
 
@@ -170,7 +170,7 @@ def test_a_kick_of_what_slides_or_lies_is_found(push):
     since = np.maximum(TIMES - 2.0, 0.0)[:, None]
     hop = np.maximum(push[2] * since - 0.5 * 9.81 * since**2, 0.0)[:, 0]
     kicked = sliding() + since * [push[0], push[1], 0.0] + hop[:, None] * [0.0, 0.0, 1.0]
-    found = min(impulse_violations(track(kicked), SETTINGS), key=lambda one: one.log_p)
+    found = min(impulse_violations(track(kicked)), key=lambda one: one.log_p)
     assert found.log_p < NOTABLE
     assert 1.6 < found.clean_until <= 2.0
 
@@ -179,32 +179,32 @@ def test_a_box_rests_on_its_faces_only():
     box = Box((0.2, 0.3, 0.5))
     for height in (0.1, 0.15, 0.25):
         resting = np.tile([0.0, 0.0, height], (len(TIMES), 1))
-        assert rest_violation(track(resting, shape=box), SETTINGS).log_p > NOTABLE
+        assert rest_violation(track(resting, shape=box)).log_p > NOTABLE
     held = np.tile([0.0, 0.0, 0.4], (len(TIMES), 1))
-    assert rest_violation(track(held, shape=box), SETTINGS).log_p < NOTABLE
+    assert rest_violation(track(held, shape=box)).log_p < NOTABLE
     # Against a wall it may lean.
     leaning = held + [4.9, 0.0, 0.0]
-    assert rest_violation(track(leaning, shape=box), SETTINGS) is None
+    assert rest_violation(track(leaning, shape=box)) is None
 
 
 def test_the_share_of_disturbed_ones_is_estimated():
     rng = np.random.default_rng(2)
     log_ps = np.log(np.append(rng.uniform(size=80), np.full(20, 1e-4)))
-    good = good_probabilities(log_ps, SETTINGS)
+    good = good_probabilities(log_ps)
     assert (good[80:] < 0.1).all()
     assert (good[:80] < 0.5).mean() <= 0.05
-    assert (good_probabilities(log_ps[:80], SETTINGS) > 0.5).mean() >= 0.97
+    assert (good_probabilities(log_ps[:80]) > 0.5).mean() >= 0.97
 
 
 def test_a_noise_that_is_wrong_for_all_is_no_fault_of_any():
     rng = np.random.default_rng(3)
-    good = good_probabilities(30.0 * np.log(rng.uniform(size=100)), SETTINGS)
+    good = good_probabilities(30.0 * np.log(rng.uniform(size=100)))
     assert (good > 0.5).mean() >= 0.95
 
 
 @given(st.lists(st.floats(-1e300, 0.0), max_size=30))
 def test_probabilities_are_probabilities_and_fall_with_p(log_ps):
-    found = good_probabilities(np.array(log_ps), SETTINGS)
+    found = good_probabilities(np.array(log_ps))
     assert ((found >= 0.0) & (found <= 1.0)).all()
     assert (np.diff(found[np.argsort(log_ps)]) >= 0.0).all()
 
@@ -235,10 +235,10 @@ def test_a_clean_part_ends_in_time_and_keeps_a_few_points(until, count):
         track_of.times, track_of.positions, np.tile(np.eye(3), (count, 1, 1)), np.eye(3)
     )
     whole = replace(whole, objects=(replace(ball, detections=made),))
-    (part,) = clean_part(whole, until, SETTINGS).objects
+    (part,) = clean_part(whole, until).objects
     kept = len(part.trajectory)
     # The first point is at the start.
-    least_kept = min(1 + SETTINGS.least_points, count)
+    least_kept = min(1 + LEAST_POINTS, count)
     assert kept == len(part.detections) >= least_kept
     assert kept == least_kept or part.trajectory.times[-1] <= until
     np.testing.assert_array_equal(part.trajectory.positions, track_of.positions[:kept])

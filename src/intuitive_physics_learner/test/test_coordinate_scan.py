@@ -20,9 +20,11 @@ from intuitive_physics_learner.joint_estimation.linearisation import (
     linearise,
     separate_groups,
 )
-from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
+from intuitive_physics_learner.joint_estimation.observation_blocks import (
+    PRIOR_WIDENING,
+    observation_blocks,
+)
 
-SETTINGS = JointEstimationSettings()
 LEVELS = np.array([0.1, 0.5, 0.9])
 
 
@@ -50,24 +52,18 @@ def test_initial_states_are_the_ridge_regression_of_each_level(gliding_task):
     noise, deviation = 0.5, 0.02
     task = gliding_task([0.6, 0.3], position_deviation=deviation, noise=0.01)
     influence = task.influence[:, task.active]
-    (block,) = observation_blocks(task.cost.observations, influence, SETTINGS)
+    (block,) = observation_blocks(task.cost.observations, influence)
     block = replace(block, whitening=np.broadcast_to(np.eye(3) / noise, block.whitening.shape))
-    fits = TrajectoryFits.initial(block, SETTINGS)
+    fits = TrajectoryFits.initial(block)
     steps = ParameterSteps(
-        task.begin,
-        np.full(4, 0.1),
-        separate_groups(influence),
-        task.searched.to_parameters,
-        SETTINGS,
+        task.begin, np.full(4, 0.1), separate_groups(influence), task.searched.to_parameters
     )
     until = fits.horizons
-    linear = linearise(task.cost, block, fits.estimate, fits.deviations, steps, until, SETTINGS)
-    estimates, residuals = scanned_states(
-        task.cost, block, fits, linear, candidates_of(task), SETTINGS
-    )
+    linear = linearise(task.cost, block, fits.estimate, fits.deviations, steps, until)
+    estimates, residuals = scanned_states(task.cost, block, fits, linear, candidates_of(task))
     estimates = estimates.reshape(4, LEVELS.size, 2, 3)
     residuals = residuals.reshape(4, LEVELS.size, 2, -1, 3)
-    prior = SETTINGS.prior_widening * deviation
+    prior = PRIOR_WIDENING * deviation
     for w, observation in enumerate(task.cost.observations):
         (ball,) = observation.objects
         times = ball.trajectory.times
@@ -109,5 +105,5 @@ def test_a_scan_leaves_a_local_optimum(gliding_task):
             fit.step()
         return fit.unit[3]
 
-    assert fitted(SETTINGS) == pytest.approx(0.95, abs=0.01)
-    assert fitted(replace(SETTINGS, scan_steps=())) < 0.1
+    assert fitted(JointEstimationSettings()) == pytest.approx(0.95, abs=0.01)
+    assert fitted(JointEstimationSettings(scan_steps=())) < 0.1

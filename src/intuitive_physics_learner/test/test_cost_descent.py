@@ -5,16 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from intuitive_physics_learner.joint_estimation import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation import cost_descent
 from intuitive_physics_learner.joint_estimation.cost_descent import CostDescent
-
-SETTINGS = JointEstimationSettings()
 
 
 def descent_of(task, seed=0):
     influence = task.influence[:, task.active]
     generator = np.random.default_rng(seed)
-    return CostDescent(task.cost, task.searched, influence, generator, SETTINGS)
+    return CostDescent(task.cost, task.searched, influence, generator)
 
 
 def run(descent, steps=10_000):
@@ -86,15 +84,10 @@ def test_continues_exactly_from_its_state(gliding_task):
         assert resumed.state() == whole.state()
 
 
-def test_many_parameters_are_not_sampled(gliding_task):
+def test_many_parameters_are_not_sampled(gliding_task, monkeypatch):
+    monkeypatch.setattr(cost_descent, "LARGEST_SAMPLED", 3)
     task = gliding_task([0.8])
-    few = CostDescent(
-        task.cost,
-        task.searched,
-        task.influence[:, task.active],
-        np.random.default_rng(0),
-        JointEstimationSettings(largest_sampled=3),
-    )
+    few = descent_of(task)
     few.begin(task.begin[None])
     run(few)
     assert few.state()["rule"] is None

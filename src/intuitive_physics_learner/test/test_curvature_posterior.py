@@ -5,24 +5,44 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from intuitive_physics_learner.joint_estimation import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation import (
+    JointEstimationSettings,
+    coordinate_scan,
+    fit_horizons,
+    normal_equations,
+)
+from intuitive_physics_learner.joint_estimation.joint_identifiability import (
+    ONE_SIDED_DEVIATIONS,
+)
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.normal_equations import NormalEquations, Posterior
-from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
-from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
+from intuitive_physics_learner.joint_estimation.observation_blocks import (
+    PRIOR_WIDENING,
+    observation_blocks,
+)
+from intuitive_physics_learner.joint_estimation.trajectory_model import (
+    LARGEST_MOVE_RISE,
+    TrajectoryModel,
+)
 from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION
-
-SETTINGS = JointEstimationSettings(outlier_length=100.0)
-"""Least squares: nothing is an outlier."""
 
 PRIOR_DEVIATION = UNIFORM_PRECISION**-0.5
 E = 3
 """Index of the only parameter that has an effect."""
 
 
+@pytest.fixture(autouse=True)
+def least_squares(monkeypatch):
+    """Let nothing be an outlier."""
+    for module in (normal_equations, fit_horizons, coordinate_scan):
+        monkeypatch.setattr(module, "OUTLIER_LENGTH", 100.0)
+
+
 def model_of(task):
     influence = task.influence[:, task.active]
-    return TrajectoryModel(task.cost, task.searched, influence, task.prior, SETTINGS)
+    return TrajectoryModel(
+        task.cost, task.searched, influence, task.prior, JointEstimationSettings()
+    )
 
 
 def information_of(task, model, horizons, slope=1.0):
@@ -32,7 +52,7 @@ def information_of(task, model, horizons, slope=1.0):
         (ball,) = observation.objects
         times = ball.trajectory.times[ball.trajectory.times <= horizon]
         speed2 = slope**2 * np.sum(ball.initial_state.linear_velocity**2)
-        prior = SETTINGS.prior_widening * np.sqrt(ball.initial_state.covariance[0, 0])
+        prior = PRIOR_WIDENING * np.sqrt(ball.initial_state.covariance[0, 0])
         own = times.size / noise**2 + prior**-2
         total += speed2 * (times**2).sum() / noise**2
         total -= speed2 * times.sum() ** 2 / noise**4 / own
@@ -80,7 +100,7 @@ def test_moves_end_where_the_loss_of_least_squares_is_no_longer_plausible(glidin
     model = model_of(task)
     estimate = model.initial_estimate()
     information = information_of(task, model, estimate.fits[0].horizons)
-    expected = np.sqrt(2.0 * SETTINGS.largest_move_rise / information)
+    expected = np.sqrt(2.0 * LARGEST_MOVE_RISE / information)
     moves = model.plausible_moves(estimate, np.full(4, 2.0 * expected))
     # Seven bisections leave less than 2 % of it.
     assert moves[E, 0] == pytest.approx(expected, rel=0.02)
@@ -96,14 +116,14 @@ def test_no_move_where_the_loss_is_a_parabola(gliding_task):
     model = model_of(task)
     estimate = model.initial_estimate()
     posterior, _ = model.curvature_posterior(estimate)
-    first = SETTINGS.one_sided_deviations * np.sqrt(3.0) * posterior.deviations
+    first = ONE_SIDED_DEVIATIONS * np.sqrt(3.0) * posterior.deviations
     assert (model.plausible_moves(estimate, first)[E] == 0.0).all()
 
 
 def test_eliminating_initial_states_is_the_inverse_of_the_whole_matrix(gliding_task):
     # The posterior of (s, θ) has the covariance H⁻¹; its parts are what elimination gives.
     task = gliding_task([0.5], position_deviation=0.01)
-    (block,) = observation_blocks(task.cost.observations, task.influence[:, task.active], SETTINGS)
+    (block,) = observation_blocks(task.cost.observations, task.influence[:, task.active])
     block = replace(block, whitening=np.broadcast_to(np.eye(3), block.whitening.shape))
     generator = np.random.default_rng(0)
     points = block.times.shape[1]
@@ -112,7 +132,7 @@ def test_eliminating_initial_states_is_the_inverse_of_the_whole_matrix(gliding_t
     valid = np.ones((1, points), dtype=bool)
     linear = Linearisation(residuals, slopes, valid, np.zeros((1, points)), (slopes, slopes))
     estimate = np.zeros((1, 3))
-    equations = NormalEquations.of(block, estimate, linear, block.durations, SETTINGS)
+    equations = NormalEquations.of(block, estimate, linear, block.durations)
     eliminated = equations.eliminated()
     whole = equations.hessian[0].copy()
     whole[3:, 3:] += UNIFORM_PRECISION * np.eye(4)

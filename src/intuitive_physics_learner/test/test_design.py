@@ -25,6 +25,7 @@ from intuitive_physics_learner.design import (
     ThrowOptions,
     ThrowRanges,
     ViewingConditions,
+    expected_information,
     expected_posteriors,
     gaussian_covariance,
     suggest,
@@ -96,8 +97,10 @@ def test_information_of_a_drop_is_that_of_the_closed_form(event_driven):
     np.testing.assert_allclose(got, expected, rtol=0.02)
 
 
-def test_an_unknown_initial_state_takes_its_part_of_the_information(event_driven):
+def test_an_unknown_initial_state_takes_its_part_of_the_information(event_driven, monkeypatch):
     """The same by the Schur complement, of initial height and velocity that are free too."""
+    monkeypatch.setattr(expected_information, "STATE_STEP", 1e-4)
+    monkeypatch.setattr(expected_information, "PARAMETER_STEP", 1e-3)
     height, e, g, noise = 0.8, 0.8, 9.81, 0.003
     v, first = np.sqrt(2.0 * g * height), np.sqrt(2.0 * height / g)
     times = np.arange(0.0, first + 1.9 * e * v / g, 1.0 / 60.0)
@@ -117,7 +120,6 @@ def test_an_unknown_initial_state_takes_its_part_of_the_information(event_driven
         known(e, prior),
         ViewingConditions(times, noise, EVERYWHERE),
         event_driven,
-        how=DesignSettings(execution_error=0.0, draws=1, state_step=1e-4, parameter_step=1e-3),
     )
     np.testing.assert_allclose(got, expected, rtol=0.1)
 
@@ -229,7 +231,7 @@ def test_the_answer_of_a_linear_motion_has_its_slope(event_driven):
     scene = Scene(FLOOR, (BALL,), (ObjectState([0.0, 0.0, height + RADIUS]),))
     first, v = np.sqrt(2 * height / g), np.sqrt(2 * g * height)
     slopes = AboutMotion(scene, "ball", first + 0.1).directions(
-        known(0.7, 0.02), event_driven, DesignSettings(), np.random.default_rng(0)
+        known(0.7, 0.02), event_driven, np.random.default_rng(0)
     )
     (k,) = AboutParameters((E,)).indices(known(0.7).space.names)
     np.testing.assert_allclose(slopes[:, k], [0.0, 0.0, 0.1 * v], atol=1e-3)
@@ -326,7 +328,7 @@ def test_what_was_seen_is_what_can_be_thrown(throws):
     states = np.array([each.objects[0].initial_state.to_vector() for each in seen])
     np.testing.assert_allclose(ball.ranges.position[:, 0], states[:, 0:3].min(axis=0))
     np.testing.assert_allclose(ball.ranges.linear_velocity[:, 1], states[:, 7:10].max(axis=0))
-    view = ViewingConditions.seen(seen, 1e-4)
+    view = ViewingConditions.seen(seen)
     np.testing.assert_allclose(view.times, np.arange(60) / 30.0, atol=1e-9)
     # Third differences of bounces count a little.
     assert view.noise == pytest.approx(0.002, rel=0.3)
@@ -344,7 +346,7 @@ def test_noise_is_that_of_the_detections_where_there_are(throws):
     covariances = np.tile(0.004**2 * np.eye(3), (len(track), 1, 1))
     detections = Detections(track.times, track.positions, covariances, np.zeros((3, 3)))
     detected = replace(seen, objects=(replace(ball, detections=detections),))
-    assert ViewingConditions.seen([detected], 1e-4).noise == pytest.approx(0.004)
+    assert ViewingConditions.seen([detected]).noise == pytest.approx(0.004)
 
 
 def test_names_of_parameters_are_read_in_either_order():

@@ -7,9 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from intuitive_physics_learner.joint_estimation import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings, fit_horizons
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     FAILED_LENGTH,
+    MISFIT_POINTS,
+    RETREAT,
     TrajectoryFits,
     advanced_horizons,
     first_horizons,
@@ -21,6 +23,7 @@ from intuitive_physics_learner.joint_estimation.linearisation import Linearisati
 from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
 
 SETTINGS = JointEstimationSettings()
+ADVANCE = SETTINGS.largest_advance
 NOISE = 0.01
 """m"""
 
@@ -29,7 +32,7 @@ NOISE = 0.01
 def block(gliding_task):
     """Two balls seen at 100 points, 0.04 s apart, with free initial positions."""
     task = gliding_task([0.5, 0.5], position_deviation=0.02, count=100)
-    (made,) = observation_blocks(task.cost.observations, task.influence, SETTINGS)
+    (made,) = observation_blocks(task.cost.observations, task.influence)
     return replace(made, whitening=np.broadcast_to(np.eye(3) / NOISE, made.whitening.shape))
 
 
@@ -41,11 +44,11 @@ def bent(block, bends):
     return Linearisation(nothing, slopes, valid, bends, (slopes, slopes))
 
 
-def test_a_fit_begins_with_the_first_points_or_the_first_time(block):
+def test_a_fit_begins_with_the_first_points_or_the_first_time(block, monkeypatch):
     # The tenth point is at 0.4 s, the twentieth at 0.8 s.
-    np.testing.assert_allclose(first_horizons(block, SETTINGS), 0.4)
-    more = replace(SETTINGS, first_points=20)
-    np.testing.assert_allclose(first_horizons(block, more), 0.5)
+    np.testing.assert_allclose(first_horizons(block), 0.4)
+    monkeypatch.setattr(fit_horizons, "FIRST_POINTS", 20)
+    np.testing.assert_allclose(first_horizons(block), 0.5)
 
 
 def test_horizons_advance_to_where_the_linearisation_error_exceeds_its_limit(block):
@@ -55,12 +58,12 @@ def test_horizons_advance_to_where_the_linearisation_error_exceeds_its_limit(blo
     spreads = speed * block.times
     ends = (speed + np.sqrt(speed**2 + 8.0 * curvature[:, 0] * NOISE)) / (2.0 * curvature[:, 0])
     expected = np.floor(ends / 0.04) * 0.04
-    horizons = first_horizons(block, SETTINGS)
+    horizons = first_horizons(block)
     for _ in range(20):
         before = horizons
-        horizons = advanced_horizons(block, linear, spreads, horizons, SETTINGS)
+        horizons = advanced_horizons(block, linear, spreads, horizons, ADVANCE)
         assert (horizons >= before).all()
-        assert (horizons <= before + SETTINGS.largest_advance + 1e-12).all()
+        assert (horizons <= before + ADVANCE + 1e-12).all()
     np.testing.assert_allclose(horizons, expected)
 
 
@@ -69,7 +72,7 @@ def test_horizons_advance_to_where_the_spread_exceeds_its_limit(block):
     horizons = np.array([0.4, 2.0])
     for _ in range(20):
         horizons = advanced_horizons(
-            block, bent(block, 0.0 * block.times), spreads, horizons, SETTINGS
+            block, bent(block, 0.0 * block.times), spreads, horizons, ADVANCE
         )
     # 0.1 m/s reaches 0.15 m at 1.5 s, before which 1.48 s is the last point; what was fitted
     # already stays so.
@@ -79,11 +82,11 @@ def test_horizons_advance_to_where_the_spread_exceeds_its_limit(block):
 def test_horizons_end_with_the_trajectory(block):
     horizons = np.array([3.9, 3.95])
     predictable = bent(block, 0.0 * block.times)
-    moved = advanced_horizons(block, predictable, 0.0 * block.times, horizons, SETTINGS)
+    moved = advanced_horizons(block, predictable, 0.0 * block.times, horizons, ADVANCE)
     np.testing.assert_allclose(moved, block.durations)
 
 
-HALF = SETTINGS.misfit_points // 2
+HALF = MISFIT_POINTS // 2
 """Good points that a misfit's window of neighbours begins with."""
 
 
@@ -95,9 +98,9 @@ def test_a_misfit_starts_where_half_of_its_neighbours_are_off(first):
     residuals = np.zeros((1, 100, 3))
     residuals[0, first:, 0] = 10.0 * NOISE
     block = _Times(times)
-    start = misfit_starts(block, residuals, np.array([4.0]), SETTINGS)
+    start = misfit_starts(block, residuals, np.array([4.0]))
     np.testing.assert_allclose(start, times[0, first - HALF])
-    beyond = misfit_starts(block, residuals, times[0, first - 1 : first], SETTINGS)
+    beyond = misfit_starts(block, residuals, times[0, first - 1 : first])
     assert np.isinf(beyond).all()
 
 
@@ -127,23 +130,23 @@ def test_noise_alone_is_a_misfit_as_seldom_as_stated(window, points):
 def test_two_outliers_are_no_misfit(block):
     residuals = np.zeros((2, 100, 3))
     residuals[:, 50:52] = 1.0
-    assert np.isinf(misfit_starts(block, residuals, block.durations, SETTINGS)).all()
+    assert np.isinf(misfit_starts(block, residuals, block.durations)).all()
 
 
 def test_a_horizon_retreats_to_before_its_misfit_and_others_reach_their_goals(block):
-    fits = TrajectoryFits.initial(block, SETTINGS)
+    fits = TrajectoryFits.initial(block)
     fits.horizons = np.array([3.0, 3.0])
     residuals = np.zeros((2, 100, 3))
     residuals[1, 49:, 0] = 10.0 * NOISE
     goals = np.array([3.2, 3.2])
-    moved, misfits = fits.advance(block, residuals, goals, SETTINGS)
+    moved, misfits = fits.advance(block, residuals, goals, SETTINGS.misfit_patience)
     assert (moved, misfits) == (True, 1)
     start = block.times[1, 49 - HALF]
-    np.testing.assert_allclose(fits.horizons, [3.2, start - SETTINGS.retreat])
+    np.testing.assert_allclose(fits.horizons, [3.2, start - RETREAT])
 
 
 def test_losses_are_hubers_and_the_priors(block):
-    fits = TrajectoryFits.initial(block, SETTINGS)
+    fits = TrajectoryFits.initial(block)
     fits.horizons = np.array([0.04, 0.08])
     estimates = np.zeros((1, 2, 3))
     estimates[0, 0, 0] = 2.0 * block.prior_deviations[0, 0]
@@ -151,15 +154,15 @@ def test_losses_are_hubers_and_the_priors(block):
     residuals[0, :, 0, 0] = 2.0 * NOISE
     residuals[0, :, 1, 0] = 5.0 * NOISE
     # ½ 2² inside; beyond 3 σ, 3 (5 - 3/2); later points do not count; ½ 2² of the prior.
-    got = fits.losses(block, estimates, residuals, SETTINGS)
+    got = fits.losses(block, estimates, residuals)
     np.testing.assert_allclose(got, [[2.0 + 2.0, 2.0 + 10.5]])
     residuals[0, 0, 0] = np.nan
-    failed = fits.losses(block, estimates, residuals, SETTINGS)[0, 0]
+    failed = fits.losses(block, estimates, residuals)[0, 0]
     assert failed == pytest.approx(2.0 + 3.0 * (FAILED_LENGTH - 1.5))
 
 
 def test_fits_continue_from_their_state(block):
-    fits, other = (TrajectoryFits.initial(block, SETTINGS) for _ in range(2))
+    fits, other = (TrajectoryFits.initial(block) for _ in range(2))
     fits.estimate += 0.125
     fits.misfits += 2
     other.load_state(fits.state())

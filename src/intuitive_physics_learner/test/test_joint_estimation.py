@@ -19,7 +19,7 @@ from intuitive_physics_learner import (
     learn,
 )
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.joint_estimation import JointEstimationSettings, JointSearch
+from intuitive_physics_learner.joint_estimation import JointSearch
 from intuitive_physics_learner.joint_estimation.joint_identifiability import (
     Half,
     agreed_deviations,
@@ -29,16 +29,18 @@ from intuitive_physics_learner.joint_estimation.joint_identifiability import (
 from intuitive_physics_learner.joint_estimation.linearisation import separate_groups
 from intuitive_physics_learner.joint_estimation.normal_equations import bounded_step
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
+    PRIOR_WIDENING,
     InitialStateDeviations,
     InitialStates,
 )
-from intuitive_physics_learner.joint_estimation.point_noise import position_noise
+from intuitive_physics_learner.joint_estimation.point_noise import (
+    position_noise,
+)
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.search.learning_task import GaussianPrior, LearningTask
 
 MATERIALS = ("ball", "floor")
-SETTINGS = JointEstimationSettings()
 NOISE, STATE_NOISE = 0.005, 0.02
 """m, and m of initial states, whose velocities err by five times that in m/s."""
 
@@ -189,20 +191,18 @@ def test_bounded_steps_stay_in_the_cube_and_go_downhill(seed, size):
 
 
 def test_noise_is_told_from_trajectories(throws):
-    assert position_noise(throws(6, 0, 0.01), SETTINGS.smallest_noise) == pytest.approx(
-        0.01, rel=0.1
-    )
-    assert position_noise(throws(6, 0), SETTINGS.smallest_noise) < 1e-3
+    assert position_noise(throws(6, 0, 0.01)) == pytest.approx(0.01, rel=0.1)
+    assert position_noise(throws(6, 0)) < 1e-3
 
 
 def test_initial_states_move_as_their_deviations_say(throws):
     observation = throws(1, 0, NOISE, STATE_NOISE)[0]
-    first = InitialStateDeviations.of(observation, SETTINGS)
+    first = InitialStateDeviations.of(observation)
     # A sphere: three of position and three of velocity; its spin is known exactly.
     assert first.axes == tuple((0, k) for k in (0, 1, 2, 6, 7, 8))
     np.testing.assert_allclose(
         first.standard_deviations,
-        SETTINGS.prior_widening * STATE_NOISE * np.repeat([1.0, 5.0], 3),
+        PRIOR_WIDENING * STATE_NOISE * np.repeat([1.0, 5.0], 3),
     )
     believed = observation.objects[0].initial_state.to_vector()
     ((moved,),) = InitialStates.of([first]).states(np.arange(1.0, 7.0)[None, None], 2)
@@ -237,7 +237,7 @@ def test_judges_in_little_time_where_little_is_left(event_driven, throws):
     influence = parameter_influence(cost.observations, cost.materials)
     space = ParameterSpace(cost.materials)
     task = LearningTask(cost, space, influence, StaticParameters.uniform(cost.materials))
-    fit = StagedFit(cost, task.searched, influence[:, task.active], task.prior, SETTINGS)
+    fit = StagedFit(cost, task.searched, influence[:, task.active], task.prior)
     for _ in range(12):
         fit.step()
 
@@ -266,10 +266,10 @@ def test_agreeing_halves_widen_nothing_and_others_do():
     # Both halves say 0.01, so all data say 0.01 / √2.
     unit, deviations = np.full(4, 0.5), np.full(4, 0.01 / np.sqrt(2.0))
     near = half([0.503, 0.497, 0.502, 0.501]), half([0.497, 0.503, 0.498, 0.499])
-    agreed = agreed_deviations(unit, deviations, near, FAMILIES, SETTINGS)
+    agreed = agreed_deviations(unit, deviations, near, FAMILIES)
     np.testing.assert_allclose(agreed, deviations)
     apart = half([0.7, 0.5, 0.502, 0.501]), half([0.3, 0.5, 0.498, 0.499])
-    agreed = agreed_deviations(unit, deviations, apart, FAMILIES, SETTINGS)
+    agreed = agreed_deviations(unit, deviations, apart, FAMILIES)
     # 0.2 off themselves; what is of the same family is doubted too.
     assert agreed[0] == pytest.approx(0.2)
     assert agreed[1] > agreed[2] >= deviations[2]
@@ -278,10 +278,10 @@ def test_agreeing_halves_widen_nothing_and_others_do():
 def test_no_sharper_than_both_halves_together():
     """Information adds up: 1/σ² = 1/σ_a² + 1/σ_b²."""
     unit, deviations = np.full(4, 0.5), np.full(4, 0.001)
-    agreed = agreed_deviations(unit, deviations, (half(unit), half(unit)), FAMILIES, SETTINGS)
+    agreed = agreed_deviations(unit, deviations, (half(unit), half(unit)), FAMILIES)
     np.testing.assert_allclose(agreed, 0.01 / np.sqrt(2.0))
     ignorant = half([0.1, 0.9, 0.5, 0.5], 12.0**-0.5)
-    agreed = agreed_deviations(unit, deviations, (ignorant, half(unit)), FAMILIES, SETTINGS)
+    agreed = agreed_deviations(unit, deviations, (ignorant, half(unit)), FAMILIES)
     np.testing.assert_allclose(agreed, 0.01, rtol=1e-3)
 
 
@@ -291,5 +291,5 @@ def test_agreed_deviations_are_never_smaller(seed):
     rng = np.random.default_rng(seed)
     unit, deviations = rng.random(4), rng.uniform(1e-4, 0.28, 4)
     parts = (half(rng.random(4), rng.uniform(1e-4, 0.28)), half(unit, rng.uniform(1e-4, 0.28)))
-    agreed = agreed_deviations(unit, deviations, parts, FAMILIES, SETTINGS)
+    agreed = agreed_deviations(unit, deviations, parts, FAMILIES)
     assert (agreed >= deviations).all()

@@ -3,17 +3,15 @@
 import numpy as np
 import pytest
 
-from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.linearisation import (
     ParameterSteps,
+    difference_steps,
     linearise,
     residuals_at,
     separate_groups,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
 
-SETTINGS = JointEstimationSettings()
 DEVIATION = 0.06
 """Of each parameter, in widths; half of it is the step."""
 
@@ -24,14 +22,12 @@ E = 3
 def linearised(task):
     """Linearise at the task's start; return it with the block and |v| (W,) of its balls."""
     influence = task.influence[:, task.active]
-    (block,) = observation_blocks(task.cost.observations, influence, SETTINGS)
+    (block,) = observation_blocks(task.cost.observations, influence)
     deviations = np.full(task.begin.size, DEVIATION)
     groups = separate_groups(influence)
-    steps = ParameterSteps(task.begin, deviations, groups, task.searched.to_parameters, SETTINGS)
+    steps = ParameterSteps(task.begin, deviations, groups, task.searched.to_parameters)
     estimate = np.zeros_like(block.prior_deviations)
-    linear = linearise(
-        task.cost, block, estimate, block.prior_deviations, steps, block.durations, SETTINGS
-    )
+    linear = linearise(task.cost, block, estimate, block.prior_deviations, steps, block.durations)
     velocities = [o.objects[0].initial_state.linear_velocity for o in task.cost.observations]
     return linear, block, np.array(velocities)
 
@@ -90,26 +86,17 @@ def test_points_that_are_not_simulated_have_no_slope(gliding_task):
     begin = task.begin.copy()
     begin[E] = 0.985
     influence = task.influence[:, task.active]
-    (block,) = observation_blocks(task.cost.observations, influence, SETTINGS)
+    (block,) = observation_blocks(task.cost.observations, influence)
     steps = ParameterSteps(
-        begin,
-        np.full(4, DEVIATION),
-        separate_groups(influence),
-        task.searched.to_parameters,
-        SETTINGS,
+        begin, np.full(4, DEVIATION), separate_groups(influence), task.searched.to_parameters
     )
     still = np.zeros((1, 0))
-    linear = linearise(task.cost, block, still, still, steps, block.durations, SETTINGS)
+    linear = linearise(task.cost, block, still, still, steps, block.durations)
     assert not linear.valid.any()
     assert (linear.slopes == 0.0).all()
     assert np.isfinite(linear.residuals).all()
 
 
 def test_steps_are_parts_of_deviations_within_limits():
-    got = SETTINGS.difference_steps(np.array([0.0, 1e-3, 0.04, 10.0]))
+    got = difference_steps(np.array([0.0, 1e-3, 0.04, 10.0]))
     np.testing.assert_allclose(got, [1e-6, 5e-4, 0.02, 0.05])
-
-
-def test_settings_outside_their_range_are_refused():
-    with pytest.raises(InvalidInputError, match=r"largest_move is 2; expected .* from 0.001 to 1"):
-        JointEstimationSettings(largest_move=2.0)

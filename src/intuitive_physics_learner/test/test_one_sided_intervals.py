@@ -22,11 +22,9 @@ from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.search.one_sided_intervals import is_acceptable
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
-from intuitive_physics_learner.search.settings import IdentifiabilitySettings
 
 FLOOR = Environment([Plane("floor", "floor", [0, 0, 1], 0.0)])
 MATERIALS = ("ball", "floor")
-SETTINGS = IdentifiabilitySettings()
 PAIR = parameter_names(MATERIALS).index("dynamic_friction[ball, floor]")
 
 rises = st.floats(1e-6, 1.0)
@@ -37,25 +35,25 @@ def test_one_observation_among_indifferent_ones_is_no_agreement(rise, others):
     # d = (x, 0, …, 0): mean x/n, and standard error sqrt(x²/n / n) = x/n. But it counts where it is
     # much worse than it was, x > 0.1 n D.
     alone = np.array([rise, *np.zeros(others)])
-    assert is_acceptable(alone, np.full(others + 1, 11.0 * rise / (others + 1)), SETTINGS)
-    assert not is_acceptable(alone, np.full(others + 1, 9.0 * rise / (others + 1)), SETTINGS)
+    assert is_acceptable(alone, np.full(others + 1, 11.0 * rise / (others + 1)))
+    assert not is_acceptable(alone, np.full(others + 1, 9.0 * rise / (others + 1)))
 
 
 @given(rise=rises, count=st.integers(1, 20))
 def test_what_all_say_alike_counts(rise, count):
     costs = np.full(count, 100.0)
-    assert not is_acceptable(np.full(count, rise), costs, SETTINGS)
-    assert is_acceptable(np.full(count, -rise), costs, SETTINGS)
+    assert not is_acceptable(np.full(count, rise), costs)
+    assert is_acceptable(np.full(count, -rise), costs)
     failed = np.array([FAILED_DISTANCE, *np.full(count, -rise)])
-    assert not is_acceptable(failed, np.full(count + 1, 100.0), SETTINGS)
+    assert not is_acceptable(failed, np.full(count + 1, 100.0))
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=10), st.randoms())
 def test_neither_order_nor_unit_matters(values, random):
     shuffled, costs = random.sample(values, len(values)), np.full(len(values), 0.5)
     if abs(np.mean(values)) > 1e-6:
-        first = is_acceptable(np.array(values), costs, SETTINGS)
-        assert first == is_acceptable(4.0 * np.array(shuffled), 4.0 * costs, SETTINGS)
+        first = is_acceptable(np.array(values), costs)
+        assert first == is_acceptable(4.0 * np.array(shuffled), 4.0 * costs)
 
 
 def thrown(simulator, parameters, template, velocity, generator):

@@ -12,7 +12,7 @@ from intuitive_physics.materials import parameter_names
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import LearningOptions, ObservationStore, learn
 from intuitive_physics_learner.given_parameters import FIXED, PRIOR, given_parameters
-from intuitive_physics_learner.online.online_learner import OnlineLearner
+from intuitive_physics_learner.online.online_learner import LARGEST_SCORE, OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.stored_online_learning import StoredOnlineLearning
@@ -128,7 +128,7 @@ def test_what_an_earlier_candidate_predicted_worse_does_not_add_up(event_driven,
     learner = OnlineLearner(event_driven, OPTIONS)
     observed = noisy_throws(throws, 6, 11)
     learner.learn_from_all(observed[:4])
-    state, largest = learner.state, learner._settings.largest_score
+    state, largest = learner.state, LARGEST_SCORE
     # All that is published knows the truth, and all that the candidate knows is far from it.
     wrong = np.where(state.posterior.matrix.diagonal() > 0.0, 0.5, 0.0)
     state.published_information = state.posterior.copy()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,7 +12,6 @@ from intuitive_physics.scene import Environment, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     NormalEquations,
     Posterior,
@@ -22,7 +19,6 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
 from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
 from intuitive_physics_learner.joint_estimation.point_noise import detected, track_noises
 
-SETTINGS = JointEstimationSettings()
 G = np.array([0.0, 0.0, -9.81])
 
 
@@ -41,7 +37,7 @@ def flight(rng, times, errors, detections=None, smoothed=None):
 
 def sizes(observations):
     """Standard deviation in m of each track, the mean of its points."""
-    found = track_noises([detected(each) for each in observations], SETTINGS)
+    found = track_noises([detected(each) for each in observations])
     return [
         float(np.sqrt(np.mean(np.linalg.inv(track.whitening) ** 2 * 3.0))) for (track,) in found
     ]
@@ -81,7 +77,7 @@ def test_detections_have_their_covariance_times_a_factor_of_the_track(factor, se
     covariances = np.broadcast_to(lower @ lower.T, (300, 3, 3))
     times = np.arange(300) / 60.0
     track = flight(rng, times, errors, (covariances, np.zeros((3, 3))))
-    ((noise,),) = track_noises([detected(track)], replace(SETTINGS, smallest_noise=1e-6))
+    ((noise,),) = track_noises([detected(track)])
     whitened = np.einsum("nij,nj->ni", noise.whitening, errors)
     assert np.mean(whitened**2) == pytest.approx(1.0, rel=0.35)
 
@@ -92,9 +88,9 @@ def test_shared_errors_have_the_covariance_of_the_bias():
     bias = 2e-3**2 * np.outer(axis, axis)
     covariances = np.broadcast_to(1e-3**2 * np.eye(3), (50, 3, 3))
     track = flight(rng, np.arange(50) / 30.0, rng.normal(0, 1e-3, (50, 3)), (covariances, bias))
-    ((noise,),) = track_noises([detected(track)], SETTINGS)
+    ((noise,),) = track_noises([detected(track)])
     np.testing.assert_allclose(noise.shared.T @ noise.shared, bias, atol=1e-12)
-    (block,) = observation_blocks([detected(track)], np.ones((1, 1), dtype=bool), SETTINGS)
+    (block,) = observation_blocks([detected(track)], np.ones((1, 1), dtype=bool))
     # Three nuisance parameters more than the components of the initial state, of unit variance.
     assert (block.prior_deviations[0, -3:] == 1.0).all()
     amounts = np.zeros(block.prior_deviations.shape)

@@ -18,6 +18,9 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.fit_horizons import (
+    RETREAT,
+)
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
 from intuitive_physics_learner.search.learning_task import LearningTask
@@ -75,7 +78,7 @@ def test_a_bounce_that_sticks_leads_to_the_spin_along_its_plane(x, y, z):
     found = other_spin(model_of((x, y, z)))
     if np.hypot(x, y) > 5.0:
         spin, until = found
-        assert until == pytest.approx(TIMES[9] + SETTINGS.retreat + SETTINGS.largest_advance)
+        assert until == pytest.approx(TIMES[9] + RETREAT + SETTINGS.largest_advance)
         np.testing.assert_allclose(spin[:2], (x, y), atol=1.5)
 
 

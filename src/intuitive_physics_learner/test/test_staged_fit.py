@@ -15,13 +15,21 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.partial_cost import PartialCost
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings, staged_fit
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
-from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit, separable
+from intuitive_physics_learner.joint_estimation.staged_fit import (
+    StagedFit,
+    separable,
+)
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
-SETTINGS = replace(JointEstimationSettings(), separate_steps=4)
+STEPS = 4
+
+
+@pytest.fixture(autouse=True)
+def few_steps(monkeypatch):
+    monkeypatch.setattr(staged_fit, "SEPARATE_STEPS", STEPS)
 
 
 @dataclass(frozen=True)
@@ -62,9 +70,9 @@ def task(event_driven, throws):
     return LearningTask(cost, ParameterSpace(cost.materials), influence, start)
 
 
-def staged_fit(task, settings=SETTINGS):
+def fit_of(task):
     influence = task.influence[:, task.active]
-    return StagedFit(task.cost, task.searched, influence, task.prior, settings)
+    return StagedFit(task.cost, task.searched, influence, task.prior)
 
 
 @given(
@@ -96,8 +104,8 @@ def test_groups_share_no_parameter_and_hold_all_objects_that_moved_alone(drawn):
 
 
 def test_an_object_is_fitted_as_if_there_were_no_other(task):
-    staged = staged_fit(task)
-    for _ in range(SETTINGS.separate_steps):
+    staged = fit_of(task)
+    for _ in range(STEPS):
         staged.step()
     influence = task.influence[:, task.active]
     groups = separable(task.cost.observations, influence)
@@ -110,8 +118,10 @@ def test_an_object_is_fitted_as_if_there_were_no_other(task):
         space = ActiveSpace(task.space, whole, task.start)
         prior = task.prior.marginal(np.flatnonzero(own))
         cost = PartialCost(task.cost, members)
-        fit = JointFit(cost, space, influence[np.ix_(members, own)], prior, SETTINGS)
-        for _ in range(SETTINGS.separate_steps):
+        fit = JointFit(
+            cost, space, influence[np.ix_(members, own)], prior, JointEstimationSettings()
+        )
+        for _ in range(STEPS):
             if not fit.settled:
                 fit.step()
         np.testing.assert_allclose(staged.joint.unit[own], fit.unit, atol=1e-9)
@@ -122,21 +132,21 @@ def test_an_object_is_fitted_as_if_there_were_no_other(task):
 
 
 def test_collisions_come_in_once_the_separate_fits_have_ended(task):
-    staged = staged_fit(task)
+    staged = fit_of(task)
     both = [i for i, seen in enumerate(task.cost.observations) if len(seen.objects) == 2]
     first = [staged.joint.observation_fits()[i].estimate for i in both]
-    for _ in range(SETTINGS.separate_steps):
+    for _ in range(STEPS):
         staged.step()
     for before, i in zip(first, both, strict=True):
         np.testing.assert_array_equal(before, staged.joint.observation_fits()[i].estimate)
     staged.step()
     assert staged.joint.steps == 1
-    assert staged.steps == SETTINGS.separate_steps + 1
+    assert staged.steps == STEPS + 1
 
 
 @pytest.mark.parametrize("stopped", [2, 5])
 def test_a_stopped_fit_continues_exactly(task, stopped):
-    whole, first, second = (staged_fit(task) for _ in range(3))
+    whole, first, second = (fit_of(task) for _ in range(3))
     for _ in range(stopped):
         first.step()
     second.load_state(first.state())
@@ -149,7 +159,8 @@ def test_a_stopped_fit_continues_exactly(task, stopped):
     assert whole.joint.simulations == second.joint.simulations
 
 
-def test_fits_jointly_from_the_beginning_where_few_moved_alone(task):
-    jointly = staged_fit(task, replace(SETTINGS, smallest_separate_share=1.0))
+def test_fits_jointly_from_the_beginning_where_few_moved_alone(task, monkeypatch):
+    monkeypatch.setattr(staged_fit, "SMALLEST_SEPARATE_SHARE", 1.0)
+    jointly = fit_of(task)
     jointly.step()
     assert jointly.joint.steps == 1

@@ -13,7 +13,6 @@ from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Environment
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.joint_estimation.point_noise import TrackNoise, track_noises
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
 from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noisy_newton import PreparedScene, predict_sampled
@@ -86,7 +85,7 @@ def predict_cases(
     estimates : of each observation, as of `PreparedScene`, in place of initial states; None: of
         no object
     """
-    noises = track_noises(observations, JointEstimationSettings())
+    noises = track_noises(observations)
     given = estimates if estimates is not None else [()] * len(observations)
     cases = []
     for seen, own, states in zip(observations, noises, given, strict=True):

@@ -5,6 +5,5 @@ from intuitive_physics_learner.assessment.assessment import (
     assess_observations,
     reassessed,
 )
-from intuitive_physics_learner.assessment.settings import AssessmentSettings
 
-__all__ = ["AssessedObservations", "AssessmentSettings", "assess_observations", "reassessed"]
+__all__ = ["AssessedObservations", "assess_observations", "reassessed"]

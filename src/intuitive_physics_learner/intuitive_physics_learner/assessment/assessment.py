@@ -32,7 +32,6 @@ from intuitive_physics_learner.assessment.motion_laws import (
     jump_violation,
     rest_violation,
 )
-from intuitive_physics_learner.assessment.settings import AssessmentSettings
 from intuitive_physics_learner.assessment.tracks import Track, tracks_of
 from intuitive_physics_learner.assessment.violation import Violation
 from intuitive_physics_learner.joint_estimation.point_noise import (
@@ -40,8 +39,34 @@ from intuitive_physics_learner.joint_estimation.point_noise import (
     detected,
     track_noises,
 )
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
+
+LEAST_POINTS = 3
+"""Points of each object that are left in any case."""
+
+SMALLEST_STOP_SPREAD = 0.2
+"""Standard deviation at least of the logarithm of a misfit: the median length of nine normal
+residuals has 0.13, two of three neighbouring medians apart."""
+
+STOP_FREEDOM = 3.0
+"""Degrees of freedom of Student's distribution of these logarithms: of 2 to 4, which found as many
+disturbed throws and 5 to 7 false ones of 320 on the sets of seeds 500 to 509."""
+
+SMALLEST_LOG_P = -25.0
+"""Logarithm of a p value at least: no noise model holds further out."""
+
+ALTERNATIVE_POWER = 0.2
+"""A of the density Beta(a, 1) of p of disturbed ones, set by hand."""
+
+DISTURBED_PRIOR = (1.0, 9.0)
+"""Beta prior of the share of disturbed observations, set by hand."""
+
+LARGEST_SHARE = 0.5
+"""Share of disturbed observations at most: most are good."""
+
+LEAST_GOOD = 0.5
+"""Probability of being good below which an observation is doubtful."""
+
 
 MIXTURE_STEPS = 100
 """Steps of expectation and maximisation, which contract by some tenths each."""
@@ -62,9 +87,7 @@ class AssessedObservations:
 
 
 def assess_observations(
-    observations: Sequence[Observation],
-    trusted: Collection[str] = (),
-    settings: AssessmentSettings | None = None,
+    observations: Sequence[Observation], trusted: Collection[str] = ()
 ) -> AssessedObservations:
     """Test laws of motion on each observation.
 
@@ -72,20 +95,18 @@ def assess_observations(
     ----------
     observations : with detections where they were smoothed
     trusted : ids of those that a user holds for good: they are assessed, but never doubtful
-    settings : of the tests and of the mixture
     """
-    settings = settings or AssessmentSettings()
     tested = [detected(seen) for seen in observations]
-    noises = track_noises(tested, JointEstimationSettings())
+    noises = track_noises(tested)
     found = [
-        _violations(tracks_of(seen, [one.whitening for one in noise]), settings)
+        _violations(tracks_of(seen, [one.whitening for one in noise]))
         for seen, noise in zip(tested, noises, strict=True)
     ]
     log_ps = np.array([_least(violations) for violations in found])
-    weights = good_probabilities(log_ps, settings)
+    weights = good_probabilities(log_ps)
     clean, assessments = [], []
     for seen, violations, weight in zip(observations, found, weights.tolist(), strict=True):
-        if weight >= settings.least_good or seen.id in trusted:
+        if weight >= LEAST_GOOD or seen.id in trusted:
             clean.append(seen)
             assessments.append(Assessment(seen.id, weight, "", USED))
             continue
@@ -94,7 +115,7 @@ def assess_observations(
         first = min(notable, key=lambda one: one.clean_until)
         began = min(float(each.trajectory.times[0]) for each in seen.objects)
         reason = f"{worst.what} at t = {worst.time - began:.2f} s"
-        clean.append(clean_part(seen, first.clean_until, settings))
+        clean.append(clean_part(seen, first.clean_until))
         assessments.append(Assessment(seen.id, weight, reason, DOUBTFUL))
     return AssessedObservations(tuple(clean), tuple(assessments))
 
@@ -104,7 +125,6 @@ def reassessed(
     lengths: NDArray[np.float64],
     times: NDArray[np.float64],
     trusted: Collection[str] = (),
-    settings: AssessmentSettings | None = None,
 ) -> tuple[Assessment, ...]:
     """Assess also by what the fits of a search left unexplained.
 
@@ -115,20 +135,19 @@ def reassessed(
     `lengths` (n,) σ, of residuals just beyond where each fit stops; NaN where it does not stop;
     `times` (n,) s after the start, where these are.
     """
-    settings = settings or AssessmentSettings()
     rest = np.flatnonzero([one.status == USED for one in assessments])
     if rest.size == 0:
         return tuple(assessments)
     sizes = np.log(np.maximum(np.nan_to_num(lengths[rest], nan=MEDIAN_LENGTH_3), MEDIAN_LENGTH_3))
     middle, upper = np.quantile(sizes, [0.5, norm.cdf(1.0)])
-    spread = max(float(upper - middle), settings.smallest_stop_spread)
+    spread = max(float(upper - middle), SMALLEST_STOP_SPREAD)
     scores = (sizes - middle) / spread
-    weights = good_probabilities(t.logsf(scores, settings.stop_freedom), settings)
+    weights = good_probabilities(t.logsf(scores, STOP_FREEDOM))
     found = list(assessments)
     for member, weight in zip(rest.tolist(), weights.tolist(), strict=True):
         one = assessments[member]
         weight *= one.weight
-        if weight >= settings.least_good or one.id in trusted:
+        if weight >= LEAST_GOOD or one.id in trusted:
             found[member] = replace(one, weight=weight)
         else:
             reason = f"its fit fails at t = {times[member]:.2f} s as no other does"
@@ -141,14 +160,12 @@ LEAST_NOTABLE = -10.0
 on an observation is not used."""
 
 
-def clean_part(seen: Observation, until: float, settings: AssessmentSettings) -> Observation:
+def clean_part(seen: Observation, until: float) -> Observation:
     """Return an observation up to a time, and with a few points after its start in any case.
 
     `until` in s, on the clock of its trajectories.
     """
-    objects = tuple(
-        _cut(each, until, seen.start_time, settings.least_points) for each in seen.objects
-    )
+    objects = tuple(_cut(each, until, seen.start_time, LEAST_POINTS) for each in seen.objects)
     return replace(seen, objects=objects)
 
 
@@ -171,14 +188,14 @@ def _cut(seen: ObservedObject, until: float, start: float, least: int) -> Observ
     return replace(seen, trajectory=trajectory, detections=found)
 
 
-def _violations(tracks: Sequence[Track], settings: AssessmentSettings) -> list[Violation]:
+def _violations(tracks: Sequence[Track]) -> list[Violation]:
     found = []
     for track in tracks:
         each = [
-            jump_violation(track, settings),
-            flight_violation(track, settings),
-            rest_violation(track, settings),
-            *impulse_violations(track, settings),
+            jump_violation(track),
+            flight_violation(track),
+            rest_violation(track),
+            *impulse_violations(track),
         ]
         found += [one for one in each if one is not None]
     return found
@@ -191,9 +208,7 @@ def _least(violations: Sequence[Violation]) -> float:
     return min(0.0, min(one.log_p for one in violations) + float(np.log(len(violations))))
 
 
-def good_probabilities(
-    log_ps: NDArray[np.float64], settings: AssessmentSettings
-) -> NDArray[np.float64]:
+def good_probabilities(log_ps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the probability (n,) of each observation to be good.
 
     `log_ps` (n,) logarithms of p values that are uniform, or larger, where good.
@@ -201,12 +216,12 @@ def good_probabilities(
     if log_ps.size == 0:
         return np.zeros(0)
     scale = max(1.0, float(np.median(log_ps)) / np.log(0.5))
-    bounded = np.maximum(log_ps / scale, settings.smallest_log_p)
-    a = settings.alternative_power
+    bounded = np.maximum(log_ps / scale, SMALLEST_LOG_P)
+    a = ALTERNATIVE_POWER
     density = a * np.exp((a - 1.0) * bounded)
-    yes, no = settings.disturbed_prior
+    yes, no = DISTURBED_PRIOR
     share = yes / (yes + no)
     for _ in range(MIXTURE_STEPS):
         others = share * density / (1.0 - share + share * density)
-        share = min((others.sum() + yes) / (others.size + yes + no), settings.largest_share)
+        share = min((others.sum() + yes) / (others.size + yes + no), LARGEST_SHARE)
     return np.asarray((1.0 - share) / (1.0 - share + share * density))

@@ -13,9 +13,61 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
-from intuitive_physics_learner.assessment.settings import AssessmentSettings
 from intuitive_physics_learner.assessment.tracks import Track
 from intuitive_physics_learner.assessment.violation import Violation, violations_of
+
+FLIGHT_POINTS = (7, 12, 24)
+"""Numbers of neighbouring points to which a free flight is fitted."""
+
+CLEARANCE = 0.02
+"""Gap that a free flight keeps to what it may touch, set by hand, m."""
+
+CLEAR_NOISES = 2.0
+"""The same, besides, in units of the noise."""
+
+FLIGHT_ACCELERATION = 0.5
+"""Standard deviation of an acceleration beyond g, m/s²: drag of a tennis ball at 5 m/s, or a
+vertical that is 3 degrees off."""
+
+AIR_ACCELERATION = 10.0
+"""The same of an object with drag or Magnus force, which may be as light as a balloon, m/s²."""
+
+JUMP_DURATION = 0.15
+"""Longest time between points over which a jump is looked for, s."""
+
+IMPULSE_POINTS = 12
+"""Points before and after an impulse: 0.4 s at 30 Hz and 2 cm of noise."""
+
+IMPULSE_DURATION = 1.2
+"""Longest time of all these points together, s."""
+
+CONTACT_ACCELERATION = 6.0
+"""Standard deviation of the acceleration of what touches its support, m/s²: friction coefficients
+up to 1, thus 10 m/s² at most, uniformly."""
+
+NATURAL_IMPULSE = 0.5
+"""Change of velocity that a box rocking on its edges may make, set by hand, m/s: on the sets of
+seeds 500 to 509 0.3 raises twice as many false alarms, 0.7 as many."""
+
+STEADY_P = 0.01
+"""P value of the scatter of points above which these are steady."""
+
+SIDE_GAP = 0.1
+"""Gap to walls and other objects that a contact test asks for, m."""
+
+HOP_HEIGHT = 0.04
+"""Rise that rocking may make from a steady height, set by hand on the sets of seeds 500 to 509,
+m."""
+
+REST_POINTS = 24
+"""Points over which an object rests at a height."""
+
+HEIGHT_ERROR = 0.05
+"""Error of a resting object's height, of shape and plane, m."""
+
+HOLD_DURATION = 1.0
+"""Time that a hand takes to catch and carry an object, s."""
+
 
 JUMP_ENDS = ((0, 1), (-1, 1), (0, 2))
 """Pairs of points, from the one before the jump on, between which a jump shows. Each leaves out a
@@ -31,7 +83,7 @@ OUTLIER_LENGTH = 6.4
 has √1.5 σ on each axis, and exceeds this length with the probability of 4e-6."""
 
 
-def flight_violation(track: Track, settings: AssessmentSettings) -> Violation | None:
+def flight_violation(track: Track) -> Violation | None:
     """Fit free flights to windows of points between which nothing can be touched.
 
     The acceleration is gravity plus an unknown one, normal about 0. What is left must be noise, and
@@ -40,9 +92,9 @@ def flight_violation(track: Track, settings: AssessmentSettings) -> Violation | 
 
     Returns None where there is no such window.
     """
-    free = free_intervals(track, settings)
+    free = free_intervals(track)
     begins, ends, log_ps = [], [], []
-    for count in settings.flight_points:
+    for count in FLIGHT_POINTS:
         if count > len(track.times):
             continue
         starts = np.flatnonzero(
@@ -50,10 +102,10 @@ def flight_violation(track: Track, settings: AssessmentSettings) -> Violation | 
         )
         if starts.size == 0:
             continue
-        losses = flight_losses(track, starts, count, settings)
+        losses = flight_losses(track, starts, count)
         log_p = chi2.logsf(losses, 3 * (count - 3))
-        if count >= settings.impulse_points:
-            gains = losses - flight_losses(track, starts, count, settings, impulse=True)
+        if count >= IMPULSE_POINTS:
+            gains = losses - flight_losses(track, starts, count, impulse=True)
             log_p = np.minimum(log_p, chi2.logsf(gains, 3))
         # Two tests, and as many ways to leave out the worst point as there are points.
         log_ps.append(log_p + np.log(2.0 * count))
@@ -66,7 +118,7 @@ def flight_violation(track: Track, settings: AssessmentSettings) -> Violation | 
     )
 
 
-def free_intervals(track: Track, settings: AssessmentSettings) -> NDArray[np.bool_]:
+def free_intervals(track: Track) -> NDArray[np.bool_]:
     """Return whether nothing can be touched from each point to the next, (n - 1,).
 
     A contact between two points takes the gap to zero and back. The speed at which it can do so is
@@ -78,7 +130,7 @@ def free_intervals(track: Track, settings: AssessmentSettings) -> NDArray[np.boo
     beside = np.pad(speeds, 1, mode="edge")
     fastest = np.maximum(beside[:-2], beside[2:])
     reach = (fastest + np.linalg.norm(track.gravity) * durations) * durations
-    clear = gaps - settings.clearance - settings.clear_noises * track.noise
+    clear = gaps - CLEARANCE - CLEAR_NOISES * track.noise
     return (clear[1:] > 0.0) & (clear[:-1] > 0.0) & (clear[1:] + clear[:-1] > reach)
 
 
@@ -93,7 +145,6 @@ def flight_losses(
     track: Track,
     starts: NDArray[np.int64],
     count: int,
-    settings: AssessmentSettings,
     *,
     impulse: bool = False,
 ) -> NDArray[np.float64]:
@@ -115,7 +166,7 @@ def flight_losses(
     design = np.einsum("wlij,wlb->wlibj", whitening, basis).reshape(
         len(starts), count, 3, 3 * len(columns)
     )
-    spread = settings.air_acceleration if track.in_air else settings.flight_acceleration
+    spread = AIR_ACCELERATION if track.in_air else FLIGHT_ACCELERATION
     prior = np.diag(np.repeat([0.0, 0.0, spread**-2, 0.0][: len(columns)], 3))
     inverse = np.linalg.inv(np.einsum("wlip,wliq->wpq", design, design) + prior)
     projected = np.einsum("wlip,wli->wp", design, seen)
@@ -128,7 +179,7 @@ def flight_losses(
     return np.maximum(losses - gains.max(axis=1, initial=0.0), 0.0)
 
 
-def jump_violation(track: Track, settings: AssessmentSettings) -> Violation | None:
+def jump_violation(track: Track) -> Violation | None:
     """Test whether positions are continuous: a step lies between those of the two velocities.
 
     An object that bounces between two points moves on with the velocity before, then with the one
@@ -143,7 +194,7 @@ def jump_violation(track: Track, settings: AssessmentSettings) -> Violation | No
     duration = track.times[places + 1] - track.times[places]
     bent = LARGEST_BEND * float(np.linalg.norm(track.gravity)) * duration**2
     away = np.min([_away(track, places + a, places + b, bent) for a, b in JUMP_ENDS], axis=0)
-    near = track.times[places + 2] - track.times[places - 1] <= settings.jump_duration
+    near = track.times[places + 2] - track.times[places - 1] <= JUMP_DURATION
     return violations_of(
         chi2.logsf(away[near] ** 2, 3),
         track.times[places[near]],
@@ -180,35 +231,35 @@ def _away(
     return found
 
 
-def impulse_violations(track: Track, settings: AssessmentSettings) -> list[Violation]:
+def impulse_violations(track: Track) -> list[Violation]:
     """Test whether velocities change at once in steady contact, and whether objects hop off.
 
     Points before and after a place are fitted by a parabola each that go on from one another, with
     accelerations that friction may cause, and with an impulse between.
     """
-    half = settings.impulse_points
+    half = IMPULSE_POINTS
     places = np.arange(half, len(track.times) - half + 1)
     if places.size == 0 or not track.gravity.any():
         return []
     index = places[:, None] + np.arange(-half, half)
     track = replace(track, positions=_without_outliers(track))
-    resting, sliding = _contact_states(track, index, settings)
+    resting, sliding = _contact_states(track, index)
     known = resting | sliding
     places, index, resting, sliding = places[known], index[known], resting[known], sliding[known]
     begins, ends = track.times[places - 1], track.times[places]
-    changes, spreads = _impulses(track, index, settings)
+    changes, spreads = _impulses(track, index)
     up = track.up
     upward = changes @ up
     level = np.linalg.norm(changes - upward[:, None] * up, axis=1)
 
     def lengths(sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.maximum(sizes - settings.natural_impulse, 0.0) / spreads
+        return np.maximum(sizes - NATURAL_IMPULSE, 0.0) / spreads
 
     tests = [
         (resting, chi2.logsf(lengths(np.linalg.norm(changes, axis=1)) ** 2, 3)),
         (sliding, chi2.logsf(lengths(level) ** 2, 2)),
         (sliding, norm.logsf(lengths(upward))),
-        (sliding, _hops(track, index, settings)),
+        (sliding, _hops(track, index)),
     ]
     found = [
         violations_of(log_ps[where], begins[where], ends[where], "kicked")
@@ -218,7 +269,7 @@ def impulse_violations(track: Track, settings: AssessmentSettings) -> list[Viola
 
 
 def _contact_states(
-    track: Track, index: NDArray[np.int64], settings: AssessmentSettings
+    track: Track, index: NDArray[np.int64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return where an object rests, or keeps its height on its support, before a place (w,).
 
@@ -227,13 +278,13 @@ def _contact_states(
     `index` (w, l) of the points about each place.
     """
     before = index[:, : index.shape[1] // 2]
-    short = track.times[index[:, -1]] - track.times[index[:, 0]] <= settings.impulse_duration
-    unhit = short & (track.object_gaps[index].min(axis=1) > settings.side_gap)
-    resting = _steady(track.positions[before], track.noise[before], settings)
-    steady = _steady((track.positions @ track.up)[before][..., None], track.noise[before], settings)
+    short = track.times[index[:, -1]] - track.times[index[:, 0]] <= IMPULSE_DURATION
+    unhit = short & (track.object_gaps[index].min(axis=1) > SIDE_GAP)
+    resting = _steady(track.positions[before], track.noise[before])
+    steady = _steady((track.positions @ track.up)[before][..., None], track.noise[before])
     # What hovers at the top of a bounce is not in contact.
-    touching = track.support_gaps[before].max(axis=1) <= settings.side_gap
-    apart = track.wall_gaps[index].min(axis=1) > settings.side_gap
+    touching = track.support_gaps[before].max(axis=1) <= SIDE_GAP
+    apart = track.wall_gaps[index].min(axis=1) > SIDE_GAP
     return resting & unhit, steady & touching & apart & unhit
 
 
@@ -250,7 +301,7 @@ def _without_outliers(track: Track) -> NDArray[np.float64]:
 
 
 def _impulses(
-    track: Track, index: NDArray[np.int64], settings: AssessmentSettings
+    track: Track, index: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return changes of velocity (w, 3) in m/s, and the standard deviation (w,) on each axis."""
     half = index.shape[1] // 2
@@ -260,31 +311,27 @@ def _impulses(
     design = np.stack(basis, axis=-1) / track.noise[index][..., None]
     seen = track.positions[index] - track.positions[index[:, half - 1]][:, None]
     seen = seen / track.noise[index][..., None]
-    prior = np.diag([0.0, 0.0, *[settings.contact_acceleration**-2] * 2, 0.0])
+    prior = np.diag([0.0, 0.0, *[CONTACT_ACCELERATION**-2] * 2, 0.0])
     inverse = np.linalg.inv(np.einsum("wlp,wlq->wpq", design, design) + prior)
     found = inverse @ np.einsum("wlp,wli->wpi", design, seen)
     return found[:, 4], np.sqrt(inverse[:, 4, 4])
 
 
-def _steady(
-    values: NDArray[np.float64], noise: NDArray[np.float64], settings: AssessmentSettings
-) -> NDArray[np.bool_]:
+def _steady(values: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return whether points (w, l, d), in m, scatter by their noise (w, l) alone, (w,)."""
     off = (values - values.mean(axis=1, keepdims=True)) / noise[..., None]
     freedom = values.shape[2] * (values.shape[1] - 1)
-    return np.asarray((off**2).sum(axis=(1, 2)) <= chi2.isf(settings.steady_p, freedom))
+    return np.asarray((off**2).sum(axis=(1, 2)) <= chi2.isf(STEADY_P, freedom))
 
 
-def _hops(
-    track: Track, index: NDArray[np.int64], settings: AssessmentSettings
-) -> NDArray[np.float64]:
+def _hops(track: Track, index: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the log p values (w,) that heights after a place are those before it.
 
     What is looked for are free flights up and down again, of several durations.
     """
     half = index.shape[1] // 2
     heights = (track.positions @ track.up)[index]
-    rises = heights[:, half:] - heights[:, :half].mean(axis=1, keepdims=True) - settings.hop_height
+    rises = heights[:, half:] - heights[:, :half].mean(axis=1, keepdims=True) - HOP_HEIGHT
     times = track.times[index[:, half:]] - track.times[index[:, half - 1]][:, None]
     least = np.zeros(len(index))
     counts = [half // 2, 3 * half // 4, half]
@@ -296,27 +343,27 @@ def _hops(
     return least
 
 
-def rest_violation(track: Track, settings: AssessmentSettings) -> Violation | None:
+def rest_violation(track: Track) -> Violation | None:
     """Test whether what rests does so at a height that its shape can have on a plane.
 
     Where a wall or another object is within reach it may lean.
     """
-    count = settings.rest_points
+    count = REST_POINTS
     places = np.arange(len(track.times) - count + 1)
     if len(track.times) < count or not track.gravity.any():
         return None
     index = places[:, None] + np.arange(count)
     noise = track.noise[index]
-    where = _steady(track.positions[index], noise, settings)
-    where &= track.side_gaps[index].min(axis=1) > settings.side_gap
+    where = _steady(track.positions[index], noise)
+    where &= track.side_gaps[index].min(axis=1) > SIDE_GAP
     heights = track.heights[index].mean(axis=1)
     where &= np.isfinite(heights)
-    off = np.abs(heights[:, None] - track.resting_heights).min(axis=1) - settings.height_error
+    off = np.abs(heights[:, None] - track.resting_heights).min(axis=1) - HEIGHT_ERROR
     scores = np.maximum(off, 0.0) / np.sqrt((noise**2).mean(axis=1) / count)
     begins = track.times[index[:, 0]]
     return violations_of(
         (norm.logsf(scores) + np.log(2.0))[where],
-        (begins - settings.hold_duration)[where],
+        (begins - HOLD_DURATION)[where],
         begins[where],
         "held",
     )

@@ -33,7 +33,12 @@ from intuitive_physics_learner.cost.cost_function import Cost, TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.design.settings import DesignSettings
 from intuitive_physics_learner.design.throws import Throw, ViewingConditions
-from intuitive_physics_learner.joint_estimation.fit_horizons import first_horizons
+from intuitive_physics_learner.joint_estimation.fit_horizons import (
+    LARGEST_BEND,
+    LARGEST_BEND_SHARE,
+    LARGEST_SPREAD,
+    first_horizons,
+)
 from intuitive_physics_learner.joint_estimation.linearisation import (
     Linearisation,
     ParameterSteps,
@@ -44,6 +49,13 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     ObservationBlock,
     observation_blocks,
 )
+
+PARAMETER_STEP = 0.005
+"""Width of the differences along parameters: small, as draws cover the posterior; set by hand."""
+
+STATE_STEP = 0.002
+"""Width of the differences along components of initial states (m, m/s, rad or rad/s); set by
+hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,19 +154,19 @@ def expected_posteriors(
     observations = [viewing.observation(throw.scene) for throw in throws]
     cost = TrajectoryCost(observations, simulator, posterior.materials)
     influence = parameter_influence(observations, posterior.materials)
-    blocks = observation_blocks(observations, influence, settings.estimation)
+    blocks = observation_blocks(observations, influence)
     groups = separate_groups(influence)
     space, covariance = posterior.space, gaussian_covariance(posterior)
     misses = [_execution_errors(throws, block, len(units), settings, rng) for block in blocks]
-    steps = np.full(posterior.mean.size, 2.0 * settings.parameter_step)
+    steps = np.full(posterior.mean.size, 2.0 * PARAMETER_STEP)
     for block, missed in zip(blocks, misses, strict=True):
         own = covariance[block.parameters[:, :, None], block.parameters[:, None, :]]
         found = np.empty((len(units), *own.shape))
         for k, unit in enumerate(units):
             stop_if(cancelled)
-            at = ParameterSteps(unit, steps, groups, space.to_parameters, settings.estimation)
-            linear = _linearised(cost, block, missed[k], at, settings)
-            found[k] = _filtered(linear, block, own, at, viewing, settings)
+            at = ParameterSteps(unit, steps, groups, space.to_parameters)
+            linear = _linearised(cost, block, missed[k], at)
+            found[k] = _filtered(linear, block, own, at, viewing)
         yield ExpectedPosteriors(block.members, block.parameters, found)
 
 
@@ -180,10 +192,9 @@ def _linearised(
     block: ObservationBlock,
     estimate: NDArray[np.float64],
     at: ParameterSteps,
-    settings: DesignSettings,
 ) -> Linearisation:
-    deviations = np.full(block.prior_deviations.shape, 2.0 * settings.state_step)
-    return linearise(cost, block, estimate, deviations, at, block.durations, settings.estimation)
+    deviations = np.full(block.prior_deviations.shape, 2.0 * STATE_STEP)
+    return linearise(cost, block, estimate, deviations, at, block.durations)
 
 
 def _filtered(
@@ -192,21 +203,20 @@ def _filtered(
     own: NDArray[np.float64],
     at: ParameterSteps,
     viewing: ViewingConditions,
-    settings: DesignSettings,
 ) -> NDArray[np.float64]:
     """Covariance (W, q, q) of each throw's parameters after its track, in widths².
 
     `own` (W, q, q) covariance of each one's parameters before the throw, in widths².
     """
-    how, noise = settings.estimation, viewing.noise
+    noise = viewing.noise
     count, k, points = linear.slopes.shape[:3]
     d = block.prior_deviations.shape[1]
     covariance = np.zeros((count, k, k))
     covariance[:, range(d), range(d)] = block.prior_deviations**2
     covariance[:, d:, d:] = own
-    curvatures = _curvatures(linear, block, at, settings)
+    curvatures = _curvatures(linear, block, at)
     usable = linear.valid & _in_view(linear.residuals, block, viewing)
-    first = block.times <= first_horizons(block, how)[:, None]
+    first = block.times <= first_horizons(block)[:, None]
     alive = np.ones(count, dtype=bool)
     rows = np.arange(count)
     order = np.argsort(block.times, axis=1, kind="stable")
@@ -219,8 +229,8 @@ def _filtered(
         # A bend of slope c per unit of the unknown errs by c σ² / 4 at half of σ, as `linearise`.
         variances = np.diagonal(covariance, axis1=1, axis2=2)[:, :, None]
         bends = np.sqrt(((0.25 * variances * curvatures[rows, :, p]) ** 2).sum(axis=(1, 2)))
-        straight = bends <= how.largest_bend * noise + how.largest_bend_share * spreads
-        predictable = (spreads <= how.largest_spread) & straight
+        straight = bends <= LARGEST_BEND * noise + LARGEST_BEND_SHARE * spreads
+        predictable = (spreads <= LARGEST_SPREAD) & straight
         seen = usable[rows, p]
         alive &= ~seen | predictable | first[rows, p]
         counted = (alive & seen)[:, None, None]
@@ -230,10 +240,10 @@ def _filtered(
 
 
 def _curvatures(
-    linear: Linearisation, block: ObservationBlock, at: ParameterSteps, settings: DesignSettings
+    linear: Linearisation, block: ObservationBlock, at: ParameterSteps
 ) -> NDArray[np.float64]:
     """Change of each slope per unit of its unknown, (W, k, P, 3); 0 where one side is a bound."""
-    steps = np.full(linear.slopes.shape[:2], settings.state_step)
+    steps = np.full(linear.slopes.shape[:2], STATE_STEP)
     sides = np.minimum(at.up, at.down)[block.parameters]
     steps[:, block.prior_deviations.shape[1] :] = sides
     up, down = linear.one_sided

@@ -19,8 +19,11 @@ from intuitive_physics.simulation.world_batch import pack_worlds
 from intuitive_physics.validation import positive_float
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.design.expected_information import Reduction
-from intuitive_physics_learner.design.settings import DesignSettings
 from intuitive_physics_learner.design.throws import ViewingConditions
+
+QUERY_DRAWS = 256
+"""Draws of θ_s by which the dependence of a query's answer on θ_s is found; set by hand."""
+
 
 RATE = 60.0
 """1/s at which a simulated trajectory is held against a region."""
@@ -48,7 +51,6 @@ class Question(ABC):
         self,
         posterior: ParameterPosterior,
         simulator: Simulator,
-        settings: DesignSettings,
         rng: np.random.Generator,
     ) -> NDArray[np.float64]:
         """Slopes (r, n) of the functions per width of each of the n parameters."""
@@ -85,7 +87,6 @@ class AboutParameters(Question):
         self,
         posterior: ParameterPosterior,
         simulator: Simulator,
-        settings: DesignSettings,
         rng: np.random.Generator,
     ) -> NDArray[np.float64]:
         """One for each parameter asked about, zero for all others.
@@ -155,7 +156,6 @@ class AboutMotion(Question):
         self,
         posterior: ParameterPosterior,
         simulator: Simulator,
-        settings: DesignSettings,
         rng: np.random.Generator,
     ) -> NDArray[np.float64]:
         """Slopes of the linear function that is closest to the answer over draws.
@@ -163,7 +163,7 @@ class AboutMotion(Question):
         Returns (r, n) units of the functions per width.
         """
         own = posterior.extended(self.scene.materials)
-        units = own.draw(settings.query_draws, rng)
+        units = own.draw(QUERY_DRAWS, rng)
         answers = self._answers([own.space.to_parameters(unit) for unit in units], simulator)
         good = np.isfinite(answers).all(axis=1)
         if not good.any():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,18 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.design.questions import AboutMotion, AboutParameters, Question
-from intuitive_physics_learner.design.settings import DesignSettings
 from intuitive_physics_learner.design.suggestion import Suggestion, suggest
 from intuitive_physics_learner.design.throws import ThrowOptions, ViewingConditions
 from intuitive_physics_learner.store import ObservationStore
 from intuitive_physics_learner.store.observation_entries import USED
+
+MOST_OBSERVATIONS = 500
+"""Newest stored observations at most from which ranges, noise and view are read, so that a
+suggestion takes as long after years as after a day; set by hand."""
+
+VIEW_MARGIN = 0.1
+"""By which the region in view is larger than what was seen of it, a part of its largest extent: few
+tracks reach its edges; set by hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +40,6 @@ class SuggestionRequest:
     angular_velocity : (3, 2) rad/s, likewise
     count : of suggestions
     seed : of all randomness
-    settings : how candidates are drawn and judged
     """
 
     about: tuple[str, ...] = ()
@@ -44,7 +50,6 @@ class SuggestionRequest:
     angular_velocity: NDArray[np.float64] | None = None
     count: int = 5
     seed: int = 0
-    settings: DesignSettings = field(default_factory=DesignSettings)
 
     def question(self, options: ThrowOptions, posterior: ParameterPosterior) -> Question:
         """Return what is asked, of throws and a posterior over all materials."""
@@ -87,8 +92,7 @@ def suggest_from_store(
     StorageError
         When the database cannot be read.
     """
-    how = request.settings
-    newest = store.entries(statuses=(USED,), limit=how.most_observations, newest=True)
+    newest = store.entries(statuses=(USED,), limit=MOST_OBSERVATIONS, newest=True)
     observations = store.observations([entry.id for entry in newest]) if newest else []
     options = ThrowOptions.seen(observations, request.object).between(
         request.position, request.linear_velocity, request.angular_velocity
@@ -102,7 +106,7 @@ def suggest_from_store(
     known = tuple(dict.fromkeys((*learned.materials, *options.materials, *asked)))
     materials = tuple(name for name in known if name in used)
     posterior = learned.whole_posterior().extended(materials)
-    viewing = ViewingConditions.seen(observations, how.estimation.smallest_noise, how.view_margin)
+    viewing = ViewingConditions.seen(observations, VIEW_MARGIN)
     return suggest(
         options,
         posterior,
@@ -111,6 +115,5 @@ def suggest_from_store(
         simulator,
         np.random.default_rng(request.seed),
         count=request.count,
-        settings=how,
         cancelled=cancelled,
     )

@@ -18,6 +18,16 @@ from intuitive_physics_learner.design.questions import Question
 from intuitive_physics_learner.design.settings import DesignSettings
 from intuitive_physics_learner.design.throws import Throw, ThrowOptions, ViewingConditions
 
+REFINEMENTS = (0.15, 0.05)
+"""Standard deviations, parts of the ranges' widths, by which throws that are compared next differ
+from the best so far, round after round; set by hand."""
+
+REFINED = 6
+"""Best throws that are refined, as many as are suggested at least; set by hand."""
+
+NEIGHBOURS = 8
+"""Throws near each of them in each round of refinement; set by hand."""
+
 
 @dataclass(frozen=True, eq=False)
 class Suggestion:
@@ -85,7 +95,7 @@ def suggest(
         When `cancelled` returned True.
     """
     how = settings or DesignSettings()
-    directions = question.directions(posterior, simulator, how, rng)
+    directions = question.directions(posterior, simulator, rng)
     covariance = gaussian_covariance(posterior)
     units = posterior.draw(how.draws, rng)
     names, scales = zip(*question.functions(posterior), strict=True)
@@ -104,9 +114,9 @@ def suggest(
                 found[int(i)] = Suggestion(throws[i], float(gain), names, before, left)
         return [found[i] for i in range(len(throws))]
 
-    families = _best(judged(options.draw(how.candidates, rng)), max(count, how.refined))
-    for spread in how.refinements:
-        near = [best.throw.nearby(how.neighbours, spread, rng) for best in families]
+    families = _best(judged(options.draw(how.candidates, rng)), max(count, REFINED))
+    for spread in REFINEMENTS:
+        near = [best.throw.nearby(NEIGHBOURS, spread, rng) for best in families]
         each = [k for k, throws in enumerate(near) for _ in throws]
         for k, tried in zip(each, judged([one for throws in near for one in throws]), strict=True):
             if tried.gain > families[k].gain:

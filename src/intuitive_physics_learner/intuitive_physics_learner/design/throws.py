@@ -18,7 +18,7 @@ from intuitive_physics.validation import finite_array
 from intuitive_physics_learner.cost.packed_observations import times_after_start
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.errors import NoObservationsError
-from intuitive_physics_learner.joint_estimation.point_noise import position_noise
+from intuitive_physics_learner.joint_estimation.point_noise import SMALLEST_NOISE, position_noise
 
 ATTEMPTS = 50
 """Draws of all candidates at most until enough of them are valid."""
@@ -148,13 +148,8 @@ class ViewingConditions:
     region: NDArray[np.float64]
 
     @staticmethod
-    def seen(
-        observations: Sequence[Observation], smallest_noise: float, margin: float = 0.0
-    ) -> ViewingConditions:
-        """Return what observations, at least one, have in common.
-
-        `smallest_noise` in m, taken at least.
-        """
+    def seen(observations: Sequence[Observation], margin: float = 0.0) -> ViewingConditions:
+        """Return what observations, at least one, have in common."""
         tracks = [(each, seen) for each in observations for seen in each.objects]
         periods = np.concatenate([np.diff(seen.trajectory.times) for _, seen in tracks])
         ends = [float(times_after_start(each, seen)[-1]) for each, seen in tracks]
@@ -165,7 +160,7 @@ class ViewingConditions:
         intervals = max(1, round(duration / period))
         return ViewingConditions(
             np.linspace(0.0, intervals * period, intervals + 1),
-            _detection_noise(observations, smallest_noise),
+            _detection_noise(observations),
             np.stack([low - around, high + around], axis=1),
         )
 
@@ -402,7 +397,7 @@ class Throw:
         return widths
 
 
-def _detection_noise(observations: Sequence[Observation], smallest: float) -> float:
+def _detection_noise(observations: Sequence[Observation]) -> float:
     """Standard deviation in m of a detection on each axis, as detections state it, if there are."""
     variances = [
         np.trace(seen.detections.covariances, axis1=1, axis2=2) / 3.0
@@ -411,8 +406,8 @@ def _detection_noise(observations: Sequence[Observation], smallest: float) -> fl
         if seen.detections is not None
     ]
     if not variances:
-        return position_noise(observations, smallest)
-    return max(float(np.sqrt(np.median(np.concatenate(variances)))), smallest)
+        return position_noise(observations)
+    return max(float(np.sqrt(np.median(np.concatenate(variances)))), SMALLEST_NOISE)
 
 
 def _kind(seen: ObservedObject) -> tuple[str, str]:

@@ -18,11 +18,18 @@ from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.fit_horizons import TrajectoryFits
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
 from intuitive_physics_learner.joint_estimation.normal_equations import (
+    OUTLIER_LENGTH,
     NormalEquations,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.search.search_space import SearchSpace
+
+SCAN_LEVELS = (0.02, 0.14, 0.26, 0.38, 0.5, 0.62, 0.74, 0.86, 0.98)
+"""Places on the unit interval at which a scan tries each parameter: equal steps that leave out the
+bounds themselves."""
+
+SMALLEST_SCAN_GAIN = 3.0
+"""Loss that a scanned value must gain to be taken: a likelihood ratio of e³ ≈ 20, hardly chance."""
 
 
 class ScanCandidates:
@@ -62,7 +69,6 @@ def scanned_states(
     fits: TrajectoryFits,
     linear: Linearisation,
     candidates: ScanCandidates,
-    settings: JointEstimationSettings,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Fit the initial states of a block to each level of each of its parameters.
 
@@ -70,13 +76,13 @@ def scanned_states(
     units, the levels of one parameter after those of the other; `residuals` (q * n_levels, W, P, 3)
     m.
     """
-    estimate, until, outlier = fits.estimate, fits.horizons, settings.outlier_length
+    estimate, until, outlier = fits.estimate, fits.horizons, OUTLIER_LENGTH
     count, d = estimate.shape
     index = candidates.index[block.parameters].reshape(count, -1).T
     tried = np.broadcast_to(estimate, (len(index), count, d))
     residuals = residuals_at(cost, block, tried, candidates.parameters, index, until)
     at_estimate = replace(linear, slopes=linear.slopes[:, :d])
-    inner = NormalEquations.of(block, estimate, at_estimate, until, settings).hessian
+    inner = NormalEquations.of(block, estimate, at_estimate, until).hessian
     slopes = np.einsum("wpij,wkpj->wkpi", block.whitening, at_estimate.slopes)
     slopes = slopes.reshape(count, d, 3 * block.times.shape[1])
     # The slopes, and so the inner matrix, are taken to be the same at all levels.

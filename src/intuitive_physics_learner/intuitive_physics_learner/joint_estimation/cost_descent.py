@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
+    SCAN_LEVELS,
     ScanCandidates,
     compatible_moves,
 )
@@ -28,6 +29,7 @@ from intuitive_physics_learner.joint_estimation.linearisation import (
     separate_groups,
 )
 from intuitive_physics_learner.joint_estimation.normal_equations import (
+    OUTLIER_LENGTH,
     NormalEquations,
     bounded_step,
 )
@@ -35,9 +37,42 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     ObservationBlock,
     observation_blocks,
 )
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.search.search_space import SearchSpace
 from intuitive_physics_learner.search.update_rules import HybridRandomSearch, UpdateRule
+
+DESCENT_DAMPINGS = (1e-3, 1e-2, 0.1, 1.0, 10.0)
+"""Dampings, parts of the diagonal, that a descent of J tries in one step; set by hand."""
+
+DESCENT_LENGTHS = (0.5, 1.0, 2.0)
+"""Factors on each damped step that are tried: J has kinks, which a step may fall short of; set by
+hand."""
+
+FIRST_WIDTH = 0.1
+"""Over which a descent of J takes its first slopes, widths: wide against the kinks of single
+contacts; set by hand."""
+
+SMALLEST_WIDTH = 0.002
+"""Below which a descent of J takes no more slopes, widths; set by hand."""
+
+WIDTH_FACTOR = 0.4
+"""Factor on that width when steps along slopes gain nothing; set by hand."""
+
+NEIGHBOURS = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)
+"""Distances, in that width, at which each parameter is tried when steps along slopes gain nothing;
+set by hand."""
+
+SMALLEST_GAIN = 1e-4
+"""Part of J by which it must fall to be a gain; set by hand."""
+
+LARGEST_SAMPLED = 40
+"""Parameters up to which a descent of J ends with random trials; set by hand."""
+
+SAMPLING_PATIENCE = 300
+"""Random trials without gain after which the descent of J ends; set by hand."""
+
+SHORT_LENGTH = 0.1
+"""Part of the median distance below which distances count as squares in a descent of J: a sum of
+distances has no slope at zero; set by hand."""
 
 
 class CostDescent:
@@ -59,21 +94,19 @@ class CostDescent:
         space: SearchSpace,
         influence: NDArray[np.bool_],
         generator: np.random.Generator,
-        settings: JointEstimationSettings,
     ) -> None:
-        self._settings = settings
         self._cost = cost
         self._space = space
         self._influence = influence
         self._groups = separate_groups(influence)
-        self._blocks = observation_blocks(cost.observations, influence, settings, free_states=False)
+        self._blocks = observation_blocks(cost.observations, influence, free_states=False)
         self.unit = np.full(space.size, 0.5)
         self.cost = np.inf
         self.finished = False
         self._generator = generator
         self._first_generator = generator.bit_generator.state
         self.simulations = 0
-        self._width = settings.first_width
+        self._width = FIRST_WIDTH
         self._scan_next = True
         self._rule: UpdateRule | None = None
         self._without_gain = 0
@@ -89,11 +122,11 @@ class CostDescent:
         """Try to lower J: along slopes first, then at random."""
         if self._scan_next:
             self._scan_next = False
-            self._scan(np.tile(self._settings.scan_levels, (self._space.size, 1)))
-        elif self._width >= self._settings.smallest_width:
+            self._scan(np.tile(SCAN_LEVELS, (self._space.size, 1)))
+        elif self._width >= SMALLEST_WIDTH:
             self._descend_or_narrow()
-            few = self._space.size <= self._settings.largest_sampled
-            self.finished = self._width < self._settings.smallest_width and not few
+            few = self._space.size <= LARGEST_SAMPLED
+            self.finished = self._width < SMALLEST_WIDTH and not few
         else:
             self._rule = self._rule or self._new_rule()
             self._try_at_random(self._rule, limit)
@@ -137,21 +170,21 @@ class CostDescent:
         rule.tell(costs)
         gained = self._gained(before)
         self._without_gain = 0 if gained else self._without_gain + len(points)
-        self.finished = self._without_gain >= self._settings.sampling_patience
+        self.finished = self._without_gain >= SAMPLING_PATIENCE
 
     def _descend_or_narrow(self) -> None:
         before = self.cost
         self._descend()
         if self._gained(before):
             return
-        beside = self.unit[:, None] + self._width * np.array(self._settings.neighbours)
+        beside = self.unit[:, None] + self._width * np.array(NEIGHBOURS)
         self._scan(np.clip(beside, 0.0, 1.0))
         if not self._gained(before):
-            self._width *= self._settings.width_factor
+            self._width *= WIDTH_FACTOR
 
     def _gained(self, before: float) -> bool:
         """Whether J is lower than before by enough to count."""
-        return self.cost < before * (1.0 - self._settings.smallest_gain)
+        return self.cost < before * (1.0 - SMALLEST_GAIN)
 
     def _descend(self) -> None:
         linear = self._linearised()
@@ -160,9 +193,8 @@ class CostDescent:
         )
         if lengths.size == 0:
             return
-        settings = self._settings
-        short = max(settings.short_length * float(np.median(lengths)), np.finfo(float).tiny)
-        scale = short / settings.outlier_length
+        short = max(SHORT_LENGTH * float(np.median(lengths)), np.finfo(float).tiny)
+        scale = short / OUTLIER_LENGTH
         information = np.zeros((self._space.size, self._space.size))
         scores = np.zeros(self._space.size)
         for block, part in zip(self._blocks, linear, strict=True):
@@ -171,29 +203,26 @@ class CostDescent:
             points = replace(
                 block, whitening=np.broadcast_to(np.eye(3) / scale, block.whitening.shape)
             )
-            equations = NormalEquations.of(points, still, weighted, block.durations, settings)
+            equations = NormalEquations.of(points, still, weighted, block.durations)
             equations.eliminated().add_to(information, scores)
         # What no point depends on stays where it is.
         still_there = np.diag(information) <= 0.0
         information[still_there, still_there] = 1.0
         steps = [
-            bounded_step(self.unit, information, scores, damping)
-            for damping in settings.descent_dampings
+            bounded_step(self.unit, information, scores, damping) for damping in DESCENT_DAMPINGS
         ]
-        tried = [self.unit + length * step for step in steps for length in settings.descent_lengths]
+        tried = [self.unit + length * step for step in steps for length in DESCENT_LENGTHS]
         self._take_best(np.clip(tried, 0.0, 1.0))
 
     def _linearised(self) -> list[Linearisation]:
         widths = np.full(self._space.size, self._width)
-        steps = ParameterSteps(
-            self.unit, widths, self._groups, self._space.to_parameters, self._settings
-        )
+        steps = ParameterSteps(self.unit, widths, self._groups, self._space.to_parameters)
         found = []
         for block in self._blocks:
             still = np.zeros((block.members.size, 0))
             self.simulations += block.members.size * (1 + 2 * block.parameters.shape[1])
             until = block.durations
-            found.append(linearise(self._cost, block, still, still, steps, until, self._settings))
+            found.append(linearise(self._cost, block, still, still, steps, until))
         return found
 
     def _by_trajectory(self, block: ObservationBlock, linear: Linearisation) -> Linearisation:
@@ -220,7 +249,7 @@ class CostDescent:
             ]
         )
         best = np.argmin(changes, axis=1)
-        least_gain = self._settings.smallest_gain * self.cost
+        least_gain = SMALLEST_GAIN * self.cost
         moves = compatible_moves(-changes.min(axis=1), self._influence, least_gain)
         if not moves:
             return

@@ -19,9 +19,42 @@ from scipy.optimize import brentq
 from scipy.stats import binom, chi
 
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
-from intuitive_physics_learner.joint_estimation.normal_equations import robust_loss
+from intuitive_physics_learner.joint_estimation.normal_equations import (
+    OUTLIER_LENGTH,
+    robust_loss,
+)
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+
+LARGEST_STATE_DEVIATION = 0.3
+"""Standard deviation of a component of an initial state (m, m/s, rad or rad/s) that the first
+finite differences assume at most; set by hand."""
+
+FIRST_POINTS = 10
+"""Points of each object that the first fit horizon includes at most; set by hand."""
+
+FIRST_DURATION = 0.5
+"""The first fit horizon at most, s; set by hand."""
+
+LARGEST_SPREAD = 0.15
+"""Standard deviation of a predicted position up to which it may enter the fit, m; set by hand."""
+
+LARGEST_BEND = 2.0
+"""Linearisation error of a predicted position up to which it may enter the fit, σ; set by hand."""
+
+LARGEST_BEND_SHARE = 1.0
+"""Further linearisation error allowed, a part of the standard deviation of the predicted position;
+set by hand."""
+
+MISFIT_FALSE_ALARM = 1e-3
+"""Misfits that noise alone is expected to feign in one observation: fewer than one in the hundreds
+of observations of a large set."""
+
+MISFIT_POINTS = 9
+"""Neighbouring points whose median length is compared with that of noise; set by hand."""
+
+RETREAT = 0.3
+"""Before the first misfit, to where a fit horizon retreats, s; set by hand."""
+
 
 FAILED_LENGTH = 1e4
 """Length of the residual, in σ of the noise, of a point that the simulator did not reach: finite,
@@ -49,12 +82,12 @@ class TrajectoryFits:
     weights: NDArray[np.float64]
 
     @staticmethod
-    def initial(block: ObservationBlock, settings: JointEstimationSettings) -> TrajectoryFits:
+    def initial(block: ObservationBlock) -> TrajectoryFits:
         """Return the observed initial states with the first horizons."""
         return TrajectoryFits(
             np.zeros_like(block.prior_deviations),
-            np.minimum(block.prior_deviations, settings.largest_state_deviation),
-            first_horizons(block, settings),
+            np.minimum(block.prior_deviations, LARGEST_STATE_DEVIATION),
+            first_horizons(block),
             np.zeros(block.members.size, dtype=np.int64),
             np.ones(block.members.size),
         )
@@ -64,7 +97,6 @@ class TrajectoryFits:
         block: ObservationBlock,
         estimates: NDArray[np.float64],
         residuals: NDArray[np.float64],
-        settings: JointEstimationSettings,
     ) -> NDArray[np.float64]:
         """Loss (c, W), without a unit, of each observation up to its horizon.
 
@@ -74,7 +106,7 @@ class TrajectoryFits:
         lengths = np.linalg.norm(block.whitened(residuals), axis=3)
         lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
         counted = block.times <= self.horizons[:, None]
-        fit = (robust_loss(lengths, settings.outlier_length) * counted).sum(axis=2)
+        fit = (robust_loss(lengths, OUTLIER_LENGTH) * counted).sum(axis=2)
         return fit + 0.5 * ((estimates / block.prior_deviations) ** 2).sum(axis=2)
 
     def advance(
@@ -82,7 +114,7 @@ class TrajectoryFits:
         block: ObservationBlock,
         residuals: NDArray[np.float64],
         goals: NDArray[np.float64],
-        settings: JointEstimationSettings,
+        misfit_patience: int,
     ) -> tuple[bool, int]:
         """Move horizons to their goals; where a misfit has lasted too long, to before it.
 
@@ -90,14 +122,14 @@ class TrajectoryFits:
         advance. Returns `moved`: whether any horizon did; `misfits`: number of observations with a
         misfit.
         """
-        starts = misfit_starts(block, residuals, self.horizons, settings)
+        starts = misfit_starts(block, residuals, self.horizons)
         misfit = np.isfinite(starts)
         self.misfits = np.where(misfit, self.misfits + 1, 0)
-        back = self.misfits >= settings.misfit_patience
+        back = self.misfits >= misfit_patience
         self.misfits[back] = 0
         before = self.horizons
         self.horizons = np.where(misfit, before, goals)
-        retreat = np.maximum(starts - settings.retreat, first_horizons(block, settings))
+        retreat = np.maximum(starts - RETREAT, first_horizons(block))
         self.horizons = np.where(back, np.minimum(retreat, before), self.horizons)
         return bool((self.horizons != before).any()), int(misfit.sum())
 
@@ -112,24 +144,22 @@ class TrajectoryFits:
             setattr(self, name, np.array(values, dtype=own.dtype).reshape(own.shape))
 
 
-def first_horizons(
-    block: ObservationBlock, settings: JointEstimationSettings
-) -> NDArray[np.float64]:
+def first_horizons(block: ObservationBlock) -> NDArray[np.float64]:
     """Return the first horizons (W,) s of a fit: up to the first points, or the first time."""
     ordered = np.sort(block.times, axis=1)
     counts = np.isfinite(ordered).sum(axis=1)
-    last = np.minimum(settings.first_points * block.initial_states.objects, counts) - 1
-    return np.minimum(ordered[np.arange(last.size), last], settings.first_duration)
+    last = np.minimum(FIRST_POINTS * block.initial_states.objects, counts) - 1
+    return np.minimum(ordered[np.arange(last.size), last], FIRST_DURATION)
 
 
 def farthest_horizons(
-    block: ObservationBlock, horizons: NDArray[np.float64], settings: JointEstimationSettings
+    block: ObservationBlock, horizons: NDArray[np.float64], largest_advance: float
 ) -> NDArray[np.float64]:
     """Return the times (W,), in s, that horizons can reach in one step.
 
     `horizons` (W,) s, the present ones.
     """
-    return np.minimum(horizons + settings.largest_advance, block.durations)
+    return np.minimum(horizons + largest_advance, block.durations)
 
 
 def advanced_horizons(
@@ -137,7 +167,7 @@ def advanced_horizons(
     linear: Linearisation,
     spreads: NDArray[np.float64],
     horizons: NDArray[np.float64],
-    settings: JointEstimationSettings,
+    largest_advance: float,
 ) -> NDArray[np.float64]:
     """Include points, in the order of time, up to the first one that cannot be predicted.
 
@@ -147,13 +177,13 @@ def advanced_horizons(
     `spreads` (W, P) m, standard deviation of the predicted positions; `horizons` (W,) s, the
     present ones. Returns (W,) s, never below the present horizons.
     """
-    allowed = settings.largest_bend * block.noise + settings.largest_bend_share * spreads
+    allowed = LARGEST_BEND * block.noise + LARGEST_BEND_SHARE * spreads
     straight = linear.bends <= allowed
-    predictable = (spreads <= settings.largest_spread) & straight
+    predictable = (spreads <= LARGEST_SPREAD) & straight
     blocked = ~(predictable & linear.valid) & (block.times > horizons[:, None])
     first_blocked = np.where(blocked, block.times, np.inf).min(axis=1)
     before = np.where(block.times < first_blocked[:, None], block.times, -np.inf).max(axis=1)
-    limits = farthest_horizons(block, horizons, settings)
+    limits = farthest_horizons(block, horizons, largest_advance)
     return np.maximum(horizons, np.minimum(before, limits))
 
 
@@ -176,7 +206,6 @@ def misfit_starts(
     block: ObservationBlock,
     residuals: NDArray[np.float64],
     horizons: NDArray[np.float64],
-    settings: JointEstimationSettings,
 ) -> NDArray[np.float64]:
     """Return the time (W,), in s, at which each fit begins to fail; infinite where it does not.
 
@@ -186,11 +215,11 @@ def misfit_starts(
     lengths = np.linalg.norm(block.whitened(residuals), axis=2)
     lengths = np.where(inside, np.nan_to_num(lengths, nan=np.inf), 0.0)
     order = np.argsort(np.where(inside, block.times, np.inf), axis=1, kind="stable")
-    window = min(settings.misfit_points, order.shape[1])
+    window = min(MISFIT_POINTS, order.shape[1])
     ordered = np.take_along_axis(lengths, order, axis=1)
     medians = np.median(np.lib.stride_tricks.sliding_window_view(ordered, window, axis=1), axis=2)
     begins = np.take_along_axis(np.where(inside, block.times, np.inf), order, axis=1)
-    failing = medians > misfit_length(window, order.shape[1], settings.misfit_false_alarm)
+    failing = medians > misfit_length(window, order.shape[1], MISFIT_FALSE_ALARM)
     return np.where(failing, begins[:, : medians.shape[1]], np.inf).min(axis=1)
 
 
@@ -198,7 +227,7 @@ def lengths_beyond(
     block: ObservationBlock,
     residuals: NDArray[np.float64],
     horizons: NDArray[np.float64],
-    settings: JointEstimationSettings,
+    largest_advance: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return how far observations are from the fit just beyond their horizons.
 
@@ -206,7 +235,7 @@ def lengths_beyond(
     the largest median length of neighbouring residuals up to where the next misfit would show; NaN
     where a horizon includes all points; `times` (W,) s, at which these neighbours begin.
     """
-    ends = horizons + settings.retreat + settings.largest_advance
+    ends = horizons + RETREAT + largest_advance
     beyond = (block.times > horizons[:, None]) & (block.times <= ends[:, None])
     lengths = np.linalg.norm(block.whitened(residuals), axis=2)
     lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
@@ -214,7 +243,7 @@ def lengths_beyond(
     for row in np.flatnonzero(beyond.any(axis=1)):
         inside = np.flatnonzero(beyond[row])
         inside = inside[np.argsort(block.times[row, inside], kind="stable")]
-        window = min(settings.misfit_points, inside.size)
+        window = min(MISFIT_POINTS, inside.size)
         medians = np.median(
             np.lib.stride_tricks.sliding_window_view(lengths[row, inside], window), axis=1
         )

@@ -12,7 +12,11 @@ from numpy.typing import NDArray
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.cost.partial_cost import PartialCost
-from intuitive_physics_learner.joint_estimation.coordinate_scan import compatible_moves
+from intuitive_physics_learner.joint_estimation.coordinate_scan import (
+    SCAN_LEVELS,
+    SMALLEST_SCAN_GAIN,
+    compatible_moves,
+)
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     advanced_horizons,
     lengths_beyond,
@@ -27,6 +31,7 @@ from intuitive_physics_learner.joint_estimation.local_likelihood import (
     local_likelihoods,
 )
 from intuitive_physics_learner.joint_estimation.normal_equations import (
+    AGREEMENT_FREEDOM,
     NormalEquations,
     Posterior,
     agreement_weights,
@@ -36,6 +41,36 @@ from intuitive_physics_learner.joint_estimation.settings import JointEstimationS
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
 from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.search_space import SearchSpace
+
+HELD_STEPS = 3
+"""Steps of initial states alone by which two θ_s are compared; set by hand."""
+
+LARGEST_VOTE = 3.0
+"""Loss that a single observation counts at most when two θ_s are compared: a likelihood ratio of e³
+≈ 20, hardly chance."""
+
+FIRST_DAMPING = 1e-2
+"""Damping of the first Levenberg-Marquardt step, a part of the diagonal; set by hand."""
+
+DAMPING_FACTORS = (0.1, 1.0, 10.0, 100.0)
+"""Factors on the last damping that are tried in one step; set by hand."""
+
+SMALLEST_DAMPING = 1e-6
+"""Damping at least; set by hand."""
+
+LARGEST_DAMPING = 1e4
+"""Damping at most; set by hand."""
+
+LARGEST_MOVE = 0.2
+"""By which a parameter moves at most in one step, widths; set by hand."""
+
+SETTLED_MOVE = 0.02
+"""Largest move of any parameter of a step that has converged, standard deviations of the parameter;
+set by hand."""
+
+SETTLED_STEPS = 2
+"""Consecutive converged steps after which the fit has converged; set by hand."""
+
 
 SMALLEST_RESPONSE = 1e-9
 """m per width of a parameter; a slope below this is rounding."""
@@ -87,7 +122,7 @@ class JointFit:
         self._model = TrajectoryModel(cost, space, influence, prior, settings)
         self._estimate = self._model.initial_estimate()
         self.responsive = np.zeros(self.unit.size, dtype=bool)
-        self._damping = settings.first_damping
+        self._damping = FIRST_DAMPING
         self._settled = 0
         self.misfits = 0.0
         self.steps = 0
@@ -114,7 +149,7 @@ class JointFit:
     @property
     def settled(self) -> bool:
         """Whether the fit has converged: more steps would change nothing."""
-        return self._settled >= self.settings.settled_steps
+        return self._settled >= SETTLED_STEPS
 
     @property
     def posterior_simulations(self) -> int:
@@ -125,7 +160,7 @@ class JointFit:
     def held_simulations(self) -> int:
         """Simulations of single observations that `return_if_better` takes, about."""
         each = self.simulations / max(self.steps, 1)
-        return int(3 * (self.settings.held_steps + 1) * each)
+        return int(3 * (HELD_STEPS + 1) * each)
 
     @property
     def move_simulations(self) -> int:
@@ -197,7 +232,7 @@ class JointFit:
                 block.durations,
             )
             found[:, block.members] = lengths_beyond(
-                block, residuals[0], part.horizons, self.settings
+                block, residuals[0], part.horizons, self.settings.largest_advance
             )
         return found[0], found[1]
 
@@ -237,7 +272,7 @@ class JointFit:
         others, other_states = self._held(unit, nothing)
         fresh = others < there
         there = np.where(fresh, others, there)
-        votes = np.clip(here - there, -self.settings.largest_vote, self.settings.largest_vote)
+        votes = np.clip(here - there, -LARGEST_VOTE, LARGEST_VOTE)
         if votes.sum() <= 0.0:
             return False
         chosen = [b if new else a for a, b, new in zip(states, other_states, fresh, strict=True)]
@@ -271,7 +306,7 @@ class JointFit:
         fit = JointFit(cost, self._model.space, influence, prior, settings)
         fit._model.widen_spins(spins or InitialSpins())
         fit.begin_at(unit, prior.deviations, fits)
-        for _ in range(settings.held_steps):
+        for _ in range(HELD_STEPS):
             fit.step()
         return fit
 
@@ -347,7 +382,7 @@ class JointFit:
             [each.weights for each in equations],
             posterior,
             -posterior.covariance @ scores,
-            self.settings.agreement_freedom,
+            AGREEMENT_FREEDOM,
         )
         for fits, weights in zip(self._estimate.fits, found, strict=True):
             fits.weights = weights
@@ -381,16 +416,18 @@ class JointFit:
                 evidence.add_all(one, float(weight))
             part.deviations = np.sqrt(np.einsum("wdd->wd", covariances))
             spreads = posterior.spreads(slopes, own, left)
-            goals.append(advanced_horizons(block, slopes, spreads, part.horizons, self.settings))
+            goals.append(
+                advanced_horizons(
+                    block, slopes, spreads, part.horizons, self.settings.largest_advance
+                )
+            )
         return goals, evidence
 
     def _move(self, equations: Sequence[NormalEquations], goals: list[NDArray[np.float64]]) -> None:
         """Take the best of several damped steps, each initial state its own, and move horizons."""
-        model, settings = self._model, self.settings
+        model = self._model
         estimates = [part.estimate for _, part in model.parts(self._estimate)]
-        units, states = proposals(
-            self.unit, self.prior, estimates, equations, self._damping, settings
-        )
+        units, states = proposals(self.unit, self.prior, estimates, equations, self._damping)
         candidates = [model.space.to_parameters(unit) for unit in units]
         # Each θ_s with the initial states that go with it, and with the present ones.
         index = np.concatenate([np.arange(len(units)), np.arange(1, len(units))])
@@ -402,16 +439,16 @@ class JointFit:
                 model.cost, block, trying, candidates, index[:, None], part.horizons
             )
             model.simulations += len(index) * block.members.size
-            own = part.losses(block, trying, residuals, settings)
+            own = part.losses(block, trying, residuals)
             for u in range(len(units)):
                 losses[u] += (part.weights * own[index == u].min(axis=0)).sum()
             tried.append((trying, residuals, own))
         best = int(np.argmin(losses))
         moved = np.abs(units[best] - self.unit) / self._estimate.deviations
         self._estimate.unit = units[best]
-        self._damping = next_damping(self._damping, best, settings)
+        self._damping = next_damping(self._damping, best)
         advanced = self._take_states(np.flatnonzero(index == best), tried, goals)
-        settled = moved.max() < settings.settled_move and not advanced
+        settled = moved.max() < SETTLED_MOVE and not advanced
         self._settled = self._settled + 1 if settled else 0
 
     def _take_states(
@@ -428,7 +465,9 @@ class JointFit:
             pick = options[np.argmin(own[options], axis=0)]
             every = np.arange(block.members.size)
             part.estimate = trying[pick, every]
-            moving, failing = part.advance(block, residuals[pick, every], goal, self.settings)
+            moving, failing = part.advance(
+                block, residuals[pick, every], goal, self.settings.misfit_patience
+            )
             advanced |= moving
             misfits += failing
         self.misfits = misfits / len(self._model.cost.observations)
@@ -436,12 +475,10 @@ class JointFit:
 
     def _scan(self, linear: Sequence[Linearisation]) -> bool:
         """Move parameters to where on their range they fit better; return whether any moved."""
-        places = self.settings.scan_levels
+        places = SCAN_LEVELS
         rises, found = self._model.scanned(self._estimate, linear, places)
         levels = np.argmin(rises, axis=1)
-        moves = compatible_moves(
-            -rises.min(axis=1), self._model.influence, self.settings.smallest_scan_gain
-        )
+        moves = compatible_moves(-rises.min(axis=1), self._model.influence, SMALLEST_SCAN_GAIN)
         for (block, part), estimates in zip(self._model.parts(self._estimate), found, strict=True):
             for parameter in moves:
                 rows, columns = np.nonzero(block.parameters == parameter)
@@ -452,11 +489,11 @@ class JointFit:
         return bool(moves)
 
 
-def next_damping(damping: float, chosen: int, settings: JointEstimationSettings) -> float:
+def next_damping(damping: float, chosen: int) -> float:
     """Return the damping of the next step after the proposal of that index was the best."""
-    factors = settings.damping_factors
+    factors = DAMPING_FACTORS
     factor = factors[chosen - 1] if chosen > 0 else factors[-1]
-    return _clipped_damping(damping * factor, settings)
+    return _clipped_damping(damping * factor)
 
 
 def proposals(
@@ -465,7 +502,6 @@ def proposals(
     estimates: Sequence[NDArray[np.float64]],
     equations: Sequence[NormalEquations],
     damping: float,
-    settings: JointEstimationSettings,
 ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
     """Propose θ_s and initial states, at several dampings.
 
@@ -476,20 +512,20 @@ def proposals(
     """
     units = [unit]
     states = [[estimate] for estimate in estimates]
-    for factor in settings.damping_factors:
-        own_damping = _clipped_damping(damping * factor, settings)
+    for factor in DAMPING_FACTORS:
+        own_damping = _clipped_damping(damping * factor)
         information = prior.precision.copy()
         scores = prior.scores(unit)
         eliminated = [each.eliminated(own_damping) for each in equations]
         for each in eliminated:
             each.add_to(information, scores)
         step = bounded_step(unit, information, scores, own_damping)
-        step = np.clip(step, -settings.largest_move, settings.largest_move)
+        step = np.clip(step, -LARGEST_MOVE, LARGEST_MOVE)
         units.append(unit + step)
         for own, each in zip(states, eliminated, strict=True):
             own.append(own[0] + each.state_steps(step))
     return np.array(units), [np.array(own) for own in states]
 
 
-def _clipped_damping(damping: float, settings: JointEstimationSettings) -> float:
-    return float(np.clip(damping, settings.smallest_damping, settings.largest_damping))
+def _clipped_damping(damping: float) -> float:
+    return float(np.clip(damping, SMALLEST_DAMPING, LARGEST_DAMPING))

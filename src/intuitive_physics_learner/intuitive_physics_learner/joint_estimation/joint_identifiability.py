@@ -29,13 +29,28 @@ from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRE
 from intuitive_physics.parameter_space import parameter_vector
 from intuitive_physics_learner.cost.partial_cost import PartialCost
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.search.identifiability import Identifiability, widened_information
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.one_sided_intervals import UNIFORM
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
 from intuitive_physics_learner.search.search_space import ActiveSpace
+
+ONE_SIDED_DEVIATIONS = 2.0
+"""Distance, in those of a uniform distribution with the parameter's standard deviation, beyond
+which a plausible move gives a one-sided interval; as that of J."""
+
+FEWEST_OBSERVATIONS = 4
+"""Observations from which on fits to two halves are compared: two in each half."""
+
+FAMILY_WEIGHT = 3.0
+"""Number of parameters as which the typical disagreement of the halves counts against that of a
+parameter's own family; set by hand."""
+
+LARGEST_CHANCE_RATIO = 2.0
+"""Ratio of the halves' distance from the estimate to its expectation beyond which that distance is
+itself the uncertainty; set by hand."""
+
 
 NORMAL_MEDIAN = 0.6745
 """Median of |x| for x of the standard normal distribution."""
@@ -60,7 +75,7 @@ def joint_identifiability(
     if seconds_left() > reserved:
         free, ends = one_sided_moves(fit, posterior.deviations, sided)
     agreed = _agreed(staged, ends, free, task, lambda: seconds_left() < reserved)
-    least = fit.settings.one_sided_deviations * UNIFORM
+    least = ONE_SIDED_DEVIATIONS * UNIFORM
     one_sided = (free.max(axis=1) > least * agreed) & (agreed < LARGEST_DEVIATION)
     agreed = np.where(one_sided, agreed, np.maximum(agreed, sided))
     agreed = np.minimum(agreed, fit.prior.deviations)
@@ -102,7 +117,7 @@ def one_sided_moves(
     be moved down and up; 0 for the other parameters; `ends` (n,) widths, standard deviation of
     their ends; `sided` for the other parameters.
     """
-    least = fit.settings.one_sided_deviations * UNIFORM
+    least = ONE_SIDED_DEVIATIONS * UNIFORM
     moves = fit.plausible_moves(least * deviations)
     ends = np.maximum(deviations, moves.min(axis=1) / UNIFORM)
     one_sided = (moves.max(axis=1) > least * ends) & (ends < LARGEST_DEVIATION)
@@ -144,7 +159,6 @@ def agreed_deviations(
     deviations: NDArray[np.float64],
     halves: tuple[Half, Half],
     families: Sequence[NDArray[np.int64]],
-    settings: JointEstimationSettings,
     free: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Standard deviations (n,), in widths, with which both halves agree.
@@ -163,10 +177,10 @@ def agreed_deviations(
     ratios = np.sqrt(_mean(apart / (0.5 * variances), informative))
     # Slopes of a half that lies where the loss is flat tell nothing of the end.
     pooled = np.where(free.any(axis=1), 0.0, (1.0 / variances).sum(axis=0) ** -0.5)
-    factors = _family_factors(ratios, families, settings.family_weight)
+    factors = _family_factors(ratios, families, FAMILY_WEIGHT)
     agreed = np.maximum(deviations * factors, pooled)
     scatter = np.sqrt(_mean(apart, informative))
-    beyond_chance = ratios > settings.largest_chance_ratio
+    beyond_chance = ratios > LARGEST_CHANCE_RATIO
     return np.where(beyond_chance, np.maximum(agreed, scatter), agreed)
 
 
@@ -202,7 +216,7 @@ def _agreed(
 ) -> NDArray[np.float64]:
     """Fit halves of the observations, and return the deviations (n,) with which they agree."""
     fit, searched, influence = staged.joint, task.searched, task.influence[:, task.active]
-    if len(influence) < fit.settings.fewest_observations:
+    if len(influence) < FEWEST_OBSERVATIONS:
         return deviations
     fits = [
         StagedFit(
@@ -221,7 +235,7 @@ def _agreed(
                 part.step()
     first, second = (Half(part.joint.unit, part.joint.posterior()[1]) for part in fits)
     families = _families(searched.names)
-    return agreed_deviations(fit.unit, deviations, (first, second), families, fit.settings, free)
+    return agreed_deviations(fit.unit, deviations, (first, second), families, free)
 
 
 def _families(names: list[str]) -> list[NDArray[np.int64]]:

@@ -14,12 +14,18 @@ from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.cost_descent import CostDescent
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.joint_identifiability import joint_identifiability
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.search.identifiability import Identifiability
 from intuitive_physics_learner.search.learning_task import GaussianPrior, LearningTask
 from intuitive_physics_learner.search.parameter_search import Search
 from intuitive_physics_learner.search.search_space import SearchSpace
+
+LARGEST_MISFIT_SHARE = 0.3
+"""Mean share of observations with a misfit above which the simulation must lack an effect: just
+below the third that a fit horizon counts which advances twice and retreats once for ever."""
+
+MISFIT_STEPS = 3
+"""Steps that this mean is over; set by hand."""
 
 
 class JointSearch(Search):
@@ -40,7 +46,6 @@ class JointSearch(Search):
     influence : (n_observations, n) bool, which observation can depend on which parameter
     prior : of the n parameters; the search begins at its mean
     generator : of the random numbers of the descent of J
-    settings : of the estimation
     fitted : simulates the points to be fitted; None: those of `cost`
     """
 
@@ -51,16 +56,14 @@ class JointSearch(Search):
         influence: NDArray[np.bool_],
         prior: GaussianPrior,
         generator: np.random.Generator,
-        settings: JointEstimationSettings | None = None,
         *,
         fitted: Cost | None = None,
     ) -> None:
         super().__init__()
-        self._settings = settings or JointEstimationSettings()
         self._cost = cost
         self._space = space
-        self._staged = StagedFit(fitted or cost, space, influence, prior, self._settings)
-        self._descent = CostDescent(cost, space, influence, generator, self._settings)
+        self._staged = StagedFit(fitted or cost, space, influence, prior)
+        self._descent = CostDescent(cost, space, influence, generator)
         self._misfits: list[float] = []
         self._lowest = self.fit.unit
         self._lowest_cost = np.inf
@@ -88,10 +91,10 @@ class JointSearch(Search):
         elif not self._staged.settled:
             self._staged.step()
             self._evaluate(relative_gain)
-            count = self._settings.misfit_steps
+            count = MISFIT_STEPS
             self._misfits = [*self._misfits, self.fit.misfits][-count:]
             enough = len(self._misfits) == count or self._staged.settled
-            if enough and np.mean(self._misfits) > self._settings.largest_misfit_share:
+            if enough and np.mean(self._misfits) > LARGEST_MISFIT_SHARE:
                 self._descent.begin(np.array([self.fit.prior.mean, self._lowest]))
         return self.iterations - before
 

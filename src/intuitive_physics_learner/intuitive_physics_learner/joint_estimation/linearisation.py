@@ -20,7 +20,23 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.cost.trials import Trials
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+
+DIFFERENCE_STEP = 0.5
+"""Step of a finite difference to each side, standard deviations of what is moved: a slope is that
+of the region where the truth is likely to be; set by hand."""
+
+SMALLEST_DIFFERENCE = 1e-6
+"""Step of a finite difference at least, in the unit of what is moved (width, m, m/s, rad or rad/s);
+set by hand."""
+
+LARGEST_DIFFERENCE = 0.05
+"""Step of a finite difference at most, in the unit of what is moved (width, m, m/s, rad or rad/s);
+set by hand."""
+
+
+def difference_steps(deviations: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the steps (...,) of finite differences, in the unit of each of `deviations` (...,)."""
+    return np.clip(DIFFERENCE_STEP * deviations, SMALLEST_DIFFERENCE, LARGEST_DIFFERENCE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +82,9 @@ class ParameterSteps:
         deviations: NDArray[np.float64],
         groups: Sequence[NDArray[np.int64]],
         to_parameters: Callable[[NDArray[np.float64]], StaticParameters],
-        settings: JointEstimationSettings,
     ) -> None:
         self.deviations = deviations
-        steps = settings.difference_steps(deviations)
+        steps = difference_steps(deviations)
         self.up = np.minimum(unit + steps, 1.0) - unit
         self.down = unit - np.maximum(unit - steps, 0.0)
         self.up_index = np.zeros(unit.size, dtype=np.int64)
@@ -115,7 +130,6 @@ def linearise(
     state_deviations: NDArray[np.float64],
     steps: ParameterSteps,
     until: NDArray[np.float64],
-    settings: JointEstimationSettings,
 ) -> Linearisation:
     """Take differences of the residuals of a block.
 
@@ -125,7 +139,7 @@ def linearise(
     count, shared = len(estimate), block.shared.shape[1]
     d = estimate.shape[1] - shared
     state_deviations = state_deviations[:, :d]
-    state_steps = settings.difference_steps(state_deviations)
+    state_steps = difference_steps(state_deviations)
     trials = _trials(block, estimate[:, :d], state_steps, steps, until, _most_objects(cost))
     q = block.parameters.shape[1]
     points = block.times.shape[1]

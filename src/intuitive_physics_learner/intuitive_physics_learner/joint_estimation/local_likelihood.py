@@ -60,7 +60,7 @@ def local_likelihoods(model: TrajectoryModel, estimate: Estimate) -> list[LocalL
         spins = model.spin_likelihoods(block, part, posterior.state_covariances(own, left))
         eliminated = replace(own, weights=np.ones_like(own.weights)).eliminated()
         present = part.estimate[None], slopes.residuals[None]
-        losses = part.losses(block, *present, model.settings)[0]
+        losses = part.losses(block, *present)[0]
         d = own.state_size
         scale = block.prior_deviations
         inner = own.hessian[:, :d, :d] * scale[:, :, None] * scale[:, None, :]

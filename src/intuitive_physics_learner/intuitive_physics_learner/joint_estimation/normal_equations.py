@@ -25,7 +25,13 @@ from numpy.typing import NDArray
 
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+
+OUTLIER_LENGTH = 3.0
+"""Length of a residual from which on Huber's loss grows linearly, σ; set by hand."""
+
+AGREEMENT_FREEDOM = 4.0
+"""Degrees of freedom of Student's distribution by which observations that contradict all others
+count less; the value that is usual for robust regression (Lange, Little and Taylor 1989)."""
 
 
 def robust_loss(lengths: NDArray[np.float64], outlier_length: float) -> NDArray[np.float64]:
@@ -64,7 +70,6 @@ class NormalEquations:
         estimate: NDArray[np.float64],
         linear: Linearisation,
         until: NDArray[np.float64],
-        settings: JointEstimationSettings,
         weights: NDArray[np.float64] | None = None,
     ) -> NormalEquations:
         """Set them up with the points up to a time.
@@ -72,7 +77,7 @@ class NormalEquations:
         `estimate` (W, d) deviations from the observed initial states, in SI units; `until` (W,) s,
         the last time that counts; `weights` (W,) of the observations; None: 1.
         """
-        outlier = settings.outlier_length
+        outlier = OUTLIER_LENGTH
         counted = linear.valid & (block.times <= until[:, None])
         residuals = block.whitened(np.where(counted[..., None], linear.residuals, 0.0))
         lengths = np.linalg.norm(residuals, axis=2)

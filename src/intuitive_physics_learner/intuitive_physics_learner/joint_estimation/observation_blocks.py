@@ -15,7 +15,11 @@ from intuitive_physics.state import LINEAR_VELOCITY, POSITION, ROTATION
 from intuitive_physics_learner.cost.packed_observations import times_after_start
 from intuitive_physics_learner.cost.trials import resting
 from intuitive_physics_learner.joint_estimation.point_noise import TrackNoise, track_noises
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+
+PRIOR_WIDENING = 10.0
+"""Factor on the standard deviations of the observed initial position and velocity: most of what is
+known of them comes from points of the very trajectory they are to explain, which must not count
+twice; set by hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,15 +39,13 @@ class InitialStateDeviations:
     standard_deviations: NDArray[np.float64]
 
     @staticmethod
-    def of(
-        observation: Observation, settings: JointEstimationSettings, free: bool = True
-    ) -> InitialStateDeviations:
+    def of(observation: Observation, free: bool = True) -> InitialStateDeviations:
         """Read them from the diagonals of the initial states' covariances."""
         axes, deviations = [], []
         for j, seen in enumerate(observation.objects):
             spread = np.sqrt(np.diag(seen.initial_state.covariance))
-            spread[POSITION] *= settings.prior_widening
-            spread[LINEAR_VELOCITY] *= settings.prior_widening
+            spread[POSITION] *= PRIOR_WIDENING
+            spread[LINEAR_VELOCITY] *= PRIOR_WIDENING
             if isinstance(seen.object.shape, Sphere):
                 spread[ROTATION] = 0.0
             spread *= free
@@ -187,7 +189,6 @@ class ObservationBlock:
 def observation_blocks(
     observations: Sequence[Observation],
     influence: NDArray[np.bool_],
-    settings: JointEstimationSettings,
     *,
     free_states: bool = True,
 ) -> list[ObservationBlock]:
@@ -196,10 +197,8 @@ def observation_blocks(
     `influence` (n_observations, n_parameters) bool, which observation can depend on which
     parameter.
     """
-    initial_states = [
-        InitialStateDeviations.of(seen, settings, free_states) for seen in observations
-    ]
-    noises = track_noises(observations, settings)
+    initial_states = [InitialStateDeviations.of(seen, free_states) for seen in observations]
+    noises = track_noises(observations)
     materials = observation_materials(observations)
     points = [
         _ObservedPoints.of(seen, noise, materials, free_states)

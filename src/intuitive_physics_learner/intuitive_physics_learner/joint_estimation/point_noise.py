@@ -30,7 +30,15 @@ from numpy.typing import NDArray
 from intuitive_physics.observation import Detections, Observation, ObservedObject
 from intuitive_physics.state import POSITION
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+
+SMALLEST_NOISE = 1e-4
+"""Noise of an observed position at least, m: no camera measures better, and what is divided by it
+stays well conditioned."""
+
+POOLED_DIFFERENCES = 20.0
+"""Differences as which the noise of all tracks counts beside a track's own: the median of as many
+has a relative error of a quarter."""
+
 
 MEDIAN_LENGTH_3 = 1.5381722544550522
 """Median of the length of three independent standard normal components: √(median of χ²₃)."""
@@ -69,26 +77,21 @@ class TrackNoise:
     shared: NDArray[np.float64]
 
 
-def track_noises(
-    observations: Sequence[Observation], settings: JointEstimationSettings
-) -> list[list[TrackNoise]]:
+def track_noises(observations: Sequence[Observation]) -> list[list[TrackNoise]]:
     """Find the noise of each object of each observation."""
     tracks = [seen for observation in observations for seen in observation.objects]
     units = [_unit_whitening(seen) for seen in tracks]
     lengths = [_difference_lengths(seen, unit) for seen, unit in zip(tracks, units, strict=True)]
-    variances = _track_variances(tracks, lengths, settings.pooled_differences)
+    variances = _track_variances(tracks, lengths, POOLED_DIFFERENCES)
     noises = iter(
-        _track_noise(seen, unit, variance, settings.smallest_noise)
+        _track_noise(seen, unit, variance, SMALLEST_NOISE)
         for seen, unit, variance in zip(tracks, units, variances, strict=True)
     )
     return [[next(noises) for _ in observation.objects] for observation in observations]
 
 
-def position_noise(observations: Sequence[Observation], smallest: float) -> float:
-    """Estimate the standard deviation in m of an observed position on each axis, one for all.
-
-    `smallest` in m, returned at least.
-    """
+def position_noise(observations: Sequence[Observation]) -> float:
+    """Estimate the standard deviation in m of an observed position on each axis, one for all."""
     lengths = [
         _difference_lengths(seen, np.broadcast_to(np.eye(3), (len(seen.trajectory.times), 3, 3)))
         for observation in observations
@@ -96,8 +99,8 @@ def position_noise(observations: Sequence[Observation], smallest: float) -> floa
     ]
     pooled = np.concatenate(lengths)
     if pooled.size == 0:
-        return smallest
-    return max(float(np.median(pooled)) / MEDIAN_LENGTH_3, smallest)
+        return SMALLEST_NOISE
+    return max(float(np.median(pooled)) / MEDIAN_LENGTH_3, SMALLEST_NOISE)
 
 
 def _detections_of(seen: ObservedObject) -> Detections | None:

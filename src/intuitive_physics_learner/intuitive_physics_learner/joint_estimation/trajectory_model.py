@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
+    SCAN_LEVELS,
     ScanCandidates,
     scanned_states,
 )
@@ -41,6 +42,23 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
 from intuitive_physics_learner.search.search_space import SearchSpace
+
+CURVATURE_WIDENING = 3.0
+"""Factor on the steps of the finite differences from which the posterior is computed; set by
+hand."""
+
+MOVE_ROUNDS = 8
+"""Rounds of moving a parameter outwards from the estimate, and of bisecting the end; set by
+hand."""
+
+MOVE_GROWTH = 3.0
+"""Factor on the distance from one round outwards to the next; set by hand."""
+
+LARGEST_MOVE_RISE = 4.5
+"""Rise of the loss up to which a move is plausible, that of three standard deviations: a fit may
+gain more than that of two by making a ball slip that does not; below the 6 of a parabola at 2 √3
+standard deviations."""
+
 
 PLAUSIBLE_RISE = 2.0
 """Loss that two standard deviations cost: half of two squared."""
@@ -89,7 +107,7 @@ class TrajectoryModel:
         self.prior = prior
         self.settings = settings
         self.simulations = 0
-        self.blocks = self._stated = observation_blocks(cost.observations, influence, settings)
+        self.blocks = self._stated = observation_blocks(cost.observations, influence)
         self.spins = InitialSpins()
         self._unknown_spins = {
             int(member): unknown_spins(cost.observations[member], components)
@@ -102,7 +120,7 @@ class TrajectoryModel:
 
     def initial_estimate(self) -> Estimate:
         """Return the estimate before any step: the prior, and the observed initial states."""
-        fits = [TrajectoryFits.initial(block, self.settings) for block in self.blocks]
+        fits = [TrajectoryFits.initial(block) for block in self.blocks]
         return Estimate(np.clip(self.prior.mean, 0.0, 1.0), self.prior.deviations, fits)
 
     def parts(self, estimate: Estimate) -> Iterator[tuple[ObservationBlock, TrajectoryFits]]:
@@ -138,7 +156,7 @@ class TrajectoryModel:
         for block, fits in zip(self.blocks, estimate.fits, strict=True):
             unknown = [self._unknown_spins[int(member)] for member in block.members]
             estimates, ends, gained = search_spins(
-                self.cost, block, fits, unknown, parameters, self.settings
+                self.cost, block, fits, unknown, parameters, self.settings.largest_advance
             )
             for row in np.flatnonzero(gained).tolist():
                 others[int(block.members[row])] = estimates[row], float(ends[row])
@@ -167,20 +185,14 @@ class TrajectoryModel:
     def linearised(self, estimate: Estimate, widening: float = 1.0) -> list[Linearisation]:
         """Take slopes over `widening` times the usual steps."""
         deviations = widening * estimate.deviations
-        steps = ParameterSteps(
-            estimate.unit, deviations, self._groups, self.space.to_parameters, self.settings
-        )
+        steps = ParameterSteps(estimate.unit, deviations, self._groups, self.space.to_parameters)
         found = []
         for block, part in self.parts(estimate):
-            until = farthest_horizons(block, part.horizons, self.settings)
+            until = farthest_horizons(block, part.horizons, self.settings.largest_advance)
             unknowns = block.initial_states.components.shape[1] + block.parameters.shape[1]
             self.simulations += block.members.size * (1 + 2 * unknowns)
             state_deviations = widening * part.deviations
-            found.append(
-                linearise(
-                    self.cost, block, part.estimate, state_deviations, steps, until, self.settings
-                )
-            )
+            found.append(linearise(self.cost, block, part.estimate, state_deviations, steps, until))
         return found
 
     def equations(
@@ -188,9 +200,7 @@ class TrajectoryModel:
     ) -> list[NormalEquations]:
         """Set up the equations of each block with the points up to the fit horizons."""
         return [
-            NormalEquations.of(
-                block, part.estimate, each, part.horizons, self.settings, part.weights
-            )
+            NormalEquations.of(block, part.estimate, each, part.horizons, part.weights)
             for (block, part), each in zip(self.parts(estimate), linear, strict=True)
         ]
 
@@ -235,14 +245,12 @@ class TrajectoryModel:
         rises += 0.5 * np.diag(self.prior.precision)[:, None] * away**2
         found = []
         for (block, part), slopes in zip(self.parts(estimate), linear, strict=True):
-            states, residuals = scanned_states(
-                self.cost, block, part, slopes, candidates, self.settings
-            )
+            states, residuals = scanned_states(self.cost, block, part, slopes, candidates)
             self.simulations += 2 * len(states) * block.members.size
             parameters = block.parameters.shape[1]
             present = part.estimate[None], slopes.residuals[None]
-            here = part.losses(block, *present, self.settings)
-            there = part.losses(block, states, residuals, self.settings) - here
+            here = part.losses(block, *present)
+            there = part.losses(block, states, residuals) - here
             by_level = there.T.reshape(*block.parameters.shape, each.shape[1])
             np.add.at(rises, block.parameters, by_level)
             found.append(states.reshape(parameters, each.shape[1], *part.estimate.shape))
@@ -256,7 +264,7 @@ class TrajectoryModel:
         over its range without a loss: where a friction only has to be large enough, the curvature
         is zero on one side.
         """
-        linear = self.linearised(estimate, self.settings.curvature_widening)
+        linear = self.linearised(estimate, CURVATURE_WIDENING)
         posterior = self.marginal_posterior(self.equations(estimate, linear))
         deviations = [posterior.deviations]
         for side in range(2):
@@ -279,24 +287,24 @@ class TrajectoryModel:
         side, or that its bounds leave no room for it, is not looked at further. Returns (n, 2)
         widths down and up, 0 for parameters that are not looked at further.
         """
-        linear = self.linearised(estimate, self.settings.curvature_widening)
+        linear = self.linearised(estimate, CURVATURE_WIDENING)
         unit = estimate.unit
         room = np.stack([unit, 1.0 - unit], axis=1)
         inner, outer = np.zeros_like(room), np.full_like(room, np.inf)
         moves = np.minimum(first[:, None], room)
         asked = first < room.max(axis=1)
-        for _ in range(self.settings.move_rounds):
+        for _ in range(MOVE_ROUNDS):
             away = moves * (-1.0, 1.0)
             rises, _ = self.scanned(estimate, linear, unit[:, None] + away)
             from_mean = (unit - self.prior.mean)[:, None]
             rises -= UNIFORM_PRECISION * (from_mean * away + 0.5 * away**2)
-            plausible = rises < self.settings.largest_move_rise
+            plausible = rises < LARGEST_MOVE_RISE
             inner = np.where(plausible, moves, inner)
             outer = np.where(plausible, outer, moves)
             asked &= (inner > 0.0).any(axis=1)
             if not asked.any():
                 break
-            outwards = np.minimum(self.settings.move_growth * moves, room)
+            outwards = np.minimum(MOVE_GROWTH * moves, room)
             moves = np.where(np.isinf(outer), outwards, 0.5 * (inner + outer))
         return np.where(asked[:, None], inner, 0.0)
 
@@ -308,7 +316,7 @@ class TrajectoryModel:
             * (
                 1
                 + 2 * block.initial_states.components.shape[1]
-                + (2 + 4 * self.settings.move_rounds) * block.parameters.shape[1]
+                + (2 + 4 * MOVE_ROUNDS) * block.parameters.shape[1]
             )
             for block in self.blocks
         )
@@ -329,4 +337,4 @@ class TrajectoryModel:
     @property
     def _curvature_levels(self) -> tuple[float, ...]:
         """Every other level of a scan: only how far a parameter can be moved is wanted."""
-        return self.settings.scan_levels[::2]
+        return SCAN_LEVELS[::2]

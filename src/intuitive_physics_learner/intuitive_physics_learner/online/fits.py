@@ -13,28 +13,46 @@ from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit, ObservationFit
 from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
-from intuitive_physics_learner.online.options import RecursionSettings
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
-_FitTask = tuple[Cost, ActiveSpace, NDArray[np.bool_], GaussianPrior]
+LONE_STEPS = 24
+"""Joint steps in which one observation is fitted by itself at most; set by hand: with
+`largest_advance` they suffice for 10 s of motion."""
+
+RETRY_STEPS = 60
+"""Joint steps of a second, more careful fit of an observation that cannot be explained; set by
+hand."""
+
+SCORING_STEPS = 3
+"""Joint steps up to a common horizon before evidences are compared; set by hand."""
+
+MISFIT_STEPS = 4
+"""Last steps of a lone fit in which a misfit means that the motion cannot be explained farther: an
+advance beyond what can be explained ends in a misfit every other step or third."""
+
+LARGEST_ADVANCE = 0.5
+"""By which a fit horizon advances at most in one step, s: more than in a fit that begins with
+nothing, for what is known predicts farther; set by hand."""
+
+
+FitTask = tuple[Cost, ActiveSpace, NDArray[np.bool_], GaussianPrior]
 """Parts of a joint fit: cost of the observations, space of the n parameters, (n_observations, n)
 which observation can depend on which, and prior."""
 
 
-def log_evidence(
-    task: _FitTask, found: JointFit, horizons: Sequence[float], settings: RecursionSettings
-) -> float:
+def log_evidence(task: FitTask, found: JointFit, horizons: Sequence[float]) -> float:
     """Return ln ∫ p(points up to horizons | θ_s) p(θ_s) dθ_s by Laplace's approximation.
 
     `horizons` in s, the last time of each observation that counts; evidences up to different ones
     do not compare.
     """
     *_, prior = task
-    fit = JointFit(*task, settings.joint().with_fixed_horizons())
+    fit = JointFit(*task, JointEstimationSettings().with_fixed_horizons())
     fits = zip(found.observation_fits(), horizons, strict=True)
     fit.begin_at(found.unit, prior.deviations, [replace(one, horizon=h) for one, h in fits])
-    for _ in range(settings.scoring_steps):
+    for _ in range(SCORING_STEPS):
         fit.step()
     loss, precision = float(prior.losses(fit.unit[None])[0]), prior.precision.copy()
     for one in fit.likelihoods():
@@ -60,30 +78,32 @@ class LoneFit:
         space: ParameterSpace,
         influence: NDArray[np.bool_],
         prior: GaussianPrior,
-        settings: RecursionSettings,
+        *,
         scans: tuple[int, ...] = (),
+        careful: bool = False,
         others: StaticParameters | None = None,
     ) -> None:
         self._cost = cost
-        self._settings = settings
+        self._steps = RETRY_STEPS if careful else LONE_STEPS
         self._own = np.flatnonzero(influence)
         self._prior = prior.marginal(self._own)
         others = others or space.to_parameters(np.clip(prior.mean, 0.0, 1.0))
         self._space = ActiveSpace(space, influence, others)
-        self._fit = JointFit(
-            cost, self._space, self._everything, self._prior, settings.joint(scans=scans)
-        )
+        settings = JointEstimationSettings(scan_steps=scans)
+        if not careful:
+            settings = replace(settings, largest_advance=LARGEST_ADVANCE)
+        self._fit = JointFit(cost, self._space, self._everything, self._prior, settings)
         self.blocked = False
 
     def run(self) -> None:
-        """Take steps until the fit has settled, or as many as the settings allow."""
-        since = self._settings.misfit_steps
-        for _ in range(self._settings.lone_steps):
+        """Take steps until the fit has settled, or as many as are allowed."""
+        since = MISFIT_STEPS
+        for _ in range(self._steps):
             if self._fit.settled:
                 break
             self._fit.step()
             since = 0 if self._fit.misfits else since + 1
-        self.blocked = since < self._settings.misfit_steps
+        self.blocked = since < MISFIT_STEPS
 
     @property
     def simulations(self) -> int:
@@ -105,7 +125,7 @@ class LoneFit:
         `horizon` in s, the last time that counts; evidences up to different ones do not compare.
         """
         task = self._cost, self._space, self._everything, self._prior
-        return log_evidence(task, self._fit, [horizon], self._settings)
+        return log_evidence(task, self._fit, [horizon])
 
     @property
     def _everything(self) -> NDArray[np.bool_]:
@@ -115,35 +135,19 @@ class LoneFit:
         return replace(likelihood, parameters=self._own[likelihood.parameters])
 
 
-class WindowProblem:
-    """The joint fit of some observations to a prior.
+def window_fit(task: FitTask, scans: tuple[int, ...]) -> JointFit:
+    """Return a fit of several observations that begins at the prior's mean."""
+    return JointFit(
+        *task, JointEstimationSettings(largest_advance=LARGEST_ADVANCE, scan_steps=scans)
+    )
 
-    `influence` (n_observations, n) bool, which observation can depend on which parameter.
-    """
 
-    def __init__(
-        self,
-        cost: Cost,
-        space: ActiveSpace,
-        influence: NDArray[np.bool_],
-        prior: GaussianPrior,
-        settings: RecursionSettings,
-    ) -> None:
-        self._task = (cost, space, influence, prior)
-        self._settings = settings
-
-    def fit(self, scans: tuple[int, ...]) -> JointFit:
-        """Return a fit that begins at the prior's mean."""
-        return JointFit(*self._task, self._settings.joint(scans=scans))
-
-    def better(self, one: JointFit, other: JointFit) -> JointFit:
-        """Return the fit of the larger evidence, up to the longer horizon of each observation."""
-        pairs = zip(one.observation_fits(), other.observation_fits(), strict=True)
-        horizons = [max(a.horizon, b.horizon) for a, b in pairs]
-        evidences = [
-            log_evidence(self._task, fit, horizons, self._settings) for fit in (one, other)
-        ]
-        return one if evidences[0] >= evidences[1] else other
+def better_fit(task: FitTask, first: JointFit, second: JointFit) -> JointFit:
+    """Return the fit of the larger evidence, up to the longer horizon of each observation."""
+    pairs = zip(first.observation_fits(), second.observation_fits(), strict=True)
+    horizons = [max(a.horizon, b.horizon) for a, b in pairs]
+    evidences = [log_evidence(task, fit, horizons) for fit in (first, second)]
+    return first if evidences[0] >= evidences[1] else second
 
 
 def run(fit: JointFit, steps: int, seconds_left: Callable[[], float] = lambda: np.inf) -> None:

@@ -29,7 +29,7 @@ from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.point_noise import detected
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.online.change_point import find_change
-from intuitive_physics_learner.online.fits import LoneFit, WindowProblem, run
+from intuitive_physics_learner.online.fits import LoneFit, better_fit, run, window_fit
 from intuitive_physics_learner.online.information import (
     Information,
     agreement_weights,
@@ -41,6 +41,64 @@ from intuitive_physics_learner.search.identifiability import widened_information
 from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.search_space import ActiveSpace
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
+
+FREE_SCANS = (2, 5)
+"""Numbers of steps after which a lone fit that knows nothing of θ_s scans each parameter; set by
+hand."""
+
+WINDOW_STEPS = 8
+"""Joint steps of all observations of the window after new ones; set by hand."""
+
+RESTART_STEPS = 60
+"""Joint steps of a fit of the window from its beginning, which is tried now and then; set by
+hand."""
+
+RESTART_SCANS = (2, 5, 9, 14)
+"""Numbers of steps after which such a fit scans each parameter; set by hand."""
+
+SCAN_PERIOD = 8
+"""Observations from one scan of all parameters to the next once the window is full; set by hand."""
+
+CONFLICT = 7.0
+"""Logarithm of the ratio of evidences, of what is not bound by what is known to what is, from which
+on an observation contradicts what is known: odds of a thousand to one."""
+
+SMALLEST_EXPLAINED = 0.6
+"""Share of the last observations that can be explained from which on one that cannot be is
+doubtful; where motion is too chaotic for that, most such observations are good ones; of clean
+throws of tumbling bodies 0.6 to 0.7 can be, of balls 0.9."""
+
+LARGEST_SCORE = 3.0
+"""By which one observation changes the prequential score at most: a likelihood ratio of e³ ≈ 20, so
+that no single one decides."""
+
+SURPRISING_MOVE = 4.0
+"""Move of a parameter in standard deviations of what is published, beyond which it needs the
+evidence of a later observation: a chance of 6e-5."""
+
+SMALLEST_MOVE = 0.1
+"""Move of a parameter in its standard deviations that is worth a new version; set by hand."""
+
+SMALLEST_NARROWING = 0.05
+"""Part by which a standard deviation must change to be worth a new version; set by hand."""
+
+FREEDOM = 4.0
+"""Degrees of freedom of Student's distribution by which observations that contradict all others
+count less; set by hand."""
+
+MEMORY = 20.0
+"""Observations after which one counts 1/e of what it did in the judgement of the stated uncertainty
+and of the share that can be explained; set by hand."""
+
+RECENT = 8
+"""Last observations among which the beginning of a change is looked for."""
+
+FEWEST_CHANGED = 4
+"""Observations that must agree on a change: fewer may be disturbed alike by chance."""
+
+LARGEST_DOUBTFUL_COUNT = 16
+"""Doubtful observations that are kept for another look at most."""
+
 
 WEIGHING_ROUNDS = 2
 """Times that weights are computed again from what they give: they hardly change any more."""
@@ -81,7 +139,6 @@ class OnlineLearner:
     ) -> None:
         self._simulator = simulator
         self._options = options or OnlineOptions()
-        self._settings = self._options.recursion
         self.state = OnlineState.empty() if state is None else state
         self.simulations = 0
         self.problem = ""
@@ -223,9 +280,14 @@ class OnlineLearner:
         scans: tuple[int, ...] = (),
         careful: bool = False,
     ) -> LoneFit:
-        settings = self._settings.careful() if careful else self._settings
         fit = LoneFit(
-            cost, self.state.space, influence, prior, settings, scans, self.state.parameters
+            cost,
+            self.state.space,
+            influence,
+            prior,
+            scans=scans,
+            careful=careful,
+            others=self.state.parameters,
         )
         fit.run()
         self.simulations += fit.simulations
@@ -235,26 +297,26 @@ class OnlineLearner:
         self, cost: TrajectoryCost, influence: NDArray[np.bool_], fit: LoneFit
     ) -> tuple[LoneFit, Assessment] | None:
         """Compare with a fit that knows nothing; None when the observation is not doubtful."""
-        state, settings = self.state, self._settings
+        state = self.state
         share = state.explained / (state.met + FEW)
-        kept = np.exp(-1.0 / settings.memory)
+        kept = np.exp(-1.0 / MEMORY)
         state.met = kept * state.met + 1.0
         state.explained = kept * state.explained + (0.0 if fit.blocked else 1.0)
         if not fit.blocked:
             return None
         (seen,) = cost.observations
         nothing = Information.none(state.centre.size).prior(self.state.prior.mean)
-        free = self._lone_fit(cost, influence, nothing, scans=settings.free_scans)
+        free = self._lone_fit(cost, influence, nothing, scans=FREE_SCANS)
         horizon = max(free.found.horizon, fit.found.horizon)
         gain = free.log_evidence(horizon) - fit.log_evidence(horizon)
-        if gain > settings.conflict:
+        if gain > CONFLICT:
             weight = float(np.exp(-min(gain, LARGEST_EXPONENT)))
             reason = (
                 f"contradicts what is known of its materials: e^{gain:.0f} times as likely with "
                 "other parameters"
             )
             return free, Assessment(seen.id, weight, reason, DOUBTFUL)
-        if free.blocked and share > settings.smallest_explained:
+        if free.blocked and share > SMALLEST_EXPLAINED:
             reason = (
                 f"no parameters explain its motion after {horizon:.2f} s, as they do that of "
                 f"{100.0 * share:.0f} % of the last observations"
@@ -265,7 +327,7 @@ class OnlineLearner:
     def _set_aside(self, member: Member, assessment: Assessment) -> None:
         state = self.state
         state.doubtful.append(replace(member, weight=0.0))
-        del state.doubtful[: -self._settings.doubtful or None]
+        del state.doubtful[:-LARGEST_DOUBTFUL_COUNT]
         state.set_aside += 1
         self._assessments.append(assessment)
 
@@ -275,7 +337,7 @@ class OnlineLearner:
         if not state.doubtful:
             return
         member = state.doubtful[0]
-        if member.number > state.processed - self._settings.recent:
+        if member.number > state.processed - RECENT:
             return
         seen = self._observations[member.id]
         (influence,) = self._influence([seen])
@@ -301,7 +363,7 @@ class OnlineLearner:
         other = self._lone_fit(cost, influence, published)
         horizon = max(fit.found.horizon, other.found.horizon)
         gain = fit.log_evidence(horizon) - other.log_evidence(horizon)
-        largest = self._settings.largest_score
+        largest = LARGEST_SCORE
         vote = float(np.clip(gain, -largest, largest))
         # What an earlier candidate predicted worse must not outweigh what this one does better.
         state.score = max(state.score + vote, -largest)
@@ -333,7 +395,7 @@ class OnlineLearner:
 
     def _fit_window(self, seconds_left: Callable[[], float]) -> None:
         """Retire what is too much, fit the rest jointly and take the posterior over."""
-        state, settings = self.state, self._settings
+        state = self.state
         self._retire()
         if not state.window:
             return
@@ -345,16 +407,16 @@ class OnlineLearner:
         points = [detected(each) for each in seen]
         cost = TrajectoryCost(points, self._simulator, state.materials)
         space = ActiveSpace(self.state.space, active, self.state.parameters)
-        problem = WindowProblem(cost, space, influence[:, active], prior.marginal(own), settings)
+        task = (cost, space, influence[:, active], prior.marginal(own))
         scans = (2,) if self._scans() else ()
         deviations = self.state.prior.deviations[own]
-        fit = problem.fit(scans)
+        fit = window_fit(task, scans)
         fit.begin_at(state.unit[own], deviations, [one.fit for one in state.window])
-        run(fit, settings.window_steps, seconds_left)
+        run(fit, WINDOW_STEPS, seconds_left)
         if self._restarts():
-            other = problem.fit(settings.restart_scans)
-            run(other, settings.restart_steps, seconds_left)
-            fit = problem.better(fit, other)
+            other = window_fit(task, RESTART_SCANS)
+            run(other, RESTART_STEPS, seconds_left)
+            fit = better_fit(task, fit, other)
         self._take_over(fit, own, prior)
         self.simulations += fit.simulations
 
@@ -366,7 +428,7 @@ class OnlineLearner:
 
     def _note_move(self, unit: NDArray[np.float64], variances: NDArray[np.float64]) -> None:
         """Compare the move from an estimate (n,) with the variances (n,), widths², it had."""
-        state, kept = self.state, np.exp(-1.0 / self._settings.memory)
+        state, kept = self.state, np.exp(-1.0 / MEMORY)
         after = self.state.prior.deviations**2
         move = (state.unit - unit) ** 2 / after
         narrowing = np.maximum(variances - after, 0.0) / after
@@ -378,7 +440,7 @@ class OnlineLearner:
     def _scans(self) -> bool:
         """Whether this fit looks for other optima: always at first, then now and then."""
         full = len(self.state.window) >= self._options.window
-        return not full or self.state.processed % self._settings.scan_period == 0
+        return not full or self.state.processed % SCAN_PERIOD == 0
 
     def _take_over(self, fit: JointFit, own: NDArray[np.int64], prior: GaussianPrior) -> None:
         state = self.state
@@ -409,7 +471,7 @@ class OnlineLearner:
             for likelihood, weight in zip(likelihoods, weights, strict=True):
                 state.posterior.add(likelihood, float(weight))
             weights = ages * agreement_weights(
-                state.posterior, state.centre, likelihoods, weights, self._settings.freedom
+                state.posterior, state.centre, likelihoods, weights, FREEDOM
             )
         state.posterior = state.retired.copy()
         for member, weight in zip(state.window, weights, strict=True):
@@ -423,7 +485,7 @@ class OnlineLearner:
             covariance: NDArray[np.float64] = np.asarray(
                 np.linalg.inv(self.state.prior.precision), dtype=np.float64
             )
-            newest = state.processed - self._settings.recent
+            newest = state.processed - RECENT
             old = [one for one in state.window if one.number <= newest] or state.window[:1]
             leaving = min(old, key=lambda one: self._worth(one, covariance))
             self._retire_member(leaving)
@@ -442,9 +504,9 @@ class OnlineLearner:
 
     def _notice_change(self, seconds_left: Callable[[], float]) -> None:
         """Where parameters have changed, forget what was known of them and learn them again."""
-        state, settings = self.state, self._settings
+        state = self.state
         kept = [*state.window, *state.doubtful]
-        newest = state.processed - settings.recent
+        newest = state.processed - RECENT
         kept = sorted((k for k in kept if k.number > newest), key=lambda k: k.number)
         families = self._families()
         change = find_change(
@@ -454,7 +516,7 @@ class OnlineLearner:
             families,
             {family: self._count_of(own) for family, own in families.items()},
             self._options.false_alarm_rate,
-            settings.fewest_changed,
+            FEWEST_CHANGED,
         )
         if change is None:
             return
@@ -479,7 +541,7 @@ class OnlineLearner:
         state = self.state
         retired = state.retired.matrix[np.ix_(parameters, parameters)].any()
         own = [one for one in state.window if np.isin(one.likelihood.parameters, parameters).any()]
-        return len(own) + (self._settings.recent if retired else 0)
+        return len(own) + (RECENT if retired else 0)
 
     def _families(self) -> dict[tuple[str, ...], NDArray[np.int64]]:
         first, each = len(self.state.materials), len(PAIR_COEFFICIENTS)
@@ -504,28 +566,28 @@ class OnlineLearner:
         """Whether the candidate is farther from what is published than that allows."""
         published = self.state.published_information.prior(self.state.centre)
         away = np.abs(self.state.unit - published.mean)
-        return bool((away > self._settings.surprising_move * published.deviations).any())
+        return bool((away > SURPRISING_MOVE * published.deviations).any())
 
     def _is_worth_publishing(self) -> bool:
-        state, settings = self.state, self._settings
+        state = self.state
         if state.published is None:
             return True
         published = state.published_information.prior(state.centre)
         deviations = self.state.prior.deviations
-        moved = np.abs(state.unit - published.mean) > settings.smallest_move * deviations
-        changed = np.abs(deviations / published.deviations - 1.0) > settings.smallest_narrowing
+        moved = np.abs(state.unit - published.mean) > SMALLEST_MOVE * deviations
+        changed = np.abs(deviations / published.deviations - 1.0) > SMALLEST_NARROWING
         return bool((moved | changed).any()) or self._spins_say_something_new()
 
     def _spins_say_something_new(self) -> bool:
         """Whether how balls are thrown is worth a new version, as the parameters are."""
-        state, settings = self.state, self._settings
+        state = self.state
         before = {} if state.published is None else state.published.initial_spins.by_material
         for material, now in state.initial_spins().by_material.items():
             if material not in before:
                 return True
             old, error = before[material], now.relative_error
-            moved = abs(np.log(now.deviation / old.deviation)) > settings.smallest_move * error
-            if moved or abs(error / old.relative_error - 1.0) > settings.smallest_narrowing:
+            moved = abs(np.log(now.deviation / old.deviation)) > SMALLEST_MOVE * error
+            if moved or abs(error / old.relative_error - 1.0) > SMALLEST_NARROWING:
                 return True
         return False
 

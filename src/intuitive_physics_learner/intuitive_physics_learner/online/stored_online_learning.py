@@ -13,6 +13,14 @@ from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.store import ObservationStore, OnlineRecord
 
+BATCH = 8
+"""Observations that wait are learned from together, at most so many: then the joint steps are
+shared; set by hand."""
+
+MOST_SPARED = 32.0
+"""Observations whose CPU time is saved up at most, for fits of the window from its beginning: a fit
+of 24 throws takes some 10 s, where a usual observation takes 0.3 s."""
+
 
 class StoredOnlineLearning:
     """Learns from the observations of a store, in the order in which they came.
@@ -54,9 +62,7 @@ class StoredOnlineLearning:
         if self._store.newest_version() != self._version:
             self._adopt()
         state = self.learner.state
-        observations, problems, position = self._record.observations_since(
-            state.position, self._options.recursion.batch
-        )
+        observations, problems, position = self._record.observations_since(state.position, BATCH)
         if position == state.position:
             return False
         for name, problem in problems.items():
@@ -65,7 +71,7 @@ class StoredOnlineLearning:
         usual = self._options.seconds * len(observations)
         ends = time.process_time() + usual + state.spare_seconds
         assessments = self.learner.learn_from_all(observations, lambda: ends - time.process_time())
-        most = self._options.seconds * self._options.recursion.most_spared
+        most = self._options.seconds * MOST_SPARED
         state.spare_seconds = float(np.clip(ends - time.process_time(), 0.0, most))
         self.problem = self.learner.problem or self.problem
         state.position = position

@@ -41,12 +41,30 @@ from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE, Cost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.trials import Trials
 from intuitive_physics_learner.search.one_sided_intervals import (
+    MOVE_ROUNDS,
     SMALLEST_RESPONSE,
     UNIFORM,
     acceptable_moves,
 )
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
-from intuitive_physics_learner.search.settings import IdentifiabilitySettings
+
+SCAN_LEVELS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
+"""Places on its interval at which J is asked whether it responds to a parameter; set by hand."""
+
+JACOBIAN_STEP = 0.01
+"""Width of the differences of the residuals to each side: large against the kinks of single
+contacts; set by hand."""
+
+RESPONSE_THRESHOLD = 2.0
+"""Standard errors of J by which it must rise to respond to a parameter."""
+
+SMALLEST_NOISE = 1e-4
+"""Noise of the residuals at least, m: no camera measures better, and the information matrix stays
+well conditioned."""
+
+ONE_SIDED_DEVIATIONS = 2.0
+"""Distance, in those of a uniform distribution with the parameter's standard deviation, beyond
+which an acceptable move gives a one-sided interval; set by hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,15 +118,12 @@ def widened_information(
     return np.asarray(np.linalg.inv(covariance + np.diag(lacking)) - bounds)
 
 
-def identification_trials(
-    influence: NDArray[np.bool_], settings: IdentifiabilitySettings | None = None
-) -> int:
+def identification_trials(influence: NDArray[np.bool_]) -> int:
     """Simulations of single observations that `identify` takes at most.
 
     `influence` (n_observations, |θ_s|) bool, of the parameters that are asked about.
     """
-    settings = settings or IdentifiabilitySettings()
-    each = len(settings.scan_levels) + 2 + 2 * settings.move_rounds
+    each = len(SCAN_LEVELS) + 2 + 2 * MOVE_ROUNDS
     return 2 * len(influence) + each * int(influence.sum())
 
 
@@ -118,7 +133,6 @@ def identify(
     parameters: StaticParameters,
     active: NDArray[np.bool_] | None = None,
     cancelled: Callable[[], bool] | None = None,
-    settings: IdentifiabilitySettings | None = None,
 ) -> Identifiability:
     """Find out which parameters the observations determine, around an optimum.
 
@@ -130,35 +144,33 @@ def identify(
     active : (|θ_s|,) bool, which parameters to ask about; the others are taken to have no influence
         (`active_parameters`); None asks about all
     cancelled : looked at between batches
-    settings : thresholds; None for the defaults
 
     Raises
     ------
     LearningCancelledError
         When `cancelled` returned True.
     """
-    settings = settings or IdentifiabilitySettings()
     axes = ParameterAxes(space, parameters)
     influence = parameter_influence(cost.observations, cost.materials)
     residuals = cost.residuals([parameters])[0]
-    noise = _Noise(residuals, cost.point_trajectory, settings.smallest_noise)
+    noise = _Noise(residuals, cost.point_trajectory, SMALLEST_NOISE)
     asked = np.arange(axes.size) if active is None else np.flatnonzero(active)
-    levels = settings.scan_levels
+    levels = SCAN_LEVELS
     changes = np.zeros((axes.size, len(levels)))
     # Most parameters are of few observations, and only these are simulated again.
     saving = CachedCost(cost)
     changes[asked] = _cost_changes(saving, axes, asked, parameters, levels, cancelled)
-    threshold = max(SMALLEST_RESPONSE, settings.response_threshold * noise.cost_standard_error)
+    threshold = max(SMALLEST_RESPONSE, RESPONSE_THRESHOLD * noise.cost_standard_error)
     rising = np.flatnonzero(changes.max(axis=1) > threshold)
     deviations = np.full(axes.size, np.inf)
     information = np.zeros((0, 0))
     if rising.size:
-        step, own = settings.jacobian_step, influence[:, rising]
+        step, own = JACOBIAN_STEP, influence[:, rising]
         squares = _squares_of_slopes(cost, axes, rising, own, step, cancelled)
         information = squares / noise.effective_variance(rising.size)
         covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(rising.size))
         deviations[rising] = np.sqrt(np.diag(covariance))
-    moved = acceptable_moves(saving, axes, parameters, influence, deviations, cancelled, settings)
+    moved = acceptable_moves(saving, axes, parameters, influence, deviations, cancelled)
     deviations = np.maximum(deviations, moved.min(axis=1) / UNIFORM)
     along_axes = np.zeros((axes.size, axes.size))
     along_axes[np.ix_(rising, rising)] = widened_information(
@@ -170,7 +182,7 @@ def identify(
         np.abs(changes).max(axis=1) > SMALLEST_RESPONSE,
         identified,
         deviations * axes.slopes,
-        _one_sided_intervals(axes, moved, deviations, settings.one_sided_deviations * UNIFORM),
+        _one_sided_intervals(axes, moved, deviations, ONE_SIDED_DEVIATIONS * UNIFORM),
         _on_cube(along_axes, axes, space, parameters),
     )
 

@@ -18,7 +18,21 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner.cost.cancellation import batches
 from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE, Cost
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
-from intuitive_physics_learner.search.settings import IdentifiabilitySettings
+
+LARGEST_RISE = 1.2
+"""Standard errors by which J may rise where a parameter is still acceptable: with one observation
+that gets worse among others that do not respond it rises by exactly one."""
+
+LARGEST_RISE_SHARE = 0.1
+"""Part of itself by which J may rise at most there: a number that is fitted to an observation with
+a handful of independent errors gains as much by chance."""
+
+MOVE_ROUNDS = 5
+"""Rounds of moving a parameter outwards from the optimum; set by hand."""
+
+MOVE_GROWTH = 3.0
+"""Factor on the distance from one round to the next; set by hand."""
+
 
 SMALLEST_RESPONSE = 1e-9
 """m; a change of J below this is rounding."""
@@ -34,7 +48,6 @@ def acceptable_moves(
     influence: NDArray[np.bool_],
     deviations: NDArray[np.float64],
     cancelled: Callable[[], bool] | None,
-    settings: IdentifiabilitySettings,
 ) -> NDArray[np.float64]:
     """Return how far each parameter can be moved down and up, (|θ_s|, 2) in widths of its axis.
 
@@ -48,7 +61,7 @@ def acceptable_moves(
     chosen = np.repeat(asked, 2)
     moves = np.tile([-UNIFORM, UNIFORM], asked.size) * deviations[chosen]
     found = np.zeros((axes.size, 2))
-    for _ in range(settings.move_rounds):
+    for _ in range(MOVE_ROUNDS):
         places = np.clip(axes.origin[chosen] + moves, 0.0, 1.0)
         going = places != axes.origin[chosen]
         chosen, moves, places = chosen[going], moves[going], places[going]
@@ -59,20 +72,18 @@ def acceptable_moves(
         rises = np.concatenate(costs) - at_optimum
         accepted = np.array(
             [
-                is_acceptable(rise[influence[:, k]], at_optimum[influence[:, k]], settings)
+                is_acceptable(rise[influence[:, k]], at_optimum[influence[:, k]])
                 for rise, k in zip(rises, chosen, strict=True)
             ]
         )
         chosen, moves, places = chosen[accepted], moves[accepted], places[accepted]
         found[chosen, (moves > 0.0).astype(int)] = np.abs(places - axes.origin[chosen])
         inside = (places > 0.0) & (places < 1.0)
-        chosen, moves = chosen[inside], settings.move_growth * moves[inside]
+        chosen, moves = chosen[inside], MOVE_GROWTH * moves[inside]
     return found
 
 
-def is_acceptable(
-    rises: NDArray[np.float64], costs: NDArray[np.float64], settings: IdentifiabilitySettings
-) -> bool:
+def is_acceptable(rises: NDArray[np.float64], costs: NDArray[np.float64]) -> bool:
     """Whether a rise of J is no larger than its observations disagree about.
 
     A world that the engine cannot finish is not acceptable.
@@ -83,5 +94,5 @@ def is_acceptable(
     if (rises > 0.5 * FAILED_DISTANCE).any():
         return False
     error = rises.std(ddof=1) / np.sqrt(rises.size) if rises.size > 1 else 0.0
-    allowed = min(settings.largest_rise * error, settings.largest_rise_share * costs.mean())
+    allowed = min(LARGEST_RISE * error, LARGEST_RISE_SHARE * costs.mean())
     return bool(rises.mean() <= max(SMALLEST_RESPONSE, allowed))

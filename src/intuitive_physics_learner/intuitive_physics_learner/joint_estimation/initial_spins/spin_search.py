@@ -18,11 +18,14 @@ from scipy.stats import norm, qmc
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner.cost.cost_function import Cost
-from intuitive_physics_learner.joint_estimation.fit_horizons import TrajectoryFits
+from intuitive_physics_learner.joint_estimation.coordinate_scan import SMALLEST_SCAN_GAIN
+from intuitive_physics_learner.joint_estimation.fit_horizons import (
+    RETREAT,
+    TrajectoryFits,
+)
 from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import UnknownSpin
 from intuitive_physics_learner.joint_estimation.linearisation import residuals_at
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 
 TRIED = 64
 """Spins simulated in each round."""
@@ -38,7 +41,7 @@ def search_spins(
     fits: TrajectoryFits,
     unknown: Sequence[Sequence[UnknownSpin]],
     parameters: StaticParameters,
-    settings: JointEstimationSettings,
+    largest_advance: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     """Find spins that explain more of what comes beyond the horizons of fits.
 
@@ -49,14 +52,14 @@ def search_spins(
     ends_early = (fits.horizons < block.durations) & np.array([bool(each) for each in unknown])
     if not ends_early.any():
         return fits.estimate, fits.horizons, ends_early
-    reach = fits.horizons + settings.retreat + settings.largest_advance
+    reach = fits.horizons + RETREAT + largest_advance
     ends = np.where(ends_early, np.minimum(reach, block.durations), 0.0)
     near, far = block.shortened(ends), replace(fits, horizons=ends)
 
     def losses(estimates: NDArray[np.float64]) -> NDArray[np.float64]:
         index = np.zeros((len(estimates), 1), dtype=np.int64)
         residuals = residuals_at(cost, near, estimates, [parameters], index, ends)
-        return far.losses(near, estimates, residuals, settings)
+        return far.losses(near, estimates, residuals)
 
     best, every = fits.estimate.copy(), np.arange(len(ends))
     before = least = losses(best[None])[0]
@@ -72,7 +75,7 @@ def search_spins(
         better = found[pick, every] < least
         best = np.where(better[:, None], tried[pick, every], best)
         least = np.minimum(found[pick, every], least)
-    return best, ends, ends_early & (least < before - settings.smallest_scan_gain)
+    return best, ends, ends_early & (least < before - SMALLEST_SCAN_GAIN)
 
 
 @cache

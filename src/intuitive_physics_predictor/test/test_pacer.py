@@ -1,34 +1,250 @@
-"""A steady rate, and what is left out when a tick takes too long."""
+"""A steady rate, work in the gaps between ticks, and what is left out when a tick takes too long.
+
+When something is done is tried on a simulated clock: no time of a test depends on the machine.
+"""
 
 from __future__ import annotations
 
 import threading
 import time
+from math import inf
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from intuitive_physics_predictor.live.pacer import Pacer
+from intuitive_physics_predictor.live import pacer as pacer_module
+from intuitive_physics_predictor.live.pacer import LATEST, WORK_TIME, Pacer
+
+
+class SimulatedTime:
+    """Clock and condition of a pacer in one thread: waiting and working move the time, in s."""
+
+    def __init__(self):
+        self.now = 0.0
+        self._events = []
+
+    def monotonic(self):
+        return self.now
+
+    def at(self, when, event):
+        """Call `event` at a time, as another thread would."""
+        self._events.append((when, event))
+        self._events.sort(key=lambda pair: pair[0])
+
+    def spend(self, seconds):
+        """Let the time go on while something is done."""
+        end = self.now + seconds
+        while self._happens_until(end):
+            pass
+        self.now = end
+
+    def wait_for(self, predicate, timeout):
+        end = self.now + timeout
+        while not predicate():
+            if not self._happens_until(end):
+                self.now = end
+                return predicate()
+        return True
+
+    def _happens_until(self, end):
+        """Let the next event happen, unless it is later than `end`; return whether it did."""
+        if not self._events or self._events[0][0] > end:
+            return False
+        when, event = self._events.pop(0)
+        self.now = max(self.now, when)
+        event()
+        return True
+
+    def notify(self):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+
+class Stage:
+    """A pacer on a simulated clock, and when its ticks began.
+
+    Parameters
+    ----------
+    rate : 1/s
+    durations : s that the first ticks take; later ones take no time
+    """
+
+    def __init__(self, rate, durations=(), rest=lambda: None):
+        self.clock = SimulatedTime()
+        self.begun, self.late, self.left_out = [], [], []
+        self._durations = durations
+        self.pacer = Pacer(self._tick, rate, rest)
+        self.pacer._changed = self.clock
+
+    def _tick(self, late, left_out):
+        self.begun.append(self.clock.now)
+        self.late.append(late)
+        self.left_out.append(left_out)
+        number = len(self.begun) - 1
+        if number < len(self._durations):
+            self.clock.spend(self._durations[number])
+
+    @property
+    def due(self):
+        """Times at which the ticks were due; of an early one, when it began."""
+        return np.subtract(self.begun, self.late)
+
+    def post(self, when, work, *, urgent=False):
+        """Post work from outside at a time."""
+        self.clock.at(when, lambda: self.pacer.post(work, urgent=urgent))
+
+    def run(self, seconds):
+        """Run the pacer for a time."""
+        self.clock.at(seconds, self.pacer.stop)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(pacer_module, "time", self.clock)
+            self.pacer._run()
+        return self
+
+
+@given(st.lists(st.floats(0.0, 0.8), min_size=5, max_size=20))
+def test_ticks_are_due_at_whole_periods_whatever_they_take(durations):
+    # Four ticks a second: durations of up to 3.2 periods.
+    stage = Stage(4.0, durations).run(5.0)
+    periods = np.diff(stage.due) / 0.25
+    np.testing.assert_allclose(periods, 1 + np.array(stage.left_out[1:]), atol=1e-9)
+    assert min(stage.late) >= 0.0
+    assert max(stage.late) <= LATEST * 0.25 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("duration", "left_out", "late"), [(0.5, 0, 0.0), (1.2, 0, 0.2), (1.6, 1, 0.0), (2.8, 2, 0.0)]
+)
+def test_long_tick_delays_the_next_one_or_leaves_out_those_it_covers(duration, left_out, late):
+    # Numbers of periods: up to half a period of delay is tolerated.
+    stage = Stage(1.0, [duration]).run(6.0)
+    assert stage.left_out[:3] == [0, left_out, 0]
+    assert stage.late[:3] == pytest.approx([0.0, late, 0.0])
+
+
+def test_ticks_keep_their_order_though_urgent_work_takes_long():
+    # Work of 2.3 periods ends 1.3 periods after the tick that it brings forward was due.
+    stage = Stage(10.0)
+    for number in range(10):
+        stage.post(0.05 + 0.3 * number, lambda: stage.clock.spend(0.23), urgent=True)
+    stage.run(4.0)
+    assert np.diff(stage.due).min() > 0.0
+    assert np.diff(stage.begun).min() > 0.0
+
+
+def test_rate_may_change_with_a_tick_at_once():
+    stage = Stage(0.1)
+    stage.clock.at(3.0, lambda: stage.pacer.set_rate(100.0))
+    stage.run(3.055)
+    assert stage.begun == pytest.approx([0.0, *(3.0 + 0.01 * np.arange(6))])
+
+
+@pytest.mark.parametrize(
+    ("posted", "begun"),
+    [(0.02, 0.09), (0.1, 0.1), (0.17, 0.17), (0.18 - 0.9 * WORK_TIME, 0.27)],
+    ids=["during a tick", "in the gap", "late in the gap", "just before a tick"],
+)
+def test_posted_work_begins_as_early_in_the_gap_as_ticks_allow(posted, begun):
+    # Ticks of 90 ms that begin every 180 ms.
+    stage, times = Stage(1.0 / 0.18, [0.09] * 10), []
+    stage.post(posted, lambda: times.append(stage.clock.now))
+    stage.run(1.0)
+    assert times == pytest.approx([begun])
+    assert max(stage.late) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_posted_work_is_done_though_ticks_fill_all_time():
+    # Each tick takes more than a period: there is no gap but right after it.
+    stage, times = Stage(50.0, [0.03] * 50), []
+    stage.post(0.07, lambda: times.append(stage.clock.now))
+    stage.run(1.0)
+    assert times == pytest.approx([0.1])
+
+
+def test_rest_follows_each_tick_and_posted_work():
+    calls = []
+    stage = Stage(0.1, rest=lambda: calls.append(("rest", stage.clock.now)))
+    stage.post(2.0, lambda: calls.append(("work", 2.0)))
+    stage.run(11.0)
+    assert calls == [("rest", 0.0), ("work", 2.0), ("rest", 2.0), ("rest", 10.0)]
+
+
+def test_urgent_work_brings_the_next_tick_forward_and_no_later_one():
+    # Two ticks a second, and work of 20 ms posted 0.1 s after one of them.
+    stage = Stage(2.0)
+    stage.post(0.6, lambda: stage.clock.spend(0.02), urgent=True)
+    stage.run(2.1)
+    assert stage.begun == pytest.approx([0.0, 0.5, 0.62, 1.5, 2.0])
+    assert stage.left_out == [0] * 5
+
+
+@pytest.mark.parametrize(("before", "waits"), [(0.05, True), (0.11, False)])
+def test_urgent_work_delays_a_tick_a_little_or_is_done_after_it(before, waits):
+    # Four ticks a second, which may be 0.3 × 0.25 s late. Work takes 0.15 s, so at once it would
+    # make the tick 0.1 or 0.04 s late. How long it takes is known from the second time on.
+    stage, begun = Stage(4.0), []
+
+    def work():
+        begun.append(stage.clock.now)
+        stage.clock.spend(0.15)
+
+    posted = [1.0 - before, 2.0 - before, 3.0 - before]
+    for when in posted:
+        stage.post(when, work, urgent=True)
+    stage.run(4.0)
+    waited = np.subtract(begun, posted)
+    assert waited == pytest.approx([0.0, before, before] if waits else [0.0] * 3)
+    later = [late for when, late in zip(stage.begun, stage.late, strict=True) if when > 1.5]
+    assert max(later) <= 0.3 * 0.25
+
+
+def test_urgent_work_that_is_not_done_brings_no_tick_forward():
+    # Two ticks a second; the work after one of them is done in three steps of 20 ms.
+    stage, steps = Stage(2.0), []
+
+    def step():
+        stage.clock.spend(0.02)
+        steps.append(stage.clock.now)
+        if len(steps) < 3:
+            stage.pacer.post(step, urgent=True)
+            return False
+        return True
+
+    stage.post(0.6, step, urgent=True)
+    stage.run(1.6)
+    assert steps == pytest.approx([0.62, 0.64, 0.66])
+    assert stage.begun == pytest.approx([0.0, 0.5, 0.66, 1.5])
+
+
+def test_urgent_work_makes_no_more_ticks():
+    # Posted ten times a period, it brings ticks forward by one period at most, not one for each.
+    stage = Stage(50.0)
+    for when in np.arange(0.0, 1.0, 0.002):
+        stage.post(when, lambda: None, urgent=True)
+    stage.run(1.0)
+    assert 49 <= len(stage.begun) + sum(stage.left_out) <= 52
 
 
 class Ticks:
-    """Notes when each tick was due and what was left out before it, until there are enough."""
+    """Counts ticks of a thread and says when there are enough."""
 
-    def __init__(self, enough, work=lambda number: None):
-        self.due, self.late, self.left_out = [], [], []
+    def __init__(self, enough=inf, work=lambda: None):
+        self.count = 0
         self._enough, self._work = enough, work
         self._done = threading.Event()
 
     def __call__(self, late, left_out):
-        self.due.append(time.monotonic() - late)
-        self.late.append(late)
-        self.left_out.append(left_out)
-        self._work(len(self.due))
-        if len(self.due) >= self._enough:
+        self.count += 1
+        self._work()
+        if self.count >= self._enough:
             self._done.set()
-
-    def is_done(self):
-        return self._done.is_set()
 
     def wait(self):
         assert self._done.wait(20.0)
@@ -36,10 +252,11 @@ class Ticks:
 
 @pytest.fixture
 def paced():
+    """Start pacers in threads; none outlives its test."""
     pacers = []
 
-    def start(ticks, rate):
-        pacers.append(Pacer(ticks, rate))
+    def start(ticks, rate, **options):
+        pacers.append(Pacer(ticks, rate, **options))
         pacers[-1].start()
         return pacers[-1]
 
@@ -48,157 +265,55 @@ def paced():
         pacer.stop()
 
 
-def test_ticks_are_due_at_whole_periods(paced):
-    # When a tick is due does not depend on how late the ones before came: no drift.
-    ticks = Ticks(40)
-    paced(ticks, 200.0)
-    ticks.wait()
-    periods = np.diff(ticks.due[:40]) * 200.0
-    # A busy machine may take the processor between the two looks at the clock, now and then.
-    assert np.median(np.abs(periods - 1 - np.array(ticks.left_out[1:40]))) < 0.05
-    total = (ticks.due[39] - ticks.due[0]) * 200.0
-    assert round(total) >= 39 + sum(ticks.left_out[1:40])
-    assert min(ticks.late) >= 0.0
-
-
-def test_a_long_tick_leaves_out_those_it_covers(paced):
-    # At 20 a second, a tick of 0.14 s covers the two after it: the second would begin 0.04 s late.
-    ticks = Ticks(4, lambda number: time.sleep(0.14) if number == 2 else None)
-    paced(ticks, 20.0)
-    ticks.wait()
-    assert ticks.left_out[:2] == [0, 0]
-    # On a machine that is busy it may be later still, never earlier.
-    assert ticks.left_out[2] >= 2
-    assert round(20.0 * (ticks.due[2] - ticks.due[1])) == 1 + ticks.left_out[2]
-
-
-def test_a_tick_that_takes_a_little_too_long_delays_the_next_one_only(paced):
-    # At 1 a second, one of 1.2 s ends 0.2 s after the next is due; 0.5 s are tolerated.
-    ticks = Ticks(4, lambda number: time.sleep(1.2) if number == 2 else None)
-    paced(ticks, 1.0)
-    ticks.wait()
-    assert ticks.left_out[2] == 0
-    assert 0.19 < ticks.late[2] < 0.5
-    assert ticks.late[3] < 0.19
-
-
-def test_ticks_are_due_one_after_another_though_urgent_work_takes_long(paced):
-    # Work of 2.3 periods ends 1.3 periods after the tick that it brings forward was due.
-    ticks = Ticks(6)
-    pacer = paced(ticks, 10.0)
-    while not ticks.is_done():
-        pacer.post(lambda: time.sleep(0.23), urgent=True)
-        time.sleep(0.3)
-    assert np.diff(ticks.due).min() > 0.0
-
-
-def test_the_rate_may_change(paced):
-    ticks = Ticks(12)
-    pacer = paced(ticks, 0.1)
-    while not ticks.due:
-        time.sleep(0.01)
-    pacer.set_rate(100.0)
-    # At a tenth of a hertz twelve ticks would take 110 s.
-    ticks.wait()
-
-
-def test_it_stops_at_once_though_the_next_tick_is_far(paced):
+def test_thread_stops_at_once_though_the_next_tick_is_far(paced):
+    # The next tick is 100 s away.
     ticks = Ticks(1)
-    pacer = paced(ticks, 0.1)
+    pacer = paced(ticks, 0.01)
     ticks.wait()
-    start = time.monotonic()
-    pacer.stop()
-    assert time.monotonic() - start < 5.0
-    assert len(ticks.due) == 1
+    begun = time.monotonic()
+    assert pacer.stop()
+    assert time.monotonic() - begun < 50.0
+    assert ticks.count == 1
 
 
-def test_posted_work_begins_early_in_the_gap(paced):
-    # Ticks of 90 ms that begin every 180 ms, and work that wants 5 ms before the next one.
-    ticks = Ticks(15, lambda number: time.sleep(0.09))
-    pacer = paced(ticks, 1.0 / 0.18)
-    begun = []
-    while not ticks.is_done():
-        done = threading.Event()
-
-        def work(done=done):
-            begun.append((time.monotonic() - ticks.due[0]) % 0.18)
-            done.set()
-
-        pacer.post(work)
-        assert done.wait(20.0)
-        time.sleep(0.02)
-    # From the end of a tick up to 5 ms before the next one; a busy machine may wake it late.
-    assert len(begun) > 15
-    in_time = np.array(begun) > 0.085
-    assert in_time.mean() > 0.8
+def test_pacer_that_never_started_can_be_stopped():
+    assert Pacer(Ticks(), 1.0).stop()
 
 
 def test_ticks_work_and_rest_share_one_thread_in_order(paced):
     threads, done = [], []
-    ticks = Ticks(1000, lambda number: threads.append(threading.get_ident()))
-    pacer = Pacer(ticks, 500.0, lambda: threads.append(threading.get_ident()))
-    pacer.start()
+
+    def note_thread():
+        threads.append(threading.get_ident())
+
+    pacer = paced(Ticks(work=note_thread), 500.0, rest=note_thread)
 
     def post(poster):
         for number in range(200):
             pacer.post(lambda number=number: done.append((poster, number, threading.get_ident())))
-            time.sleep(1e-4)
 
     posters = [threading.Thread(target=post, args=(k,)) for k in range(4)]
     for poster in posters:
         poster.start()
     for poster in posters:
         poster.join()
-    deadline = time.monotonic() + 20.0
-    while len(done) < 800 and time.monotonic() < deadline:
-        time.sleep(0.01)
+    finished = threading.Event()
+    pacer.post(finished.set)
+    assert finished.wait(20.0)
     pacer.stop()
     assert len({*threads, *(thread for *_, thread in done)}) == 1
     for k in range(4):
         assert [number for poster, number, _ in done if poster == k] == list(range(200))
 
 
-def test_work_is_done_after_each_tick_though_ticks_fill_all_time(paced):
-    # Each tick takes more than a period: there is no gap but right after it.
-    ticks = Ticks(8, lambda number: time.sleep(0.03))
-    pacer = paced(ticks, 50.0)
-    done = threading.Event()
-    pacer.post(done.set)
-    assert done.wait(20.0)
-
-
-def test_rest_follows_each_tick_and_posted_work():
-    calls = []
-    rested = threading.Event()
-
-    def rest():
-        calls.append("rest")
-        if "work" in calls:
-            rested.set()
-
-    pacer = Pacer(lambda late, left_out: calls.append("tick"), 0.1, rest)
-    pacer.start()
-    while "rest" not in calls:
-        time.sleep(0.01)
-    pacer.post(lambda: calls.append("work"))
-    assert rested.wait(20.0)
-    pacer.stop()
-    assert calls[:4] == ["tick", "rest", "work", "rest"]
-
-
-def test_what_never_started_can_be_stopped():
-    Pacer(Ticks(1), 1.0).stop()
-
-
-def test_posted_work_of_one_key_does_not_pile_up():
+def test_posted_work_of_one_key_does_not_pile_up(paced):
     begun, posted, done = threading.Event(), threading.Event(), []
 
-    def work(number):
+    def work():
         begun.set()
         assert posted.wait(20.0)
 
-    pacer = Pacer(Ticks(1, work), 1.0)
-    pacer.start()
+    pacer = paced(Ticks(work=work), 1.0)
     assert begun.wait(20.0)
     for number in range(1000):
         pacer.post(lambda number=number: done.append(("states", number)), key="states")
@@ -216,7 +331,7 @@ def test_many_threads_lose_no_newest_work(paced):
     # Eight threads post 200 numbers each under a key of their own: the last of each is done, and
     # those done of one key are in order.
     done = {key: [] for key in range(8)}
-    pacer = paced(Ticks(10**6), 1000.0)
+    pacer = paced(Ticks(), 1000.0)
 
     def post(key):
         for number in range(200):
@@ -233,89 +348,3 @@ def test_many_threads_lose_no_newest_work(paced):
     for numbers in done.values():
         assert numbers[-1] == 199
         assert numbers == sorted(numbers)
-
-
-def test_a_tick_follows_urgent_work_at_once_and_the_next_ones_are_due_when_they_were(paced):
-    # Two ticks a second, and work posted 0.1 s after one of them was due.
-    ticks = Ticks(5)
-    pacer = paced(ticks, 2.0)
-    while len(ticks.due) < 2:
-        time.sleep(0.001)
-    first = ticks.due[1]
-    time.sleep(max(0.0, first + 0.1 - time.monotonic()))
-    done = []
-    pacer.post(lambda: done.append(time.monotonic()), urgent=True)
-    ticks.wait()
-    since = np.array(ticks.due) - first
-    # It takes the place of the tick at 0.5 s; a busy machine may begin it late.
-    assert 0.0 < since[2] - (done[0] - first) < 0.15
-    assert since[2] < 0.45
-    np.testing.assert_allclose(since[3:5], [1.0, 1.5], atol=0.1)
-    assert ticks.left_out[:5] == [0] * 5
-
-
-@pytest.mark.parametrize(("before", "waits"), [(0.05, True), (0.11, False)])
-def test_urgent_work_delays_a_tick_a_little_or_is_done_after_it(paced, before, waits):
-    # Four ticks a second, which may be 0.3 × 0.25 s late; work takes 0.15 s and is posted some time
-    # before a tick is due, which at once would make it 0.1 or 0.04 s late.
-    ticks = Ticks(8)
-    pacer = paced(ticks, 4.0)
-    posted, begun = [], []
-
-    def work():
-        begun.append(time.monotonic())
-        time.sleep(0.15)
-
-    while not ticks.due:
-        time.sleep(0.001)
-    while len(begun) < 3:
-        time.sleep((ticks.due[0] - before - time.monotonic()) % 0.25)
-        count = len(begun)
-        posted.append(time.monotonic())
-        pacer.post(work, urgent=True)
-        while len(begun) == count:
-            time.sleep(0.001)
-        time.sleep(0.4)
-    ticks.wait()
-    # How long it takes is known from the second time on.
-    later = [late for due, late in zip(ticks.due, ticks.late, strict=True) if due > begun[0] + 0.3]
-    assert max(later) < 0.08
-    waited = np.subtract(begun, posted)[1:]
-    assert (waited > 0.04).all() if waits else (waited < 0.04).all()
-
-
-def test_urgent_work_that_is_not_done_brings_no_tick_forward(paced):
-    # Two ticks a second; the work of 0.1 s after one of them is done in three steps.
-    ticks = Ticks(5)
-    pacer = paced(ticks, 2.0)
-    while len(ticks.due) < 2:
-        time.sleep(0.001)
-    done = []
-
-    def step():
-        time.sleep(0.02)
-        done.append(time.monotonic())
-        if len(done) < 3:
-            pacer.post(step, urgent=True)
-            return False
-        return True
-
-    time.sleep(max(0.0, ticks.due[1] + 0.1 - time.monotonic()))
-    pacer.post(step, urgent=True)
-    ticks.wait()
-    assert len(done) == 3
-    assert 0.0 < ticks.due[2] - done[2] < 0.15
-
-
-def test_urgent_work_makes_no_more_ticks(paced):
-    # Posted ten times a period, it brings ticks forward by one period at most, not one for each.
-    ticks = Ticks(1000)
-    pacer = paced(ticks, 50.0)
-    begun = time.monotonic()
-    while time.monotonic() < begun + 1.0:
-        pacer.post(lambda: None, urgent=True)
-        time.sleep(0.002)
-    pacer.stop()
-    passed = time.monotonic() - begun
-    assert len(ticks.due) + sum(ticks.left_out) <= 50.0 * passed + 2.0
-    assert len(ticks.due) > 5

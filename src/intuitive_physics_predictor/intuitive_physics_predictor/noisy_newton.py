@@ -124,29 +124,29 @@ class PreparedScene:
         InvalidInputError, UnknownNameError
             As `pack_worlds`.
         """
-        known, learned = static_parameters, None
-        if isinstance(known, UncertainParameters):
-            learned = known.learned
-            known = learned.parameters
+        parameters, learned = static_parameters, None
+        if isinstance(parameters, UncertainParameters):
+            learned = parameters.learned
+            parameters = learned.parameters
         states = [
             with_spin_prior(state, scene_object, learned, noise.spin_prior, noise.guess_scale)
             for state, scene_object in zip(scene.states, scene.objects, strict=True)
         ]
         spread = StateSpread.of(states, noise)
-        world = pack_worlds([scene], known)
+        world = pack_worlds([scene], parameters)
         used = estimates if noise.perceived else ()
         return PreparedScene(scene, static_parameters, world, spread, noise, used)
 
     @property
     def guessed(self) -> frozenset[str]:
-        """Ids of the objects of whose spin little more is known than a guess."""
+        """Ids of the objects whose spin is little better known than a guess."""
         estimates = self.estimates or (None,) * len(self.scene.objects)
         return frozenset(
-            thing.id
-            for thing, state, estimate in zip(
+            item.id
+            for item, state, estimate in zip(
                 self.scene.objects, self.scene.states, estimates, strict=True
             )
-            if (unknown_spin(thing.shape, state) if estimate is None else estimate.spin_is_guess)
+            if (unknown_spin(item.shape, state) if estimate is None else estimate.spin_is_guess)
         )
 
     def sampled(
@@ -162,7 +162,7 @@ class PreparedScene:
         """
         if count < 1:
             raise InvalidInputError(f"sample count is {count}; expected at least 1")
-        one = self.world
+        world = self.world
         normal = rng.standard_normal((count, len(self.scene.objects), ERROR_SIZE))
         changes: dict[str, Any] = {"states": self.spread.at(normal)}
         if isinstance(self.static_parameters, UncertainParameters):
@@ -171,13 +171,13 @@ class PreparedScene:
         self._take_estimates(changes, rng)
         if size_noise != 0.0:
             factors = draw_sizes((count, len(self.scene.objects)), size_noise, rng)[..., None]
-            changes["dimensions"] = one.dimensions * factors
-            changes["volumes"] = one.volumes * factors[..., 0] ** 3
-            changes["unit_inertias"] = one.unit_inertias * factors**5
+            changes["dimensions"] = world.dimensions * factors
+            changes["volumes"] = world.volumes * factors[..., 0] ** 3
+            changes["unit_inertias"] = world.unit_inertias * factors**5
             # Drag grows with the silhouette, the Magnus force with the silhouette times the radius.
-            changes["air_factors"] = one.air_factors * factors ** np.array([2.0, 3.0])
-            changes["mass_centres"] = one.mass_centres * factors
-        worlds = one.taken(np.zeros(count, dtype=np.int64), **changes)
+            changes["air_factors"] = world.air_factors * factors ** np.array([2.0, 3.0])
+            changes["mass_centres"] = world.mass_centres * factors
+        worlds = world.taken(np.zeros(count, dtype=np.int64), **changes)
         condition_on_outside(worlds, self._estimated_spread, normal)
         return worlds.with_contact_noise(contact_noise, rng) if contact_noise else worlds
 
@@ -196,7 +196,7 @@ class PreparedScene:
     def _possible_estimates(self) -> tuple[WeightedStates | None, ...]:
         """The estimates given that no object is inside a surface."""
         means = self._estimated_spread.means
-        found: list[WeightedStates | None] = []
+        possible: list[WeightedStates | None] = []
         for k, estimate in enumerate(self.estimates):
             if estimate is not None:
                 count = len(estimate.values)
@@ -204,8 +204,8 @@ class PreparedScene:
                 states[:, k, 0:3] = estimate.values[:, PLACE]
                 worlds = self.world.taken(np.zeros(count, dtype=np.int64), states=states)
                 estimate = estimate.where(~objects_inside(worlds, means)[:, k])
-            found.append(estimate)
-        return tuple(found)
+            possible.append(estimate)
+        return tuple(possible)
 
     def _take_estimates(self, changes: dict[str, Any], rng: np.random.Generator) -> None:
         """Put the estimated states in the place of the perceived ones, with the θ_s of each."""

@@ -142,16 +142,7 @@ def objects_inside(worlds: WorldBatch, means: NDArray[np.float64]) -> NDArray[np
 def condition_samples(
     batch: Any, scratch: Any, work: Any, means: Any, roots: Any, normal: Any
 ) -> None:
-    """See `condition_on_outside`.
-
-    Parameters
-    ----------
-    batch : `WorldBatch.arrays`
-    scratch : (1,) WORLD with room for each of the worlds
-    work : (1,) WORK
-    means, roots : of the `StateSpread`
-    normal : (W, O, 12)
-    """
+    """See `condition_on_outside`: `WorldBatch.arrays`, (1,) WORLD, (1,) WORK, normal (W, O, 12)."""
     worlds: Any = WorldArrays(*batch)
     world, room = scratch[0], work[0]
     for s in range(worlds.object_counts.size):
@@ -166,14 +157,7 @@ def condition_samples(
 
 @entry
 def find_inside(batch: Any, scratch: Any, means: Any, inside: Any) -> None:
-    """See `objects_inside`.
-
-    Parameters
-    ----------
-    batch : `WorldBatch.arrays`
-    scratch : (1,) WORLD with room for each of the worlds
-    inside : (W, O) bool to be filled
-    """
+    """See `objects_inside`: `WorldBatch.arrays`, (1,) WORLD, and inside (W, O) to be filled."""
     worlds: Any = WorldArrays(*batch)
     world = scratch[0]
     for s in range(worlds.object_counts.size):
@@ -329,13 +313,7 @@ def _pose(body: Any, state: Any) -> None:
 
 @kernel
 def _deepest(world: Any, i: Any, mean: Any, first: Any) -> Any:
-    """Smallest gap (m) of an object and the surface that it is of.
-
-    Parameters
-    ----------
-    mean : (13,) as it was perceived
-    first : bodies from this one on count beside the planes
-    """
+    """Smallest gap (m) of an object to planes and bodies from `first` on, and which has it."""
     least, surface = inf, -1
     for p in range(world.plane_count):
         gap = _gap_to_side(world, i, p, mean)

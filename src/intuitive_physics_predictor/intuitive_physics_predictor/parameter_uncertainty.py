@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import PAIR_COEFFICIENTS
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION, ParameterPosterior
-from intuitive_physics.parameter_space import Bounds, ParameterSpace
+from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.prior_knowledge import with_pair_prior
 from intuitive_physics.truncated_gaussian import truncated_normal_quantiles
 from intuitive_physics.validation import non_negative_float
@@ -61,8 +61,6 @@ class UncertainParameters:
     contact : standard deviation, added to frictions and restitution of every pair, of what differs
         from one contact to the next: unevenness, dust, spin that the model lacks. A sample has the
         same deviation at all its contacts.
-    bounds : of the parameters by kind, where the learner gives no posterior of its own; default:
-        `DEFAULT_BOUNDS`
     materials : that are drawn; default: those of `learned`
 
     Attributes
@@ -79,7 +77,6 @@ class UncertainParameters:
         scale: float = 1.0,
         unidentified: float = 1.0,
         contact: float = 0.0,
-        bounds: Mapping[str, Bounds] | None = None,
         materials: Sequence[str] | None = None,
     ) -> None:
         factor = non_negative_float(scale, "scale of θ_s")
@@ -87,7 +84,7 @@ class UncertainParameters:
         deviation = non_negative_float(contact, "contact noise")
         materials = learned.materials if materials is None else tuple(materials)
         self.learned = learned.extended(materials)
-        posterior, box = learned.whole_posterior(bounds), None
+        posterior, box = learned.whole_posterior(), None
         if share < 1.0:
             posterior = posterior.extended(materials)
             box = _narrowed_box(posterior, share)
@@ -138,24 +135,18 @@ def _add_contact_noise(
     space: ParameterSpace,
     rng: np.random.Generator,
 ) -> None:
-    """Move frictions and restitution of every pair, within their bounds and with μ_d ≤ μ_s.
-
-    Parameters
-    ----------
-    values : (count, |θ_s|) in SI units, which are changed
-    deviation : standard deviation
-    space : with the bounds
-    rng : of the noise
-    """
+    """Move frictions and restitution in values (count, |θ_s|), within bounds and with μ_d ≤ μ_s."""
     by_pair = values[:, len(space.materials) :].reshape(len(values), -1, len(PAIR_COEFFICIENTS))
     for index in (DYNAMIC, STATIC, RESTITUTION):
-        own, limits = by_pair[..., index], space.bounds[PAIR_COEFFICIENTS[index]]
+        coefficients, limits = by_pair[..., index], space.bounds[PAIR_COEFFICIENTS[index]]
         lower, upper = limits.lower, limits.upper
         if index == DYNAMIC:
             upper = min(upper, space.bounds["static_friction"].upper)
         least = np.maximum(by_pair[..., DYNAMIC], lower) if index == STATIC else lower
-        shares = rng.random(own.shape)
-        by_pair[..., index] = truncated_normal_quantiles(shares, own, deviation, least, upper)
+        shares = rng.random(coefficients.shape)
+        by_pair[..., index] = truncated_normal_quantiles(
+            shares, coefficients, deviation, least, upper
+        )
 
 
 def _elements_of_coefficients(m: int) -> NDArray[np.int64]:

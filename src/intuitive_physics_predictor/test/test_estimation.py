@@ -26,7 +26,7 @@ from intuitive_physics_predictor.estimation.object_estimate import (
 )
 from intuitive_physics_predictor.estimation.pair_knowledge import PairKnowledge
 from intuitive_physics_predictor.estimation.weighted_states import WeightedStates, draw_weighted
-from intuitive_physics_predictor.live.live_prediction import Inputs, SeenStates
+from intuitive_physics_predictor.live.live_prediction import Inputs, PerceivedStates
 from intuitive_physics_predictor.live.predictor import Predictor
 from intuitive_physics_predictor.live.settings import PredictionOptions, PredictionSettings
 from intuitive_physics_predictor.noise import StateNoise
@@ -529,8 +529,8 @@ def test_a_predictor_begins_where_the_estimate_is():
             PredictionSettings(replace(options, estimate_states=estimate_states)), 0, inputs
         )
         for time, state, detected in frames:
-            seen = SeenStates((BALL,), (state,), time, 50.0 + time, 0.0, "room", (detected,))
-            predictor.take(seen=seen)
+            seen = PerceivedStates((BALL,), (state,), time, 50.0 + time, 0.0, "room", (detected,))
+            predictor.take(states=seen)
         return predictor
 
     predictor = fed(True)
@@ -555,24 +555,26 @@ def test_states_are_taken_over_object_by_object_and_predicted_from_when_all_are_
             Detections([time], [one.position], detected.covariances, detected.bias) for one in apart
         ]
         frames.append(
-            SeenStates(tuple(others), tuple(apart), time, 50.0 + time, 0.0, "room", tuple(seen))
+            PerceivedStates(
+                tuple(others), tuple(apart), time, 50.0 + time, 0.0, "room", tuple(seen)
+            )
         )
     first, second, third = frames
-    predictor.take(seen=first)
-    steps = predictor.take_seen(second)
+    predictor.take(states=first)
+    steps = predictor.take_states(second)
     assert [next(steps, "done"), next(steps, "done")] == [None, None]
     assert predictor.is_taking
-    assert predictor.snapshot.inputs.seen is first
+    assert predictor.snapshot.inputs.states is first
     assert next(steps, "done") == "done"
     assert not predictor.is_taking
-    assert predictor.snapshot.inputs.seen is second
+    assert predictor.snapshot.inputs.states is second
     assert len(predictor.snapshot.estimates) == 3
     # What is left of a frame is done before the next one begins.
-    left = predictor.take_seen(third)
+    left = predictor.take_states(third)
     next(left)
-    predictor.take(seen=replace(third, stamp=third.stamp + STEP))
+    predictor.take(states=replace(third, stamp=third.stamp + STEP))
     assert next(left, "done") == "done"
-    assert predictor.snapshot.inputs.seen.stamp == third.stamp + STEP
+    assert predictor.snapshot.inputs.states.stamp == third.stamp + STEP
 
 
 def replace_place(state, number):

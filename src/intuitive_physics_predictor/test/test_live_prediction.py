@@ -21,7 +21,7 @@ from intuitive_physics_predictor.compile import warm_up
 from intuitive_physics_predictor.live.live_prediction import (
     Inputs,
     NothingToPredictError,
-    SeenStates,
+    PerceivedStates,
     predict_scene,
 )
 from intuitive_physics_predictor.live.predictor import Predictor
@@ -37,7 +37,7 @@ from intuitive_physics_predictor.noise_scales import NOISE_SCALES, NoiseScales
 ROOM = Environment([Plane("floor", "wood", (0, 0, 1), 0.0)], frame_id="room")
 COVARIANCE = np.diag([1e-6] * 3 + [0.0] * 3 + [1e-4] * 3 + [1e-2] * 3)
 STATE = ObjectState((0, 0, 1.0), (0, 0, 0, 1), (2.0, 0, 0), (0, 0, 0), COVARIANCE)
-SEEN = SeenStates(
+STATES = PerceivedStates(
     (SceneObject("ball", "rubber", Sphere(0.05)),), (STATE,), 1000.0, 50.0, 0.0, "room"
 )
 SETTINGS = PredictionSettings(PredictionOptions(horizon=1.0))
@@ -56,7 +56,7 @@ def learned(materials=("rubber", "wood"), deviation=0.01):
     )
 
 
-INPUTS = Inputs(ROOM, 7, learned(), SEEN)
+INPUTS = Inputs(ROOM, 7, learned(), STATES)
 
 
 def now(age, inputs=INPUTS, options=SETTINGS, seed=1):
@@ -80,14 +80,14 @@ def test_carrying_forward_is_looking_later_at_the_same_samples(age):
 
 
 def test_states_from_just_ahead_of_the_clock_are_begun_from():
-    ahead = replace(INPUTS, seen=replace(SEEN, stamp=1000.05, delay=-0.05))
+    ahead = replace(INPUTS, states=replace(STATES, stamp=1000.05, delay=-0.05))
     made = now(0.0, ahead)
     assert made.start == 1000.05
     np.testing.assert_allclose(made.distribution.mean[0, 0], [0, 0, 1], atol=2e-3)
 
 
 def test_it_can_begin_at_a_stamp_of_another_clock():
-    strange = replace(INPUTS, seen=replace(SEEN, stamp=5.0, delay=995.0))
+    strange = replace(INPUTS, states=replace(STATES, stamp=5.0, delay=995.0))
     options = PredictionSettings(PredictionOptions(horizon=1.0, carry_forward=False))
     assert now(0.3, strange, options).start == 5.0
     with pytest.raises(NothingToPredictError, match="carry_forward"):
@@ -98,11 +98,19 @@ def test_it_can_begin_at_a_stamp_of_another_clock():
     ("inputs", "age", "reason"),
     [
         (replace(INPUTS, environment=None), 0.0, "no environment yet"),
-        (replace(INPUTS, seen=None), 0.0, "no object states yet"),
+        (replace(INPUTS, states=None), 0.0, "no object states yet"),
         (INPUTS, 0.7, "0.7 s old; expected at most 0.5 s"),
-        (replace(INPUTS, seen=replace(SEEN, stamp=1003.0, delay=-3.0)), 0.0, "3.0 s in the future"),
-        (replace(INPUTS, seen=replace(SEEN, stamp=997.0, delay=3.0)), 0.0, "3.0 s old"),
-        (replace(INPUTS, seen=replace(SEEN, objects=(), states=())), 0.0, "no objects are seen"),
+        (
+            replace(INPUTS, states=replace(STATES, stamp=1003.0, delay=-3.0)),
+            0.0,
+            "3.0 s in the future",
+        ),
+        (replace(INPUTS, states=replace(STATES, stamp=997.0, delay=3.0)), 0.0, "3.0 s old"),
+        (
+            replace(INPUTS, states=replace(STATES, objects=(), states=())),
+            0.0,
+            "no objects are seen",
+        ),
     ],
 )
 def test_nothing_is_predicted_from_what_is_missing_or_old(inputs, age, reason):
@@ -120,7 +128,7 @@ def test_a_clock_that_stands_still_makes_nothing_stale_before_its_time():
 
 def test_another_frame_is_refused():
     with pytest.raises(InvalidInputError, match="'moon'; expected 'room'"):
-        now(0.0, replace(INPUTS, seen=replace(SEEN, frame_id="moon")))
+        now(0.0, replace(INPUTS, states=replace(STATES, frame_id="moon")))
 
 
 def test_materials_nobody_learned_of_may_be_anything():
@@ -133,8 +141,8 @@ def test_materials_nobody_learned_of_may_be_anything():
 
 @pytest.mark.parametrize("shape", [Sphere(0.05), Box((0.1, 0.1, 0.1))])
 def test_asked_again_the_samples_are_the_very_same(shape):
-    seen = replace(SEEN, objects=(SceneObject("ball", "rubber", shape),))
-    made = now(0.1, replace(INPUTS, seen=seen))
+    seen = replace(STATES, objects=(SceneObject("ball", "rubber", shape),))
+    made = now(0.1, replace(INPUTS, states=seen))
     again = made.repeat(made.distribution.times, 20)
     np.testing.assert_array_equal(again.positions, made.distribution.positions)
     assert again.orientations.shape == (*made.distribution.positions.shape[:-1], 4)
@@ -209,7 +217,7 @@ def test_a_scene_that_is_asked_about_begins_at_its_states():
     [(0.01, [0.0], "overlaps plane 'floor'"), (1.0, [0.1, 0.1], "strictly increase")],
 )
 def test_a_scene_that_cannot_be_is_refused(height, times, word):
-    scene = Scene(ROOM, SEEN.objects, (ObjectState((0, 0, height)),))
+    scene = Scene(ROOM, STATES.objects, (ObjectState((0, 0, height)),))
     with pytest.raises(InvalidInputError, match=word):
         predict_scene(scene, None, SETTINGS, times, seed=0, sample_count=2, start=0.0)
 

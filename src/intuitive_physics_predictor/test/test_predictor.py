@@ -18,7 +18,7 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics_predictor.live.live_prediction import (
     Inputs,
     NothingToPredictError,
-    SeenStates,
+    PerceivedStates,
     predict_scene,
 )
 from intuitive_physics_predictor.live.pacer import Pacer
@@ -31,7 +31,7 @@ ROOM = Environment([Plane("floor", "wood", (0, 0, 1), 0.0)], frame_id="room")
 COVARIANCE = np.diag([1e-6] * 3 + [0.0] * 3 + [1e-4] * 3 + [1e-2] * 3)
 STATE = ObjectState((0, 0, 1.0), (0, 0, 0, 1), (2.0, 0, 0), (0, 0, 0), COVARIANCE)
 BALL = SceneObject("ball", "rubber", Sphere(0.05))
-SEEN = SeenStates((BALL,), (STATE,), 1000.0, 50.0, 0.0, "room")
+SEEN = PerceivedStates((BALL,), (STATE,), 1000.0, 50.0, 0.0, "room")
 ELSEWHERE = replace(SEEN, states=(ObjectState((0, 0, 1.5), covariance=COVARIANCE),))
 LEARNED = LearnedParameters.defaults(("rubber", "wood"))
 INPUTS = Inputs(ROOM, 7, LEARNED, SEEN)
@@ -57,10 +57,10 @@ def test_what_was_drawn_ahead_changes_no_prediction(seed, ahead, count, other_sc
         replace(OPTIONS, sample_count=count, size_scale=0.1 * noisy, impact_tilt_noise=0.1 * noisy)
     )
     alone = Predictor(options, seed, INPUTS)
-    after = Predictor(options, ahead, replace(INPUTS, seen=ELSEWHERE) if other_scene else INPUTS)
+    after = Predictor(options, ahead, replace(INPUTS, states=ELSEWHERE) if other_scene else INPUTS)
     after.draw_ahead()
     after.set(seed=seed)
-    after.take(seen=SEEN)
+    after.take(states=SEEN)
     assert_same(predicted(after), predicted(alone))
 
 
@@ -85,7 +85,7 @@ def test_requests_between_two_predictions_leave_what_is_drawn_ahead(monkeypatch)
         predictor.draw_ahead()
     snapshot = asked.snapshot
     answer(Question(Event.FALLS_BELOW, "ball", height=0.5, sample_count=7), snapshot.newest)
-    scene = replace(INPUTS, seen=ELSEWHERE).scene
+    scene = replace(INPUTS, states=ELSEWHERE).scene
     predict_scene(scene, None, snapshot.settings, [0.1], seed=3, sample_count=5, start=0.0)
     assert asked.snapshot is snapshot
     prepared = []
@@ -100,7 +100,7 @@ def test_a_prediction_stays_what_it_was_when_settings_and_inputs_change():
     made = predicted(predictor)
     before = made.repeat(SETTINGS.times, 3)
     predictor.set(settings=PredictionSettings(replace(OPTIONS, state_scale=3.0)), seed=9)
-    predictor.take(seen=ELSEWHERE, learned=None)
+    predictor.take(states=ELSEWHERE, learned=None)
     predicted(predictor)
     np.testing.assert_array_equal(made.repeat(SETTINGS.times, 3).positions, before.positions)
     np.testing.assert_array_equal(before.positions, made.distribution.positions)
@@ -138,8 +138,8 @@ def test_each_prediction_is_the_one_of_its_snapshot_whatever_threads_do():
     pacer = Pacer(tick, 500.0, predictor.draw_ahead)
     wider = PredictionSettings(replace(OPTIONS, state_scale=3.0, sample_count=5))
     changes = [
-        lambda: predictor.take(seen=ELSEWHERE),
-        lambda: predictor.take(seen=SEEN, learned=None),
+        lambda: predictor.take(states=ELSEWHERE),
+        lambda: predictor.take(states=SEEN, learned=None),
         lambda: predictor.take(learned=LEARNED),
         lambda: predictor.set(settings=wider),
         lambda: predictor.set(settings=SETTINGS),

@@ -145,9 +145,9 @@ def _linearised(
     """Residuals (m, rows) at the centres, and their derivatives (m, n, rows)."""
     m, n = centres.shape
     moved = centres[:, None] + steps
-    found = fit.residuals(np.concatenate([centres, moved.reshape(m * n, n)]))
-    apart = found[m:].reshape(m, n, -1) - found[:m, None]
-    return found[:m], np.asarray(np.linalg.solve(steps, apart), dtype=np.float64)
+    residuals = fit.residuals(np.concatenate([centres, moved.reshape(m * n, n)]))
+    apart = residuals[m:].reshape(m, n, -1) - residuals[:m, None]
+    return residuals[:m], np.asarray(np.linalg.solve(steps, apart), dtype=np.float64)
 
 
 def _damped(

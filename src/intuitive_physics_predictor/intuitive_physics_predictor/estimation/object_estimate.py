@@ -107,7 +107,7 @@ class ObjectEstimate:
     def update(
         self,
         surroundings: Surroundings,
-        thing: SceneObject,
+        sphere: SceneObject,
         state: ObjectState,
         time: float,
         detections: Detections | None,
@@ -118,7 +118,7 @@ class ObjectEstimate:
         Parameters
         ----------
         surroundings : that the object moves in
-        thing : what it is
+        sphere : the object
         state : as perceived at `time`
         time : s, later than before; else all is forgotten
         detections : new ones, at most up to `time`; None: nothing is known of them
@@ -132,7 +132,7 @@ class ObjectEstimate:
         self._bias = detections.bias
         fit = self._fit
         if fit is None:
-            self._begin(surroundings, thing, state, detections, time, guess_scale)
+            self._begin(surroundings, sphere, state, detections, time, guess_scale)
             return
         new = detections.times > fit.last
         if new.any():
@@ -140,44 +140,44 @@ class ObjectEstimate:
         if self._modes is None:
             return
         if _newest_misfit(self._modes) > LARGEST_MISFIT:
-            self._begin(surroundings, thing, state, detections, time, guess_scale)
+            self._begin(surroundings, sphere, state, detections, time, guess_scale)
             return
         self.states = draw_weighted(fit, self._modes, SAMPLES, time, self._rng)
         if time - fit.begin > LONGEST and len(self._modes.misfits) == 1:
-            self._go_on(surroundings, thing, self.states, time)
+            self._go_on(surroundings, sphere, self.states, time)
 
-    def renew(self, surroundings: Surroundings, thing: SceneObject) -> None:
+    def renew(self, surroundings: Surroundings, sphere: SceneObject) -> None:
         """Go on in other surroundings, or with other knowledge of them."""
         if self.states is not None:
-            self._go_on(surroundings, thing, self.states, self._time)
+            self._go_on(surroundings, sphere, self.states, self._time)
         else:
             self._forget()
 
     def _begin(
         self,
         surroundings: Surroundings,
-        thing: SceneObject,
+        sphere: SceneObject,
         state: ObjectState,
         detections: Detections,
         time: float,
         guess_scale: float,
     ) -> None:
-        world, parameters = _world_of(surroundings, thing)
+        world, parameters = _world_of(surroundings, sphere)
         learned = surroundings.uncertain.learned
         unseen = state if detections.spin is None else _without(detections.spin, state)
-        thrown = with_spin_prior(unseen, thing, learned, surroundings.spin_prior, guess_scale)
+        thrown = with_spin_prior(unseen, sphere, learned, surroundings.spin_prior, guess_scale)
         # What has hit a ball in its motion turns it in another way than a throw does.
-        first = unseen if self._fit is not None and _less_sure(unseen, thrown) else thrown
+        first = unseen if self._fit is not None and _is_less_certain(unseen, thrown) else thrown
         unknowns = Unknowns.of_state(first, self._bias, parameters)
-        guess = unknown_spin(thing.shape, first) or 0.0
+        guess = unknown_spin(sphere.shape, first) or 0.0
         self._start(replace(unknowns, guessed_spin=guess), world, time, surroundings)
         self._seen_before = -np.inf
         self.states = None
 
     def _go_on(
-        self, surroundings: Surroundings, thing: SceneObject, states: WeightedStates, time: float
+        self, surroundings: Surroundings, sphere: SceneObject, states: WeightedStates, time: float
     ) -> None:
-        world, parameters = _world_of(surroundings, thing)
+        world, parameters = _world_of(surroundings, sphere)
         unknowns = Unknowns.of_moments(*states.moments, parameters)
         guess = states.unknowns.guessed_spin
         self._start(replace(unknowns, guessed_spin=guess), world, time, surroundings)
@@ -285,18 +285,18 @@ class SceneEstimate:
         guess_scale: float = 1.0,
     ) -> Iterator[WeightedStates | None]:
         """Take a frame as `update` does, one object after the other."""
-        kept = {thing.id: self._followed.get(thing.id) for thing in objects}
+        kept = {item.id: self._followed.get(item.id) for item in objects}
         self._followed = {name: each for name, each in kept.items() if each is not None}
         is_new = surroundings is not self._surroundings
         self._surroundings = surroundings
-        for thing, state, seen in zip(objects, states, detections, strict=True):
-            if not isinstance(thing.shape, Sphere):
+        for item, state, detected in zip(objects, states, detections, strict=True):
+            if not isinstance(item.shape, Sphere):
                 yield None
                 continue
-            estimate = self._followed.setdefault(thing.id, ObjectEstimate(self._rng))
+            estimate = self._followed.setdefault(item.id, ObjectEstimate(self._rng))
             if is_new:
-                estimate.renew(surroundings, thing)
-            estimate.update(surroundings, thing, state, time, seen, guess_scale)
+                estimate.renew(surroundings, item)
+            estimate.update(surroundings, item, state, time, detected, guess_scale)
             yield estimate.states
 
 
@@ -311,8 +311,8 @@ def _without(spin: SeenSpin, state: ObjectState) -> ObjectState:
 
     Its density is the product of the guess's and of what was seen, where they belong together.
     """
-    own = state.covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY]
-    left = np.trace(np.linalg.inv(own) - np.linalg.inv(spin.covariance))
+    spins = state.covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY]
+    left = np.trace(np.linalg.inv(spins) - np.linalg.inv(spin.covariance))
     if left <= 0.0:
         return state
     covariance = state.covariance.copy()
@@ -323,9 +323,9 @@ def _without(spin: SeenSpin, state: ObjectState) -> ObjectState:
     )
 
 
-def _less_sure(one: ObjectState, other: ObjectState) -> bool:
+def _is_less_certain(state: ObjectState, other: ObjectState) -> bool:
     """Whether the spin of a state is less certain than that of another."""
-    spins = [state.covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] for state in (one, other)]
+    spins = [each.covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] for each in (state, other)]
     return bool(np.trace(spins[0]) > np.trace(spins[1]))
 
 
@@ -336,9 +336,9 @@ def _rests(state: ObjectState) -> bool:
     )
 
 
-def _world_of(surroundings: Surroundings, thing: SceneObject) -> tuple[WorldBatch, PairKnowledge]:
+def _world_of(surroundings: Surroundings, sphere: SceneObject) -> tuple[WorldBatch, PairKnowledge]:
     """Return the world of one object, and what is known of the parameters it depends on."""
-    scene = Scene(surroundings.environment, (thing,), (ObjectState(np.zeros(3)),))
+    scene = Scene(surroundings.environment, (sphere,), (ObjectState(np.zeros(3)),))
     parameters: StaticParameters = surroundings.uncertain.learned.parameters
     world = pack_worlds([scene], parameters)
     return world, PairKnowledge.of(surroundings.uncertain, world)

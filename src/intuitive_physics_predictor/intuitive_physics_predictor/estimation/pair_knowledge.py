@@ -111,14 +111,14 @@ class PairKnowledge:
         pairs = len(self.others)
         # The cube of a single material is its density and the coefficients with itself.
         cube = np.zeros((len(units), max(pairs, 1), 1 + COEFFICIENTS))
-        own = units[:, : pairs * COEFFICIENTS].reshape(len(units), pairs, COEFFICIENTS)
-        cube[:, :pairs, 1:] = own
+        by_pair = units[:, : pairs * COEFFICIENTS].reshape(len(units), pairs, COEFFICIENTS)
+        cube[:, :pairs, 1:] = by_pair
         if self.has_density:
             cube[:, 0, 0] = units[:, -1]
         values = self._space.to_values(cube.reshape(-1, cube.shape[-1])).reshape(cube.shape)
-        found = values[:, :pairs, 1:].swapaxes(1, 2)
-        coefficients[:, :, self.material, self.others] = found
-        coefficients[:, :, self.others, self.material] = found
+        by_kind = values[:, :pairs, 1:].swapaxes(1, 2)
+        coefficients[:, :, self.material, self.others] = by_kind
+        coefficients[:, :, self.others, self.material] = by_kind
         if self.has_density:
             density[:, self.material] = values[:, 0, 0]
 
@@ -128,5 +128,5 @@ def _columns(m: int, material: int, others: NDArray[np.int64], has_density: bool
     rows, columns = np.triu_indices(m)
     number = np.empty((m, m), dtype=np.int64)
     number[rows, columns] = number[columns, rows] = m + COEFFICIENTS * np.arange(rows.size)
-    found = [int(number[material, other]) + k for other in others for k in range(COEFFICIENTS)]
-    return found + [material] * has_density
+    numbers = [int(number[material, other]) + k for other in others for k in range(COEFFICIENTS)]
+    return numbers + [material] * has_density

@@ -66,9 +66,9 @@ class WeightedStates:
     @property
     def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Mean (12,) and covariance (12, 12) of x, v, ω and b."""
-        own = self.values[:, :KINEMATIC]
-        mean = self.weights @ own
-        apart = own - mean
+        kinematic = self.values[:, :KINEMATIC]
+        mean = self.weights @ kinematic
+        apart = kinematic - mean
         return mean, (self.weights[:, None] * apart).T @ apart
 
     @property
@@ -121,10 +121,10 @@ class WeightedStates:
         units : (count, p) parameters on the unit cube
         """
         chosen = self.choose(count, rng)
-        own = self.values[:, MOTION]
-        mean = self.weights @ own
+        motions_now = self.values[:, MOTION]
+        mean = self.weights @ motions_now
         factors = np.repeat([noise.scale, noise.scale, noise.spin_scale], 3)
-        motions = mean + factors * (own[chosen] - mean)
+        motions = mean + factors * (motions_now[chosen] - mean)
         fixed = np.repeat([noise.position, noise.linear_velocity, noise.angular_velocity], 3)
         if fixed.any():
             motions += fixed * rng.standard_normal(motions.shape)
@@ -168,8 +168,8 @@ def draw_weighted(
     shares /= shares.sum()
     drawn = np.concatenate(
         [
-            centre + rng.standard_normal((own, len(centre))) @ root.T
-            for centre, root, own in zip(
+            centre + rng.standard_normal((size, len(centre))) @ root.T
+            for centre, root, size in zip(
                 modes.centres, roots, rng.multinomial(count, shares), strict=True
             )
         ]

@@ -40,7 +40,7 @@ class NoObjectsError(NothingToPredictError):
 
 
 @dataclass(frozen=True, eq=False)
-class SeenStates:
+class PerceivedStates:
     """Objects and their states at one time.
 
     Parameters
@@ -74,9 +74,9 @@ class Inputs:
     environment: Environment | None = None
     environment_version: int = 0
     learned: LearnedParameters | None = None
-    seen: SeenStates | None = None
+    states: PerceivedStates | None = None
 
-    def perceived(self) -> tuple[Environment, SeenStates]:
+    def perceived(self) -> tuple[Environment, PerceivedStates]:
         """Return environment and states.
 
         Raises
@@ -84,10 +84,10 @@ class Inputs:
         NothingToPredictError
             When one of them has not arrived.
         """
-        if self.environment is None or self.seen is None:
+        if self.environment is None or self.states is None:
             missing = "environment" if self.environment is None else "object states"
             raise NothingToPredictError(f"no {missing} yet")
-        return self.environment, self.seen
+        return self.environment, self.states
 
     @cached_property
     def scene(self) -> Scene:
@@ -213,13 +213,15 @@ def predict_scene(
     )
 
 
-def check_fresh(seen: SeenStates, options: PredictionOptions, now: float, monotonic: float) -> None:
+def check_fresh(
+    states: PerceivedStates, options: PredictionOptions, now: float, monotonic: float
+) -> None:
     """Check the age of states, by their arrival and by their stamp.
 
     Parameters
     ----------
     now : s, on the clock of the stamps
-    monotonic : s, now on the clock of `SeenStates.arrived`
+    monotonic : s, now on the clock of `PerceivedStates.arrived`
 
     Raises
     ------
@@ -229,16 +231,16 @@ def check_fresh(seen: SeenStates, options: PredictionOptions, now: float, monoto
         When they are too old meanwhile.
     """
     limit = options.stale_after
-    age = monotonic - seen.arrived
+    age = monotonic - states.arrived
     if options.carry_forward:
-        if not -CLOCK_TOLERANCE <= seen.delay <= limit:
-            when = "old" if seen.delay > 0.0 else "in the future"
+        if not -CLOCK_TOLERANCE <= states.delay <= limit:
+            when = "old" if states.delay > 0.0 else "in the future"
             raise OtherClockError(
-                f"object states arrive {abs(seen.delay):.1f} s {when}; expected at most "
+                f"object states arrive {abs(states.delay):.1f} s {when}; expected at most "
                 f"{limit:g} s old: set use_sim_time where they are of a replayed bag, or "
                 "carry_forward to false where they are stamped by another clock"
             )
-        age = max(age, now - seen.stamp)
+        age = max(age, now - states.stamp)
     if age > limit:
         raise NothingToPredictError(
             f"the newest object states are {age:.1f} s old; expected at most {limit:g} s"

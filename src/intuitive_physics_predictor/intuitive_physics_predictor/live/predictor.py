@@ -19,7 +19,7 @@ from intuitive_physics_predictor.live.live_prediction import (
     Inputs,
     LivePrediction,
     NothingToPredictError,
-    SeenStates,
+    PerceivedStates,
     check_fresh,
 )
 from intuitive_physics_predictor.live.self_calibration import Factor, SelfCalibration
@@ -92,15 +92,15 @@ class Predictor:
 
     def take(self, **newer: Any) -> None:
         """Take over newer inputs, given by the names of the fields of `Inputs`."""
-        seen = newer.pop("seen", None)
+        perceived = newer.pop("states", None)
         if newer:
             inputs = replace(self.snapshot.inputs, **newer)
             self.snapshot = replace(self.snapshot, inputs=inputs)
-        if seen is not None:
-            for _ in self.take_seen(seen):
+        if perceived is not None:
+            for _ in self.take_states(perceived):
                 pass
 
-    def take_seen(self, seen: SeenStates) -> Iterator[None]:
+    def take_states(self, perceived: PerceivedStates) -> Iterator[None]:
         """Take over newer states, object by object: each takes a good part of a tick's time.
 
         Until the last step predictions begin with the states before. What is left of those is done
@@ -112,7 +112,7 @@ class Predictor:
         """
         for _ in self._taking or ():
             pass
-        self._taking = self._take_seen(seen)
+        self._taking = self._take_states(perceived)
         return self._taking
 
     @property
@@ -120,15 +120,15 @@ class Predictor:
         """Whether states are taken over, of which not all objects are done yet."""
         return self._taking is not None
 
-    def _take_seen(self, seen: SeenStates) -> Iterator[None]:
+    def _take_states(self, perceived: PerceivedStates) -> Iterator[None]:
         try:
-            self._compare(seen)
+            self._compare(perceived)
             estimates: list[WeightedStates | None] = []
-            for states in self._estimated(seen):
+            for states in self._estimated(perceived):
                 estimates.append(states)
-                if len(estimates) < len(seen.objects):
+                if len(estimates) < len(perceived.objects):
                     yield
-            inputs = replace(self.snapshot.inputs, seen=seen)
+            inputs = replace(self.snapshot.inputs, states=perceived)
             self.snapshot = replace(self.snapshot, inputs=inputs, estimates=tuple(estimates))
         finally:
             self._taking = None
@@ -157,7 +157,7 @@ class Predictor:
         Parameters
         ----------
         now : s, on the clock of the stamps
-        monotonic : s, now on the clock of `SeenStates.arrived`
+        monotonic : s, now on the clock of `PerceivedStates.arrived`
 
         Raises
         ------
@@ -219,24 +219,24 @@ class Predictor:
             self._prepared = kept = (scene, learned, prepared)
         return kept[2]
 
-    def _compare(self, seen: SeenStates) -> None:
+    def _compare(self, perceived: PerceivedStates) -> None:
         """Compare what is detected now with what was predicted of now."""
-        if not seen.detections:
+        if not perceived.detections:
             return
-        for thing, detections in zip(seen.objects, seen.detections, strict=True):
+        for item, detections in zip(perceived.objects, perceived.detections, strict=True):
             if detections is not None:
                 self.calibration.take_detection(
-                    thing.id,
+                    item.id,
                     float(detections.times[-1]),
                     detections.positions[-1],
                     detections.covariances[-1] + detections.bias,
                 )
         self.snapshot = replace(self.snapshot, factors=self.calibration.factors())
 
-    def _estimated(self, seen: SeenStates) -> Iterator[WeightedStates | None]:
+    def _estimated(self, perceived: PerceivedStates) -> Iterator[WeightedStates | None]:
         """Yield what is estimated of each object from all that was seen so far."""
-        inputs, settings = replace(self.snapshot.inputs, seen=seen), self.snapshot.settings
-        if not seen.detections or not settings.options.estimate_states:
+        inputs, settings = replace(self.snapshot.inputs, states=perceived), self.snapshot.settings
+        if not perceived.detections or not settings.options.estimate_states:
             return
         try:
             scene = inputs.scene
@@ -256,10 +256,10 @@ class Predictor:
             self._surroundings = surroundings
         yield from self._scene_estimate.each(
             surroundings,
-            seen.objects,
-            seen.states,
-            seen.stamp,
-            seen.detections,
+            perceived.objects,
+            perceived.states,
+            perceived.stamp,
+            perceived.detections,
             settings.state_noise(self.calibration).guess_scale,
         )
 

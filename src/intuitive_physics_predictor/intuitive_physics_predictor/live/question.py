@@ -106,11 +106,11 @@ def answer(question: Question, made: LivePrediction) -> Answer:
     )
     if question.event is Event.INTERCEPTS:
         return _interception(question, distribution)
-    found = []
+    forecasts = []
     for part in distribution.parts(SHARE):
         made.settings.simulator.stop_flag.check()
-        found.append(_forecast(question, part, made))
-    return Answer(joined_forecasts(found))
+        forecasts.append(_forecast(question, part, made))
+    return Answer(joined_forecasts(forecasts))
 
 
 def _forecast(
@@ -135,13 +135,13 @@ def _interception(question: Question, distribution: TrajectoryDistribution) -> A
         raise InvalidInputError(
             f"region is {type(question.region).__name__}; expected a box that can be reached"
         )
-    found = best_interception(
+    best = best_interception(
         distribution,
         question.object_id,
         question.region,
         question.reach,
         earliest=question.earliest,
     )
-    happens = found.probability > 0.0
-    when, weights = (np.array([value][:happens]) for value in (found.time, found.probability))
-    return Answer(EventForecast(found.probability, when, weights), found.position, found.time)
+    happens = best.probability > 0.0
+    when, weights = (np.array([value][:happens]) for value in (best.time, best.probability))
+    return Answer(EventForecast(best.probability, when, weights), best.position, best.time)

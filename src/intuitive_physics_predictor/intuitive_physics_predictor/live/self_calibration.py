@@ -88,23 +88,14 @@ class Factor:
 
 @dataclass(frozen=True, eq=False)
 class _Kept:
-    """A prediction that waits for what comes of it.
+    """A prediction that waits for detections: by object, mean, covariance and first contact."""
 
-    Parameters
-    ----------
-    time : s, of its beginning
-    times : (n_times,) s after that
-    means, covariances : by object, (n_times, 3) m and (n_times, 3, 3) m²
-    contact : by object with a guessed spin, s after the beginning of the first contact
-    factors : that it was made with
-    """
-
-    time: float
-    times: NDArray[np.float64]
-    means: dict[str, NDArray[np.float64]]
-    covariances: dict[str, NDArray[np.float64]]
-    contact: dict[str, float]
-    factors: dict[str, float]
+    time: float  # s, of its beginning
+    times: NDArray[np.float64]  # (n_times,) s after that
+    means: dict[str, NDArray[np.float64]]  # (n_times, 3) m
+    covariances: dict[str, NDArray[np.float64]]  # (n_times, 3, 3) m²
+    contact: dict[str, float]  # s after the beginning, of objects with a guessed spin
+    factors: dict[str, float]  # by kind, that it was made with
 
 
 class SelfCalibration:
@@ -331,13 +322,9 @@ def _log_density(
     covariance: NDArray[np.float64],
     relative: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Log density of an error (3,) m for factors on the variances (n,), up to a constant.
+    """Log density (n,), up to a constant, of an error (3,) m for factors `relative` (n,).
 
-    Parameters
-    ----------
-    spread : (3, 3) m², of the prediction
-    covariance : (3, 3) m², of the detection
-    relative : (n,) on `spread`
+    The factors are on the prediction's covariance `spread` (3, 3) m², not on the detection's.
     """
     whole = relative[:, None, None] * spread + covariance
     squares = error @ np.linalg.solve(whole, np.broadcast_to(error, (len(whole), 3))[..., None])

@@ -283,18 +283,7 @@ class PredictionSettings:
             )
 
     def _check_size(self, sample_count: int, objects: int, times: int, parameters: int = 0) -> None:
-        """Check that a prediction is not too large to be computed.
-
-        Parameters
-        ----------
-        parameters : material parameters drawn for each sample
-
-        Raises
-        ------
-        InvalidInputError
-            When it, or the samples it is made from, would have more numbers than the option
-            `largest_prediction`.
-        """
+        """Refuse a prediction or samples with more numbers than `largest_prediction`."""
         # Of each object the 13 numbers of its state, and the 12 normal ones they are drawn from.
         drawn = objects * (2 * ERROR_SIZE + 1) + parameters
         largest = self.options.largest_prediction

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from intuitive_physics.errors import IntuitivePhysicsError
-from intuitive_physics_predictor.live.live_prediction import SeenStates
+from intuitive_physics_predictor.live.live_prediction import PerceivedStates
 from intuitive_physics_predictor.live.predictor import Predictor, Snapshot
 from intuitive_physics_predictor.nodes.outputs import PredictionOutputs
 from intuitive_physics_predictor.nodes.ticks import PredictionTicks
@@ -92,7 +92,8 @@ class PredictionInputs:
         def take(predictor: Predictor) -> bool:
             with _reported(self._node, monitor):
                 received = deserialize_message(message, ObjectStates)
-                return self._take_step(predictor.take_seen(seen_states(received, stamp, monotonic)))
+                states = perceived_states(received, stamp, monotonic)
+                return self._take_step(predictor.take_states(states))
             return True
 
         self._ticks.post(take, key=monitor, urgent=True)
@@ -123,7 +124,7 @@ class PredictionInputs:
         self._ticks.prepare(prepare)
 
 
-def seen_states(message: ObjectStates, arrival: float, monotonic: float) -> SeenStates:
+def perceived_states(message: ObjectStates, arrival: float, monotonic: float) -> PerceivedStates:
     """Return the states in a message.
 
     Parameters
@@ -133,7 +134,7 @@ def seen_states(message: ObjectStates, arrival: float, monotonic: float) -> Seen
     """
     objects, states = object_states_from_messages(message.objects)
     stamp = seconds_from_stamp(message.header.stamp)
-    return SeenStates(
+    return PerceivedStates(
         tuple(objects),
         tuple(states),
         stamp,

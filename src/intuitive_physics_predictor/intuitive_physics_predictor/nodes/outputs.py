@@ -47,18 +47,20 @@ class PredictionOutputs:
 
     def publish_estimated_states(self, snapshot: Snapshot) -> None:
         """Publish the newest states, with estimated ones in the place of the perceived ones."""
-        seen, estimates = snapshot.inputs.seen, snapshot.estimates
-        if seen is None or self._estimated_states.get_subscription_count() == 0:
+        perceived, estimates = snapshot.inputs.states, snapshot.estimates
+        if perceived is None or self._estimated_states.get_subscription_count() == 0:
             return
         states = [
             state if estimate is None else estimate.state(state.orientation)
             for state, estimate in zip(
-                seen.states, estimates or [None] * len(seen.states), strict=True
+                perceived.states, estimates or [None] * len(perceived.states), strict=True
             )
         ]
-        stamp = stamp_from_seconds(seen.stamp)
+        stamp = stamp_from_seconds(perceived.stamp)
         self._estimated_states.publish(
-            object_states_to_message(seen.objects, states, frame_id=seen.frame_id, stamp=stamp)
+            object_states_to_message(
+                perceived.objects, states, frame_id=perceived.frame_id, stamp=stamp
+            )
         )
 
     def publish_markers(self, made: LivePrediction | None) -> None:

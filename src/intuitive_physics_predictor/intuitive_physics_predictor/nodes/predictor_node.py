@@ -102,12 +102,12 @@ class PredictorNode(ManagedNode):
 
     def deactivate(self) -> None:
         """Stop predicting; inputs so far are kept."""
-        stopped = [one.stop(self.patience()) for one in (self._ticks, self._answers)]
+        stopped = [part.stop(self.patience()) for part in (self._ticks, self._answers)]
         if not all(stopped):
             self.get_logger().warning("what was predicted did not stop in time and is left behind")
             # Its thread still owns the predictor.
-            known = self._predictor.snapshot
-            self._predictor = Predictor(known.settings, self.values()["seed"], known.inputs)
+            snapshot = self._predictor.snapshot
+            self._predictor = Predictor(snapshot.settings, self.values()["seed"], snapshot.inputs)
         else:
             self._save_calibration(self._predictor.calibration.to_dict())
 
@@ -164,7 +164,9 @@ class PredictorNode(ManagedNode):
         if not self.values()["self_calibration"]:
             return Status(Level.OK, "switched off; the factors are measured and not used", values)
         return Status(
-            Level.OK, ", ".join(f"{k}: {one.value:.2f}" for k, one in factors.items()), values
+            Level.OK,
+            ", ".join(f"{kind}: {factor.value:.2f}" for kind, factor in factors.items()),
+            values,
         )
 
     def _on_marker_tick(self) -> None:
@@ -173,13 +175,14 @@ class PredictorNode(ManagedNode):
     def _check_parameters(self, new: Sequence[RosParameter]) -> SetParametersResult:
         """Refuse parameters that are valid each, but not together."""
         try:
-            settings_from_parameters(self.values() | {one.name: one.value for one in new})
+            changes = {parameter.name: parameter.value for parameter in new}
+            settings_from_parameters(self.values() | changes)
         except IntuitivePhysicsError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _on_parameters_set(self, new: Sequence[RosParameter]) -> None:
-        values, names = self.values(), {one.name for one in new}
+        values, names = self.values(), {parameter.name for parameter in new}
         use_limits_of(values)
         if not self.active:
             # `activate` reads all but the seed, which a pause does not begin anew.

@@ -174,8 +174,8 @@ def question_from_request(request: Query.Request) -> Question:
         When the event or the region is unknown.
     """
     if request.event not in EVENTS:
-        known = ", ".join(f"{code} ({event.name})" for code, event in EVENTS.items())
-        raise InvalidInputError(f"event is {request.event}; expected {known}")
+        expected = ", ".join(f"{code} ({event.name})" for code, event in EVENTS.items())
+        raise InvalidInputError(f"event is {request.event}; expected {expected}")
     event = EVENTS[request.event]
     return Question(
         event,

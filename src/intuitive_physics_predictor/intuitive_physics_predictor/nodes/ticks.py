@@ -117,8 +117,8 @@ class PredictionTicks:
         """Set how the next predictions are made; None leaves settings or seed as they are."""
 
         def work() -> None:
-            own = None if settings is None else settings.stopped_by(self._stop)
-            self._predictor.set(settings=own, seed=seed)
+            stoppable = None if settings is None else settings.stopped_by(self._stop)
+            self._predictor.set(settings=stoppable, seed=seed)
             if rate != self.monitor.rate:
                 self.monitor.rate = rate
                 self._pacer.set_rate(rate)
@@ -168,9 +168,9 @@ class PredictionTicks:
 
     def _pause(self, error: Exception, had_prediction: bool) -> None:
         """Report why nothing is predicted: on /diagnostics, and a new reason in the log."""
-        known = isinstance(error, IntuitivePhysicsError)
+        is_ours = isinstance(error, IntuitivePhysicsError)
         reason = (
-            str(error) if known else unexpected_errors(self._node).report(error, "a prediction")
+            str(error) if is_ours else unexpected_errors(self._node).report(error, "a prediction")
         )
         no_objects = isinstance(error, NoObjectsError)
         self.monitor.idle(reason, normal=no_objects)

@@ -324,10 +324,10 @@ def best_interception(
     best = Interception(0.0, np.array(reachable.center), float(distribution.times[times[0]]))
     least_spread = np.inf
     for k in times:
-        found = _best_place(paths[:, k], distribution.weights, reachable, reach)
-        if found is None:
+        candidate = _best_place(paths[:, k], distribution.weights, reachable, reach)
+        if candidate is None:
             continue
-        probability, spread, position = found
+        probability, spread, position = candidate
         gain = probability - best.probability
         if gain > 1e-9 or (gain > -1e-9 and spread < 0.99 * least_spread):
             best = Interception(probability, position, float(distribution.times[k]))

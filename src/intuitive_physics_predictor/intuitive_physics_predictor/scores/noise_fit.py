@@ -116,10 +116,10 @@ def fit_noise_scales(
 
     def scaled(logarithms: NDArray[np.float64]) -> NoiseScales:
         values = np.clip(np.exp(logarithms), SMALLEST_SCALE, LARGEST_SCALE)
-        found = dict(zip(names, map(float, values), strict=True))
-        if "unidentified" in found:
-            found["unidentified"] = min(found["unidentified"], 1.0)
-        return replace(begin, **found)
+        tried = dict(zip(names, map(float, values), strict=True))
+        if "unidentified" in tried:
+            tried["unidentified"] = min(tried["unidentified"], 1.0)
+        return replace(begin, **tried)
 
     def prediction(scales: NoiseScales) -> Prediction:
         return noisy_prediction(learned, scales, sample_count, engine)
@@ -138,7 +138,7 @@ def fit_noise_scales(
         # The best of many tries is best by the luck of its samples, too; others do not share it.
         return relative_scores(logarithms, seed + 1)
 
-    found = minimize(
+    minimum = minimize(
         lambda logarithms: float(relative_scores(logarithms).mean()),
         first,
         method="Nelder-Mead",
@@ -149,32 +149,28 @@ def fit_noise_scales(
             "fatol": 0.01 * PRECISION,
         },
     )
-    shares = _shares_beyond_chance(other_scores, first, found.x)
-    settled = first + shares * (found.x - first)
+    shares = _shares_beyond_chance(other_scores, first, minimum.x)
+    settled = first + shares * (minimum.x - first)
     kept = dict(zip(names, shares.tolist(), strict=True))
     score = float(other_scores(settled).mean() / other_scores(first).mean())
-    return NoiseFit(scaled(settled), score, kept, int(found.nfev))
+    return NoiseFit(scaled(settled), score, kept, int(minimum.nfev))
 
 
 def _shares_beyond_chance(
     scores: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     start: NDArray[np.float64],
-    found: NDArray[np.float64],
+    fitted: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Share of the way from `start` to `found` (k,) that each number is worth by itself, (k,).
+    """Share of the way from `start` to `fitted` (k,) that each number is worth by itself, (k,).
 
     One that is informative must not carry along others that are not, so each is put back alone.
-
-    Parameters
-    ----------
-    scores : of each outcome, by the numbers; not those that `found` is the best of
     """
-    best = scores(found)
-    shares = np.zeros(len(found))
-    for k in range(len(found)):
-        without = found.copy()
+    fitted_scores = scores(fitted)
+    shares = np.zeros(len(fitted))
+    for k in range(len(fitted)):
+        without = fitted.copy()
         without[k] = start[k]
-        shares[k] = share_beyond_chance(scores(without) - best, 1)
+        shares[k] = share_beyond_chance(scores(without) - fitted_scores, 1)
     return shares
 
 
@@ -210,14 +206,14 @@ def _scores_of_outcomes(
     weights: Sequence[NDArray[np.float64]],
     seed: int,
 ) -> NDArray[np.float64]:
-    """What each outcome adds to the weighted scores of all objects and times, (n_outcomes,).
+    """Return what each outcome adds to the weighted scores of all objects and times, (n_outcomes,).
 
     Their mean is that of all objects and times; objects of one outcome share their fate, so it is
     outcomes that chance draws.
     """
     scores = _weighted_scores(outcomes, prediction, weights, seed)
-    known = sum(int(np.isfinite(each).sum()) for each in scores)
-    return np.array([np.nansum(each) for each in scores]) * (len(scores) / max(known, 1))
+    count = sum(int(np.isfinite(each).sum()) for each in scores)
+    return np.array([np.nansum(each) for each in scores]) * (len(scores) / max(count, 1))
 
 
 def _weighted_scores(
@@ -280,5 +276,5 @@ def share_beyond_chance(gains: ArrayLike, numbers: int) -> float:
     if mean <= 0.0:
         return 0.0
     by_chance = numbers * float(gained.var(ddof=1)) / len(gained)
-    found = 4.0 * mean**2
-    return 1.0 - by_chance / found if by_chance < found else 0.0
+    squared = 4.0 * mean**2
+    return 1.0 - by_chance / squared if by_chance < squared else 0.0

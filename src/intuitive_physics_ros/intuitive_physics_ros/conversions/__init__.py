@@ -7,13 +7,10 @@ from intuitive_physics.messages.environment import environment_from_message
 from intuitive_physics.messages.fields import (
     InvalidFieldError,
     float32_field,
-    float64_field,
-    in_field,
 )
 from intuitive_physics.messages.geometry import seconds_from_stamp
 from intuitive_physics.messages.object_states import (
     detections_from_messages,
-    object_state_from_message,
     object_states_from_messages,
     shape_from_message,
 )
@@ -43,9 +40,6 @@ __all__ = [
     "environment_from_message",
     "environment_to_message",
     "float32_field",
-    "float64_field",
-    "in_field",
-    "object_state_from_message",
     "object_state_to_message",
     "object_states_from_messages",
     "object_states_to_message",

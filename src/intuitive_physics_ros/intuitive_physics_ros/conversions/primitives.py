@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -67,26 +68,19 @@ make_message = MESSAGE_CLASSES.__getitem__
 """Gives the class of a message by the name of its type, as the library's mapping asks for it."""
 
 
-def vector_to_message(vector: ArrayLike) -> Vector3:
-    """Return a vector of shape (3,) as a message."""
-    return geometry.vector_to_message(vector, make_message)
+vector_to_message = partial(geometry.vector_to_message, make=make_message)
+"""Returns a vector of shape (3,) as a message."""
 
+point_to_message = partial(geometry.point_to_message, make=make_message)
+"""Returns a point of shape (3,), m, as a message."""
 
-def point_to_message(point: ArrayLike) -> Point:
-    """Return a point of shape (3,), m, as a message."""
-    return geometry.point_to_message(point, make_message)
+quaternion_to_message = partial(geometry.quaternion_to_message, make=make_message)
+"""Returns a quaternion (x, y, z, w), shape (4,), as a message."""
 
-
-def quaternion_to_message(quaternion: ArrayLike) -> Quaternion:
-    """Return a quaternion (x, y, z, w), shape (4,), as a message."""
-    return geometry.quaternion_to_message(quaternion, make_message)
+stamp_from_seconds = partial(geometry.stamp_from_seconds, make=make_message)
+"""Returns the stamp nearest to a time in s, from 0 to 2038-01-19 as the message allows."""
 
 
 def pose_to_message(position: ArrayLike, orientation: ArrayLike = (0.0, 0.0, 0.0, 1.0)) -> Pose:
     """Return a pose as a message: position (3,) in m, orientation (4,) as (x, y, z, w)."""
     return geometry.pose_to_message(position, orientation, make_message)
-
-
-def stamp_from_seconds(seconds: float) -> Time:
-    """Return the stamp nearest to a time in s, from 0 to 2038-01-19 as the message allows."""
-    return geometry.stamp_from_seconds(seconds, make_message)

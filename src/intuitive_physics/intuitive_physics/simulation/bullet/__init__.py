@@ -49,11 +49,11 @@ class BulletSimulator(Simulator):
         positions = np.full((*shape, 3), np.nan)
         turned = np.full((*shape, 4), np.nan)
         status = np.zeros(worlds.size, dtype=np.int64)
-        with _PYBULLET_LOCK, Client() as client:
+        with _PYBULLET_LOCK, Client() as engine:
             for w, plan in enumerate(plans):
                 row = times[w if len(times) > 1 else 0]
                 row = row[np.isfinite(row)]
-                x, q = roll_world(client, plan, row, self.time_step, self.stop_flag)
+                x, q = roll_world(engine, plan, row, self.time_step, self.stop_flag)
                 if self.stop_flag.is_set():
                     break
                 finite = np.isfinite(x).all() and np.isfinite(q).all()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,10 @@ OVERLAP_LEFT, OVERLAP_TAKEN = 1e-5, 0.2
 
 
 class Client:
-    """A PyBullet world without a window, closed at the end whatever happens."""
+    """PyBullet with a world without a window, closed at the end whatever happens.
+
+    Its functions are PyBullet's, of which each takes the number of this world.
+    """
 
     def __enter__(self) -> Client:
         try:
@@ -29,16 +33,21 @@ class Client:
             raise IntuitivePhysicsError(
                 "PyBullet is not installed; install it with 'pip install pybullet' or use stepped"
             ) from None
-        self.engine: Any = pybullet
-        self.id = pybullet.connect(pybullet.DIRECT)
+        self._pybullet: Any = pybullet
+        # PyBullet's own `BulletClient` prints on standard output.
+        self._world = pybullet.connect(pybullet.DIRECT)
         return self
 
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self._pybullet, name)
+        return partial(found, physicsClientId=self._world) if callable(found) else found
+
     def __exit__(self, *_: object) -> None:
-        self.engine.disconnect(self.id)
+        self._pybullet.disconnect(self._world)
 
 
 def roll_world(
-    client: Client,
+    engine: Client,
     plan: Plan,
     times: NDArray[np.float64],
     time_step: float,
@@ -57,13 +66,12 @@ def roll_world(
     tuple
         Positions (n_times, n_objects, 3) m, orientations (n_times, n_objects, 4) as (x, y, z, w).
     """
-    engine, world = client.engine, client.id
-    _reset(client, plan.environment, time_step)
-    _add_environment(client, plan)
-    bodies = [_add_object(client, plan, i) for i in range(len(plan.shapes))]
+    _reset(engine, plan.environment, time_step)
+    _add_environment(engine, plan)
+    bodies = [_add_object(engine, plan, i) for i in range(len(plan.shapes))]
 
     def look() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        poses = [engine.getBasePositionAndOrientation(b, physicsClientId=world) for b in bodies]
+        poses = [engine.getBasePositionAndOrientation(b) for b in bodies]
         turned = np.array([q for _, q in poses])
         return np.array([p for p, _ in poses]) - _levers(plan, turned), turned
 
@@ -72,8 +80,8 @@ def roll_world(
     before = after = look()
     for t in times:
         while steps * time_step < t - 1e-12 and not stop.is_set():
-            engine.stepSimulation(physicsClientId=world)
-            _part_overlapping(client, set(bodies))
+            engine.stepSimulation()
+            _part_overlapping(engine, set(bodies))
             steps += 1
             before, after = after, look()
         part = 1.0 - (steps * time_step - t) / time_step if steps else 1.0
@@ -93,16 +101,15 @@ def _levers(plan: Plan, orientations: NDArray[np.float64]) -> NDArray[np.float64
     return np.asarray((turns @ plan.mass_centres[..., None])[..., 0])
 
 
-def _part_overlapping(client: Client, bodies: set[int]) -> None:
+def _part_overlapping(engine: Client, bodies: set[int]) -> None:
     """Move objects that sink into something a part of the way out; their velocities stay.
 
     Bullet does that only by giving them speed (ERP), which a bounce would keep. Without it, boxes
     and capsules, whose contact points it finds late, would sink by up to g times the step each
     second.
     """
-    engine, world = client.engine, client.id
     deepest: dict[int, tuple[float, NDArray[np.float64]]] = {}
-    for contact in engine.getContactPoints(physicsClientId=world):
+    for contact in engine.getContactPoints():
         depth = -contact[8]
         if depth <= OVERLAP_LEFT:
             continue
@@ -114,18 +121,15 @@ def _part_overlapping(client: Client, bodies: set[int]) -> None:
             if body in bodies and depth > deepest.get(body, (0.0, None))[0]:
                 deepest[body] = depth, sign * share * np.array(contact[7])
     for body, (_, move) in deepest.items():
-        position, orientation = engine.getBasePositionAndOrientation(body, physicsClientId=world)
-        velocity, spin = engine.getBaseVelocity(body, physicsClientId=world)
-        engine.resetBasePositionAndOrientation(
-            body, (position + move).tolist(), orientation, physicsClientId=world
-        )
-        engine.resetBaseVelocity(body, velocity, spin, physicsClientId=world)
+        position, orientation = engine.getBasePositionAndOrientation(body)
+        velocity, spin = engine.getBaseVelocity(body)
+        engine.resetBasePositionAndOrientation(body, (position + move).tolist(), orientation)
+        engine.resetBaseVelocity(body, velocity, spin)
 
 
-def _reset(client: Client, environment: Environment, time_step: float) -> None:
-    engine, world = client.engine, client.id
-    engine.resetSimulation(physicsClientId=world)
-    engine.setGravity(*environment.gravity.tolist(), physicsClientId=world)
+def _reset(engine: Client, environment: Environment, time_step: float) -> None:
+    engine.resetSimulation()
+    engine.setGravity(*environment.gravity.tolist())
     # By default Bullet swallows slow bounces, lets rolling balls drift sideways (warm start), takes
     # the gap of a contact to come and the slop of one that is there from its rebound, and turns the
     # depth of penetration into speed (ERP): a drop from 1 m rebounds 24 % too high.
@@ -140,47 +144,38 @@ def _reset(client: Client, environment: Environment, time_step: float) -> None:
         contactSlop=0.0,
         enableConeFriction=1,
         deterministicOverlappingPairs=1,
-        physicsClientId=world,
     )
 
 
-def _add_environment(client: Client, plan: Plan) -> None:
-    engine, world = client.engine, client.id
+def _add_environment(engine: Client, plan: Plan) -> None:
     planes, boxes = plan.environment.planes, plan.environment.boxes
     for plane, surface in zip(planes, plan.static_surfaces, strict=False):
-        shape = engine.createCollisionShape(
-            engine.GEOM_PLANE, planeNormal=plane.normal.tolist(), physicsClientId=world
-        )
+        shape = engine.createCollisionShape(engine.GEOM_PLANE, planeNormal=plane.normal.tolist())
         at = (plane.normal * plane.offset).tolist()
-        body = engine.createMultiBody(0, shape, basePosition=at, physicsClientId=world)
-        _set_surface(client, body, surface)
+        body = engine.createMultiBody(0, shape, basePosition=at)
+        _set_surface(engine, body, surface)
     for box, surface in zip(boxes, plan.static_surfaces[len(planes) :], strict=True):
         half = (0.5 * box.edge_lengths).tolist()
-        shape = engine.createCollisionShape(
-            engine.GEOM_BOX, halfExtents=half, physicsClientId=world
-        )
+        shape = engine.createCollisionShape(engine.GEOM_BOX, halfExtents=half)
         body = engine.createMultiBody(
             0,
             shape,
             basePosition=box.center.tolist(),
             baseOrientation=box.orientation.tolist(),
-            physicsClientId=world,
         )
-        _set_surface(client, body, surface)
+        _set_surface(engine, body, surface)
 
 
-def _add_object(client: Client, plan: Plan, i: int) -> int:
-    engine, world = client.engine, client.id
+def _add_object(engine: Client, plan: Plan, i: int) -> int:
     state = plan.states[i].tolist()
     lever = _levers(plan, plan.states[:, 3:7])[i]
     body = engine.createMultiBody(
         plan.masses[i],
-        _collision_shape(client, plan.shapes[i], plan.mass_centres[i]),
+        _collision_shape(engine, plan.shapes[i], plan.mass_centres[i]),
         basePosition=(state[0:3] + lever).tolist(),
         baseOrientation=state[3:7],
-        physicsClientId=world,
     )
-    _set_surface(client, body, plan.surfaces[i])
+    _set_surface(engine, body, plan.surfaces[i])
     engine.changeDynamics(
         body,
         -1,
@@ -189,15 +184,13 @@ def _add_object(client: Client, plan: Plan, i: int) -> int:
         angularDamping=0.0,
         maxJointVelocity=1e6,
         activationState=engine.ACTIVATION_STATE_DISABLE_SLEEPING,
-        physicsClientId=world,
     )
     velocity = state[7:10] + np.cross(state[10:13], lever)
-    engine.resetBaseVelocity(body, velocity.tolist(), state[10:13], physicsClientId=world)
+    engine.resetBaseVelocity(body, velocity.tolist(), state[10:13])
     return int(body)
 
 
-def _collision_shape(client: Client, shape: Shape, mass_centre: NDArray[np.float64]) -> int:
-    engine, world = client.engine, client.id
+def _collision_shape(engine: Client, shape: Shape, mass_centre: NDArray[np.float64]) -> int:
     match shape:
         case Sphere():
             arguments = {"shapeType": engine.GEOM_SPHERE, "radius": shape.radius}
@@ -212,11 +205,11 @@ def _collision_shape(client: Client, shape: Shape, mass_centre: NDArray[np.float
             }
     if mass_centre.any():
         arguments["collisionFramePosition"] = (-mass_centre).tolist()
-    return int(engine.createCollisionShape(**arguments, physicsClientId=world))
+    return int(engine.createCollisionShape(**arguments))
 
 
-def _set_surface(client: Client, body: int, surface: Surface) -> None:
-    client.engine.changeDynamics(
+def _set_surface(engine: Client, body: int, surface: Surface) -> None:
+    engine.changeDynamics(
         body,
         -1,
         lateralFriction=float(surface.friction),
@@ -224,5 +217,4 @@ def _set_surface(client: Client, body: int, surface: Surface) -> None:
         spinningFriction=float(surface.rolling),
         restitution=float(surface.restitution),
         contactProcessingThreshold=0.0,
-        physicsClientId=client.id,
     )

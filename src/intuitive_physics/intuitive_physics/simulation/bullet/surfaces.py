@@ -83,10 +83,11 @@ def _factors(
 ) -> NDArray[np.float64]:
     """Write the wanted value of each pair (i, k) as factors[i] * factors[k]."""
     factors = np.zeros(bodies)
-    if wanted.any():
-        logarithms = np.log(np.maximum(wanted, 1e-300))
-        factors = np.exp(np.linalg.lstsq(_incidence(pairs, bodies), logarithms, rcond=None)[0])
     firsts, seconds = np.transpose(pairs)
+    if wanted.any():
+        incidence = np.eye(bodies)[firsts] + np.eye(bodies)[seconds]
+        logarithms = np.log(np.maximum(wanted, 1e-300))
+        factors = np.exp(np.linalg.lstsq(incidence, logarithms, rcond=None)[0])
     if not np.allclose(factors[firsts] * factors[seconds], wanted, rtol=1e-6, atol=1e-9):
         raise UnsupportedSceneError(
             f"the {name} of the pairs is no product of one number for each body; bullet "
@@ -115,10 +116,3 @@ def _rolling(
             "adds the numbers of two bodies, each times the other's friction, use stepped"
         )
     return np.maximum(rolling, 0.0)
-
-
-def _incidence(pairs: list[tuple[int, int]], bodies: int) -> NDArray[np.float64]:
-    design = np.zeros((len(pairs), bodies))
-    for row, pair in enumerate(pairs):
-        design[row, list(pair)] = 1.0
-    return design

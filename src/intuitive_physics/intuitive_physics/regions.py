@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.validation import (
+    edge_vector,
     finite_array,
     finite_float,
     positive_float,
@@ -74,14 +74,9 @@ class BoxRegion(Region):
     edge_lengths: NDArray[np.float64]
 
     def __init__(self, center: ArrayLike, orientation: ArrayLike, edge_lengths: ArrayLike) -> None:
-        edges = finite_array(edge_lengths, "region edge lengths", (3,))
-        if (edges <= 0.0).any():
-            raise InvalidInputError(
-                f"region edge lengths are {edges.tolist()}; expected all above zero"
-            )
         object.__setattr__(self, "center", finite_array(center, "region center", (3,)))
         object.__setattr__(self, "orientation", unit_quaternion(orientation, "region orientation"))
-        object.__setattr__(self, "edge_lengths", edges)
+        object.__setattr__(self, "edge_lengths", edge_vector(edge_lengths, "region edge lengths"))
 
     def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         axes = rotation_matrix(self.orientation)

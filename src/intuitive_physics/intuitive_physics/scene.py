@@ -14,6 +14,7 @@ from intuitive_physics.limits import check_limit
 from intuitive_physics.shapes import Shape, Sphere, shape_from_dict
 from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import (
+    edge_vector,
     finite_array,
     finite_float,
     name_string,
@@ -154,11 +155,7 @@ class StaticBox:
         object.__setattr__(
             self, "orientation", unit_quaternion(orientation, f"orientation of box {id}")
         )
-        edges = finite_array(edge_lengths, f"edge lengths of box {id}", (3,))
-        if (edges <= 0.0).any():
-            raise InvalidInputError(
-                f"edge lengths of box {id} are {edges.tolist()}; expected all above zero"
-            )
+        edges = edge_vector(edge_lengths, f"edge lengths of box {id}")
         object.__setattr__(self, "edge_lengths", edges)
 
     def to_dict(self) -> dict[str, Any]:

@@ -137,11 +137,7 @@ class TruncatedGaussian:
         groups = [np.flatnonzero(labels == k) for k in np.flatnonzero(sizes > 1)]
         return np.flatnonzero(sizes[labels] == 1), groups
 
-    def _alone(
-        self,
-        chosen: NDArray[np.int64],
-        shares: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+    def _alone(self, chosen: NDArray[np.int64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return quantiles (count, n_chosen) of parameters that are correlated with no other."""
         mean, lower, upper = self.mean[chosen], self.lower[chosen], self.upper[chosen]
         lengths = np.linalg.norm(self.factor[:, chosen], axis=0)
@@ -177,25 +173,12 @@ class TruncatedGaussian:
 
 
 class _Chains:
-    """Chains of hit-and-run, side by side, over parameters that are correlated.
+    """Chains of hit-and-run, side by side, over `members` (k,), parameters that are correlated.
 
-    Parameters
-    ----------
-    whole : distribution that they draw from
-    members : (k,) indices of the parameters
-    count : number of chains
-
-    Attributes
-    ----------
-    points : (k, count) where the chains are
+    They are at `points` (k, count).
     """
 
-    def __init__(
-        self,
-        whole: TruncatedGaussian,
-        members: NDArray[np.int64],
-        count: int,
-    ) -> None:
+    def __init__(self, whole: TruncatedGaussian, members: NDArray[np.int64], count: int) -> None:
         self._factor = compressed(whole.factor[:, members])
         self._mean = whole.mean[members, None]
         self._intervals = whole.intervals[members]
@@ -406,20 +389,12 @@ def flat_interval_quantiles(
     cuts = [lower, np.clip(first, lower, upper), np.clip(last, lower, upper), upper]
     means = (first - offset, last - offset)
     peak = 0.5 * (offset / deviation) ** 2 + np.log(deviation * np.sqrt(2.0 * np.pi))
+    below, above = (
+        peak + log_normal_mass((cuts[k] - mean) / deviation, (cuts[k + 1] - mean) / deviation)
+        for k, mean in zip((0, 2), means, strict=True)
+    )
     with np.errstate(divide="ignore"):
-        masses = np.array(
-            [
-                peak
-                + log_normal_mass(
-                    (cuts[0] - means[0]) / deviation, (cuts[1] - means[0]) / deviation
-                ),
-                np.log(cuts[2] - cuts[1]),
-                peak
-                + log_normal_mass(
-                    (cuts[2] - means[1]) / deviation, (cuts[3] - means[1]) / deviation
-                ),
-            ]
-        )
+        masses = np.array([below, np.log(cuts[2] - cuts[1]), above])
     masses = np.where(np.isfinite(masses).any(axis=0), masses, 0.0)
     weights = np.exp(masses - masses.max(axis=0))
     weights /= weights.sum(axis=0)

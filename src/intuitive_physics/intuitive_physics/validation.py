@@ -93,6 +93,20 @@ def finite_array(value: ArrayLike, name: str, shape: Sequence[int | None]) -> ND
     return array
 
 
+def edge_vector(value: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Return edge lengths (3,) after checking that all are above zero.
+
+    Parameters
+    ----------
+    value : (3,) m
+    name : of the value, for the message
+    """
+    edges = finite_array(value, name, (3,))
+    if (edges <= 0.0).any():
+        raise InvalidInputError(f"{name} are {edges.tolist()}; expected all above zero")
+    return edges
+
+
 def unit_quaternion(value: ArrayLike, name: str) -> NDArray[np.float64]:
     """Return a quaternion, (4,), normalised to machine precision.
 

@@ -82,6 +82,8 @@ def test_laws_of_any_shape(shape, density):
         lambda: Box((1.0, -1.0, 1.0)),
         lambda: Box((1.0, 1.0)),
         lambda: Capsule(1.0, float("inf")),
+        lambda: Capsule(1.0, -1.0),
+        lambda: Sphere(-1.0),
         lambda: Sphere(1.0).mass(-5.0),
         lambda: shape_from_dict({"kind": "cone"}),
         lambda: shape_from_dict({"kind": "sphere", "length": 1.0}),

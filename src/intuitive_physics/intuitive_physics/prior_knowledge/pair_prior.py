@@ -184,26 +184,18 @@ def with_pair_prior(
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """What the observations say of one coefficient of all ψ pairs.
-
-    Parameters
-    ----------
-    factor : (r, ψ) G, such that z = G u + n with noise n of unit variance
-    values : (r,) z - G 1/2
-    """
+    """What the observations say of one coefficient of all ψ pairs: z = G u + n, n of variance 1."""
 
     factor: NDArray[np.float64]
+    """(r, ψ) G."""
     values: NDArray[np.float64]
+    """(r,) z - G 1/2."""
 
     @staticmethod
     def of(posterior: ParameterPosterior, places: NDArray[np.int64], least: float) -> _Seen:
-        """Take one coefficient out of a posterior; all others are integrated over.
+        """Take the coefficients at `places` (ψ,) out of a posterior; integrate over all others.
 
-        Parameters
-        ----------
-        posterior : of all parameters
-        places : (ψ,) indices of the coefficient of each pair
-        least : per width², smallest information of a combination of pairs that counts
+        A combination of pairs whose information is below `least`, per width², does not count.
         """
         own = posterior.factor[:, places]
         others = np.delete(posterior.factor, places, axis=1)
@@ -250,13 +242,7 @@ def _covariances(
 
 
 class _Member:
-    """The model with given variances, after what was seen.
-
-    Parameters
-    ----------
-    seen : of r combinations of the ψ pairs
-    covariance : (ψ, ψ) of the pairs before that
-    """
+    """The model with the covariance (ψ, ψ) of the pairs, after r combinations were seen."""
 
     def __init__(self, seen: _Seen, covariance: NDArray[np.float64]) -> None:
         self._covariance = covariance
@@ -334,13 +320,8 @@ def _largest_entropy(
 ) -> NDArray[np.float64]:
     """Natural parameters (n, k) of densities on the unit interval with given expectations.
 
-    Newton's method on the convex dual, log ∫ exp(η φ) - η φ*, with steps that are halved.
-
-    Parameters
-    ----------
-    features : (k, n_places) φ
-    targets : (n, k) φ*
-    start : (n, k) η
+    Newton's method on the convex dual, log ∫ exp(η φ) - η φ*, with steps that are halved:
+    features (k, n_places) φ, targets (n, k) φ*, start (n, k) η.
     """
     natural = start.copy()
     for _ in range(NEWTON_STEPS):

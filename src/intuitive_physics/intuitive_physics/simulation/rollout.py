@@ -31,18 +31,8 @@ class WorldStatus(IntEnum):
     STOPPED = 5
 
 
-OK = int(WorldStatus.OK)
-"""As kernels write it."""
-NOT_FINITE = int(WorldStatus.NOT_FINITE)
-"""As kernels write it."""
-TOO_MANY_EVENTS = int(WorldStatus.TOO_MANY_EVENTS)
-"""As kernels write it."""
-TOO_MANY_CONTACTS = int(WorldStatus.TOO_MANY_CONTACTS)
-"""As kernels write it."""
-TOO_FAST = int(WorldStatus.TOO_FAST)
-"""As kernels write it."""
-STOPPED = int(WorldStatus.STOPPED)
-"""As kernels write it."""
+OK, NOT_FINITE, TOO_MANY_EVENTS, TOO_MANY_CONTACTS, TOO_FAST, STOPPED = map(int, WorldStatus)
+"""Each `WorldStatus` as kernels write it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -93,17 +93,7 @@ def evaluate(
 ) -> Evaluation:
     """Split at random (by the options' seed), learn from one part, predict both.
 
-    Parameters
-    ----------
-    observations : at least two
-    train_fraction : share that is learned from, above 0 and below 1
-    engine : simulator that learns and predicts
-    start : θ_s that learning starts from and is compared with; None: the defaults
-
-    Raises
-    ------
-    InvalidInputError
-        When there are too few observations or the share is not between 0 and 1.
+    Learning starts from θ_s `start` and is compared with it; None: the defaults.
     """
     training, test = split(observations, train_fraction, options.seed)
     known = None if start is None else _not_learned(start)

@@ -76,14 +76,9 @@ def predict_cases(
     sample_count: int = 100,
     estimates: Sequence[tuple[WeightedStates | None, ...]] | None = None,
 ) -> list[PredictionCase]:
-    """Predict each object of each observation from the observation's initial states.
+    """Predict each object of each observation, by as many simulations as samples.
 
-    Parameters
-    ----------
-    parameters : θ_s of all materials of the observations, or its distribution
-    sample_count : simulations of each observation
-    estimates : of each observation, as of `PreparedScene`, in place of initial states; None: of
-        no object
+    They begin with the observation's initial states, or with its `estimates` as of `PreparedScene`.
     """
     noises = track_noises(observations)
     given = estimates if estimates is not None else [()] * len(observations)
@@ -153,12 +148,7 @@ def region_coverage(
 ) -> NDArray[np.float64]:
     """Share of points inside the highest-density region of each of `LEVELS`, shape (19,).
 
-    Every case counts the same.
-
-    Parameters
-    ----------
-    cases : at least one
-    rng : of the errors of what was observed, which samples are given too
+    Every case counts the same. `rng` draws the errors of what was observed, which samples get too.
     """
     shares = []
     for case in cases:
@@ -178,18 +168,14 @@ NEAR_HORIZON = 0.05
 
 @dataclass(frozen=True)
 class HorizonCoverage:
-    """How often regions held what was seen at one time ahead, at one point of each case.
-
-    Parameters
-    ----------
-    horizon : s
-    count : cases that were seen then
-    shares : of these, inside the regions of the probabilities asked for
-    """
+    """How often regions held what was seen at one time ahead, at one point of each case."""
 
     horizon: float
+    """s."""
     count: int
+    """Cases that were seen then."""
     shares: tuple[float, ...]
+    """Of these, inside the regions of the probabilities asked for."""
 
 
 def horizon_coverage(

@@ -111,12 +111,7 @@ class SeenPart:
 
 
 def after_first_part(seen: Observation, settings: PerceptionSettings) -> SeenPart | None:
-    """What is known after `FIRST_PART`; None where that is too little or nothing comes later.
-
-    Parameters
-    ----------
-    settings : of the perception that observed
-    """
+    """What is known after `FIRST_PART`; None where that is too little or nothing comes later."""
     if any(one.detections is None for one in seen.objects):
         return SeenPart(seen)
     return _seen_until(seen, seen.start_time + FIRST_PART, settings)
@@ -125,10 +120,8 @@ def after_first_part(seen: Observation, settings: PerceptionSettings) -> SeenPar
 def after_first_bounce(seen: Observation, settings: PerceptionSettings) -> SeenPart | None:
     """What is known when each ball was detected `AFTER_BOUNCE` times after its first bounce.
 
-    Returns
-    -------
     None where that is too little, nothing comes later, or not all objects are detected balls that
-    bounced
+    bounced.
     """
     moments = [_moment_after_bounce(one, seen.environment) for one in seen.objects]
     known = [moment for moment in moments if moment is not None]
@@ -296,11 +289,7 @@ def predict_seen_parts(
     """Predict observations after their first part and after their first bounce.
 
     Each prediction begins as the predictor does, with its estimate from all frames until then, and
-    draws from the posterior of θ_s.
-
-    Parameters
-    ----------
-    learned : θ_s of all materials of the observations
+    draws from the posterior of θ_s, which has all materials of the observations.
     """
     settings, uncertain = PerceptionSettings(), UncertainParameters(learned)
 
@@ -332,17 +321,8 @@ def predict_before_learning(
     """Predict each observation with what was learned from those before it.
 
     θ_s is learned from the first observation, the first two, four, eight and so on, and predicts
-    all up to the next time; before the first, nothing is known of it.
-
-    Parameters
-    ----------
-    options : how to learn
-    on_progress : called with the observations done and the observations in all
-
-    Returns
-    -------
-    Predicted
-        In the order of time.
+    all up to the next time; before the first, nothing is known of it. The result is in the order of
+    time. `on_progress` is called with the observations done and the observations in all.
     """
     ordered = sorted(observations, key=lambda seen: seen.start_time)
     materials = observation_materials(ordered)

@@ -49,17 +49,7 @@ class FrameSource:
 
 
 def find_frame_source(bag: BagReader, topic: str | None = None) -> FrameSource:
-    """Guess which topic shows the scene: depth images first, then compressed ones, then a cloud.
-
-    Parameters
-    ----------
-    topic : take this one
-
-    Raises
-    ------
-    InvalidInputError
-        When there is no such topic, or images have no camera info beside them.
-    """
+    """Guess which topic shows the scene: depth images first, then compressed ones, then a cloud."""
     wanted = [known for known in bag.topics if topic is None or known.name == topic]
     infos = [known.name for known in bag.topics if known.type == CAMERA_INFO]
     images = [
@@ -93,15 +83,7 @@ def read_frames(
 ) -> Iterator[tuple[float, NDArray[np.float32]]]:
     """Yield time in s of each frame's stamp, and its points (height, width, 3) m, NaN: no reading.
 
-    Parameters
-    ----------
-    rectified : whether images are without distortion already, so that the camera matrix is that
-        of P instead of K
-
-    Raises
-    ------
-    InvalidInputError
-        When a message is not what its type says, or an image comes before its camera info.
+    Images that are `rectified` already have no distortion, and the camera matrix of P, not of K.
     """
     decoder = FrameDecoder(rectified=rectified)
     points_of = {
@@ -177,17 +159,8 @@ def perceive_recording(
 ) -> PerceivedRecording:
     """Perceive every frame of a bag.
 
-    Parameters
-    ----------
-    topic : of depth images or clouds; None guesses
-    rectified : as of `read_frames`
-    on_progress : called with the frames done and the frames in all
-    on_frame : called with each frame's points (..., 3) m and what was perceived
-
-    Raises
-    ------
-    InvalidInputError
-        When the bag cannot be read or shows no scene.
+    `on_progress` is called with the frames done and the frames in all, `on_frame` with each frame's
+    points (..., 3) m and what was perceived.
     """
     pipeline = PerceptionPipeline(settings, rng)
     model: EnvironmentModel | None = None

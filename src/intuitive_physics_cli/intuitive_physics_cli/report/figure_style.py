@@ -41,13 +41,7 @@ STYLE: dict[Any, Any] = {
 
 
 def legend_below(figure: Any, handles: Sequence[Any], columns: int) -> None:
-    """Put a legend below all axes of a figure with constrained layout.
-
-    Parameters
-    ----------
-    handles : artists with labels
-    columns : of the legend
-    """
+    """Put a legend of artists with labels below all axes of a figure with constrained layout."""
     legend = figure.legend(handles=handles, loc="lower center", ncols=columns)
     height = legend.get_window_extent().y1 / figure.bbox.height
     figure.get_layout_engine().set(rect=(0.0, height, 1.0, 1.0 - height))

@@ -63,10 +63,7 @@ STATE_KNOWN = (
 def prediction_sections(predicted: Predicted, title: str, known: str) -> list[str]:
     """Return sections of the worst cases, of all cases, and of calibration; none without cases.
 
-    Parameters
-    ----------
-    title : what the cases are, plain text
-    known : sentences on what the predictions knew, plain text
+    `title` and `known`, what the predictions knew, are plain text.
     """
     if not predicted.cases:
         return []
@@ -193,13 +190,7 @@ def make_learning_report(
     engine: str,
     on_progress: Callable[[SearchProgress], None] | None = None,
 ) -> LearningReport:
-    """Learn from a part of the observations and predict the others from what was seen first.
-
-    Raises
-    ------
-    InvalidInputError
-        As `evaluation.evaluate`.
-    """
+    """Learn from a part of the observations and predict the others from what was seen first."""
     evaluation = evaluate(observations, options, train_fraction, engine, on_progress)
     learned = evaluation.result.learned.extended(observation_materials(observations))
     predicted = predict_seen_parts(
@@ -220,13 +211,7 @@ def make_learning_report(
 
 
 def write_learning_report(report: LearningReport, path: Path) -> None:
-    """Write the report as one page of HTML that needs nothing else.
-
-    Raises
-    ------
-    InvalidInputError
-        When the file cannot be written.
-    """
+    """Write the report as one page of HTML that needs nothing else."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(_page(report), encoding="utf-8")
@@ -279,11 +264,5 @@ def _error_table(evaluation: Evaluation) -> str:
         (name, *(f"{value:.4f}" for e in errors for value in (e.mean, e.last)))
         for name, errors in evaluation.errors.items()
     ]
-    header = (
-        "error (m)",
-        "learned from: mean",
-        "last point",
-        "predicted: mean",
-        "last point",
-    )
+    header = ("error (m)", "learned from: mean", "last point", "predicted: mean", "last point")
     return table(header, rows)

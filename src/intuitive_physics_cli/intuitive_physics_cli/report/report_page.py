@@ -68,15 +68,7 @@ footer { max-width: 72.5rem; margin: 0 auto; padding: .5rem 1.25rem 3rem; font-s
 
 
 def page(title: str, scripts: str, head: str, sections: Sequence[str], foot: str) -> str:
-    """Return a whole page that needs nothing else.
-
-    Parameters
-    ----------
-    title : plain text
-    scripts : HTML that belongs into the head, such as a library
-    head, foot : as `heading` and `footer` return them
-    sections : HTML, in their order
-    """
+    """Return a whole page that needs nothing else: of HTML but for the title, which is text."""
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -88,13 +80,7 @@ def page(title: str, scripts: str, head: str, sections: Sequence[str], foot: str
 
 
 def section(title: str, *parts: str, introduction: str = "") -> str:
-    """Return one card of the page.
-
-    Parameters
-    ----------
-    title, introduction : plain text
-    parts : HTML below them
-    """
+    """Return one card of the page: title and introduction are plain text, parts are HTML."""
     opening = f"<h2>{html.escape(title)}</h2>"
     if introduction:
         opening += f"<p>{html.escape(introduction)}</p>"
@@ -140,12 +126,7 @@ def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def parameter_section(learned: LearnedParameters, true: StaticParameters | None = None) -> str:
-    """Return what was learned, with intervals, and the names of what is not identified.
-
-    Parameters
-    ----------
-    true : θ_s to compare with, where it is known
-    """
+    """Return what was learned, beside what is true if known, and names of what is not identified."""
     names = parameter_names(learned.materials)
     values = parameter_vector(learned.parameters)
     default = parameter_vector(StaticParameters.uniform(learned.materials))
@@ -176,10 +157,7 @@ def png_figure(
 ) -> str:
     """Return a picture that `draw` makes on a Matplotlib figure of `size` inches.
 
-    Parameters
-    ----------
-    caption : below the picture; empty: none
-    alternative : what stands for the picture where it cannot be seen, if not the caption
+    `alternative` stands for it where it cannot be seen; empty: the caption does.
     """
     data = base64.b64encode(png(size, draw)).decode("ascii")
     text = f"<figcaption>{html.escape(caption, quote=False)}</figcaption>" if caption else ""
@@ -194,9 +172,7 @@ def png(
 ) -> bytes:
     """Return a PNG file of what `draw` makes on a Matplotlib figure of `size` inches.
 
-    Parameters
-    ----------
-    about : how it was made, kept as text in the file
+    The file keeps `about`, how it was made, as text.
     """
     # The figure alone, without pyplot: no display, no global state.
     import matplotlib

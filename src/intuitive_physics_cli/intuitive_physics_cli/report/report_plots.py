@@ -58,12 +58,9 @@ def library_script() -> str:
 
 
 def plot(name: str, data: list[dict[str, Any]], layout: dict[str, Any], height: int) -> str:
-    """Return the HTML of one plot.
+    """Return the HTML of one plot, `height` pixels high.
 
-    Parameters
-    ----------
-    name : unique on the page; letters, digits and hyphens
-    height : pixels
+    The name is unique on the page: letters, digits and hyphens. So it is below.
     """
     figure = json.dumps([data, {**LAYOUT, **layout, "height": height}], allow_nan=False)
     # A name in it must not end the script.
@@ -76,13 +73,7 @@ def plot(name: str, data: list[dict[str, Any]], layout: dict[str, Any], height: 
 
 
 def prediction_plot(name: str, case: PredictionCase, height: int = LARGE_PLOT) -> str:
-    """Samples in thin blue, what was seen in green, the error at each point in red (Fig. 5).
-
-    Parameters
-    ----------
-    name : unique on the page; letters, digits and hyphens
-    height : pixels
-    """
+    """Samples in thin blue, what was seen in green, the error at each point in red (Fig. 5)."""
     step = max(1, -(-len(case.times) // MOST_POINTS_DRAWN))
     samples = case.samples[:MOST_SAMPLES_DRAWN, ::step]
     mean, observed = case.mean[::step], case.observed[::step]
@@ -108,14 +99,7 @@ def prediction_plot(name: str, case: PredictionCase, height: int = LARGE_PLOT) -
 
 
 def cost_plot(name: str, history: NDArray[np.float64], levels: dict[str, float]) -> str:
-    """J over iterations, with levels to compare with.
-
-    Parameters
-    ----------
-    name : unique on the page; letters, digits and hyphens
-    history : (n,) m, the lowest J after each iteration
-    levels : m, by label
-    """
+    """The lowest J after each iteration, (n,) m, with levels in m to compare with, by label."""
     iterations = np.arange(1, history.size + 1)
     changed = np.flatnonzero(np.append(True, np.diff(history) != 0.0))
     kept = np.unique(np.append(changed, history.size - 1))
@@ -146,13 +130,9 @@ def cost_plot(name: str, history: NDArray[np.float64], levels: dict[str, float])
 
 
 def coverage_plot(name: str, shares: NDArray[np.float64], count: int) -> str:
-    """Share of points inside each region against the share the region claims.
+    """Share (n_levels,) of points inside each region against the share the region claims.
 
-    Parameters
-    ----------
-    name : unique on the page; letters, digits and hyphens
-    shares : (n_levels,) of `LEVELS`
-    count : motions that the points are of; a band has their binomial standard error
+    A band has the binomial standard error of the `count` motions that the points are of.
     """
     claimed = np.linspace(0.0, 1.0, 41)
     error = np.array([binomial_error(share, count) for share in claimed])

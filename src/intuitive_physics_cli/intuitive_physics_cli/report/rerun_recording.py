@@ -98,13 +98,7 @@ class RerunRecording:
         self._stream.log("environment/gravity", arrow)
 
     def perceived(self, points: NDArray[np.float32], found: FrameResult) -> None:
-        """Log one frame.
-
-        Parameters
-        ----------
-        points : (..., 3) m in the sensor's frame
-        found : what perception found in it
-        """
+        """Log one frame's points (..., 3) m, in the sensor's frame, and what was found in it."""
         if found.model is None:
             return
         self._at(found.time)
@@ -126,12 +120,7 @@ class RerunRecording:
         self._stream.log("objects/velocity", arrows)
 
     def observation(self, seen: Observation, start_time: float) -> None:
-        """Log each object of an observation as a ball of its size, and its trail.
-
-        Parameters
-        ----------
-        start_time : s, where the observation begins on the recording's timeline
-        """
+        """Log each object as a ball of its size, and its trail, from `start_time` (s) on."""
         for observed_object in seen.objects:
             path = f"seen/{_path(observed_object.object.id)}"
             radius = observed_object.object.shape.bounding_radius
@@ -143,12 +132,7 @@ class RerunRecording:
             self._stream.log(path, self._rerun.Clear(recursive=True))
 
     def prediction(self, case: PredictionCase, start_time: float) -> None:
-        """Log a prediction: all samples as lines, and where they are from moment to moment.
-
-        Parameters
-        ----------
-        start_time : s, of the state it was predicted from
-        """
+        """Log a prediction from `start_time` (s) on: samples as lines, and where each is when."""
         path = f"predicted/{_path(case.name)}"
         self._at(start_time)
         self._log_lines(f"{path}/samples", list(case.samples), SAMPLE_COLOR)

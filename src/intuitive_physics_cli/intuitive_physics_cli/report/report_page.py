@@ -126,7 +126,7 @@ def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def parameter_section(learned: LearnedParameters, true: StaticParameters | None = None) -> str:
-    """Return what was learned, beside what is true if known, and names of what is not identified."""
+    """Return what was learned, beside the truth where known, and what is not identified."""
     names = parameter_names(learned.materials)
     values = parameter_vector(learned.parameters)
     default = parameter_vector(StaticParameters.uniform(learned.materials))

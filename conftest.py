@@ -6,7 +6,8 @@ some tests send it, so it is heard again.
 Hypothesis tries the same examples in every run, so that none is red by chance; with
 `--hypothesis-profile=new` it looks for new ones.
 
-Files of tests that run side by side have a ROS domain each: their nodes have the same names.
+Files of tests that run side by side have a ROS domain each, of this machine only: their nodes have
+the same names.
 
 What is quickly found is found first: tests that are marked as long run last.
 
@@ -39,8 +40,10 @@ def interrupt() -> None:
 if "PYTEST_XDIST_WORKER" not in os.environ:
     guard_run(interrupt)
 
+os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
+os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
-if "ROS_DOMAIN_ID" in os.environ and worker != "0":
+if worker != "0":
     os.environ["ROS_DOMAIN_ID"] = str(
         (int(os.environ["ROS_DOMAIN_ID"]) + 20 * int(worker)) % 100 + 1
     )

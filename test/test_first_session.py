@@ -16,9 +16,6 @@ from pathlib import Path
 import pytest
 from benchmarks.robot.ros2_process import COMMAND, Ros2Process, environment, ros2
 
-os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
-os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_bag
 
 pytestmark = [pytest.mark.long, pytest.mark.needs("ros2launch")]

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
-os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-
 from benchmarks.running_nodes import LEARNER, PERCEPTION, PERCEPTION_ARGUMENTS, PREDICTOR
 from benchmarks.torture.camera import EndlessCamera
 from benchmarks.torture.nodes import Nodes, family, thrown_ball

@@ -12,10 +12,6 @@ from pathlib import Path
 
 import pytest
 from benchmarks.robot.ros2_process import LAUNCH, Ros2Process, ros2
-
-os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
-os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-
 from benchmarks.torture.nodes import thrown_ball
 from diagnostic_msgs.msg import DiagnosticArray
 from intuitive_physics_msgs.msg import Environment, ObjectStates, TrajectoryDistribution

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import importlib
 import sys
-import time
 import traceback
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from benchmarks.results.result import Column, Table
-from benchmarks.torture.answers import Answers
+from benchmarks.torture import answers as answers_module
+from benchmarks.torture.answers import LIMIT, Answers
 from benchmarks.torture.early_end import EarlyEndError, noted, result_of, traceback_in
 from benchmarks.torture.interfaces import FUZZED
 from benchmarks.torture.nodes import blamed_on_death, megabytes, peak_megabytes
@@ -90,49 +91,57 @@ class Future:
         return self.has_come
 
 
+@pytest.fixture
+def clock(monkeypatch):
+    clock = SimpleNamespace(now=1000.0)
+    clock.monotonic = lambda: clock.now
+    monkeypatch.setattr(answers_module, "time", clock)
+    return clock
+
+
 def watched(answers: Answers, *, node: str = "node", what: str = "~/ask") -> Future:
     future = Future()
     answers.watch(node, what, future, lambda: None)
     return future
 
 
-def test_request_that_is_never_answered_is_a_hang():
-    answers = Answers(limit=0.05)
+def test_request_that_is_never_answered_is_a_hang(clock):
+    answers = Answers()
     watched(answers).has_come = True
     assert answers.look()
     watched(answers)
     watched(answers).has_come = True
     assert not answers.look()
     assert not answers.hangs
-    time.sleep(0.1)
+    clock.now += 1.1 * LIMIT
     assert answers.look()
     assert answers.hangs == ["node ~/ask"]
 
 
-def test_service_that_never_answers_at_all_hangs():
-    answers = Answers(limit=0.05)
+def test_service_that_never_answers_at_all_hangs(clock):
+    answers = Answers()
     watched(answers)
-    time.sleep(0.1)
+    clock.now += 1.1 * LIMIT
     assert answers.look()
     assert answers.hangs == ["node ~/ask"]
 
 
-def test_first_answers_to_a_client_may_be_lost():
-    answers = Answers(limit=0.05)
+def test_first_answers_to_a_client_may_be_lost(clock):
+    answers = Answers()
     watched(answers)
     watched(answers).has_come = True
-    time.sleep(0.1)
+    clock.now += 1.1 * LIMIT
     assert answers.look()
     assert not answers.hangs
 
 
-def test_node_that_has_ended_owes_no_answer():
-    answers = Answers(limit=0.05)
+def test_node_that_has_ended_owes_no_answer(clock):
+    answers = Answers()
     watched(answers)
     watched(answers, what="~/change_state")
     watched(answers, node="other")
     answers.leave("node", but="~/change_state")
-    time.sleep(0.1)
+    clock.now += 1.1 * LIMIT
     assert answers.look()
     assert answers.hangs == ["node ~/change_state", "other ~/ask"]
 

@@ -1,9 +1,6 @@
-"""Own DDS domain for this package's tests, and messages that check what is put into them."""
+"""Messages that check what is put into them."""
 
 import os
-
-os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
-os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 # Without this a message takes a field of the wrong type, or one it does not have, in silence.
 # It is looked at when a message module is imported; child processes run as they do at users'.

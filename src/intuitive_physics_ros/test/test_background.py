@@ -4,27 +4,18 @@ import threading
 import time
 
 import pytest
-import rclpy
 from intuitive_physics_msgs.msg import ResultCode
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 
 from intuitive_physics_ros.background import Background
 from intuitive_physics_ros.result_codes import RefusedError
+from intuitive_physics_ros.scripting import Peer
 
 
 @pytest.fixture
 def node():
-    context = Context()
-    rclpy.init(context=context, args=[])
-    node = rclpy.create_node("worker", context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    yield node
-    executor.shutdown()
-    node.destroy_node()
-    context.try_shutdown()
+    with Peer("worker") as peer:
+        yield peer.node
 
 
 def spin_until(node, holds):

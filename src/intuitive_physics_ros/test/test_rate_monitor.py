@@ -1,17 +1,27 @@
 """What is said of work that is done at a rate."""
 
-import time
+from types import SimpleNamespace
 
+import pytest
+
+from intuitive_physics_ros import monitors
 from intuitive_physics_ros.diagnostics import Level
 from intuitive_physics_ros.monitors import RateMonitor
 
 
-def counted(monitor, seconds, rate):
-    """Report work at a rate for so long, or longer where the machine is busy."""
+@pytest.fixture
+def clock(monkeypatch):
+    clock = SimpleNamespace(now=1000.0)
+    clock.monotonic = lambda: clock.now
+    monkeypatch.setattr(monitors, "time", clock)
+    return clock
+
+
+def work(monitor, clock, rate):
+    """Report work at a rate (1/s) for a second."""
     monitor.check()
-    begun = time.monotonic()
-    time.sleep(seconds)
-    for _ in range(round((time.monotonic() - begun) * rate)):
+    clock.now += 1.0
+    for _ in range(rate):
         monitor.done(0.002)
 
 
@@ -26,23 +36,23 @@ def test_before_the_first_and_while_it_waits_it_says_so():
     assert (status.level, status.message) == (Level.OK, "waits: no objects are seen")
 
 
-def test_the_rate_kept_is_ok_and_the_rate_missed_a_warning():
+def test_the_rate_kept_is_ok_and_the_rate_missed_a_warning(clock):
     monitor = RateMonitor("predicts", 100.0)
-    counted(monitor, 0.2, 100.0 * 2)
+    work(monitor, clock, 90)
     status = monitor.check()
     assert status.level is Level.OK
     assert status.values["99 % (ms)"] == "2.00"
-    counted(monitor, 0.2, 100.0 / 2)
+    work(monitor, clock, 89)
     monitor.left_out(7)
     status = monitor.check()
     assert status.level is Level.WARN
     assert "expected 100, 7 were left out" in status.message
 
 
-def test_ticks_without_anything_to_do_miss_no_rate():
+def test_ticks_without_anything_to_do_miss_no_rate(clock):
     monitor = RateMonitor("predicts", 100.0)
-    counted(monitor, 0.2, 100.0 / 2)
-    for _ in range(10):
+    work(monitor, clock, 50)
+    for _ in range(50):
         monitor.idle("no objects are seen", normal=True)
     monitor.done(0.002)
     assert monitor.check().level is Level.OK

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
-
-os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
-os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-
 from geometry_msgs.msg import PoseArray
 from intuitive_physics_msgs.msg import PredictedTrajectory, TrajectoryDistribution
 from nav_msgs.msg import Path

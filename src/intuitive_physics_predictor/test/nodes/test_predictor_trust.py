@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
-os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-
 from diagnostic_msgs.msg import DiagnosticArray
 from intuitive_physics_msgs.msg import ResultCode, StaticParameters
 from intuitive_physics_msgs.srv import Predict

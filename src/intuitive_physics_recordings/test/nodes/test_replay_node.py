@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 from collections.abc import Iterator
@@ -25,9 +24,6 @@ from intuitive_physics_ros.qos import LATCHED
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 
 from ..small_camera import SMALL
-
-os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
-os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 TIMEOUT = 20.0
 """s until something must have happened."""

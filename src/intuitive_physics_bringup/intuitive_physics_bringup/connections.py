@@ -81,7 +81,7 @@ def with_compressed(topics: Mapping[str, str]) -> dict[str, str]:
     ----------
     topics : of `Camera.topics`, or others by the same names
     """
-    compressed = {one + below: topics[one] + below for one, below in TRANSPORTS.items()}
+    compressed = {name + below: topics[name] + below for name, below in TRANSPORTS.items()}
     return {**topics, **compressed}
 
 
@@ -154,10 +154,15 @@ def session_topics(
     unused = ["~/depth/image", "~/depth/camera_info"] if clouds else ["~/points"]
     if not color:
         unused.append("~/color/image")
-    seen = [topic for name, topic in inputs.items() if name not in unused]
-    made = [ENVIRONMENT, OBJECT_STATES, OBSERVATIONS, STATIC_PARAMETERS, PREDICTIONS]
+    inputs_recorded = [topic for name, topic in inputs.items() if name not in unused]
+    outputs = [ENVIRONMENT, OBJECT_STATES, OBSERVATIONS, STATIC_PARAMETERS, PREDICTIONS]
     prefix = f"/{namespace.strip('/')}" if namespace.strip("/") else ""
-    return [*(f"{prefix}/{topic}" for topic in (*seen, *made)), "/tf", "/tf_static", "/diagnostics"]
+    return [
+        *(f"{prefix}/{topic}" for topic in (*inputs_recorded, *outputs)),
+        "/tf",
+        "/tf_static",
+        "/diagnostics",
+    ]
 
 
 def module(node: str) -> str:
@@ -203,7 +208,7 @@ def discovery_environment(wanted: str, peers: str) -> Mapping[str, str]:
     """
     if wanted.lower() not in RANGES:
         raise InvalidInputError(f"discovery is {wanted!r}; expected one of {', '.join(RANGES)}")
-    addresses = [one.strip() for one in peers.split(";") if one.strip()]
+    addresses = [address.strip() for address in peers.split(";") if address.strip()]
     for address in addresses:
         if not ADDRESS.fullmatch(address):
             raise InvalidInputError(

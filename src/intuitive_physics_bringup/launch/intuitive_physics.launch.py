@@ -168,7 +168,7 @@ def follow(failures: Failures) -> list[Action]:
         OnProcessIO(on_stderr=heard),
         OnProcessExit(on_exit=ended),
     )
-    return [RegisterEventHandler(one) for one in handlers]
+    return [RegisterEventHandler(handler) for handler in handlers]
 
 
 def check(given: Mapping[str, str]) -> None:
@@ -202,18 +202,18 @@ def check(given: Mapping[str, str]) -> None:
 
 def node(name: str, given: Mapping[str, str]) -> Node:
     """Return one of the three nodes."""
-    own: dict[str, Any] = {
+    set_here: dict[str, Any] = {
         "use_sim_time": uses_sim_time(given),
         "autostart": as_bool("autostart", given["autostart"]),
     }
-    renamed = clock_rules(prefix(given), replayed=bool(given["bag"]))
+    remappings = clock_rules(prefix(given), replayed=bool(given["bag"]))
     if name == "perception_node":
-        renamed += inputs(given)
+        remappings += inputs(given)
         if given["color"]:
-            own["use_color"] = given["color"] != "false"
-    kept: dict[str, Any] = {}
+            set_here["use_color"] = given["color"] != "false"
+    defaults: dict[str, Any] = {}
     if name == "predictor_node":
-        kept["calibration_file"] = calibration_file(given)
+        defaults["calibration_file"] = calibration_file(given)
     respawn = as_bool("respawn", given["respawn"])
     return Node(
         package=NODES[name],
@@ -221,8 +221,8 @@ def node(name: str, given: Mapping[str, str]) -> Node:
         name=name,
         namespace=given["namespace"],
         output="screen",
-        parameters=[kept, given["params_file"], own],
-        remappings=renamed,
+        parameters=[defaults, given["params_file"], set_here],
+        remappings=remappings,
         respawn=respawn,
         respawn_delay=RESPAWN_DELAY,
         ros_arguments=["--log-level", given["log_level"], *enclave(name, given)],

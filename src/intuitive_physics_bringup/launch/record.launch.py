@@ -62,7 +62,7 @@ def recorder(context: LaunchContext) -> list[Action]:
 
 def disk_watch(output: Path, *, was_low: bool = False) -> list[Action]:
     """Warn once when the disk of a folder fills, and measure again later."""
-    folder = next(one for one in output.absolute().parents if one.exists())
+    folder = next(parent for parent in output.absolute().parents if parent.exists())
     free = shutil.disk_usage(folder).free
     is_low = free < LEAST_FREE_SPACE
     warning = LogInfo(

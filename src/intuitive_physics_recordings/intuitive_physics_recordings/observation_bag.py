@@ -47,8 +47,8 @@ def write_observation_bag(observations: Iterable[Observation], path: Path) -> No
     InvalidInputError
         When the file cannot be written, or an observation has what its message has no field for.
     """
-    ordered = sorted(observations, key=lambda seen: seen.start_time)
-    messages = [_stamped_message(seen) for seen in ordered]
+    ordered = sorted(observations, key=lambda observation: observation.start_time)
+    messages = [_stamped_message(observation) for observation in ordered]
     store = suite_typestore()
     try:
         with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as folder:
@@ -92,11 +92,11 @@ def read_observation_bag(path: Path) -> list[Observation]:
 def _stamped_message(observation: Observation) -> tuple[int, Any]:
     """Start in ns since the epoch of its clock, and the message."""
     start = stamp_nanoseconds(observation.start_time, f"observation {observation.id} starts at")
-    for seen in observation.objects:
-        thing = seen.object
-        if thing != SceneObject(thing.id, thing.material, thing.shape):
+    for observed in observation.objects:
+        item = observed.object
+        if item != SceneObject(item.id, item.material, item.shape):
             raise InvalidInputError(
-                f"object {thing.id} has a drag or Magnus coefficient or an inertia factor, for "
+                f"object {item.id} has a drag or Magnus coefficient or an inertia factor, for "
                 "which the message has no field; keep its observation as JSON"
             )
     return start, observation_to_message(observation, message_maker)

@@ -18,9 +18,9 @@ def save_observations(observations: Sequence[Observation], folder: Path) -> None
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InvalidInputError(f"cannot make the folder {folder}: {error.strerror}") from None
-    ordered = sorted(observations, key=lambda seen: seen.start_time)
-    for number, seen in enumerate(ordered):
-        save_observation(seen, folder / f"{number:04d}_{seen.id}{SUFFIX}")
+    ordered = sorted(observations, key=lambda observation: observation.start_time)
+    for number, observation in enumerate(ordered):
+        save_observation(observation, folder / f"{number:04d}_{observation.id}{SUFFIX}")
 
 
 def load_observations(folder: Path) -> list[Observation]:

@@ -152,7 +152,7 @@ class Background:
             self._refuse(request, "the node ends, so the request is cancelled")
         if self._threads:
             self._threads[0].join(patience)
-        return not any(one.is_alive() for one in self._threads[:1])
+        return not any(thread.is_alive() for thread in self._threads[:1])
 
     def _start(self) -> None:
         if self._threads:
@@ -172,8 +172,8 @@ class Background:
                         return
                     request = self._under_way = self._waiting.popleft()
             if posted:
-                for own in posted:
-                    self._do_own(own)
+                for work in posted:
+                    self._do_posted(work)
                 continue
             try:
                 answer, error = request.work(request.stop), None
@@ -181,7 +181,7 @@ class Background:
                 answer, error = None, raised
             self._end(request, answer, error)
 
-    def _do_own(self, work: Callable[[], None]) -> None:
+    def _do_posted(self, work: Callable[[], None]) -> None:
         try:
             work()
         except Exception as error:
@@ -194,17 +194,17 @@ class Background:
                 if self._stopping:
                     return
                 requests = [*self._waiting, *([self._under_way] if self._under_way else [])]
-                open_ones = [one for one in requests if not one.answered]
+                unanswered = [request for request in requests if not request.answered]
                 now = time.monotonic()
-                late = [one for one in open_ones if one.ends <= now]
-                for one in late:
-                    if one in self._waiting:
-                        self._waiting.remove(one)
+                late = [request for request in unanswered if request.ends <= now]
+                for request in late:
+                    if request in self._waiting:
+                        self._waiting.remove(request)
                 if not late:
-                    first = min((one.ends for one in open_ones), default=None)
+                    first = min((request.ends for request in unanswered), default=None)
                     self._changed.wait(None if first is None else first - now)
-            for one in late:
-                self._refuse(one, one.refusal)
+            for request in late:
+                self._refuse(request, request.refusal)
 
     def _refuse(self, request: _Request, why: str) -> None:
         request.stop.set()

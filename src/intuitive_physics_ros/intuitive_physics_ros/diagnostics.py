@@ -1,4 +1,4 @@
-"""What a node says of itself on /diagnostics, once a second."""
+"""The state of a node on /diagnostics, once a second."""
 
 from __future__ import annotations
 
@@ -113,15 +113,15 @@ class NameCheck:
 
     def __call__(self) -> Status:
         full_name = self._node.get_fully_qualified_name()
-        found = sum(
+        count = sum(
             f"{namespace.rstrip('/')}/{name}" == full_name
             for name, namespace in self._node.get_node_names_and_namespaces()
         )
-        alone = found <= 1
+        alone = count <= 1
         sentence = (
             f"{full_name} is the only node of this name"
             if alone
-            else f"{found} nodes have the name {full_name}: they answer each other's callers and "
+            else f"{count} nodes have the name {full_name}: they answer each other's callers and "
             "publish on the same topics; stop one or start it with -r __node:=another_name "
             "(one that died without a farewell is still counted for 20 s)"
         )

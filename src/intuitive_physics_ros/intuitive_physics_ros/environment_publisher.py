@@ -46,7 +46,7 @@ class EnvironmentPublisher:
     @property
     def publishers(self) -> list[Publisher]:
         """What it publishes with, for `farewell`."""
-        return [one for one in (self._environments, self._transforms) if one is not None]
+        return [each for each in (self._environments, self._transforms) if each is not None]
 
     def destroy(self) -> None:
         """Take back what it published last."""

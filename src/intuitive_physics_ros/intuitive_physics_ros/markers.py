@@ -83,8 +83,8 @@ def object_markers(
     colors : (3,) red, green and blue of each, 0 to 1; None for that of its material
     """
     markers: list[Marker] = []
-    own_colors = colors if colors is not None else [None] * len(objects)
-    for moving, state, own in zip(objects, states, own_colors, strict=True):
+    given_colors = colors if colors is not None else [None] * len(objects)
+    for moving, state, color in zip(objects, states, given_colors, strict=True):
         for kind, offset, size in _solids(moving.shape):
             center = state.position + rotation_matrix(state.orientation) @ (0.0, 0.0, offset)
             markers.append(
@@ -95,7 +95,7 @@ def object_markers(
                     type=kind,
                     pose=pose_to_message(center, state.orientation),
                     scale=vector_to_message(size),
-                    color=material_color(moving.material) if own is None else _color(own),
+                    color=material_color(moving.material) if color is None else _color(color),
                 )
             )
     return markers

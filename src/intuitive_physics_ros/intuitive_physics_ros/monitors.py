@@ -93,8 +93,8 @@ class InputMonitor:
             "accepted per second": f"{rate:.1f}",
         }
         if self._arrived_at is None:
-            told = self._silence.told() if self._silence else ""
-            return Status(Level.WARN, told or f"nothing arrived yet on {self._name}", values)
+            report = self._silence.report() if self._silence else ""
+            return Status(Level.WARN, report or f"nothing arrived yet on {self._name}", values)
         silence = now - self._arrived_at
         if self._timeout is not None and silence > self._timeout:
             if not self._lost:

@@ -86,7 +86,7 @@ class Parameter:
             return float(value)
         is_list = isinstance(value, Sequence) and not isinstance(value, str | bytes)
         if self.type == RosParameter.Type.DOUBLE_ARRAY and is_list:
-            return [float(one) if type(one) is int else one for one in value]
+            return [float(element) if type(element) is int else element for element in value]
         return value
 
     def accepts(self, value: Any) -> bool:
@@ -143,7 +143,7 @@ def declare_parameters(node: Node, parameters: Iterable[Parameter]) -> dict[str,
         When the command line or a parameter file gives one of them a value it cannot have.
     """
     declared = {parameter.name: parameter for parameter in parameters}
-    node.add_pre_set_parameters_callback(lambda new: [_converted(declared, one) for one in new])
+    node.add_pre_set_parameters_callback(lambda new: [_converted(declared, each) for each in new])
     node.add_on_set_parameters_callback(lambda new: _check(declared, new))
     refuse_unknown_types(node)
     return {name: _declare(node, parameter) for name, parameter in declared.items()}
@@ -156,7 +156,8 @@ def use_limits_of(values: Mapping[str, Any]) -> None:
     ----------
     values : of parameters by name, those of `setting_parameters(InputLimits)` among them
     """
-    use_limits(InputLimits(**{one.name: values[one.name] for one in list_settings(InputLimits)}))
+    names = [setting.name for setting in list_settings(InputLimits)]
+    use_limits(InputLimits(**{name: values[name] for name in names}))
 
 
 def unknown_overrides(node: Node) -> list[str]:
@@ -181,8 +182,8 @@ def _declare(node: Node, parameter: Parameter) -> Any:
 
 
 def _converted(declared: Mapping[str, Parameter], new: RosParameter) -> RosParameter:
-    known = declared.get(new.name)
-    value = new.value if known is None else known.converted(new.value)
+    parameter = declared.get(new.name)
+    value = new.value if parameter is None else parameter.converted(new.value)
     return new if value is new.value else RosParameter(new.name, value=value)
 
 

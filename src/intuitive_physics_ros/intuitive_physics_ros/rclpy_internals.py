@@ -61,8 +61,10 @@ def refuse_unknown_types(node: Node) -> None:
 
 
 def _set_if_known(set_all: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
-    known = {one.value for one in Parameter.Type}
-    unknown = next((one for one in request.parameters if one.value.type not in known), None)
+    types = {kind.value for kind in Parameter.Type}
+    unknown = next(
+        (parameter for parameter in request.parameters if parameter.value.type not in types), None
+    )
     if unknown is None:
         return set_all(request, response)
     refused = SetParametersResult(
@@ -96,9 +98,9 @@ class AnsweringLifecycleNode(LifecycleNode):
     def _LifecycleNodeMixin__on_change_state(
         self, request: ChangeState.Request, response: ChangeState.Response
     ) -> ChangeState.Response:
-        own: Any = super()
+        parent: Any = super()
         try:
-            answered: ChangeState.Response = own._LifecycleNodeMixin__on_change_state(
+            answered: ChangeState.Response = parent._LifecycleNodeMixin__on_change_state(
                 request, response
             )
         except RCLError:

@@ -52,8 +52,8 @@ def error_result(
     """
     if isinstance(error, RefusedError):
         return ResultCode(value=error.code, message=str(error))
-    known = {**LIBRARY_CODES, **(codes or {})}
+    all_codes = {**LIBRARY_CODES, **(codes or {})}
     for ancestor in type(error).__mro__:
-        if ancestor in known:
-            return ResultCode(value=known[ancestor], message=str(error))
+        if ancestor in all_codes:
+            return ResultCode(value=all_codes[ancestor], message=str(error))
     return ResultCode(value=ResultCode.INTERNAL_ERROR, message=f"{type(error).__name__}: {error}")

@@ -1,4 +1,4 @@
-"""What is said of a topic on which nothing arrives: who publishes, and how to choose another."""
+"""Reports on a topic on which nothing arrives: who publishes it, and how to choose another."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ CLOCK = "/clock"
 class Silence:
     """Looks for publishers while nothing arrives; warns in the log after 5 s, then every minute.
 
-    It begins when it is made and asks the graph at most when `told` is called, which diagnostics do
-    once a second.
+    It begins when it is made and asks the graph at most when `report` is called, which
+    diagnostics do once a second.
 
     Parameters
     ----------
@@ -63,8 +63,8 @@ class Silence:
         """Take note that a message arrived."""
         self._broken = True
 
-    def told(self) -> str:
-        """Return what is known of a silence of 5 s or more, else an empty text; logs it."""
+    def report(self) -> str:
+        """Return a sentence on a silence of 5 s or more, else an empty text; log it when due."""
         now = time.monotonic()
         lasted = now - self._since
         if self._broken or lasted < AFTER:
@@ -117,17 +117,17 @@ class ClockCheck:
                 "use_sim_time is true, so time stands still: start the simulator or the bag, or "
                 "set use_sim_time:=false",
             )
-        return Status(Level.WARN, self._silence.told() or f"no time arrived yet on {name}")
+        return Status(Level.WARN, self._silence.report() or f"no time arrived yet on {name}")
 
 
-def nearest(found: Iterable[str], expected: Iterable[str]) -> list[str]:
+def nearest(names: Iterable[str], expected: Iterable[str]) -> list[str]:
     """Return the few names that are most like one of those expected, most alike first."""
     wanted = list(expected)
 
     def likeness(name: str) -> float:
-        return max(SequenceMatcher(None, name, one).ratio() for one in wanted)
+        return max(SequenceMatcher(None, name, other).ratio() for other in wanted)
 
-    return sorted(found, key=lambda name: (-likeness(name), name))[:NEAREST]
+    return sorted(names, key=lambda name: (-likeness(name), name))[:NEAREST]
 
 
 def launch_arguments(*names: str) -> str:
@@ -149,33 +149,33 @@ def _published(node: Node) -> dict[str, list[str]]:
 
     Nodes are asked, because a question for a topic would go through this one's remapping rules.
     """
-    found: dict[str, list[str]] = {}
-    own = (node.get_name(), node.get_namespace())
+    types: dict[str, list[str]] = {}
+    this_node = (node.get_name(), node.get_namespace())
     for name, namespace in node.get_node_names_and_namespaces():
-        if (name, namespace) == own:
+        if (name, namespace) == this_node:
             continue
         # One that has left meanwhile publishes nothing.
         with suppress(NodeNameNonExistentError):
             for topic, kinds in node.get_publisher_names_and_types_by_node(name, namespace):
-                found.setdefault(topic, []).extend(kinds)
-    return found
+                types.setdefault(topic, []).extend(kinds)
+    return types
 
 
 def _others(expected: Mapping[str, str], published: Mapping[str, list[str]]) -> str:
     """Return which other topics of the types there are, near names first."""
     wanted = set(expected.values())
     which = "of the same type" if len(wanted) == 1 else "of these types"
-    found = [
+    names = [
         name
         for name, kinds in published.items()
         if name not in expected and wanted.intersection(kinds)
     ]
-    if not found:
+    if not names:
         return (
             f"no other topic {which} is published where this node looks, as the launch "
             "argument discovery:= says"
         )
-    return f"published {which}: {', '.join(nearest(found, expected))}"
+    return f"published {which}: {', '.join(nearest(names, expected))}"
 
 
 def _head(name: str, expected: str, publishers: list[str]) -> str:

@@ -63,14 +63,14 @@ class Transforms:
         at = Time() if stamp is None else Time.from_msg(stamp)
         try:
             try:
-                found = self._buffer.lookup_transform(target, source, at)
+                stamped = self._buffer.lookup_transform(target, source, at)
             except self._error:
                 # A frame may come before the transform of its time.
-                found = self._buffer.lookup_transform(target, source, Time())
-                self._check_is_before(found.header.stamp, at)
+                stamped = self._buffer.lookup_transform(target, source, Time())
+                self._check_is_before(stamped.header.stamp, at)
         except self._error as error:
             raise _unknown(target, source, error) from None
-        return _rigid(found)
+        return _rigid(stamped)
 
     def lookup_at(self, target: str, source: str, stamp: Stamp, patience: float) -> RigidTransform:
         """Return the transform from one frame into another at a time, waiting for it.
@@ -105,8 +105,8 @@ class Transforms:
             raise self._error("it is known for later times only")
 
 
-def _rigid(found: TransformStamped) -> RigidTransform:
-    place = found.transform
+def _rigid(stamped: TransformStamped) -> RigidTransform:
+    place = stamped.transform
     return RigidTransform(xyz(place.translation), xyzw(place.rotation))
 
 

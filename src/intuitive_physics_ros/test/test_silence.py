@@ -89,11 +89,11 @@ def node():
 
 def waiting(clock, silent, seconds):
     """Ask once a second, as diagnostics do; return the last answer."""
-    told = ""
+    report = ""
     for _ in range(int(seconds)):
         clock.now += 1.0
-        told = silent.told()
-    return told
+        report = silent.report()
+    return report
 
 
 def test_who_publishes_and_what_to_do_is_said_after_some_seconds_and_rarely(clock, node):
@@ -146,11 +146,11 @@ def test_a_publisher_that_may_be_silent_is_no_warning_until_the_patience_is_over
     endless = Silence(node, {"~/depth": Image}, REMEDY, patience=inf)
     for second in range(1, 40):
         clock.now += 1.0
-        assert bool(patient.told()) is (second >= AFTER)
-        assert bool(endless.told()) is (second >= AFTER)
+        assert bool(patient.report()) is (second >= AFTER)
+        assert bool(endless.report()) is (second >= AFTER)
         assert len(node.lines) == (second >= 30)
     node.graph["/camera/depth"] = []
-    endless.told()
+    endless.report()
     assert len(node.lines) == 2
 
 

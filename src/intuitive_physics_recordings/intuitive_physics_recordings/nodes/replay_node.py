@@ -64,11 +64,16 @@ publisher a little later than this one of it, and drops best-effort messages unt
 
 ACKNOWLEDGE_TIMEOUT = 2.0
 """s that subscribers have at the end to acknowledge the last messages."""
-SEEN = {"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/PointCloud2"}
-"""Types of what perception sees the world in."""
 
-MADE = {ENVIRONMENT, OBJECT_STATES, OBSERVATIONS, PREDICTIONS, STATIC_PARAMETERS}
-"""Topics of what the suite makes of it."""
+SENSOR_TYPES = {
+    "sensor_msgs/msg/Image",
+    "sensor_msgs/msg/CompressedImage",
+    "sensor_msgs/msg/PointCloud2",
+}
+"""Types of messages that perception takes."""
+
+SUITE_TOPICS = {ENVIRONMENT, OBJECT_STATES, OBSERVATIONS, PREDICTIONS, STATIC_PARAMETERS}
+"""Topics that the suite publishes."""
 
 PARAMETERS = (
     Parameter("bag", "", "folder of the bag, or one .mcap or .db3 file"),
@@ -86,7 +91,7 @@ PARAMETERS = (
         "inputs_only",
         False,
         "where the bag has depth images or clouds, leave out what the suite made of them, which is "
-        f"made again: {', '.join(sorted(MADE))}",
+        f"made again: {', '.join(sorted(SUITE_TOPICS))}",
     ),
     Parameter(
         "wait_for_subscribers",
@@ -152,9 +157,10 @@ class ReplayNode(Node):
 
     def _make_publishers(self, *, inputs_only: bool) -> dict[str, Publisher]:
         publishers: dict[str, Publisher] = {}
-        again = inputs_only and any(topic.type in SEEN for topic in self._bag.topics)
+        again = inputs_only and any(topic.type in SENSOR_TYPES for topic in self._bag.topics)
         for topic in self._bag.topics:
-            if again and self._played_name(topic.name).removeprefix(f"{self._prefix}/") in MADE:
+            played = self._played_name(topic.name)
+            if again and played.removeprefix(f"{self._prefix}/") in SUITE_TOPICS:
                 self.get_logger().info(f"{topic.name} is left out: it is made again")
                 continue
             if topic.name == CLOCK_TOPIC and self._clock_publisher is not None:
@@ -170,7 +176,7 @@ class ReplayNode(Node):
                 continue
             publishers[topic.name] = self.create_publisher(
                 message_class,
-                self._played_name(topic.name),
+                played,
                 _qos(topic),
                 qos_overriding_options=QOS_OVERRIDES,
             )
@@ -195,7 +201,7 @@ class ReplayNode(Node):
                 f"{', '.join(self._publishers_by_topic)}"
             )
             if self._replay.run():
-                self._wait_until_acknowledged()
+                farewell(self._publishers_by_topic.values(), ACKNOWLEDGE_TIMEOUT)
                 self.get_logger().info("the bag is at its end")
         except IntuitivePhysicsError as error:
             self.exit_code = 1
@@ -246,9 +252,6 @@ class ReplayNode(Node):
             f"{problem}: plays all the same; to be heard, start a subscriber of one of them or "
             "rename the topic with -r TOPIC:=OTHER"
         )
-
-    def _wait_until_acknowledged(self) -> None:
-        farewell(self._publishers_by_topic.values(), ACKNOWLEDGE_TIMEOUT)
 
     def _publish(self, message: BagMessage) -> None:
         if rclpy.ok():

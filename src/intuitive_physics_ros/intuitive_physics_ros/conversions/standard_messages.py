@@ -27,13 +27,13 @@ def detections_to_message(
     from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithPose
 
     message = Detection3DArray(header=header)
-    for one, state in zip(objects, states, strict=True):
-        pose = object_state_to_message(one, state).pose
+    for item, state in zip(objects, states, strict=True):
+        pose = object_state_to_message(item, state).pose
         result = ObjectHypothesisWithPose(pose=pose)
-        result.hypothesis.class_id, result.hypothesis.score = one.material, 1.0
-        detection = Detection3D(header=header, id=one.id, results=[result])
+        result.hypothesis.class_id, result.hypothesis.score = item.material, 1.0
+        detection = Detection3D(header=header, id=item.id, results=[result])
         detection.bbox.center = pose.pose
-        detection.bbox.size = vector_to_message(box_around(one.shape))
+        detection.bbox.size = vector_to_message(box_around(item.shape))
         message.detections.append(detection)
     return message
 

@@ -89,7 +89,7 @@ def _spin_fields(learned: LearnedParameters) -> dict[str, Any]:
         return {}
     spreads = [known.get(name) for name in learned.materials]
     return {
-        field: float64_field([np.nan if own is None else getattr(own, name) for own in spreads])
+        field: float64_field([getattr(spread, name, np.nan) for spread in spreads])
         for field, name in SPIN_FIELDS.items()
     }
 
@@ -152,10 +152,11 @@ def _initial_spins(message: StaticParametersMessage) -> InitialSpins:
         return InitialSpins()
     columns = [_one_each(getattr(message, field), field, m) for field in SPIN_FIELDS]
     spreads = {}
-    for material, own in zip(message.materials, np.stack(columns, axis=1).tolist(), strict=True):
-        if not np.isnan(own).all():
+    rows = np.stack(columns, axis=1).tolist()
+    for material, numbers in zip(message.materials, rows, strict=True):
+        if not np.isnan(numbers).all():
             with in_field(f"initial spins of {material}"):
-                spreads[material] = SpinSpread(*own)
+                spreads[material] = SpinSpread(*numbers)
     return InitialSpins(spreads)
 
 
@@ -184,9 +185,9 @@ def _intervals(
     ends = []
     for side in ("lower", "upper"):
         field = f"density_{side}_ends"
-        own = list(getattr(message, field)) or [np.nan] * m
+        densities = list(getattr(message, field)) or [np.nan] * m
         by_pair = [getattr(pair, f"{side}_ends") for pair in pairs]
-        ends.append(np.concatenate([_one_each(own, field, m), *by_pair]))
+        ends.append(np.concatenate([_one_each(densities, field, m), *by_pair]))
     intervals = np.stack(ends, axis=1)
     # A message that nobody filled in has zeros.
     intervals[intervals[:, 0] == intervals[:, 1]] = np.nan

@@ -105,8 +105,8 @@ class KernelLoading:
         spare_collections()
         with self._lock:
             self._loaded = True
-        for one in self._waiting:
-            trigger(one)
+        for guard in self._waiting:
+            trigger(guard)
 
     def _note_compilation(self) -> None:
         if self._compiling_since is None:

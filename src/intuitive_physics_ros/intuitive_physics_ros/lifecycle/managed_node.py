@@ -225,8 +225,9 @@ class ManagedNode(AnsweringLifecycleNode):
 
     def _destroy_what_came(self) -> None:
         self.diagnostics.keep(self._lasting_checks)
-        came = [one for one in _entities(self) if one not in self._lasting and not _is_clock(one)]
-        for entity in came:
+        for entity in _entities(self):
+            if entity in self._lasting or _is_clock(entity):
+                continue
             if isinstance(entity, Service | ActionServer):
                 self._leaving.append(entity)
             else:
@@ -251,7 +252,7 @@ class ManagedNode(AnsweringLifecycleNode):
 
 def _entities(node: Node) -> list[Any]:
     """Return what was made on a node, those that use others first."""
-    servers = [one for one in node.waitables if isinstance(one, ActionServer)]
+    servers = [entity for entity in node.waitables if isinstance(entity, ActionServer)]
     made = (node.subscriptions, node.services, node.clients, node.timers, node.guards)
     return [*servers, *chain.from_iterable(made), *node.publishers]
 

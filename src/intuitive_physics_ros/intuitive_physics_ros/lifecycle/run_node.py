@@ -259,7 +259,7 @@ class StopSignal:
 
 def _unfinished() -> set[str]:
     """Names of the threads that run, besides the one that asks."""
-    return {one.name for one in threading.enumerate() if one is not threading.current_thread()}
+    return {each.name for each in threading.enumerate() if each is not threading.current_thread()}
 
 
 # A forked worker shares the socket: a signal to the worker would stop the node. So signals wait

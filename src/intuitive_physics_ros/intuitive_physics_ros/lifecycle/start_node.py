@@ -26,9 +26,9 @@ def main() -> int:
     from importlib.metadata import entry_points
 
     name = os.path.basename(sys.argv[0]).removesuffix(".py")
-    for found in entry_points(group=GROUP, name=name):
-        return _code(found.load()())
-    known = ", ".join(sorted({one.name for one in entry_points(group=GROUP)}))
+    for entry_point in entry_points(group=GROUP, name=name):
+        return _code(entry_point.load()())
+    known = ", ".join(sorted({entry_point.name for entry_point in entry_points(group=GROUP)}))
     print(f"{name}: error: no node has this name; expected one of {known}", file=sys.stderr)
     return 1
 

@@ -32,7 +32,7 @@ from benchmarks.prediction.surfaces import samples_below_a_surface
 from benchmarks.prediction.truth import truth
 from benchmarks.results.result import Table
 from benchmarks.steady_loop import watch_loops
-from intuitive_physics_experiments.calibration.paper_calibration import PaperCalibrationOptions
+from intuitive_physics_experiments.calibration.options import CalibrationOptions
 
 CORES = 2  # that node, learner and benchmark share
 
@@ -44,16 +44,14 @@ class Effort:
     steady: float  # each scene with 20 samples; memory has to be flat meanwhile
     trial: float  # each number of samples
     loop: float  # constant work, before and after the node
-    truth: PaperCalibrationOptions  # options of the calibration on the synthetic set
+    truth: CalibrationOptions  # options of the calibration on the synthetic set
     throws: int  # in each world that a camera sees
 
 
 # Too small to hold the bars for sure: it shows that all works
-SMALL_SET = PaperCalibrationOptions(samples=30, held_out=40, point_counts=(), sample_count=50)
+SMALL_SET = CalibrationOptions(throws=30, held_out=40, point_counts=(), samples=50)
 # Of the results that are kept
-FULL = Effort(
-    300.0, trial=10.0, loop=10.0, truth=PaperCalibrationOptions(point_counts=()), throws=120
-)
+FULL = Effort(300.0, trial=10.0, loop=10.0, truth=CalibrationOptions(point_counts=()), throws=120)
 
 QUICK = Effort(20.0, trial=4.0, loop=4.0, truth=SMALL_SET, throws=8)  # of a first look
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from intuitive_physics_experiments.calibration.paper_calibration import (
-    PaperCalibrationOptions,
-    calibrate_on_paper_set,
-)
+from intuitive_physics_experiments.calibration.options import CalibrationOptions
+from intuitive_physics_experiments.calibration.paper_calibration import calibrate_on_paper_set
 
 
 @dataclass(frozen=True)
@@ -23,8 +21,8 @@ class Truth:
     score_ratio: float
 
 
-def truth(options: PaperCalibrationOptions) -> Truth:
+def truth(options: CalibrationOptions) -> Truth:
     """Learn, fit the noise and score predictions on the paper's synthetic set."""
     found = calibrate_on_paper_set(options).summary()
     ratio = found["energy_score_vs_best_baseline"]
-    return Truth(options.samples, found["coverage_90"], ratio)
+    return Truth(options.throws, found["coverage_90"], ratio)

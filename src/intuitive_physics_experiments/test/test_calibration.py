@@ -29,15 +29,14 @@ from intuitive_physics_experiments.calibration.calibrate import (
     ratios_of_means,
 )
 from intuitive_physics_experiments.calibration.observed_calibration import (
-    ObservedCalibrationOptions,
     calibrate_on_observations,
     fitted_scales,
     observed_outcomes,
     position_noise,
     splits_of,
 )
+from intuitive_physics_experiments.calibration.options import CalibrationOptions
 from intuitive_physics_experiments.calibration.paper_calibration import (
-    PaperCalibrationOptions,
     calibrate_on_paper_set,
     paper_outcomes,
 )
@@ -264,14 +263,14 @@ def test_the_truth_with_states_of_first_points_covers_what_it_says(sphere_set):
 
 
 def test_calibration_on_spheres():
-    options = PaperCalibrationOptions(
+    options = CalibrationOptions(
         objects=1,
-        samples=30,
+        throws=30,
         held_out=50,
         kinds=("sphere",),
         point_counts=(3, 10),
         horizons=(0.5, 1.0),
-        sample_count=40,
+        samples=40,
         iterations=500,
         seed=2,
     )
@@ -294,7 +293,7 @@ def test_calibration_on_spheres():
         "single rollout"
     }
     with pytest.raises(InvalidInputError, match="ask for more"):
-        calibrate_on_paper_set(replace(options, samples=1))
+        calibrate_on_paper_set(replace(options, throws=1))
 
 
 @pytest.fixture(scope="module")
@@ -383,8 +382,8 @@ def test_nothing_scores_better_than_the_truth_in_its_own_world():
 @pytest.mark.long
 def test_calibration_in_several_splits(detected_set, tmp_path):
     observations = detected_set[:12]
-    options = ObservedCalibrationOptions(
-        6, (0.3, 0.6), splits=3, sample_count=10, iterations=50, cores=2
+    options = CalibrationOptions(
+        points=6, horizons=(0.3, 0.6), splits=3, samples=10, iterations=50, cores=2
     )
     found = calibrate_on_observations(observations, options)
     result = found.calibration

@@ -242,7 +242,10 @@ def write(path: Path, text: str = "") -> Path:
         (["evaluate", "set.npz", "--drag", "-1"], "drag coefficient is -1"),
         (["evaluate", "other.npz", "--magnus", "1"], "has the arrays a; expected"),
         (["evaluate", "tosses.npz", "--engine", "event_driven"], "event_driven"),
-        (["calibrate", "folder", "--splits", "0"], "splits is 0; expected 1 or more"),
+        (
+            ["calibrate", "folder", "--splits", "0"],
+            "--splits is 0; expected a whole number, at least 1",
+        ),
         (["calibrate", "folder", "--observations", "set.npz", "--splits", "4"], "4 splits of 3"),
         (["render", "bag", "--throws", "0"], "expected at least 1"),
         (["render", "notes.txt"], "exists already"),

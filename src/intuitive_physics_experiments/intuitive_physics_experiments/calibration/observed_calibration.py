@@ -21,6 +21,7 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_cli.evaluation.evaluation import split
 from intuitive_physics_experiments.calibration.calibrate import Calibration, calibrate
 from intuitive_physics_experiments.calibration.launch_spread import launch_spread
+from intuitive_physics_experiments.calibration.options import CalibrationOptions
 from intuitive_physics_experiments.paper.noisy_flight import fit_noisy_flight, flight_length
 from intuitive_physics_experiments.recorded_sets.initial_state import SMALLEST_NOISE
 from intuitive_physics_experiments.recorded_sets.initial_state_in_air import (
@@ -242,23 +243,9 @@ class ObservedCalibration:
     notes: tuple[str, ...]  # paragraphs on what only this set can show
 
 
-@dataclass(frozen=True)
-class ObservedCalibrationOptions:
-    """How the calibration is made."""
-
-    points: int  # of each object that are seen
-    horizons: tuple[float, ...]  # s after the last of them
-    splits: int = 1  # into past and held-out observations, as in `splits_of`
-    sample_count: int = 100  # simulations of each prediction
-    iterations: int = 2000  # evaluations of J at most
-    engine: str = "auto"  # that learns and predicts
-    seed: int = 0  # of everything
-    cores: int = 1  # splits that are made at the same time, each in a process of its own
-
-
 def calibrate_on_observations(
     observations: Sequence[Observation],
-    options: ObservedCalibrationOptions,
+    options: CalibrationOptions,
     *,
     same_settings: bool = False,
     start: LearnedParameters | None = None,
@@ -296,7 +283,7 @@ def calibrate_on_observations(
 
 def _learned(
     past: Sequence[Observation],
-    options: ObservedCalibrationOptions,
+    options: CalibrationOptions,
     start: LearnedParameters | None,
     on_progress: Callable[[SearchProgress], None] | None,
 ) -> LearnedParameters:
@@ -313,7 +300,7 @@ def _learned(
 def _calibrated(
     past: Sequence[Observation],
     held_out: Sequence[Observation],
-    options: ObservedCalibrationOptions,
+    options: CalibrationOptions,
     start: LearnedParameters | None,
     on_progress: Callable[[SearchProgress], None] | None = None,
 ) -> tuple[Calibration, LearnedParameters]:
@@ -326,7 +313,7 @@ def _calibrated(
         learned,
         options.horizons,
         scales_to_fit=fitted_scales((*past, *held_out)),
-        sample_count=options.sample_count,
+        sample_count=options.samples,
         seed=options.seed,
         simulator=make_simulator(options.engine),
     )

@@ -17,6 +17,7 @@ from intuitive_physics.scene import Environment, Scene
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION, ObjectState
 from intuitive_physics_experiments.calibration.calibrate import OURS, Calibration, calibrate
+from intuitive_physics_experiments.calibration.options import HORIZONS, CalibrationOptions
 from intuitive_physics_experiments.calibration.verification import Scores, score
 from intuitive_physics_experiments.paper.noisy_flight import (
     FEWEST_POINTS,
@@ -100,10 +101,6 @@ def _near_something(
     return near
 
 
-HORIZONS = (0.5, 1.0, 2.0, 5.0)
-"""s after the last point that was seen."""
-
-
 def paper_outcomes(
     runs: Sequence[PaperRun],
     parameters: StaticParameters,
@@ -168,29 +165,6 @@ START = NoiseScales(unidentified=0.2)
 what they do not depend on, and throws of the same objects in the same room depend on it as little:
 values from all over the bounds would only spread what is known."""
 
-POINT_COUNTS = (3, 5, 10, 15)
-"""Points that are seen of an object before it is predicted."""
-
-
-@dataclass(frozen=True)
-class PaperCalibrationOptions:
-    """How the calibration is made."""
-
-    # objects, kinds: of the set, as in `make_paper_dataset`
-    objects: int = 3
-    samples: int = 60  # throws of each object to learn from and to fit the noise to
-    # throws of each object to score on: a true 90 % is seen as 90 % ± 30 / √n % of n trajectories,
-    # and objects thrown together share their fate
-    held_out: int = 100
-    kinds: Sequence[str] = SHAPE_KINDS
-    points: int = 10  # that are seen of each object
-    point_counts: Sequence[int] = POINT_COUNTS  # the same, for the error against how much was seen
-    horizons: Sequence[float] = HORIZONS  # s after the last point
-    sample_count: int = 100  # simulations of each prediction
-    iterations: int = 2500  # of the search for θ_s, which estimates initial states with it
-    engine: str = "auto"  # that makes the set, learns and predicts
-    seed: int = 0  # of everything
-
 
 @dataclass(frozen=True, eq=False)
 class PaperCalibration:
@@ -221,7 +195,7 @@ class PaperCalibration:
 
 
 def calibrate_on_paper_set(
-    options: PaperCalibrationOptions,
+    options: CalibrationOptions,
     on_progress: Callable[[SearchProgress], None] | None = None,
 ) -> PaperCalibration:
     """Make the set, learn θ_s from a part, fit the noise to another, score on the rest.
@@ -233,14 +207,14 @@ def calibrate_on_paper_set(
     simulator = make_simulator(options.engine)
     dataset = make_paper_dataset(
         options.objects,
-        options.samples + options.held_out,
+        options.throws + options.held_out,
         np.random.default_rng(options.seed),
         engine=options.engine,
         initial_states="flight",
-        kinds=options.kinds,
+        kinds=options.kinds or SHAPE_KINDS,
     )
     runs = (*dataset.training, *dataset.test)
-    known = options.samples / (options.samples + options.held_out)
+    known = options.throws / (options.throws + options.held_out)
     first, second = (round(share * known * len(runs)) for share in (LEARNED_SHARE, 1.0))
     if not 1 <= first < second < len(runs):
         raise InvalidInputError(
@@ -269,11 +243,11 @@ def calibrate_on_paper_set(
         options.horizons,
         scales_to_fit=FITTED_SCALES,
         start=START,
-        sample_count=options.sample_count,
+        sample_count=options.samples,
         seed=options.seed,
         simulator=simulator,
     )
-    ours = noisy_prediction(learned, found.scales, options.sample_count, simulator)
+    ours = noisy_prediction(learned, found.scales, options.samples, simulator)
     most = max(options.point_counts, default=options.points)
     by_points = {
         points: score(

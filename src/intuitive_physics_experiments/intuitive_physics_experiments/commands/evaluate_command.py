@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,17 @@ from intuitive_physics_cli.commands.observation_source import (
 LEARN = "learn"
 """In place of a drag coefficient."""
 
+TOSS_OPTIONS = (
+    "length_correction",
+    "train_counts",
+    "save",
+    "learn_mass_centre",
+    "measured_inertia",
+)
+"""Options of cube tosses only."""
+
+AIR_OPTIONS = ("drag", "magnus")
+"""Options of table tennis only."""
 
 BALL_DEFAULTS = {
     "engine": [ENGINE],
@@ -66,12 +78,35 @@ def add_to(commands: Any) -> None:
         f"(default: {ENGINE}; stepped for cube tosses). {ENGINE_GUIDE}; mujoco: MuJoCo, likewise",
     )
     _add_toss_options(parser)
-    _add_air_options(parser)
+    parser.add_argument(
+        "--drag",
+        type=_drag,
+        default=0.0,
+        metavar="C",
+        help="drag coefficient of table-tennis balls, such as 0.47, or `learn`; needs an engine "
+        "with air (default: 0, no air)",
+    )
+    parser.add_argument(
+        "--magnus",
+        type=float,
+        default=0.0,
+        metavar="C",
+        help="Magnus coefficient of table-tennis balls, such as 1; their spin is fitted to their "
+        "flight then (default: 0)",
+    )
     parser.set_defaults(run=run)
 
 
+def _drag(text: str) -> float | str:
+    if text == LEARN:
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"is {text!r}; expected a number or {LEARN!r}") from None
+
+
 def _add_toss_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for cube tosses."""
     parser.add_argument(
         "--train-counts",
         type=int,
@@ -104,26 +139,6 @@ def _add_toss_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_air_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for table-tennis balls."""
-    parser.add_argument(
-        "--drag",
-        type=_drag,
-        default=0.0,
-        metavar="C",
-        help="drag coefficient of table-tennis balls, such as 0.47, or `learn`; needs an engine "
-        "with air (default: 0, no air)",
-    )
-    parser.add_argument(
-        "--magnus",
-        type=float,
-        default=0.0,
-        metavar="C",
-        help="Magnus coefficient of table-tennis balls, such as 1; their spin is fitted to their "
-        "flight then (default: 0)",
-    )
-
-
 def run(options: argparse.Namespace) -> None:
     """Evaluate and print the tables."""
     from intuitive_physics_experiments.recorded_sets.recorded_data import (
@@ -135,30 +150,30 @@ def run(options: argparse.Namespace) -> None:
     path = options.path
     kind = kind_of_set(path) if path.suffix == ".npz" and path.is_file() else None
     if kind is SPIN_FLIGHTS:
-        evaluate_spin_flights(options)
+        _evaluate_spin_flights(options)
         return
     tosses = kind is CUBE_TOSSES
     for name, value in (TOSS_DEFAULTS if tosses else BALL_DEFAULTS).items():
         if getattr(options, name) is None:
             setattr(options, name, value)
     if tosses:
-        evaluate_cube_tosses(options)
+        _evaluate_cube_tosses(options)
     else:
-        evaluate_balls(options)
+        _evaluate_balls(options)
 
 
-def _drag(text: str) -> float | None:
-    if text == LEARN:
-        return None
-    try:
-        return float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"is {text!r}; expected a number or {LEARN!r}") from None
+def _refuse(options: argparse.Namespace, names: Sequence[str], expected: str) -> None:
+    """Refuse those of the options that are given."""
+    for name in names:
+        if getattr(options, name) not in (None, False, 0.0):
+            raise InvalidInputError(
+                f"{name.replace('_', ' ')} is given for {options.path}; expected {expected}"
+            )
 
 
-def evaluate_balls(options: argparse.Namespace) -> None:
+def _evaluate_balls(options: argparse.Namespace) -> None:
     """Learn with each engine from some of the observations, predict the others, print errors."""
-    _refuse_toss_options(options)
+    _refuse(options, TOSS_OPTIONS, "it for cube tosses only")
     how = learning_options(options)
     start = None
     if options.drag != 0.0 or options.magnus:
@@ -173,42 +188,17 @@ def evaluate_balls(options: argparse.Namespace) -> None:
         _evaluate_with(engine, observations, how, start, options)
 
 
-def _refuse_toss_options(options: argparse.Namespace) -> None:
-    for name in ("length_correction", "train_counts", "save"):
-        if getattr(options, name) is not None:
-            raise InvalidInputError(
-                f"{name.replace('_', ' ')} is given for {options.path}; "
-                "expected it for cube tosses only"
-            )
-    if options.learn_mass_centre:
-        raise InvalidInputError(
-            f"mass centre is to be learned from {options.path}; expected that for cube tosses only"
-        )
-    if options.measured_inertia:
-        raise InvalidInputError(
-            f"measured inertia is asked for in {options.path}; expected it for cube tosses only"
-        )
-
-
-def evaluate_spin_flights(options: argparse.Namespace) -> None:
+def _evaluate_spin_flights(options: argparse.Namespace) -> None:
     """Estimate and predict flights with measured spin, print errors of both halves."""
     from intuitive_physics_cli.terminal import ProgressBar
     from intuitive_physics_experiments.recorded_sets.flight_evaluation import evaluate_flights
     from intuitive_physics_experiments.recorded_sets.flight_tables import flight_tables
     from intuitive_physics_experiments.recorded_sets.recorded_data import load_spin_flights
 
-    _refuse_toss_options(options)
-    if options.drag != 0.0 or options.magnus:
-        raise InvalidInputError(
-            f"drag or Magnus coefficient is given for {options.path}; expected none, both are "
-            "learned with the spin"
-        )
-    for name in ("engine", "method", "iterations", "train_fraction"):
-        if getattr(options, name) is not None:
-            raise InvalidInputError(
-                f"{name.replace('_', ' ')} is given for {options.path}; expected none, flights "
-                "of even number are learned from by expectation maximisation"
-            )
+    _refuse(options, TOSS_OPTIONS, "it for cube tosses only")
+    _refuse(options, AIR_OPTIONS, "none, both are learned with the spin")
+    learning = "none, flights of even number are learned from by expectation maximisation"
+    _refuse(options, tuple(BALL_DEFAULTS), learning)
     flights = load_spin_flights(options.path)
     with ProgressBar("estimating") as bar:
         evaluation = evaluate_flights(flights, bar.update)
@@ -225,7 +215,7 @@ def _table_tennis(options: argparse.Namespace) -> tuple[str, Any]:
         return load_table_tennis(options.path, air)[1]
 
     drag, how = options.drag, ""
-    if drag is None:
+    if drag == LEARN:
         drag = learn_drag(load, options.magnus, options.train_fraction, options.seed)
         how = "learned "
     air = AirCoefficients(drag, options.magnus)
@@ -293,7 +283,7 @@ def _print_look_ahead(evaluation: Any, start: Any) -> None:
     print(f"spread of the balls themselves at that time: {ahead.spread:.4f} m")
 
 
-def evaluate_cube_tosses(options: argparse.Namespace) -> None:
+def _evaluate_cube_tosses(options: argparse.Namespace) -> None:
     """Fit each engine to some of the tosses, simulate the others, print errors."""
     from intuitive_physics_cli.terminal import ProgressBar
     from intuitive_physics_experiments.recorded_sets.recorded_data import load_cube_tosses
@@ -303,15 +293,13 @@ def evaluate_cube_tosses(options: argparse.Namespace) -> None:
         write_toss_evaluations,
     )
 
-    if options.drag != 0.0 or options.magnus:
-        raise InvalidInputError(
-            f"drag or Magnus coefficient is given for {options.path}; expected them for table "
-            "tennis only"
-        )
+    _refuse(options, AIR_OPTIONS, "it for table tennis only")
     how = learning_options(options)
     factor = 1.0 if options.length_correction is None else options.length_correction
     tosses = load_cube_tosses(options.path, factor, options.measured_inertia)
-    title = f"{options.path}: cube tosses{_corrections(factor, options.measured_inertia)}"
+    title = f"{options.path}: cube tosses"
+    title += "" if factor == 1.0 else f", lengths times {factor:g}"
+    title += ", moment of inertia as measured" if options.measured_inertia else ""
     print(title)
     evaluations = []
     for fraction in _fractions(options, len(tosses)):
@@ -328,11 +316,6 @@ def evaluate_cube_tosses(options: argparse.Namespace) -> None:
         evaluations.append(evaluation)
     if options.save is not None:
         write_toss_evaluations(options.save, title, evaluations)
-
-
-def _corrections(factor: float, measured_inertia: bool) -> str:
-    lengths = "" if factor == 1.0 else f", lengths times {factor:g}"
-    return lengths + (", moment of inertia as measured" if measured_inertia else "")
 
 
 def _fractions(options: argparse.Namespace, count: int) -> list[float]:

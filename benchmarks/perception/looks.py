@@ -15,13 +15,12 @@ from benchmarks.perception.scenes import first_bounce
 from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics.shapes import Sphere
 from intuitive_physics_experiments.rendering.ball_surface import PATTERNS, BallSurface
-from intuitive_physics_experiments.rendering.color_camera import RoomLight
+from intuitive_physics_experiments.rendering.color_camera import DepthColorCamera, RoomLight
 from intuitive_physics_experiments.rendering.corner_room import (
     corner_camera,
     corner_environment,
     true_parameters,
 )
-from intuitive_physics_experiments.rendering.depth_color_camera import DepthColorCamera
 from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer
 from intuitive_physics_experiments.rendering.throws import Throw, make_throws
 from intuitive_physics_perception.pipeline import PerceptionPipeline

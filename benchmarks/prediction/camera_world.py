@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.observation import Observation
 from intuitive_physics_experiments.rendering.ball_surface import PLAIN, BallSurface
+from intuitive_physics_experiments.rendering.color_camera import DepthColorCamera
 from intuitive_physics_experiments.rendering.corner_room import (
     BALL_RADII,
     corner_camera,
     corner_environment,
     true_parameters,
 )
-from intuitive_physics_experiments.rendering.depth_color_camera import DepthColorCamera
 from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer
 from intuitive_physics_experiments.rendering.throws import Throw, make_throws
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel

@@ -23,10 +23,12 @@ from intuitive_physics_experiments.calibration.calibrate import (
     FITTED,
     OURS,
     Calibration,
+    Scores,
     fixed_noise,
     free_flights,
     ideal_energy_scores,
     ratios_of_means,
+    score,
 )
 from intuitive_physics_experiments.calibration.observed_calibration import (
     calibrate_on_observations,
@@ -45,7 +47,6 @@ from intuitive_physics_experiments.calibration.report import (
     score_rows,
     write_calibration,
 )
-from intuitive_physics_experiments.calibration.verification import Scores, score
 from intuitive_physics_experiments.paper.paper_dataset import POSITION_NOISE, make_paper_dataset
 from intuitive_physics_predictor.noise_scales import NoiseScales
 from intuitive_physics_predictor.scores.outcomes import Outcome, noisy_prediction

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_experiments.recorded_sets.initial_state import (
+from intuitive_physics_experiments.flight_fits import (
     UNKNOWN_SPIN,
     fit_initial_state,
 )

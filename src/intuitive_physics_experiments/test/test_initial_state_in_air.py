@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_experiments.recorded_sets.initial_state import fit_initial_state
-from intuitive_physics_experiments.recorded_sets.initial_state_in_air import (
+from intuitive_physics_experiments.flight_fits import (
     LIKELY_SPIN,
     AirFactors,
+    fit_initial_state,
     fit_initial_state_in_air,
 )
 

@@ -15,7 +15,7 @@ from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_experiments.calibration.launch_spread import QUANTITIES, launch_spread
-from intuitive_physics_experiments.recorded_sets.initial_state import fit_initial_state
+from intuitive_physics_experiments.flight_fits import fit_initial_state
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
 ENGINE = make_simulator("event_driven")

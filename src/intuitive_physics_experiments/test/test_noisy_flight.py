@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_experiments.paper.noisy_flight import fit_noisy_flight, flight_length
+from intuitive_physics_experiments.flight_fits import fit_noisy_flight, flight_length
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 TIMES = np.arange(10) / 30.0

@@ -17,6 +17,7 @@ from intuitive_physics_experiments.rendering.color_camera import (
     ColorCamera,
     ColoredBall,
     ColorNoise,
+    DepthColorCamera,
     RoomLight,
 )
 from intuitive_physics_experiments.rendering.corner_room import (
@@ -24,7 +25,6 @@ from intuitive_physics_experiments.rendering.corner_room import (
     corner_environment,
     true_parameters,
 )
-from intuitive_physics_experiments.rendering.depth_color_camera import DepthColorCamera
 from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer, cast_sphere
 from intuitive_physics_experiments.rendering.throws import make_throws
 from intuitive_physics_perception.appearance.settings import AppearanceSettings

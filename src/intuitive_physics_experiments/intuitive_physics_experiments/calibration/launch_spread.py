@@ -19,7 +19,8 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Environment, Scene
 from intuitive_physics.simulation import Simulator
-from intuitive_physics.state import ERROR_SIZE, LINEAR_VELOCITY, POSITION, ObjectState
+from intuitive_physics.state import ObjectState
+from intuitive_physics_experiments.flight_fits import state_covariance
 from intuitive_physics_experiments.results import markdown_table
 from intuitive_physics_predictor.noisy_newton import predict
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
@@ -133,12 +134,7 @@ def _launch_state(
     mean = states.mean(axis=0)
     # The next launch is about the mean of n launches, which itself is uncertain.
     spread = np.cov(states.T) * (1.0 + 1.0 / len(states))
-    covariance = np.zeros((ERROR_SIZE, ERROR_SIZE))
-    parts = (POSITION, LINEAR_VELOCITY)
-    for i, row in enumerate(parts):
-        for k, column in enumerate(parts):
-            covariance[row, column] = spread[3 * i : 3 * i + 3, 3 * k : 3 * k + 3]
-    return ObjectState(mean[:3], linear_velocity=mean[3:], covariance=covariance)
+    return ObjectState(mean[:3], linear_velocity=mean[3:], covariance=state_covariance(spread))
 
 
 def _state_at_start(

@@ -22,11 +22,12 @@ from intuitive_physics_cli.evaluation.evaluation import split
 from intuitive_physics_experiments.calibration.calibrate import Calibration, calibrate
 from intuitive_physics_experiments.calibration.launch_spread import launch_spread
 from intuitive_physics_experiments.calibration.options import CalibrationOptions
-from intuitive_physics_experiments.paper.noisy_flight import fit_noisy_flight, flight_length
-from intuitive_physics_experiments.recorded_sets.initial_state import SMALLEST_NOISE
-from intuitive_physics_experiments.recorded_sets.initial_state_in_air import (
+from intuitive_physics_experiments.flight_fits import (
+    SMALLEST_NOISE,
     AirFactors,
     fit_initial_state_in_air,
+    fit_noisy_flight,
+    flight_length,
 )
 from intuitive_physics_learner.joint_estimation.point_noise import detected
 from intuitive_physics_learner.learning_session import LearningOptions, learn

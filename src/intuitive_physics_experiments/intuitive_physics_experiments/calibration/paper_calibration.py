@@ -16,10 +16,15 @@ from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.scene import Environment, Scene
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION, ObjectState
-from intuitive_physics_experiments.calibration.calibrate import OURS, Calibration, calibrate
+from intuitive_physics_experiments.calibration.calibrate import (
+    OURS,
+    Calibration,
+    Scores,
+    calibrate,
+    score,
+)
 from intuitive_physics_experiments.calibration.options import HORIZONS, CalibrationOptions
-from intuitive_physics_experiments.calibration.verification import Scores, score
-from intuitive_physics_experiments.paper.noisy_flight import (
+from intuitive_physics_experiments.flight_fits import (
     FEWEST_POINTS,
     fit_noisy_flight,
     flight_length,

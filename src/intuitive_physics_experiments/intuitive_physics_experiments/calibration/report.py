@@ -23,10 +23,11 @@ from intuitive_physics_experiments.calibration.calibrate import (
     BASELINES,
     FITTED,
     OURS,
+    REGIONS,
     Calibration,
+    Scores,
     ratios_of_means,
 )
-from intuitive_physics_experiments.calibration.verification import REGIONS, Scores
 from intuitive_physics_experiments.results import (
     Figure,
     Results,

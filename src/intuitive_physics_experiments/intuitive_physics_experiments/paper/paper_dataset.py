@@ -22,7 +22,7 @@ from intuitive_physics.scene import Environment, Scene, SceneObject
 from intuitive_physics.simulation import Simulator, WorldStatus
 from intuitive_physics.state import ANGULAR_VELOCITY, ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_experiments.paper.noisy_flight import fit_noisy_flight, flight_length
+from intuitive_physics_experiments.flight_fits import fit_noisy_flight, flight_length
 from intuitive_physics_experiments.paper.paper_room import (
     SHAPE_KINDS,
     SPIN_DEVIATION,

@@ -17,7 +17,7 @@ from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import LINEAR_VELOCITY, POSITION, ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics.validation import finite_array, positive_float
-from intuitive_physics_experiments.recorded_sets.initial_state import fit_initial_state
+from intuitive_physics_experiments.flight_fits import fit_initial_state
 from intuitive_physics_recordings.npz_file import Arrays
 
 BALL_MATERIAL, CLOTH_MATERIAL, CUSHION_MATERIAL = "ball", "cloth", "cushion"

@@ -21,9 +21,9 @@ from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics.validation import non_negative_float, positive_float
-from intuitive_physics_experiments.recorded_sets.initial_state import fit_initial_state
-from intuitive_physics_experiments.recorded_sets.initial_state_in_air import (
+from intuitive_physics_experiments.flight_fits import (
     AirFactors,
+    fit_initial_state,
     fit_initial_state_in_air,
 )
 from intuitive_physics_recordings.npz_file import Arrays, split_rows

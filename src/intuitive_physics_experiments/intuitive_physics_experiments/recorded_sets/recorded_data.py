@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,49 +39,33 @@ class RecordedSet:
     load: Callable[[Arrays], list[Observation]]  # makes observations of its arrays
 
 
-CUBE_TOSSES = RecordedSet(
+def _kind(title: str, arrays: str, load: Callable[[Arrays], list[Observation]]) -> RecordedSet:
+    return RecordedSet(title, frozenset(arrays.split()), load)
+
+
+CUBE_TOSSES = _kind(
     "cube tosses",
-    frozenset(
-        {
-            "position",
-            "quaternion_wxyz",
-            "velocity_world",
-            "angular_velocity_body",
-            "offsets",
-            "dt",
-            "cube_edge",
-        }
-    ),
+    "position quaternion_wxyz velocity_world angular_velocity_body offsets dt cube_edge",
     cube_toss_observations,
 )
 """Tosses of a cube onto a table (ContactNets)."""
 
-LAUNCHES = RecordedSet(
-    "table-tennis launches",
-    frozenset({"time", "position", "offsets", "radius"}),
-    launch_observations,
-)
+LAUNCHES = _kind("table-tennis launches", "time position offsets radius", launch_observations)
 """Table-tennis balls from one setting of a launcher."""
 
-SPIN_FLIGHTS = RecordedSet(
+SPIN_FLIGHTS = _kind(
     "table-tennis flights with measured spin",
-    frozenset({"time", "position", "offsets", "spin", "radius", "mass"}),
+    "time position offsets spin radius mass",
     spin_flight_observations,
 )
 """Table-tennis balls whose spin a camera measured (SpinDOE)."""
 
-GUN_FLIGHTS = RecordedSet(
-    "table-tennis gun flights",
-    frozenset({"position", "velocity", "offsets", "dt_implied"}),
-    gun_observations,
+GUN_FLIGHTS = _kind(
+    "table-tennis gun flights", "position velocity offsets dt_implied", gun_observations
 )
 """Table-tennis balls from a ball gun, with velocities."""
 
-CAROM_SHOTS = RecordedSet(
-    "carom billiards",
-    frozenset({"shot_ball_t_x_y", "ball_radius", "table"}),
-    carom_observations,
-)
+CAROM_SHOTS = _kind("carom billiards", "shot_ball_t_x_y ball_radius table", carom_observations)
 """Shots of carom billiards: three balls on a table."""
 
 RECORDED_SETS = (SPIN_FLIGHTS, LAUNCHES, GUN_FLIGHTS, CUBE_TOSSES, CAROM_SHOTS)
@@ -90,61 +74,59 @@ RECORDED_SETS = (SPIN_FLIGHTS, LAUNCHES, GUN_FLIGHTS, CUBE_TOSSES, CAROM_SHOTS)
 
 def load_recorded_set(path: Path) -> tuple[str, list[Observation]]:
     """Return title and observations of a recorded set."""
-    known, arrays = _read(path)
-    with _telling(path, known):
-        return known.title, known.load(arrays)
+    kind, arrays = _read(path, RECORDED_SETS)
+    with _naming(path, kind):
+        return kind.title, kind.load(arrays)
 
 
 def kind_of_set(path: Path) -> RecordedSet:
     """Return which of `RECORDED_SETS` a file belongs to."""
-    return _read(path)[0]
+    return _read(path, RECORDED_SETS)[0]
 
 
 def load_cube_tosses(
     path: Path, length_correction: float = 1.0, measured_inertia: bool = False
 ) -> list[CubeToss]:
     """Return the tosses of a set of cube tosses, with orientations; see `cube_tosses`."""
-    known, arrays = _read(path)
-    if known is not CUBE_TOSSES:
-        raise InvalidInputError(f"{path} is a set of {known.title}; expected cube tosses")
-    with _telling(path, known):
+    kind, arrays = _read(path, (CUBE_TOSSES,))
+    with _naming(path, kind):
         return cube_tosses(arrays, length_correction, measured_inertia)
 
 
 def load_spin_flights(path: Path) -> list[SpinFlight]:
     """Return the flights of a set of flights with measured spin."""
-    known, arrays = _read(path)
-    if known is not SPIN_FLIGHTS:
-        raise InvalidInputError(f"{path} is a set of {known.title}; expected {SPIN_FLIGHTS.title}")
-    with _telling(path, known):
+    kind, arrays = _read(path, (SPIN_FLIGHTS,))
+    with _naming(path, kind):
         return spin_flights(arrays)
 
 
 def load_table_tennis(path: Path, air: AirCoefficients) -> tuple[str, list[Observation]]:
     """Return title and observations of a table-tennis set, of balls that fly through air."""
-    known, arrays = _read(path)
-    load = {LAUNCHES: launch_observations, GUN_FLIGHTS: gun_observations}.get(known)
-    if load is None:
-        raise InvalidInputError(f"{path} is a set of {known.title}; expected table tennis")
-    with _telling(path, known):
-        return known.title, load(arrays, air)
+    kind, arrays = _read(path, (LAUNCHES, GUN_FLIGHTS))
+    load = launch_observations if kind is LAUNCHES else gun_observations
+    with _naming(path, kind):
+        return kind.title, load(arrays, air)
 
 
-def _read(path: Path) -> tuple[RecordedSet, dict[str, NDArray]]:
+def _read(path: Path, expected: Sequence[RecordedSet]) -> tuple[RecordedSet, dict[str, NDArray]]:
+    """Return the kind of a set, one of the expected, and its arrays."""
     arrays = load_arrays(path)
-    for known in RECORDED_SETS:
-        if known.arrays <= arrays.keys():
-            return known, arrays
-    expected = "; ".join(f"{', '.join(sorted(s.arrays))} ({s.title})" for s in RECORDED_SETS)
-    raise InvalidInputError(
-        f"{path} has the arrays {', '.join(sorted(arrays))}; expected {expected}"
-    )
+    kind = next((kind for kind in RECORDED_SETS if kind.arrays <= arrays.keys()), None)
+    if kind is None:
+        known = "; ".join(f"{', '.join(sorted(s.arrays))} ({s.title})" for s in RECORDED_SETS)
+        raise InvalidInputError(
+            f"{path} has the arrays {', '.join(sorted(arrays))}; expected {known}"
+        )
+    if kind not in expected:
+        titles = " or ".join(one.title for one in expected)
+        raise InvalidInputError(f"{path} is a set of {kind.title}; expected {titles}")
+    return kind, arrays
 
 
 @contextmanager
-def _telling(path: Path, known: RecordedSet) -> Iterator[None]:
+def _naming(path: Path, kind: RecordedSet) -> Iterator[None]:
     """Make errors name the file and the kind of set."""
     try:
         yield
     except InvalidInputError as error:
-        raise InvalidInputError(f"{path} ({known.title}): {error}") from None
+        raise InvalidInputError(f"{path} ({kind.title}): {error}") from None

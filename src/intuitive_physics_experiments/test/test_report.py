@@ -135,8 +135,8 @@ def test_the_page_is_whole_and_self_contained(result: DemoResult, tmp_path: Path
     parser = PageParser()
     parser.feed(page)
     assert parser.open == []
-    # The camera frame, four coefficients, height and distance of the prediction.
-    assert len(parser.sources) == 7
+    # The camera frame.
+    assert len(parser.sources) == 1
     assert all(source.startswith("data:image/png;base64,") for source in parser.sources)
     assert page.count("Plotly.newPlot(") >= 5
     # The worst case stands first.

@@ -208,7 +208,7 @@ def _plain_ticks(axis: Any) -> None:
 
 def draw_prediction_3d(axes: Any, prediction: PredictionOutcome) -> None:
     """Samples in thin blue and what was observed in thick green, as in Fig. 1."""
-    for sample in _drawn_samples(prediction):
+    for sample in prediction.samples[:MOST_SAMPLES_DRAWN]:
         axes.plot(*sample.T, color=PREDICTED, lw=0.6, alpha=0.35)
     axes.plot([], [], color=PREDICTED, lw=1.0, label="predicted")
     axes.plot(*prediction.observed.T, color=OBSERVED, lw=3.0, label="observed")
@@ -217,45 +217,9 @@ def draw_prediction_3d(axes: Any, prediction: PredictionOutcome) -> None:
     axes.legend(loc="upper left")
 
 
-def draw_prediction_side(axes: Any, prediction: PredictionOutcome) -> None:
-    """Height over time of the same throw."""
-    up = -prediction.environment.gravity / np.linalg.norm(prediction.environment.gravity)
-    for sample in _drawn_samples(prediction):
-        axes.plot(prediction.times, sample @ up, color=PREDICTED, lw=0.6, alpha=0.35)
-    axes.plot([], [], color=PREDICTED, lw=1.0, label="predicted")
-    axes.plot(
-        prediction.observed_times,
-        prediction.observed @ up,
-        color=OBSERVED,
-        lw=3.0,
-        label="observed",
-    )
-    axes.plot(prediction.times, prediction.true @ up, color=TRUE, lw=1.0, ls="--", label="true")
-    axes.axvline(0.0, color=DEFAULT, lw=1.0)
-    axes.set(xlabel="time after the prediction (s)", ylabel="height (m)")
-    axes.grid(axis="y")
-    axes.legend(loc="upper right")
-
-
-def draw_prediction_error(axes: Any, prediction: PredictionOutcome) -> None:
-    """Distance of the predicted mean from the truth, and the spread the prediction claims."""
-    error = np.linalg.norm(prediction.mean - prediction.true, axis=1)
-    offsets = prediction.samples - prediction.mean
-    spread = np.sqrt((offsets**2).sum(axis=2).mean(axis=0))
-    axes.fill_between(
-        prediction.times, 0.0, 1000.0 * spread, color=PREDICTED, alpha=0.15, lw=0, label="spread"
-    )
-    axes.plot(prediction.times, 1000.0 * error, color=PREDICTED, lw=1.8, label="error of the mean")
-    axes.set(xlabel="time after the prediction (s)", ylabel="distance (mm)", ylim=(0.0, None))
-    axes.grid(axis="y")
-    axes.legend(loc="upper left")
-
-
-def _drawn_samples(prediction: PredictionOutcome) -> NDArray[np.float64]:
-    return prediction.samples[:MOST_SAMPLES_DRAWN]
-
-
 def _frame_3d(axes: Any, prediction: PredictionOutcome) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     points = np.concatenate([prediction.observed, prediction.mean])
     low = points.min(axis=0) - [0.25, 0.25, prediction.radius]
     high = points.max(axis=0) + 0.25
@@ -269,7 +233,7 @@ def _frame_3d(axes: Any, prediction: PredictionOutcome) -> None:
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.pane.set_visible(False)
         axis.line.set_color("#9ca3af")
-        axis.set_major_locator(_sparse_ticks())
+        axis.set_major_locator(MaxNLocator(4))
 
 
 def _azimuth_before_walls(environment: Environment) -> float:
@@ -307,9 +271,3 @@ def _plane_in_box(
         corners = clip_polygon(corners, axis, float(low @ axis))
         corners = clip_polygon(corners, -axis, float(-(high @ axis)))
     return corners
-
-
-def _sparse_ticks() -> Any:
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(4)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,6 @@ import numpy as np
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import PAIR_COEFFICIENTS
 from intuitive_physics_cli.evaluation.prediction_case import PredictionCase
-from intuitive_physics_cli.report.figure_style import legend_below
 from intuitive_physics_cli.report.learning_report import STATE_KNOWN, prediction_sections
 from intuitive_physics_cli.report.report_page import (
     footer,
@@ -23,7 +21,6 @@ from intuitive_physics_cli.report.report_page import (
     png,
     png_figure,
     section,
-    side_by_side,
     table,
 )
 from intuitive_physics_cli.report.report_plots import cost_plot, library_script, prediction_plot
@@ -38,8 +35,6 @@ from intuitive_physics_experiments.demo.figures import (
     draw_cost,
     draw_frame,
     draw_prediction_3d,
-    draw_prediction_error,
-    draw_prediction_side,
     parameter_legend,
 )
 
@@ -94,7 +89,6 @@ def _page(result: DemoResult) -> str:
         ),
         section(
             "What was learned",
-            side_by_side(_parameter_figures(learning)),
             parameter_section(learning.learned, learning.true),
             introduction="Coefficients of each pair of materials that touched.",
         ),
@@ -107,7 +101,6 @@ def _page(result: DemoResult) -> str:
         section(
             "What was predicted, and what then happened",
             prediction_plot("unseen", _as_case(prediction)),
-            side_by_side(_prediction_figures(prediction)),
             introduction=f"A {prediction.material} ball of {100.0 * prediction.radius:.0f} cm "
             "radius that was not learned from: simulations from noisy copies of its perceived "
             "state, and where it was seen afterwards. Drag to turn, scroll to zoom.",
@@ -123,35 +116,6 @@ def _page(result: DemoResult) -> str:
     ]
     head = heading(TITLE, INTRODUCTION, result.summary)
     return page("Intuitive physics: demo", library_script(), head, sections, footer(result.about))
-
-
-def _parameter_figures(learning: LearningOutcome) -> list[str]:
-    """A figure for each coefficient, with its legend: small ones that stack on a narrow page."""
-
-    def draw(coefficient: str, figure: Any) -> None:
-        draw_coefficient(figure.subplots(), learning, coefficient)
-        legend_below(figure, parameter_legend(), 3)
-
-    return [
-        png_figure((5.6, 3.0), partial(draw, coefficient), "", coefficient.replace("_", " "))
-        for coefficient in PAIR_COEFFICIENTS
-    ]
-
-
-def _prediction_figures(prediction: PredictionOutcome) -> list[str]:
-    return [
-        png_figure(
-            (6.0, 3.8),
-            lambda figure: draw_prediction_side(figure.subplots(), prediction),
-            "Height of the ball: predicted, observed and true.",
-        ),
-        png_figure(
-            (6.0, 3.8),
-            lambda figure: draw_prediction_error(figure.subplots(), prediction),
-            "Distance of the predicted mean from the truth, beside the spread that the prediction "
-            "claims.",
-        ),
-    ]
 
 
 def _as_case(prediction: PredictionOutcome) -> PredictionCase:

@@ -21,7 +21,7 @@ from intuitive_physics_cli.evaluation.evaluation import split
 from intuitive_physics_cli.evaluation.prediction_case import PredictionCase, predict_cases
 from intuitive_physics_cli.evaluation.recording_perception import perceive_recording
 from intuitive_physics_cli.report.figure_style import DEFAULT, OBSERVED, PREDICTED, TRUE
-from intuitive_physics_experiments.demo.example_frame import example_frame
+from intuitive_physics_experiments.demo.demo_result import example_frame
 from intuitive_physics_experiments.demo.figures import draw_frame
 from intuitive_physics_experiments.paper.prediction import draw_predictions
 from intuitive_physics_experiments.paper.settings import RgbdSettings

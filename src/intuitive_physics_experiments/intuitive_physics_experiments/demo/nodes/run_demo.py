@@ -24,24 +24,25 @@ from intuitive_physics_experiments.demo.demo_result import (
     LearningOutcome,
     PerceivedFrame,
     PredictionOutcome,
+    depth_images,
+    example_frame,
     explain_costs,
     perception_rmse,
     prediction_error,
     prediction_outcome,
     throw_errors,
 )
-from intuitive_physics_experiments.demo.example_frame import depth_images, example_frame
 from intuitive_physics_experiments.demo.moving_picture import PredictedPaths, write_moving_picture
 from intuitive_physics_experiments.demo.nodes.suite import (
     Heard,
     Learned,
+    Progress,
     Suite,
     learn,
     learner_client,
     listen,
     replay,
 )
-from intuitive_physics_experiments.demo.progress import Progress
 from intuitive_physics_experiments.demo.report import write_report
 from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, reuse_or_render_bag

@@ -31,32 +31,18 @@ from intuitive_physics.validation import (
     positive_float,
 )
 
-MOTION = (POSITION, LINEAR_VELOCITY)
-"""Parts of a state that free flight shows."""
+MOTION = (POSITION, LINEAR_VELOCITY)  # Parts of a state that free flight shows
+FEWEST_POINTS = 3  # Points that a flight is fitted to at least
+SURPRISE = 16.3  # χ² of three degrees of freedom that free flight exceeds once in a thousand points
+UNKNOWN_SPIN = 30.0  # rad/s, standard deviation of a spin that nobody measured
+SMALLEST_NOISE = 5e-4  # m; points that fit better than this fit by chance
 
-FEWEST_POINTS = 3
-"""Points that a flight is fitted to at least."""
-
-SURPRISE = 16.3
-"""χ² of three degrees of freedom that free flight exceeds once in a thousand points."""
-
-UNKNOWN_SPIN = 30.0
-"""rad/s, standard deviation of a spin that nobody measured."""
-
-SMALLEST_NOISE = 5e-4
-"""m; points that fit better than this fit by chance."""
-
+# rad/s, standard deviation of the spin of a shot ball, before its flight is fitted.
 LIKELY_SPIN = 100.0
-"""rad/s, standard deviation of the spin of a shot ball, before its flight is fitted."""
 
-CONVERGED = 1e-7
-"""m; the fit ends when no point moves further than that."""
-
-DIVERGED = 1e3
-"""m; a fit whose points move as far as that finds no end."""
-
-MOST_ROUNDS = 60
-"""Iterations of the fit at most."""
+CONVERGED = 1e-7  # m; the fit ends when no point moves further than that
+DIVERGED = 1e3  # m; a fit whose points move as far as that finds no end
+MOST_ROUNDS = 60  # Iterations of the fit at most
 
 
 def state_covariance(

@@ -25,17 +25,14 @@ from typing import Any, Protocol
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_cli.report.report_page import png
 
+# File that says what a folder's cells were made with, and folder of the finished cells.
 SETTINGS_NAME, CELLS_NAME = "settings.json", "cells"
-"""File that says what a folder's cells were made with, and folder of the finished cells."""
 
-Row = dict[str, Any]
-"""A row of a table, by column."""
+Row = dict[str, Any]  # A row of a table, by column
+Cell = Callable[[], dict[str, Any]]  # Computes one part: plain data that JSON holds
 
-Cell = Callable[[], dict[str, Any]]
-"""Computes one part: plain data that JSON holds."""
-
+# Called with the cells done, the cells in all, and the name of the next or last one.
 Progress = Callable[[int, int, str], None]
-"""Called with the cells done, the cells in all, and the name of the next or last one."""
 
 
 def no_progress(done: int, total: int, name: str) -> None:
@@ -145,8 +142,7 @@ class CellStore:
         return data
 
 
-_inherited: dict[str, Any] = {}
-"""In a child process: the store and its cells."""
+_inherited: dict[str, Any] = {}  # In a child process: the store and its cells
 
 
 def _inherit(store: CellStore, cells: Mapping[str, Cell]) -> None:

@@ -22,8 +22,7 @@ ENGINE = make_simulator("event_driven")
 TABLE = Environment([Plane("table", "table", (0, 0, 1), 0.74)])
 BALL = SceneObject("ball", "ball", Sphere(0.02))
 THETA = StaticParameters.uniform(("ball", "table"), restitution=0.9)
-SPREAD = np.array([0.004, 0.004, 0.004, 0.05, 0.05, 0.05])
-"""m and m/s, of the launcher."""
+SPREAD = np.array([0.004, 0.004, 0.004, 0.05, 0.05, 0.05])  # m and m/s, of the launcher
 
 
 def launch(rng: np.random.Generator) -> Observation:

@@ -14,8 +14,7 @@ from intuitive_physics_experiments.demo.demo_result import PerceivedFrame
 from intuitive_physics_experiments.demo.moving_picture import PredictedPaths, write_moving_picture
 from intuitive_physics_experiments.rendering.corner_room import corner_camera
 
-BEGIN, STEP = 1000.0, 1.0 / 30.0
-"""s, stamp of the throw's first frame and time between two."""
+BEGIN, STEP = 1000.0, 1.0 / 30.0  # s, stamp of the throw's first frame and time between two
 
 
 class Truth:

@@ -184,6 +184,7 @@ def test_a_folder_that_cannot_be_written_is_one_clear_error(
         write_report(result, tmp_path / "file")
 
 
+# Writes into the page what only a browser knows: pixels it is too wide by, pictures it shows.
 MEASURE = """<script>
 addEventListener("load", () => setTimeout(() => {
   const root = document.documentElement;
@@ -191,7 +192,6 @@ addEventListener("load", () => setTimeout(() => {
   document.body.dataset.pictures = [...document.images].filter(i => i.naturalWidth > 0).length;
 }, 3000));
 </script>"""
-"""Writes into the page what only a browser knows: pixels it is too wide by, pictures it shows."""
 
 
 def in_browser(page: str, folder: Path, width: int) -> tuple[str, list[str]]:

@@ -34,8 +34,7 @@ from intuitive_physics_experiments.recorded_sets.recorded_data import (
 from intuitive_physics_experiments.recorded_sets.spin_flights import frame_numbers, spin_flights
 
 MODEL = BallModel()
-FRAME = 1.0 / 144.0
-"""s between images."""
+FRAME = 1.0 / 144.0  # s between images
 
 
 def thrown(rng: np.random.Generator) -> np.ndarray:

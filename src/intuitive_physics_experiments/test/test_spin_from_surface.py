@@ -37,8 +37,8 @@ from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_predictor.scores.highest_density import WITHIN_TWO_SIGMA
 
 RATE, FRAMES = 30.0, 8
+# Standard deviations of what is detected: m of each component, and parts of the radius.
 CENTER_ERROR, RADIUS_ERROR = 3e-4, 0.01
-"""Standard deviations of what is detected: m of each component, and parts of the radius."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +111,7 @@ def look(
 
 # A logo is on one side only, which a ball may not show, or may show too seldom. At 40 rad/s on each
 # axis every fourth ball turns too far from frame to frame.
+# Part of the spins that must be known after `FRAMES` frames, by pattern and deviation in rad/s.
 KNOWN = {
     ("dots", 2.0): 0.9,
     ("dots", 10.0): 0.9,
@@ -122,7 +123,6 @@ KNOWN = {
     ("logo", 10.0): 0.4,
     ("logo", 40.0): 0.2,
 }
-"""Part of the spins that must be known after `FRAMES` frames, by pattern and deviation in rad/s."""
 
 SEEDS = 9
 

@@ -36,8 +36,7 @@ from intuitive_physics_predictor.scores.outcomes import (
 )
 from intuitive_physics_predictor.scores.proper_scores import crps, energy_scores
 
-REGIONS = (0.5, 0.9)
-"""Probabilities of the regions whose coverage is reported."""
+REGIONS = (0.5, 0.9)  # Probabilities of the regions whose coverage is reported
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,12 +98,11 @@ def _levels(samples: NDArray[np.float64], positions: NDArray[np.float64]) -> NDA
     return levels
 
 
+# m, rad, m/s and rad/s. The paper has one noise model, N(0, 0.02); it does not say what it adds to
+# each part of θ_d.
 FIXED_NOISE = 0.02
-"""m, rad, m/s and rad/s. The paper has one noise model, N(0, 0.02); it does not say what it adds to
-each part of θ_d."""
 
-LARGEST_FIXED_NOISE = 10.0
-"""m, upper bound of the search for the fixed noise."""
+LARGEST_FIXED_NOISE = 10.0  # m, upper bound of the search for the fixed noise
 
 
 def fixed_noise(
@@ -188,18 +186,17 @@ def free_flights(sample_count: int) -> Prediction:
     return sample
 
 
-OURS = "noisy Newton"
-"""Name of the predictions that are calibrated, beside the baselines."""
+OURS = "noisy Newton"  # Name of the predictions that are calibrated, beside the baselines
 
+# One simulation, noisy Newton as in the paper, and no material parameters at all.
 BASELINES = ("single rollout", "fixed noise", "free flight")
-"""One simulation, noisy Newton as in the paper, and no material parameters at all."""
 
+# The paper's noisy Newton with what ours has, too: noise of the size that suits the past.
 FITTED = "fixed noise, fitted"
-"""The paper's noisy Newton with what ours has, too: noise of the size that suits the past."""
 
 
+# Outcomes that are drawn from each prediction, to see how it would score if it were true.
 IDEAL_DRAWS = 10
-"""Outcomes that are drawn from each prediction, to see how it would score if it were true."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,35 +25,21 @@ from intuitive_physics_experiments.results import markdown_table
 from intuitive_physics_predictor.noisy_newton import predict
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
-START_X = 0.25
-"""m along the flight: every launch is seen from there on."""
+START_X = 0.25  # m along the flight: every launch is seen from there on
+FAR_X = 2.0  # m along the table, where flights are compared
+LONGEST_WAY = 0.2  # s that a launch may take to `START_X`; the bounce comes later
+STEP = 0.005  # s, of the flight there; velocities are differences over two of them
 
-FAR_X = 2.0
-"""m along the table, where flights are compared."""
-
-LONGEST_WAY = 0.2
-"""s that a launch may take to `START_X`; the bounce comes later."""
-
-STEP = 0.005
-"""s, of the flight there; velocities are differences over two of them."""
-
+# s between recorded points, and between simulated ones, which are read the same way.
 FRAME = 1.0 / 180.0
-"""s between recorded points, and between simulated ones, which are read the same way."""
 
-HORIZON = 1.2
-"""s that are simulated, long enough to bounce and to reach `FAR_X`."""
+HORIZON = 1.2  # s that are simulated, long enough to bounce and to reach `FAR_X`
+APPROACH = 8  # Points of the fall before the bounce that are continued to the table
+LOWEST_TURN = 0.15  # m above the bounce height below which a ball that turns upward has bounced
+SAMPLES = 2000  # Simulations from which the predicted spread is taken
 
-APPROACH = 8
-"""Points of the fall before the bounce that are continued to the table."""
-
-LOWEST_TURN = 0.15
-"""m above the bounce height below which a ball that turns upward has bounced."""
-
-SAMPLES = 2000
-"""Simulations from which the predicted spread is taken."""
-
+# What is compared, in m.
 QUANTITIES = ("y at x = 2 m", "z at x = 2 m", "x of the bounce", "y of the bounce")
-"""What is compared, in m."""
 
 
 @dataclass(frozen=True, eq=False)

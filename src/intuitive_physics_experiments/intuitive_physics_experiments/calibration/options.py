@@ -8,8 +8,8 @@ from math import inf
 
 from intuitive_physics.settings import check_settings, number, other
 
+# s ahead at which predictions of the synthetic set, and of observations, are scored.
 HORIZONS, OBSERVED_HORIZONS = (0.5, 1.0, 2.0, 5.0), (0.1, 0.2, 0.4, 0.6)
-"""s ahead at which predictions of the synthetic set, and of observations, are scored."""
 
 
 @dataclass(frozen=True)

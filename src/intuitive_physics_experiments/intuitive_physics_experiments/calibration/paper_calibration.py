@@ -41,8 +41,8 @@ from intuitive_physics_learner.search.parameter_search import ConvergenceCriteri
 from intuitive_physics_predictor.noise_scales import NoiseScales
 from intuitive_physics_predictor.scores.outcomes import Outcome, noisy_prediction
 
+# Standard deviations of a point by which an object may be nearer to something than it seems.
 MARGIN = 3.0
-"""Standard deviations of a point by which an object may be nearer to something than it seems."""
 
 
 def with_first_points(observation: Observation, points: int, noise: float) -> Observation:
@@ -154,21 +154,20 @@ def _seen(outcome: Outcome, rng: np.random.Generator) -> Outcome:
     return Outcome(outcome.scene, outcome.times, outcome.positions + noise, covariances)
 
 
+# Share of the runs that are not held out: θ_s is learned from these, the noise fitted to the
+# others.
 LEARNED_SHARE = 0.6
-"""Share of the runs that are not held out: θ_s is learned from these, the noise fitted to the
-others."""
 
-LEARNED_POINTS = 30
-"""Points, at most, that initial states of what is learned from are fitted to."""
+LEARNED_POINTS = 30  # Points, at most, that initial states of what is learned from are fitted to
 
+# Those of θ_s. Positions have the noise that initial states are fitted with, so their covariances
+# are right as they are, and a scale of them could only be chance.
 FITTED_SCALES = ("static_parameters", "unidentified")
-"""Those of θ_s. Positions have the noise that initial states are fitted with, so their covariances
-are right as they are, and a scale of them could only be chance."""
 
+# Where the noise fit begins. Joint estimation fits whole trajectories and keeps near its start what
+# they do not depend on, and throws of the same objects in the same room depend on it as little:
+# values from all over the bounds would only spread what is known.
 START = NoiseScales(unidentified=0.2)
-"""Where the noise fit begins. Joint estimation fits whole trajectories and keeps near its start
-what they do not depend on, and throws of the same objects in the same room depend on it as little:
-values from all over the bounds would only spread what is known."""
 
 
 @dataclass(frozen=True, eq=False)

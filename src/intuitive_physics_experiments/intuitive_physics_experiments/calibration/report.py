@@ -38,8 +38,7 @@ from intuitive_physics_experiments.results import (
 )
 from intuitive_physics_predictor.noise_scales import NOISE_SCALES, SCALES_KEY
 
-LEVELS = np.linspace(0.05, 0.95, 19)
-"""Probabilities of a reliability curve."""
+LEVELS = np.linspace(0.05, 0.95, 19)  # Probabilities of a reliability curve
 
 
 def score_rows(calibration: Calibration) -> list[Row]:
@@ -87,11 +86,11 @@ def _row(scores: Scores, h: int) -> Row:
     }
 
 
+# Colours of the horizons, in their order.
 HORIZON_COLORS = (PREDICTED, OBSERVED, PLANE_COLORS[0], GRAVITY, PLANE_COLORS[3])
-"""Colours of the horizons, in their order."""
 
+# Colours of the baselines, in their order.
 BASELINE_COLORS = (DEFAULT, PLANE_COLORS[0], PLANE_COLORS[3], PLANE_COLORS[4])
-"""Colours of the baselines, in their order."""
 
 
 def draw_reliability(axes: Any, calibration: Calibration) -> None:
@@ -163,8 +162,7 @@ def draw_errors_by_points(axes: Any, by_points: dict[int, Scores], horizons: Any
     axes.legend(loc="upper right")
 
 
-PARAMETERS_NAME = "parameters.json"
-"""File of the static parameters with their noise scales."""
+PARAMETERS_NAME = "parameters.json"  # File of the static parameters with their noise scales
 
 
 def write_calibration(

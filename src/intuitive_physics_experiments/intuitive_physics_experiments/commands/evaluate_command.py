@@ -20,9 +20,9 @@ from intuitive_physics_cli.commands.observation_source import (
     read_observations,
 )
 
-LEARN = "learn"
-"""In place of a drag coefficient."""
+LEARN = "learn"  # In place of a drag coefficient
 
+# Options of cube tosses only.
 TOSS_OPTIONS = (
     "length_correction",
     "train_counts",
@@ -30,26 +30,24 @@ TOSS_OPTIONS = (
     "learn_mass_centre",
     "measured_inertia",
 )
-"""Options of cube tosses only."""
 
-AIR_OPTIONS = ("drag", "magnus")
-"""Options of table tennis only."""
+AIR_OPTIONS = ("drag", "magnus")  # Options of table tennis only
 
+# Options that are not given, for everything but cube tosses.
 BALL_DEFAULTS = {
     "engine": [ENGINE],
     "method": METHOD,
     "iterations": ITERATIONS,
     "train_fraction": 0.8,
 }
-"""Options that are not given, for everything but cube tosses."""
 
+# Options that are not given, for cube tosses.
 TOSS_DEFAULTS = {
     "engine": ["stepped"],
     "method": "cma_es",
     "iterations": 120,
     "train_fraction": 0.25,
 }
-"""Options that are not given, for cube tosses."""
 
 
 def add_to(commands: Any) -> None:

@@ -40,6 +40,7 @@ class Experiment:
     label: str  # of the progress bar
 
 
+# The paper's experiments, in the order of the help.
 EXPERIMENTS = (
     Experiment(
         "learning-curve",
@@ -90,7 +91,6 @@ EXPERIMENTS = (
         "working",
     ),
 )
-"""The paper's experiments, in the order of the help."""
 
 
 def add_to(commands: Any) -> None:

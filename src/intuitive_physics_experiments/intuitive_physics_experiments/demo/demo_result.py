@@ -210,8 +210,7 @@ def prediction_error(outcome: PredictionOutcome) -> float:
     return mean_distance(predicted, true)
 
 
-HEIGHT_SHOWN = 0.25
-"""m; the frame shown is one in which the ball is well above the floor."""
+HEIGHT_SHOWN = 0.25  # m; the frame shown is one in which the ball is well above the floor
 
 
 def example_frame(

@@ -27,8 +27,7 @@ from intuitive_physics_experiments.demo.demo_result import (
     PredictionOutcome,
 )
 
-MOST_SAMPLES_DRAWN = 60
-"""Samples of a prediction in one picture; more would hide one another."""
+MOST_SAMPLES_DRAWN = 60  # Samples of a prediction in one picture; more would hide one another
 
 
 def draw_frame(axes: Any, frame: ExampleFrame) -> None:

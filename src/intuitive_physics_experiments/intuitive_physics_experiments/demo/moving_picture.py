@@ -16,23 +16,16 @@ from intuitive_physics_cli.report.figure_style import OBSERVED, PREDICTED, SPHER
 from intuitive_physics_experiments.demo.demo_result import PerceivedFrame
 from intuitive_physics_experiments.demo.figures import projected
 
+# Pixels of the moving picture, and how much larger it is drawn, so that lines are smooth.
 WIDTH, SCALE = 480, 2
-"""Pixels of the moving picture, and how much larger it is drawn, so that lines are smooth."""
 
+# Greys of depth; noise within a shade does not make the file larger.
 SHADES = np.linspace(70, 230, 20).round()
-"""Greys of depth; noise within a shade does not make the file larger."""
 
-SLOWER = 2.0
-"""Times as long as the throw took."""
-
-MARGIN = 0.5
-"""Width of the picture beside the track, as a part of the track's extent."""
-
-LAST_SHOWN = 1.5
-"""s for which the last frame stays, of the moving picture."""
-
-SAMPLES = 20
-"""Paths of a prediction that are drawn."""
+SLOWER = 2.0  # Times as long as the throw took
+MARGIN = 0.5  # Width of the picture beside the track, as a part of the track's extent
+LAST_SHOWN = 1.5  # s for which the last frame stays, of the moving picture
+SAMPLES = 20  # Paths of a prediction that are drawn
 
 
 @dataclass(frozen=True, eq=False)

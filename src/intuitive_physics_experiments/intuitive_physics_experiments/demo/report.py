@@ -38,16 +38,13 @@ from intuitive_physics_experiments.demo.figures import (
     parameter_legend,
 )
 
-PAGE_NAME, PICTURE_NAME = "report.html", "demo.png"
-"""Files of the report in its folder."""
-
-TITLE = "Balls thrown, seen, learned from and predicted"
-"""Heading of the page."""
+PAGE_NAME, PICTURE_NAME = "report.html", "demo.png"  # Files of the report in its folder
+TITLE = "Balls thrown, seen, learned from and predicted"  # Heading of the page
+# What the page is about.
 INTRODUCTION = (
     "A rendered depth camera watched balls thrown into a corner. From what it saw, the material "
     "parameters were learned that make a simulation do the same; then one more throw was predicted."
 )
-"""What the page is about."""
 
 
 @dataclass(frozen=True)

@@ -24,11 +24,10 @@ from intuitive_physics.simulation import Rollout, Simulator, WorldBatch, WorldSt
 from intuitive_physics.simulation.world_batch import BOX, CAPSULE, SPHERE
 from intuitive_physics.validation import positive_float
 
-SMALLEST_ARM = 1e-9
-"""m, the smallest arm of rolling and torsional friction that a contact is given."""
+SMALLEST_ARM = 1e-9  # m, the smallest arm of rolling and torsional friction that a contact is given
 
+# Attributes of a geometry that touches only in the pairs that are listed.
 NO_OTHER_CONTACT = 'contype="0" conaffinity="0"'
-"""Attributes of a geometry that touches only in the pairs that are listed."""
 
 
 def check_supported(worlds: WorldBatch) -> None:
@@ -185,11 +184,10 @@ def _words(numbers: Any) -> str:
     return " ".join(repr(float(number)) for number in np.asarray(numbers))
 
 
-DEFAULT_TIME_STEP = 1e-3
-"""s."""
+DEFAULT_TIME_STEP = 1e-3  # s
 
+# s; eight steps: with fewer a spring misses its restitution, with more objects sink in deeper.
 DEFAULT_CONTACT_TIME = 8e-3
-"""s; eight steps: with fewer a spring misses its restitution, with more objects sink in deeper."""
 
 
 class MujocoSimulator(Simulator):

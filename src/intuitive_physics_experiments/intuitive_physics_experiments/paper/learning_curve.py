@@ -30,15 +30,14 @@ from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions, search_parameters
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria
 
-PAPER_ERROR, PAPER_DEVIATION = 0.911, 0.189
-"""m, mean test error and its σ (Sec. IV-D)."""
+PAPER_ERROR, PAPER_DEVIATION = 0.911, 0.189  # m, mean test error and its σ (Sec. IV-D).
 
+# Titles of the figure's parts, by where initial states come from.
 SOURCE_TITLES = {
     "three_points": "initial states from 3 points, as in the paper",
     "flight": "initial states from all points before the first bounce",
     "true": "true initial states",
 }
-"""Titles of the figure's parts, by where initial states come from."""
 
 
 def _draw(figure: Any, summary: Sequence[Row]) -> None:
@@ -80,8 +79,8 @@ def _draw_panel(axes: Any, lines: Sequence[Row]) -> None:
     axes.set_axisbelow(True)
 
 
+# Whose errors are compared: learned, true and default parameters.
 ERRORS = ("learned", "oracle", "default")
-"""Whose errors are compared: learned, true and default parameters."""
 
 
 def run_learning_curve(settings: LearningCurveSettings, store: CellStore) -> Results:

@@ -35,21 +35,14 @@ from intuitive_physics_experiments.paper.paper_room import (
 from intuitive_physics_experiments.results import write_csv, write_whole
 from intuitive_physics_recordings.observation_files import save_observations
 
-DURATION = 5.0
-"""s of a run (Sec. IV-B)."""
+DURATION = 5.0  # s of a run (Sec. IV-B).
+SAMPLE_RATE = 30.0  # 1/s (Sec. IV-B).
+POSITION_NOISE = 0.02  # m, the standard deviation of N(0, 0.02) on each axis
+TRAINING_SHARE = 0.8  # Share of the runs that is learned from, as in the paper
 
-SAMPLE_RATE = 30.0
-"""1/s (Sec. IV-B)."""
-
-POSITION_NOISE = 0.02
-"""m, the standard deviation of N(0, 0.02) on each axis."""
-
-TRAINING_SHARE = 0.8
-"""Share of the runs that is learned from, as in the paper."""
-
+# Where an observation's initial states come from: the paper's first three points, all points before
+# the first surprise, or the truth (which no learner has).
 INITIAL_STATES = ("three_points", "flight", "true")
-"""Where an observation's initial states come from: the paper's first three points, all points
-before the first surprise, or the truth (which no learner has)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,11 +218,8 @@ def _check_source(source: str) -> None:
         )
 
 
-FORMAT = "intuitive_physics/paper_dataset/1"
-"""Name and version of the ground truth's file format."""
-
-TRUTH_NAME, TABLE_NAME = "ground_truth.json", "trajectories.csv"
-"""Files beside the observations."""
+FORMAT = "intuitive_physics/paper_dataset/1"  # Name and version of the ground truth's file format
+TRUTH_NAME, TABLE_NAME = "ground_truth.json", "trajectories.csv"  # Files beside the observations
 
 
 def save_paper_dataset(dataset: PaperDataset, folder: Path) -> None:

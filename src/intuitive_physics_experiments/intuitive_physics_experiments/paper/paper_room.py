@@ -27,36 +27,21 @@ from intuitive_physics.simulation import Simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics_cli.plugins import make_engine
 
-ROOM_MATERIAL = "room"
-"""Material of floor and walls."""
+ROOM_MATERIAL = "room"  # Material of floor and walls
+HALF_ROOM = 5.0  # m from the room's middle to each wall
+SHAPE_KINDS = (Sphere.kind, Box.kind, Capsule.kind)  # Kinds of objects in the paper's set
+DIMENSIONS = (0.1, 0.7)  # m, smallest and largest diameter or edge
+CIRCLE_CENTER = (0.0, 0.0, 2.0)  # m, of the circle about which objects start (Eq. 10).
+CIRCLE_RADIUS = 3.0  # m
+START_DEVIATION = 1.0  # m and m/s, of the positions and the velocities of Eq. 10.
+SPIN_DEVIATION = 0.1  # rad/s, of the angular velocities of Eq. 10.
 
-HALF_ROOM = 5.0
-"""m from the room's middle to each wall."""
-
-SHAPE_KINDS = (Sphere.kind, Box.kind, Capsule.kind)
-"""Kinds of objects in the paper's set."""
-
-DIMENSIONS = (0.1, 0.7)
-"""m, smallest and largest diameter or edge."""
-
-CIRCLE_CENTER = (0.0, 0.0, 2.0)
-"""m, of the circle about which objects start (Eq. 10)."""
-
-CIRCLE_RADIUS = 3.0
-"""m."""
-
-START_DEVIATION = 1.0
-"""m and m/s, of the positions and the velocities of Eq. 10."""
-
-SPIN_DEVIATION = 0.1
-"""rad/s, of the angular velocities of Eq. 10."""
-
+# m at least between the bounding spheres of two objects, and to the room, at the start.
 CLEARANCE = 0.01
-"""m at least between the bounding spheres of two objects, and to the room, at the start."""
 
-MOST_ATTEMPTS = 1000
-"""Draws of a start that touches nothing before it is given up."""
+MOST_ATTEMPTS = 1000  # Draws of a start that touches nothing before it is given up
 
+# What θ_s is drawn from, uniformly on each scale; within the bounds that learners search.
 TRUE_RANGES = {
     "density": Bounds(200.0, 2000.0, "logarithmic"),
     "static_friction": Bounds(0.1, 1.0),
@@ -64,7 +49,6 @@ TRUE_RANGES = {
     "rolling_friction": Bounds(1e-3, 0.1, "logarithmic"),
     "restitution": Bounds(0.1, 0.9),
 }
-"""What θ_s is drawn from, uniformly on each scale; within the bounds that learners search."""
 
 
 def paper_room() -> Environment:
@@ -162,8 +146,7 @@ def _is_free(
     )
 
 
-DATASET_ENGINES = ("auto", "stepped", "bullet", "mujoco")
-"""Simulators that can make the set."""
+DATASET_ENGINES = ("auto", "stepped", "bullet", "mujoco")  # Simulators that can make the set
 
 
 def dataset_simulator(engine: str) -> Simulator:

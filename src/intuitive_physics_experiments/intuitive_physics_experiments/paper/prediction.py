@@ -31,11 +31,8 @@ from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
-COLUMNS = 3
-"""Columns of the figure, one example in each."""
-
-ERROR_LINES = 40
-"""Lines from predicted to observed points in one example."""
+COLUMNS = 3  # Columns of the figure, one example in each
+ERROR_LINES = 40  # Lines from predicted to observed points in one example
 
 
 def draw_predictions(figure: Any, cases: Sequence[PredictionCase]) -> None:
@@ -82,8 +79,8 @@ def _draw_error_over_time(
     right.set_aspect("equal")
 
 
+# Where initial states come from, and how many predictions are drawn.
 FIRST, EXAMPLES = "three_points", 6
-"""Where initial states come from, and how many predictions are drawn."""
 
 
 def run_prediction(settings: PredictionExperimentSettings, store: CellStore) -> Results:

@@ -70,11 +70,8 @@ def _draw_errors_by_size(figure: Any, rows: Sequence[Row]) -> None:
     axes.legend()
 
 
-TRAIN_FRACTION = 0.8
-"""Share of a ball's throws that is learned from."""
-
-BAG_NAME = "throws"
-"""Folder of the rendered bag."""
+TRAIN_FRACTION = 0.8  # Share of a ball's throws that is learned from
+BAG_NAME = "throws"  # Folder of the rendered bag
 
 
 def run_rgbd(settings: RgbdSettings, store: CellStore) -> Results:

@@ -35,6 +35,7 @@ from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria, ParameterSearch
 from intuitive_physics_learner.search.update_rules import make_update_rule
 
+# Colours of the update rules, in their order.
 METHOD_COLORS = (
     "#9ca3af",
     "#a16207",
@@ -47,7 +48,6 @@ METHOD_COLORS = (
     "#dc2626",
     "#111827",
 )
-"""Colours of the update rules, in their order."""
 
 
 def _draw(figure: Any, curves: Sequence[Row], final: Sequence[Row]) -> None:
@@ -80,8 +80,7 @@ def _draw(figure: Any, curves: Sequence[Row], final: Sequence[Row]) -> None:
     legend_below(figure, handles, 2 * len(objects))
 
 
-CURVE_POINTS = 60
-"""Iterations, spaced evenly on a logarithmic scale, at which curves are written."""
+CURVE_POINTS = 60  # Iterations, spaced evenly on a logarithmic scale, at which curves are written
 
 
 @dataclass(frozen=True, eq=False)

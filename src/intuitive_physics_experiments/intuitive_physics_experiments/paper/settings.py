@@ -9,11 +9,11 @@ from typing import Any
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.settings import check_settings, number, numbers, other
 
+# What the setting `engine` means.
 ENGINE_GUIDE = (
     "that moves the objects: auto, stepped, bullet or mujoco; another one than learns shows what "
     "model error costs"
 )
-"""What the setting `engine` means."""
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,13 @@ class LearningCurveSettings:
         check_settings(self)
 
 
+# Settings of about two minutes.
 QUICK_LEARNING_CURVE: dict[str, Any] = {
     "objects": (1, 5),
     "samples": (10,),
     "repetitions": 2,
     "iterations": 300,
 }
-"""Settings of about two minutes."""
 
 
 def _compared_rules() -> tuple[str, ...]:
@@ -97,13 +97,13 @@ class SearchMethodsSettings:
         return self.iterations[self.objects.index(objects)]
 
 
+# Settings of about two minutes.
 QUICK_SEARCH_METHODS: dict[str, Any] = {
     "objects": (1, 10),
     "samples": (1,),
     "runs": 2,
     "iterations": (200,),
 }
-"""Settings of about two minutes."""
 
 
 @dataclass(frozen=True)
@@ -127,8 +127,8 @@ class PredictionExperimentSettings:
         check_settings(self)
 
 
+# Settings of about two minutes.
 QUICK_PREDICTION: dict[str, Any] = {"objects": 3, "samples": 10, "iterations": 1000}
-"""Settings of about two minutes."""
 
 
 @dataclass(frozen=True)
@@ -144,5 +144,4 @@ class RgbdSettings:
         check_settings(self)
 
 
-QUICK_RGBD: dict[str, Any] = {"throws": 3, "iterations": 150}
-"""Settings of about two minutes."""
+QUICK_RGBD: dict[str, Any] = {"throws": 3, "iterations": 150}  # Settings of about two minutes

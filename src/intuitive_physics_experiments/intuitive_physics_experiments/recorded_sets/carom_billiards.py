@@ -20,20 +20,16 @@ from intuitive_physics.validation import finite_array, positive_float
 from intuitive_physics_experiments.flight_fits import fit_initial_state
 from intuitive_physics_recordings.npz_file import Arrays
 
+# Names of the materials.
 BALL_MATERIAL, CLOTH_MATERIAL, CUSHION_MATERIAL = "ball", "cloth", "cushion"
-"""Names of the materials."""
 
-DURATION = 1.0
-"""s of a shot that is observed."""
+DURATION = 1.0  # s of a shot that is observed
 
+# Rows whose velocity counts as that of the first: at 20 ms a row it falls by 2 % in them.
 MOST_FREE_ROWS = 6
-"""Rows whose velocity counts as that of the first: at 20 ms a row it falls by 2 % in them."""
 
-STILL = 0.002
-"""m; a ball that stays so near its first place rests."""
-
-FEWEST_ROWS = 10
-"""Rows of the shortest motion that becomes an observation."""
+STILL = 0.002  # m; a ball that stays so near its first place rests
+FEWEST_ROWS = 10  # Rows of the shortest motion that becomes an observation
 
 
 def carom_observations(arrays: Arrays) -> list[Observation]:

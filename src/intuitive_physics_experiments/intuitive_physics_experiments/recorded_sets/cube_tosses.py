@@ -22,15 +22,14 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics.validation import UNIT_QUATERNION_TOLERANCE, positive_float
 from intuitive_physics_recordings.npz_file import Arrays, split_rows
 
-CUBE_MATERIAL, TABLE_MATERIAL = "cube", "table"
-"""Names of the materials."""
+CUBE_MATERIAL, TABLE_MATERIAL = "cube", "table"  # Names of the materials
 
+# All materials of the set, in the order of its parameters.
 MATERIALS = (CUBE_MATERIAL, TABLE_MATERIAL)
-"""All materials of the set, in the order of its parameters."""
 
+# Lengths over recorded lengths: the cubes fall with 9.62 m/s² instead of 9.81 m/s² and rest 1.2 mm
+# too low for their edges.
 LENGTH_CORRECTION = 1.02
-"""Lengths over recorded lengths: the cubes fall with 9.62 m/s² instead of 9.81 m/s² and rest
-1.2 mm too low for their edges."""
 
 
 @dataclass(frozen=True, eq=False)

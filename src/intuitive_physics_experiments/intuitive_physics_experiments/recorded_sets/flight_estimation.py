@@ -27,69 +27,49 @@ from intuitive_physics_experiments.recorded_sets.table_tennis import (
     TABLE_MATERIAL,
 )
 
+# What varies from flight to flight: C_D without spin; largest lift coefficient, and the spin ratio
+# that it is approached at (`_air_coefficients`); e and μ of ball and table; height of the ball's
+# centre at a bounce at y = 0 (m), and how much that grows along y.
 COEFFICIENTS = ("drag", "lift", "lift_ratio", "restitution", "friction", "height", "slope")
-"""What varies from flight to flight: C_D without spin; largest lift coefficient, and the spin ratio
-that it is approached at (`_air_coefficients`); e and μ of ball and table; height of the ball's
-centre at a bounce at y = 0 (m), and how much that grows along y."""
 
-STATE_SIZE = 9
-"""Position, velocity and spin."""
+STATE_SIZE = 9  # Position, velocity and spin
+UNKNOWN_SIZE = STATE_SIZE + len(COEFFICIENTS)  # State and coefficients
+LOWEST = np.array([0.0, 0.0, 0.05, 0.0, 0.0, -0.1, -0.2])  # Lower bounds of the coefficients
 
-UNKNOWN_SIZE = STATE_SIZE + len(COEFFICIENTS)
-"""State and coefficients."""
-
-LOWEST = np.array([0.0, 0.0, 0.05, 0.0, 0.0, -0.1, -0.2])
-"""Lower bounds of the coefficients."""
-
+# Upper bounds. Where a camera measures heights askew, a bounce may seem to be faster than the fall
+# before it: restitution may be a little above 1.
 HIGHEST = np.array([3.0, 2.0, 3.0, 1.1, 2.0, 0.1, 0.2])
-"""Upper bounds. Where a camera measures heights askew, a bounce may seem to be faster
-than the fall before it: restitution may be a little above 1."""
 
+# C_D over the drag of a flight, less one, grows by these with the spin ratio, its square, and the
+# speed (s/m). The first two are a fit to those flights of even number of the recorded set whose
+# bounce gives their spin, the third leaves least spread of drag and error after the bounce there.
 DRAG_LAW = (0.56, -0.60, -0.05)
-"""C_D over the drag of a flight, less one, grows by these with the spin ratio, its square, and the
-speed (s/m). The first two are a fit to those flights of even number of the recorded set whose
-bounce gives their spin, the third leaves least spread of drag and error after the bounce there."""
 
-USUAL_SPEED = 8.0
-"""m/s, at which a ball without spin has the drag of its flight."""
+USUAL_SPEED = 8.0  # m/s, at which a ball without spin has the drag of its flight
 
+# Spin ratio up to which the laws of drag and lift were fitted; they stay as they are above.
 HIGHEST_RATIO = 1.2
-"""Spin ratio up to which the laws of drag and lift were fitted; they stay as they are above."""
 
-LEAST_DRAG = 0.3
-"""C_D over the drag of a flight, at least."""
+LEAST_DRAG = 0.3  # C_D over the drag of a flight, at least
 
+# s, after which drag and Magnus coefficient follow speed and spin, which a bounce changes.
 LEG = 0.1
-"""s, after which drag and Magnus coefficient follow speed and spin, which a bounce changes."""
 
-INSTANT = 1e-5
-"""s, over which velocity and spin are taken from positions and orientations."""
+INSTANT = 1e-5  # s, over which velocity and spin are taken from positions and orientations
+SHELL = 5.0 / 3.0  # Moment of inertia of a thin shell over that of a solid ball
 
-SHELL = 5.0 / 3.0
-"""Moment of inertia of a thin shell over that of a solid ball."""
-
+# By which unknowns are changed for finite differences.
 STEPS = np.array([1e-4] * 3 + [1e-3] * 3 + [0.2] * 3 + [1e-3] * 5 + [1e-4] * 2)
-"""By which unknowns are changed for finite differences."""
 
-MOST_ROUNDS = 30
-"""Damped steps at most."""
-
-CONVERGED = 1e-2
-"""Decrease of the cost, which is minus a log probability, that ends the search."""
-
-LARGEST_DAMPING = 1e6
-"""At which no step lowers the cost."""
-
-FIRST_ROWS = 8
-"""Whose straight line starts the search."""
-
-LOOSE_POSITION, LOOSE_VELOCITY = 0.1, 5.0
-"""m and m/s, standard deviations around that line."""
-
-UNLIKELY = 10.0
-"""Below the log probability of the best explanation, at which another is dropped."""
+MOST_ROUNDS = 30  # Damped steps at most
+CONVERGED = 1e-2  # Decrease of the cost, which is minus a log probability, that ends the search
+LARGEST_DAMPING = 1e6  # At which no step lowers the cost
+FIRST_ROWS = 8  # Whose straight line starts the search
+LOOSE_POSITION, LOOSE_VELOCITY = 0.1, 5.0  # m and m/s, standard deviations around that line
+UNLIKELY = 10.0  # Below the log probability of the best explanation, at which another is dropped
 
 
+# Arrays of a batch with a row for each environment, except the planes.
 ENVIRONMENT_ARRAYS = (
     "gravity",
     "plane_counts",
@@ -100,7 +80,6 @@ ENVIRONMENT_ARRAYS = (
     "boxes",
     "box_materials",
 )
-"""Arrays of a batch with a row for each environment, except the planes."""
 
 
 class BallModel:

@@ -23,54 +23,32 @@ from intuitive_physics_experiments.recorded_sets.flight_estimation import (
 )
 from intuitive_physics_experiments.recorded_sets.spin_flights import SpinFlight
 
+# s beyond the bounce, or beyond the last row seen, at which predictions are compared.
 WINDOW = (0.08, 0.2)
-"""s beyond the bounce, or beyond the last row seen, at which predictions are compared."""
 
-SEEN_BEYOND = 0.1
-"""s beyond the bounce that are seen before the second prediction."""
+SEEN_BEYOND = 0.1  # s beyond the bounce that are seen before the second prediction
+FREE_SPAN = 0.25  # s of a flight without a bounce that are learned from
+FEWEST_BEFORE, FEWEST_AFTER = 8, 8  # Rows before and after a bounce of flights that are scored
+ROUNDS = 5  # Rounds in which the prior is learned
+MISFIT = 1.3  # Median residual over the noise above which a flight is not learned from
 
-FREE_SPAN = 0.25
-"""s of a flight without a bounce that are learned from."""
-
-FEWEST_BEFORE, FEWEST_AFTER = 8, 8
-"""Rows before and after a bounce of flights that are scored."""
-
-ROUNDS = 5
-"""Rounds in which the prior is learned."""
-
-MISFIT = 1.3
-"""Median residual over the noise above which a flight is not learned from."""
-
+# Standard deviation of each coefficient from flight to flight, at least.
 LEAST_SPREAD = np.array([0.02, 0.015, 0.02, 0.015, 0.015, 0.001, 0.0005])
-"""Standard deviation of each coefficient from flight to flight, at least."""
 
-ROBUST_DEVIATION = 1.4826
-"""Standard deviation of a Gaussian over its median absolute deviation."""
+ROBUST_DEVIATION = 1.4826  # Standard deviation of a Gaussian over its median absolute deviation
+LABEL_PRECISION = (8.0, 0.06)  # rad/s, and share of its size, by which a measured spin may be wrong
+FREE_LABEL = 100.0  # rad/s, of the measured spin along the flight, which is not used
+LIKELY_LABEL = 0.6  # Probability that a measured spin is of this flight
+FEWEST_AHEAD = 5  # Rows in the window of a prediction that is compared
+NO_SPIN = 0.1  # rad/s, standard deviation of a spin that is known to be none
 
-LABEL_PRECISION = (8.0, 0.06)
-"""rad/s, and share of its size, by which a measured spin may be wrong."""
-
-FREE_LABEL = 100.0
-"""rad/s, of the measured spin along the flight, which is not used."""
-
-LIKELY_LABEL = 0.6
-"""Probability that a measured spin is of this flight."""
-
-FEWEST_AHEAD = 5
-"""Rows in the window of a prediction that is compared."""
-
-NO_SPIN = 0.1
-"""rad/s, standard deviation of a spin that is known to be none."""
-
+# rad/s, means of the Gaussians that describe how balls spin about the level axis.
 LEVEL_SPINS = np.arange(-450.0, 451.0, 75.0)
-"""rad/s, means of the Gaussians that describe how balls spin about the level axis."""
 
-LEVEL_SPREAD = 40.0
-"""rad/s, standard deviation of each."""
+LEVEL_SPREAD = 40.0  # rad/s, standard deviation of each
+RAREST = 0.005  # Weight of each Gaussian at least: spins that were not thrown yet
 
-RAREST = 0.005
-"""Weight of each Gaussian at least: spins that were not thrown yet."""
-
+# Before anything is learned.
 START = BallPrior(
     np.array([0.52, 0.25, 0.28, 0.98, 0.23, -0.0043, 0.0086]),
     np.diag([0.04, 0.03, 0.05, 0.03, 0.02, 0.0015, 0.001]) ** 2,
@@ -78,15 +56,13 @@ START = BallPrior(
     np.diag([LEVEL_SPREAD, 130.0, 100.0]) ** 2,
     np.full(len(LEVEL_SPINS), 1.0 / len(LEVEL_SPINS)),
 )
-"""Before anything is learned."""
 
-SMOOTHED, SPINLESS = "estimated spin", "no spin"
-"""Ways to predict."""
+SMOOTHED, SPINLESS = "estimated spin", "no spin"  # Ways to predict
 
+# Positions (k, 3) m at times (k,) s, of rows that were seen: times (n,) s, positions (n, 3) m.
 Predictor = Callable[
     [NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]
 ]
-"""Positions (k, 3) m at times (k,) s, of rows that were seen: times (n,) s, positions (n, 3) m."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,8 @@ from intuitive_physics_experiments.recorded_sets.flight_evaluation import (
     FlightScore,
 )
 
+# Log odds by the flight before the bounce below which a measured spin is not of this flight.
 UNLIKELY_LABEL = -3.0
-"""Log odds by the flight before the bounce below which a measured spin is not of this flight."""
 
 
 def flight_tables(evaluation: FlightEvaluation) -> str:

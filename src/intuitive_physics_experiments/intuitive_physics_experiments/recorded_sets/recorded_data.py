@@ -43,33 +43,33 @@ def _kind(title: str, arrays: str, load: Callable[[Arrays], list[Observation]]) 
     return RecordedSet(title, frozenset(arrays.split()), load)
 
 
+# Tosses of a cube onto a table (ContactNets).
 CUBE_TOSSES = _kind(
     "cube tosses",
     "position quaternion_wxyz velocity_world angular_velocity_body offsets dt cube_edge",
     cube_toss_observations,
 )
-"""Tosses of a cube onto a table (ContactNets)."""
 
+# Table-tennis balls from one setting of a launcher.
 LAUNCHES = _kind("table-tennis launches", "time position offsets radius", launch_observations)
-"""Table-tennis balls from one setting of a launcher."""
 
+# Table-tennis balls whose spin a camera measured (SpinDOE).
 SPIN_FLIGHTS = _kind(
     "table-tennis flights with measured spin",
     "time position offsets spin radius mass",
     spin_flight_observations,
 )
-"""Table-tennis balls whose spin a camera measured (SpinDOE)."""
 
+# Table-tennis balls from a ball gun, with velocities.
 GUN_FLIGHTS = _kind(
     "table-tennis gun flights", "position velocity offsets dt_implied", gun_observations
 )
-"""Table-tennis balls from a ball gun, with velocities."""
 
+# Shots of carom billiards: three balls on a table.
 CAROM_SHOTS = _kind("carom billiards", "shot_ball_t_x_y ball_radius table", carom_observations)
-"""Shots of carom billiards: three balls on a table."""
 
+# All kinds; a file is of the first whose arrays it has.
 RECORDED_SETS = (SPIN_FLIGHTS, LAUNCHES, GUN_FLIGHTS, CUBE_TOSSES, CAROM_SHOTS)
-"""All kinds; a file is of the first whose arrays it has."""
 
 
 def load_recorded_set(path: Path) -> tuple[str, list[Observation]]:

@@ -23,20 +23,14 @@ from intuitive_physics_experiments.recorded_sets.table_tennis import (
 )
 from intuitive_physics_recordings.npz_file import Arrays, split_rows
 
-FEWEST_ROWS = 12
-"""Rows of the shortest recording that becomes a flight."""
+FEWEST_ROWS = 12  # Rows of the shortest recording that becomes a flight
 
+# m, at most, of the ball's centre from 0 in the lowest row of a bounce: the table is there.
 BOUNCE_HEIGHT = 0.03
-"""m, at most, of the ball's centre from 0 in the lowest row of a bounce: the table is there."""
 
-BOUNCE_NEIGHBOURS = 3
-"""Rows on either side of the lowest one, all above it."""
-
-LONGEST_GAP = 0.03
-"""s; after a longer one, what is seen may be another ball, or one that was hit."""
-
-SPEED_STEPS = 5
-"""Steps on either side whose median is the ball's way in one frame."""
+BOUNCE_NEIGHBOURS = 3  # Rows on either side of the lowest one, all above it
+LONGEST_GAP = 0.03  # s; after a longer one, what is seen may be another ball, or one that was hit
+SPEED_STEPS = 5  # Steps on either side whose median is the ball's way in one frame
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,31 +28,21 @@ from intuitive_physics_experiments.flight_fits import (
 )
 from intuitive_physics_recordings.npz_file import Arrays, split_rows
 
-BALL_MATERIAL, TABLE_MATERIAL = "ball", "table"
-"""Names of the materials."""
+BALL_MATERIAL, TABLE_MATERIAL = "ball", "table"  # Names of the materials
+BALL_RADIUS = 0.020  # m, by the rules of the sport
+BALL_MASS = 0.0027  # kg, by the rules of the sport
+LAUNCH_BOUNCE_HEIGHT = 0.759  # m, height of the ball's centre at a bounce in the launches
 
-BALL_RADIUS = 0.020
-"""m, by the rules of the sport."""
-BALL_MASS = 0.0027
-"""kg, by the rules of the sport."""
-
-LAUNCH_BOUNCE_HEIGHT = 0.759
-"""m, height of the ball's centre at a bounce in the launches."""
-
+# m, of the ball's centre when it touches the table, in the frames of the two recordings.
 GUN_BOUNCE_HEIGHT = -0.44
-"""m, of the ball's centre when it touches the table, in the frames of the two recordings."""
 
-CLEARANCE = 0.02
-"""m above the bounce height where a ball may touch the table, allowing for noise."""
+CLEARANCE = 0.02  # m above the bounce height where a ball may touch the table, allowing for noise
 
+# m above the bounce height below which a ball that turns upward has bounced unseen.
 TURNING_HEIGHT = 0.15
-"""m above the bounce height below which a ball that turns upward has bounced unseen."""
 
-FEWEST_FREE_POINTS = 6
-"""Before the first bounce, that an initial state is fitted to."""
-
-FEWEST_POINTS = 20
-"""Points of the shortest recording that becomes an observation."""
+FEWEST_FREE_POINTS = 6  # Before the first bounce, that an initial state is fitted to
+FEWEST_POINTS = 20  # Points of the shortest recording that becomes an observation
 
 
 @dataclass(frozen=True)
@@ -67,8 +57,7 @@ class AirCoefficients:
         non_negative_float(self.magnus, "Magnus coefficient")
 
 
-VACUUM = AirCoefficients()
-"""No drag and no Magnus force."""
+VACUUM = AirCoefficients()  # No drag and no Magnus force
 
 
 def ball_parameters() -> StaticParameters:
@@ -187,8 +176,7 @@ def rows_before_contact(above: NDArray[np.float64]) -> int:
     return int(contacts[0]) if contacts.size else len(above)
 
 
-MASS_TOLERANCE = 0.02
-"""Relative, of a ball by the rules of the sport (2.67 to 2.77 g)."""
+MASS_TOLERANCE = 0.02  # Relative, of a ball by the rules of the sport (2.67 to 2.77 g)
 
 
 def known_ball() -> LearnedParameters:

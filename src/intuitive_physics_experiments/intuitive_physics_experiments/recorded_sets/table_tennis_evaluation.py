@@ -23,23 +23,15 @@ from intuitive_physics_experiments.recorded_sets.table_tennis import (
 )
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 
-LARGEST_DRAG = 1.0
-"""Upper bound of the drag coefficient that is searched; a sphere's is about 0.5."""
+LARGEST_DRAG = 1.0  # Upper bound of the drag coefficient that is searched; a sphere's is about 0.5
+DRAG_TOLERANCE = 0.005  # To which the drag coefficient is searched
+FEWEST_POINTS = 6  # Within the time that is watched, that a prediction starts from
 
-DRAG_TOLERANCE = 0.005
-"""To which the drag coefficient is searched."""
-
-FEWEST_POINTS = 6
-"""Within the time that is watched, that a prediction starts from."""
-
+# s for which a ball is watched, and s after that at which it is expected, at most.
 WATCHED, MOST_AHEAD = 0.2, 1.0
-"""s for which a ball is watched, and s after that at which it is expected, at most."""
 
-AHEAD_STEP = 0.1
-"""s, of which the time predicted ahead is a multiple."""
-
-UNFIT = 1e3
-"""m; misfit of air in which a flight cannot be fitted."""
+AHEAD_STEP = 0.1  # s, of which the time predicted ahead is a multiple
+UNFIT = 1e3  # m; misfit of air in which a flight cannot be fitted
 
 
 @dataclass(frozen=True, eq=False)

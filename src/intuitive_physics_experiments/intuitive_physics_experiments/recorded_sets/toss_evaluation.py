@@ -28,8 +28,7 @@ from intuitive_physics_learner.search.convergence import SearchProgress, SearchR
 from intuitive_physics_learner.search.parameter_search import ParameterSearch
 from intuitive_physics_learner.search.update_rules import make_update_rule
 
-FAILED_DISTANCE = 1000.0
-"""m; what a point counts that was not simulated, as in the learner's J."""
+FAILED_DISTANCE = 1000.0  # m; what a point counts that was not simulated, as in the learner's J
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,14 +103,13 @@ def rotation_angles(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[n
     return 4.0 * np.arctan2(np.minimum(apart, together), np.maximum(apart, together))
 
 
+# The library's defaults, with dynamic friction for both.
 DEFAULT_FRICTION, DEFAULT_RESTITUTION = 0.4, 0.5
-"""The library's defaults, with dynamic friction for both."""
 
+# s; MuJoCo's contacts are springs: a bounce lasts one of these times, the one that fits best.
 MUJOCO_STEP, MUJOCO_CONTACT_TIMES = 0.002, (0.008, 0.016, 0.032)
-"""s; MuJoCo's contacts are springs: a bounce lasts one of these times, the one that fits best."""
 
-CMA_SETTINGS = {"population": 8}
-"""Two parameters need no generations as large as those of Table I."""
+CMA_SETTINGS = {"population": 8}  # Two parameters need no generations as large as those of Table I
 
 
 class FrictionAndRestitution:

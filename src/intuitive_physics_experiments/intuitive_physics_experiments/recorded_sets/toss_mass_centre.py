@@ -18,11 +18,10 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_experiments.recorded_sets.cube_tosses import CubeToss
 from intuitive_physics_experiments.recorded_sets.tumbling_flight import cube_gaps
 
+# Distance of a corner from a plane below which a row may be no flight, in widths of the cube.
 CLEARANCE = 0.05
-"""Distance of a corner from a plane below which a row may be no flight, in widths of the cube."""
 
-FEWEST_ROWS = 6
-"""Rows of the shortest flight before the first touch that is fitted."""
+FEWEST_ROWS = 6  # Rows of the shortest flight before the first touch that is fitted
 
 
 @dataclass(frozen=True, eq=False)

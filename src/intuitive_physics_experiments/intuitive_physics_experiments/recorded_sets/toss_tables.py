@@ -18,13 +18,13 @@ from intuitive_physics_experiments.recorded_sets.toss_evaluation import (
 from intuitive_physics_experiments.recorded_sets.toss_mass_centre import MassCentreFit
 from intuitive_physics_experiments.results import Results, Row, write_results
 
+# Mean ± σ of the position error in % of the width, mean rotation error in degrees: Acosta, Yang and
+# Posa, RA-L 2022, on tosses of this cube with parameters of their own.
 PUBLISHED = (
     ("Drake, published", "13.5 ± 8.2", "16.5"),
     ("Bullet, published", "14.9", "16.5"),
     ("MuJoCo, published", "25.1", "21.7"),
 )
-"""Mean ± σ of the position error in % of the width, mean rotation error in degrees: Acosta, Yang
-and Posa, RA-L 2022, on tosses of this cube with parameters of their own."""
 
 
 def toss_table(evaluation: TossEvaluation) -> str:

@@ -10,23 +10,15 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 
-PLAIN, DOTS, SEAMS, LOGO = PATTERNS = ("plain", "dots", "seams", "logo")
-"""Patterns a ball can have."""
+PLAIN, DOTS, SEAMS, LOGO = PATTERNS = ("plain", "dots", "seams", "logo")  # Patterns a ball can have
 
+# Dots, spread at random over the ball but apart from one another, and their radius in rad.
 DOT_COUNT, DOT_RADIUS = 16, 0.22
-"""Dots, spread at random over the ball but apart from one another, and their radius in rad."""
 
-DOT_SEED = 4
-"""Seed of the places of the dots, which are the same on all balls."""
-
-SEAM_HALF_WIDTH = 0.09
-"""rad; 3 mm on a tennis ball."""
-
-LOGO_RADIUS = 0.75
-"""rad from the middle of a logo to its rim."""
-
-Color = tuple[float, float, float]
-"""Red, green and blue, 0 to 1."""
+DOT_SEED = 4  # Seed of the places of the dots, which are the same on all balls
+SEAM_HALF_WIDTH = 0.09  # rad; 3 mm on a tennis ball
+LOGO_RADIUS = 0.75  # rad from the middle of a logo to its rim
+Color = tuple[float, float, float]  # Red, green and blue, 0 to 1
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.validation import finite_array, positive_float, unit_vector
 
+# Name of the camera's frame: x right, y down, z forward (REP 103).
 OPTICAL_FRAME = "camera_depth_optical_frame"
-"""Name of the camera's frame: x right, y down, z forward (REP 103)."""
 
-UP = np.array([0.0, 0.0, 1.0])
-"""Unit vector in the world."""
+UP = np.array([0.0, 0.0, 1.0])  # Unit vector in the world
 
 
 @dataclass(frozen=True, eq=False)

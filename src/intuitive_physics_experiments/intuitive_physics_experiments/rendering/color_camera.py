@@ -17,11 +17,8 @@ from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer
 from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.depth import points_from_depth
 
-SUBPIXELS = 3
-"""Rays in each direction of the image, over which the colour of a pixel is averaged."""
-
-ROOM_REFLECTANCE = 0.6
-"""Reflectance of everything but the balls, grey."""
+SUBPIXELS = 3  # Rays in each direction of the image, over which the colour of a pixel is averaged
+ROOM_REFLECTANCE = 0.6  # Reflectance of everything but the balls, grey
 
 
 @dataclass(frozen=True)

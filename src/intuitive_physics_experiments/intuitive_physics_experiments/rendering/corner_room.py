@@ -6,27 +6,21 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_experiments.rendering.camera import Camera
 
-ROOM_MATERIAL = "room"
-"""Material of floor and walls."""
+ROOM_MATERIAL = "room"  # Material of floor and walls
+WALL_DISTANCE = 1.0  # m along x and y from the world's origin, on the floor, to the two walls
 
-WALL_DISTANCE = 1.0
-"""m along x and y from the world's origin, on the floor, to the two walls."""
-
+# m, by material: the 7, 5 and 3 cm balls of Sec. VI-A.
 BALL_RADII = {"foam": 0.07, "rubber": 0.05, "wood": 0.03}
-"""m, by material: the 7, 5 and 3 cm balls of Sec. VI-A."""
 
-MATERIALS = (*BALL_RADII, ROOM_MATERIAL)
-"""All materials, in the order of the parameters."""
+MATERIALS = (*BALL_RADII, ROOM_MATERIAL)  # All materials, in the order of the parameters
+_DENSITIES = {"foam": 120.0, "rubber": 1100.0, "wood": 650.0}  # kg/m³, by material
 
-_DENSITIES = {"foam": 120.0, "rubber": 1100.0, "wood": 650.0}
-"""kg/m³, by material."""
-
+# Friction, rolling friction and restitution against the room, by material.
 _COEFFICIENTS = {
     "foam": (0.60, 0.040, 0.60),
     "rubber": (0.45, 0.015, 0.80),
     "wood": (0.30, 0.008, 0.50),
 }
-"""Friction, rolling friction and restitution against the room, by material."""
 
 
 def corner_environment() -> Environment:

@@ -15,11 +15,8 @@ from numpy.typing import NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_experiments.rendering.depth_renderer import DepthImage, ImageRegion
 
-_JITTER_REACH = 2
-"""Pixels by which an edge is moved at most."""
-
-_RANDOM_LEVELS = 1 << 16
-"""Values of a random 16-bit number."""
+_JITTER_REACH = 2  # Pixels by which an edge is moved at most
+_RANDOM_LEVELS = 1 << 16  # Values of a random 16-bit number
 
 
 @dataclass(frozen=True)

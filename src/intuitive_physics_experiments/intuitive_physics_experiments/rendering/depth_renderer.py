@@ -20,8 +20,8 @@ from intuitive_physics.scene import Environment
 from intuitive_physics.validation import finite_array
 from intuitive_physics_experiments.rendering.camera import Camera
 
+# m that a plane without boundary reaches to each side of the point nearest the origin.
 PLANE_EXTENT = 4.0
-"""m that a plane without boundary reaches to each side of the point nearest the origin."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,11 +18,8 @@ from intuitive_physics_experiments.rendering.camera import Camera
 from intuitive_physics_experiments.rendering.thrown_ball import BallMotion
 from intuitive_physics_experiments.rendering.throws import Throw
 
-FORMAT = "intuitive_physics/ground_truth/1"
-"""Name and version of the file format."""
-
-FILE_NAME = "ground_truth.json"
-"""File in the folder of the bag."""
+FORMAT = "intuitive_physics/ground_truth/1"  # Name and version of the file format
+FILE_NAME = "ground_truth.json"  # File in the folder of the bag
 
 
 @dataclass(frozen=True, eq=False)

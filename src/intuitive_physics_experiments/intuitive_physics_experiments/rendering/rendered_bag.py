@@ -26,8 +26,8 @@ from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
 from intuitive_physics_experiments.rendering.throws import Throw, make_throws
 from intuitive_physics_recordings.depth_bag_writer import DepthBagWriter
 
+# ns since the epoch, fixed so that equal settings give equal bags.
 START_TIME = 1_750_000_000 * 1_000_000_000
-"""ns since the epoch, fixed so that equal settings give equal bags."""
 
 
 @dataclass(frozen=True)

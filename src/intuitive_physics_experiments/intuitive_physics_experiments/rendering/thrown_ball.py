@@ -32,8 +32,7 @@ from intuitive_physics.scene import Environment
 from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import positive_float
 
-STEP = 1.0 / 4800.0
-"""s; a whole number of steps lies between the samples of 60, 120 and 240 Hz."""
+STEP = 1.0 / 4800.0  # s; a whole number of steps lies between the samples of 60, 120 and 240 Hz
 
 
 @dataclass(frozen=True)
@@ -55,16 +54,15 @@ class Fidelity:
     grip: bool = False
 
 
-AS_BULLET_HAS_IT = Fidelity()
-"""For what only has to look like thrown balls."""
+AS_BULLET_HAS_IT = Fidelity()  # For what only has to look like thrown balls
 
+# For a truth that learned coefficients are held against. Eight throws tell restitution to 1e-4; at
+# a twentieth of the usual step it seems larger by 1e-4 m/s over the approach at most.
 CONTACT_LAWS = Fidelity(step=1.0 / 96000.0, grip=True)
-"""For a truth that learned coefficients are held against. Eight throws tell restitution to 1e-4; at
-a twentieth of the usual step it seems larger by 1e-4 m/s over the approach at most."""
 
+# m/s. A ball that approaches its support more slowly lies on it: Bullet's contacts tremble, with
+# the speed that gravity gives in a step or two, 2e-4 to 4e-3 m/s.
 SOFT_APPROACH = 5e-3
-"""m/s. A ball that approaches its support more slowly lies on it: Bullet's contacts tremble, with
-the speed that gravity gives in a step or two, 2e-4 to 4e-3 m/s."""
 
 
 @dataclass(frozen=True, eq=False)

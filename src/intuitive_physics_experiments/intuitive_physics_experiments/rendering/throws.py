@@ -24,17 +24,10 @@ from intuitive_physics_experiments.rendering.thrown_ball import (
     move_ball,
 )
 
-MOST_ATTEMPTS = 500
-"""Draws of a throw that stays in view before it is given up."""
-
-IMAGE_MARGIN = 4.0
-"""Pixels kept free between a ball and the image's edge."""
-
-HIGHEST_CENTER = 1.0
-"""m; a hand does not throw over the walls."""
-
-LITTLE_SPIN = 2.0
-"""rad/s about each axis, of a ball that a hand lets go without turning it."""
+MOST_ATTEMPTS = 500  # Draws of a throw that stays in view before it is given up
+IMAGE_MARGIN = 4.0  # Pixels kept free between a ball and the image's edge
+HIGHEST_CENTER = 1.0  # m; a hand does not throw over the walls
+LITTLE_SPIN = 2.0  # rad/s about each axis, of a ball that a hand lets go without turning it
 
 
 @dataclass(frozen=True, eq=False)

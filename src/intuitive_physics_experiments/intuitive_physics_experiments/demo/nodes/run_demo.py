@@ -53,23 +53,17 @@ from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 from intuitive_physics_ros.conversions import observation_from_message, seconds_from_stamp
 from intuitive_physics_ros.scripting import Peer
 
+# Seconds for which the new throw is watched before the prediction that is shown is taken.
 SEEN_BEFORE_PREDICTING = 0.2
-"""Seconds for which the new throw is watched before the prediction that is shown is taken."""
 
-LEAST_SHARE_SEEN = 0.75
-"""Share of the throws that must become observations."""
+LEAST_SHARE_SEEN = 0.75  # Share of the throws that must become observations
 
+# m, RMS distance of perceived from true positions with which the demo still succeeds.
 LARGEST_PERCEPTION_ERROR = 0.02
-"""m, RMS distance of perceived from true positions with which the demo still succeeds."""
 
-LOWEST_RATE = 50.0
-"""1/s, predictions that must arrive."""
-
-SLOWER = 0.5
-"""Speed at which a replay with fewer is repeated, as a part of its own."""
-
-MOVING_PICTURE = "demo.gif"
-"""File with the throw that was predicted."""
+LOWEST_RATE = 50.0  # 1/s, predictions that must arrive
+SLOWER = 0.5  # Speed at which a replay with fewer is repeated, as a part of its own
+MOVING_PICTURE = "demo.gif"  # File with the throw that was predicted
 
 
 class DemoError(IntuitivePhysicsError):

@@ -26,17 +26,10 @@ from intuitive_physics_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 from intuitive_physics_ros.topics import ENVIRONMENT, OBSERVATIONS, PREDICTIONS
 
-REPLAY_MODULE = "intuitive_physics_recordings.nodes.replay_node"
-"""The node that plays bags."""
-
-SETTLING_TIME = 1.5
-"""s after the last frame in which the last observation is finished and stored."""
-
-ACTION = "/learner_node/learn_parameters"
-"""Name of the learner's action."""
-
-BAR_WIDTH = 28
-"""Characters of the bar."""
+REPLAY_MODULE = "intuitive_physics_recordings.nodes.replay_node"  # The node that plays bags
+SETTLING_TIME = 1.5  # s after the last frame in which the last observation is finished and stored
+ACTION = "/learner_node/learn_parameters"  # Name of the learner's action
+BAR_WIDTH = 28  # Characters of the bar
 
 
 class Progress:

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,13 +24,13 @@ Flight = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]]
 
 
 @pytest.fixture(scope="session")
-def renderer() -> DepthRenderer:
+def renderer():
     """The corner room's renderer."""
     return DepthRenderer(corner_camera(), corner_environment())
 
 
 @pytest.fixture(scope="session")
-def small_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small_bag(tmp_path_factory):
     """A rendered bag of one throw; treat it as read-only."""
     path = tmp_path_factory.mktemp("bags") / "one_throw"
     render_bag(path, RenderSettings(throws=1, seed=1, lead_in=0.5, throw_duration=1.0, pause=0.3))
@@ -53,13 +52,13 @@ def bounce_once(times: np.ndarray, floor: float) -> tuple[np.ndarray, np.ndarray
 
 
 @pytest.fixture(scope="session")
-def bouncing_flight() -> Flight:
+def bouncing_flight():
     """Positions and velocities, at given times, of a ball that bounces once at a given height."""
     return bounce_once
 
 
 @pytest.fixture(scope="session")
-def launch_arrays() -> Callable[[int], dict[str, Any]]:
+def launch_arrays():
     """Arrays of a recorded set of so many equal launches."""
 
     def make(count: int) -> dict[str, Any]:
@@ -77,7 +76,7 @@ def launch_arrays() -> Callable[[int], dict[str, Any]]:
 
 
 @pytest.fixture(scope="session")
-def toss_arrays() -> Callable[..., dict[str, Any]]:
+def toss_arrays():
     """Arrays of a recorded set of cubes that an engine has tossed."""
 
     def make(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -19,7 +17,7 @@ from intuitive_physics_recordings.bag_reader import BagReader
 from intuitive_physics_recordings.depth_bag_writer import CAMERA_INFO_TOPIC, DEPTH_TOPIC
 
 
-def test_depth_images_are_guessed_with_their_camera(small_bag: Path) -> None:
+def test_depth_images_are_guessed_with_their_camera(small_bag):
     with BagReader(small_bag) as bag:
         source = find_frame_source(bag)
         assert (source.topic, source.camera_info_topic) == (DEPTH_TOPIC, CAMERA_INFO_TOPIC)
@@ -32,7 +30,7 @@ def test_depth_images_are_guessed_with_their_camera(small_bag: Path) -> None:
     assert np.median(np.min(distances, axis=0)) < 0.01
 
 
-def test_a_throw_becomes_an_observation_near_the_truth(small_bag: Path) -> None:
+def test_a_throw_becomes_an_observation_near_the_truth(small_bag):
     truth = GroundTruth.load(small_bag)
     (throw,) = truth.throws
     settings = PerceptionSettings(known_objects=(KnownObject("foam", throw.radius, "foam"),))
@@ -58,6 +56,6 @@ def test_a_throw_becomes_an_observation_near_the_truth(small_bag: Path) -> None:
     assert np.sqrt((errors**2).mean()) < 0.01
 
 
-def test_a_topic_that_is_not_there_is_refused(small_bag: Path) -> None:
+def test_a_topic_that_is_not_there_is_refused(small_bag):
     with BagReader(small_bag) as bag, pytest.raises(InvalidInputError, match="on /other"):
         find_frame_source(bag, "/other")

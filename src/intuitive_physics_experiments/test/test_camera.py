@@ -13,9 +13,7 @@ points = st.tuples(coordinate, coordinate, coordinate)
 
 
 @given(position=points, target=points)
-def test_the_target_is_seen_in_the_middle_of_an_upright_image(
-    position: np.ndarray, target: tuple[float, float, float]
-) -> None:
+def test_the_target_is_seen_in_the_middle_of_an_upright_image(position, target):
     direction = np.subtract(target, position)
     if np.linalg.norm(direction[:2]) < 0.05:
         return
@@ -27,7 +25,7 @@ def test_the_target_is_seen_in_the_middle_of_an_upright_image(
     assert np.linalg.det(camera.rotation) == pytest.approx(1.0)
 
 
-def test_rays_and_projection_are_inverse() -> None:
+def test_rays_and_projection_are_inverse():
     camera = Camera.looking_at((0, 0, 1), (1, 1, 0))
     depth = 1.7
     world = camera.rays()[[10, 400], [20, 600]] * depth @ camera.rotation.T + camera.position
@@ -35,12 +33,12 @@ def test_rays_and_projection_are_inverse() -> None:
     assert camera.to_optical(world)[:, 2] == pytest.approx(depth)
 
 
-def test_points_behind_have_no_pixel() -> None:
+def test_points_behind_have_no_pixel():
     camera = Camera.looking_at((0, 0, 1), (1, 0, 1))
     assert np.isnan(camera.project([-1.0, 0.0, 1.0])).all()
 
 
-def test_dict_round_trip() -> None:
+def test_dict_round_trip():
     camera = Camera.looking_at((0, 0, 1), (1, 1, 0))
     again = Camera.from_dict(camera.to_dict())
     assert np.array_equal(again.rotation, camera.rotation)
@@ -50,12 +48,12 @@ def test_dict_round_trip() -> None:
 @pytest.mark.parametrize(
     "change", [{"width": 0}, {"focal_length": -1.0}, {"rotation": np.ones((3, 3)).tolist()}]
 )
-def test_bad_cameras_are_refused(change: dict) -> None:
+def test_bad_cameras_are_refused(change):
     data = Camera.looking_at((0, 0, 1), (1, 1, 0)).to_dict()
     with pytest.raises(InvalidInputError):
         Camera.from_dict({**data, **change})
 
 
-def test_a_vertical_view_has_no_upright() -> None:
+def test_a_vertical_view_has_no_upright():
     with pytest.raises(InvalidInputError, match="vertical"):
         Camera.looking_at((0, 0, 1), (0, 0, 0))

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -40,7 +38,7 @@ def shot(**changes: Any) -> dict[str, Any]:
     return {**arrays, **changes}
 
 
-def test_a_shot_becomes_an_observation_of_three_balls() -> None:
+def test_a_shot_becomes_an_observation_of_three_balls():
     (seen,) = carom_observations(shot())
     assert seen.materials == ("ball", "cloth", "cushion")
     assert seen.start_time == pytest.approx(0.01)
@@ -56,7 +54,7 @@ def test_a_shot_becomes_an_observation_of_three_balls() -> None:
     assert (cue.trajectory.positions[:, 2] == RADIUS).all()
 
 
-def test_only_rows_before_the_first_contact_tell_the_velocity() -> None:
+def test_only_rows_before_the_first_contact_tell_the_velocity():
     arrays = shot()
     rows = arrays["shot_ball_t_x_y"]
     # The ball comes back from a cushion at y = 0 in its fifth row.
@@ -79,14 +77,14 @@ def test_only_rows_before_the_first_contact_tell_the_velocity() -> None:
         ({"shot_ball_t_x_y": shot()["shot_ball_t_x_y"][:-1]}, "different times"),
     ],
 )
-def test_what_a_shot_cannot_have_is_named(changes: dict[str, Any], message: str) -> None:
+def test_what_a_shot_cannot_have_is_named(changes, message):
     with pytest.raises(InvalidInputError, match=message):
         carom_observations(shot(**changes))
 
 
 @settings(max_examples=60)
 @given(places=hnp.arrays(np.float64, (183, 2), elements=st.floats(width=32, allow_nan=False)))
-def test_any_numbers_are_loaded_or_refused(places: np.ndarray) -> None:
+def test_any_numbers_are_loaded_or_refused(places):
     arrays = shot()
     arrays["shot_ball_t_x_y"][:, 3:] = places
     try:
@@ -97,7 +95,7 @@ def test_any_numbers_are_loaded_or_refused(places: np.ndarray) -> None:
 
 
 @pytest.mark.needs("recordings")
-def test_recorded_shots(recording: Callable[[str], Path]) -> None:
+def test_recorded_shots(recording):
     observations = carom_observations(load_arrays(recording("carom_billiards.npz")))
     assert len(observations) == 20
     for seen in observations:

@@ -31,7 +31,7 @@ AHEAD = np.array([1.5, 0.0, 1.0])
 
 
 @pytest.fixture(scope="module")
-def renderer() -> DepthRenderer:
+def renderer():
     camera = Camera.looking_at((0.0, 0.0, 1.0), (1.0, 0.0, 1.0), width=120, height=100)
     floor = Plane("floor", "room", (0.0, 0.0, 1.0), 0.0)
     return DepthRenderer(camera, Environment([floor]))
@@ -43,7 +43,7 @@ def read(renderer: DepthRenderer, ball: ColoredBall, noise: ColorNoise = SILENT,
 
 
 @pytest.mark.parametrize("pattern", PATTERNS)
-def test_only_a_plain_ball_looks_the_same_from_all_sides(renderer, pattern: str) -> None:
+def test_only_a_plain_ball_looks_the_same_from_all_sides(renderer, pattern):
     surface = BallSurface(pattern)
     turned = Rotation.from_rotvec([0.0, 0.0, 1.2]).as_matrix()
     first = read(renderer, ColoredBall(AHEAD, 0.05, surface))
@@ -51,7 +51,7 @@ def test_only_a_plain_ball_looks_the_same_from_all_sides(renderer, pattern: str)
     assert np.array_equal(first, second) == (pattern == "plain")
 
 
-def test_a_mark_is_where_the_rotation_has_brought_it(renderer) -> None:
+def test_a_mark_is_where_the_rotation_has_brought_it(renderer):
     dot = dot_centers()[0]
     # Brings the dot's middle to the side that the camera sees: -x in the room.
     way, _ = Rotation.align_vectors([[-1.0, 0.0, 0.0]], [dot])
@@ -67,7 +67,7 @@ def test_a_mark_is_where_the_rotation_has_brought_it(renderer) -> None:
     assert image[v, u + round(pixels) + 2] == pytest.approx(bright, abs=1.0)
 
 
-def test_light_stands_still_while_a_ball_turns(renderer) -> None:
+def test_light_stands_still_while_a_ball_turns(renderer):
     spin = np.array([0.0, 0.0, 9.0])
     ball = ColoredBall(AHEAD, 0.05, BallSurface(), angular_velocity=spin)
     assert np.array_equal(read(renderer, ball), read(renderer, ball.after(0.1)))
@@ -76,14 +76,14 @@ def test_light_stands_still_while_a_ball_turns(renderer) -> None:
     assert above[v - 8, u].sum() > above[v + 8, u].sum()
 
 
-def test_noise_has_its_deviation(renderer) -> None:
+def test_noise_has_its_deviation(renderer):
     ball = ColoredBall(AHEAD, 0.05, BallSurface())
     clean = read(renderer, ball, replace(SILENT, blur=0.5))
     noisy = read(renderer, ball, ColorNoise(deviation=3.0))
     assert np.std(noisy - clean) == pytest.approx(3.0, rel=0.05)
 
 
-def test_an_exposure_blurs_what_turns(renderer) -> None:
+def test_an_exposure_blurs_what_turns(renderer):
     ball = ColoredBall(AHEAD, 0.1, BallSurface("dots"), angular_velocity=np.array([0.0, 0.0, 40.0]))
     sharp, blurred = (read(renderer, ball, replace(SILENT, exposure=t)) for t in (0.0, 0.01))
     u, v = np.rint(renderer.camera.project(AHEAD)).astype(int)
@@ -92,7 +92,7 @@ def test_an_exposure_blurs_what_turns(renderer) -> None:
     assert steps[1] < 0.7 * steps[0]
 
 
-def test_orientation_is_the_integral_of_the_spin() -> None:
+def test_orientation_is_the_integral_of_the_spin():
     times = np.linspace(0.0, 1.0, 121)
     spin = np.array([1.0, -2.0, 0.5])
     motion = BallMotion(times, np.zeros((121, 3)), np.zeros((121, 3)), np.tile(spin, (121, 1)))
@@ -101,7 +101,7 @@ def test_orientation_is_the_integral_of_the_spin() -> None:
     )
 
 
-def test_what_cannot_be_is_refused() -> None:
+def test_what_cannot_be_is_refused():
     with pytest.raises(InvalidInputError, match="expected one of plain, dots, seams, logo"):
         BallSurface("stripes")
     with pytest.raises(InvalidInputError, match="expected none below 0"):

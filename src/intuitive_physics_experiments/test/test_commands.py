@@ -7,9 +7,7 @@ import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -36,13 +34,13 @@ def errors_in_test(output: str) -> dict[str, float]:
 
 
 @pytest.fixture
-def launch_set(tmp_path: Path, launch_arrays: Callable[[int], dict[str, Any]]) -> Path:
+def launch_set(tmp_path, launch_arrays):
     path = tmp_path / "launches.npz"
     np.savez(path, **launch_arrays(4))
     return path
 
 
-def test_evaluate_prints_parameters_and_errors(launch_set: Path) -> None:
+def test_evaluate_prints_parameters_and_errors(launch_set):
     result = run("evaluate", launch_set, "--iterations", 600, "--train-fraction", 0.5)
     assert result.returncode == 0, result.stderr
     assert "4 observations, 2 to learn from, 2 to test" in result.stdout
@@ -53,7 +51,7 @@ def test_evaluate_prints_parameters_and_errors(launch_set: Path) -> None:
 
 
 @pytest.mark.long
-def test_render_and_perceive(tmp_path: Path) -> None:
+def test_render_and_perceive(tmp_path):
     bag, saved = tmp_path / "bag", tmp_path / "saved"
     rendered = run("render", bag, "--throws", 1, "--seed", 4)
     assert rendered.returncode == 0, rendered.stderr
@@ -74,7 +72,7 @@ def test_render_and_perceive(tmp_path: Path) -> None:
     # Several impacts, and spin that nobody saw, make billiards harder.
     [("table_tennis_launches", 0.3), ("table_tennis_gun", 0.3), ("carom_billiards", 0.7)],
 )
-def test_evaluate_recorded_sets(recording: Callable[[str], Path], name: str, share: float) -> None:
+def test_evaluate_recorded_sets(recording, name, share):
     result = run("evaluate", recording(f"{name}.npz"), "--iterations", 300)
     assert result.returncode == 0, result.stderr
     errors = errors_in_test(result.stdout)
@@ -103,18 +101,14 @@ def errors_of_tosses(output: str) -> dict[str, tuple[float, float]]:
         (["--measured-inertia"], "expected it for cube tosses only"),
     ],
 )
-def test_evaluate_refuses_what_flights_with_spin_do_not_take(
-    tmp_path: Path, option: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_evaluate_refuses_what_flights_with_spin_do_not_take(tmp_path, option, message, capsys):
     names = ("time", "position", "offsets", "spin", "radius", "mass")
     np.savez(tmp_path / "set.npz", **dict.fromkeys(names, np.zeros(1)))
     assert main(["evaluate", str(tmp_path / "set.npz"), *option]) != 0
     assert message in capsys.readouterr().err
 
 
-def test_evaluate_cube_tosses_beside_published_figures(
-    tmp_path: Path, toss_arrays: Callable[..., dict[str, Any]]
-) -> None:
+def test_evaluate_cube_tosses_beside_published_figures(tmp_path, toss_arrays):
     np.savez(tmp_path / "tosses.npz", **toss_arrays(4))
     engines = ["--engine", "stepped", "--engine", "bullet"]
     arguments = [*engines, "--iterations", 30, "--train-fraction", 0.5, "--save", tmp_path / "kept"]
@@ -139,7 +133,7 @@ def test_evaluate_cube_tosses_beside_published_figures(
 
 
 @pytest.mark.needs("recordings")
-def test_evaluate_recorded_cube_tosses(recording: Callable[[str], Path]) -> None:
+def test_evaluate_recorded_cube_tosses(recording):
     result = run("evaluate", recording("cube_tosses.npz"), "--iterations", 60)
     assert result.returncode == 0, result.stderr
     assert "400 tosses, 100 to fit to, 300 to test" in result.stdout
@@ -155,9 +149,7 @@ def test_evaluate_recorded_cube_tosses(recording: Callable[[str], Path]) -> None
 
 @pytest.mark.needs("recordings")
 @pytest.mark.parametrize("name", ["table_tennis_launches.npz", "table_tennis_gun.npz"])
-def test_balls_that_fly_through_air_are_predicted_better(
-    recording: Callable[[str], Path], name: str
-) -> None:
+def test_balls_that_fly_through_air_are_predicted_better(recording, name):
     arguments = ["evaluate", recording(name), "--engine", "stepped", "--iterations", 600]
     results = [run(*arguments), run(*arguments, "--drag", 0.4, "--magnus", 1)]
     assert [result.returncode for result in results] == [0, 0], results[1].stderr
@@ -166,7 +158,7 @@ def test_balls_that_fly_through_air_are_predicted_better(
 
 
 @pytest.mark.needs("recordings")
-def test_drag_is_learned_from_the_recording(recording: Callable[[str], Path]) -> None:
+def test_drag_is_learned_from_the_recording(recording):
     arguments = ["--drag", "learn", "--iterations", 400]
     result = run("evaluate", recording("table_tennis_launches.npz"), *arguments)
     assert result.returncode == 0, result.stderr
@@ -180,9 +172,7 @@ def test_drag_is_learned_from_the_recording(recording: Callable[[str], Path]) ->
     assert means["learned parameters"] < spread < means["default parameters"]
 
 
-def test_tosses_by_the_number_learned_from(
-    tmp_path: Path, toss_arrays: Callable[..., dict[str, Any]]
-) -> None:
+def test_tosses_by_the_number_learned_from(tmp_path, toss_arrays):
     arrays = {**toss_arrays(5, "stepped"), "mass": np.array(0.4), "inertia": np.array(6.7e-4)}
     np.savez(tmp_path / "tosses.npz", **arrays)
     arguments = ["--iterations", 20, "--train-counts", 3, 4, "--measured-inertia"]
@@ -195,9 +185,7 @@ def test_tosses_by_the_number_learned_from(
     assert "5 tosses, 4 to fit to, 1 to test" in result.stdout
 
 
-def test_report_shows_what_was_learned_and_predicted(
-    tmp_path: Path, launch_arrays: Callable[[int], dict[str, Any]]
-) -> None:
+def test_report_shows_what_was_learned_and_predicted(tmp_path, launch_arrays):
     np.savez(tmp_path / "set.npz", **launch_arrays(5))
     page = tmp_path / "new" / "report.html"
     result = run("report", tmp_path / "set.npz", page, "--iterations", 600)
@@ -253,14 +241,8 @@ def write(path: Path, text: str = "") -> Path:
     ],
 )
 def test_mistakes_are_one_line_and_exit_code_1(
-    arguments: list[str],
-    message: str,
-    tmp_path: Path,
-    launch_arrays: Callable[[int], dict[str, Any]],
-    toss_arrays: Callable[..., dict[str, Any]],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    arguments, message, tmp_path, launch_arrays, toss_arrays, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     write(tmp_path / "text.npz", "no zip")
     write(tmp_path / "notes.txt")
@@ -277,7 +259,7 @@ def test_mistakes_are_one_line_and_exit_code_1(
     assert len(captured.err.strip().splitlines()) == 1
 
 
-def test_ctrl_c_ends_with_130(launch_set: Path) -> None:
+def test_ctrl_c_ends_with_130(launch_set):
     endless = ["--method", "random", "--iterations", "100000000"]
     process = ChildProcess([*COMMAND, "evaluate", str(launch_set), *endless])
     time.sleep(4.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,9 +29,7 @@ vectors = st.tuples(components, components, components)
 
 
 @pytest.mark.parametrize("engine", ["stepped", "bullet"])
-def test_tosses_are_simulated_again_as_they_were(
-    tmp_path: Path, toss_arrays: TossArrays, engine: str
-) -> None:
+def test_tosses_are_simulated_again_as_they_were(tmp_path, toss_arrays, engine):
     path = tmp_path / "set.npz"
     np.savez(path, **toss_arrays(4, engine))
     assert kind_of_set(path) is CUBE_TOSSES
@@ -47,9 +44,7 @@ def test_tosses_are_simulated_again_as_they_were(
 
 @settings(max_examples=30)
 @given(body_spin=vectors, rotation_vector=vectors)
-def test_spin_is_turned_from_the_cube_into_the_world(
-    body_spin: tuple[float, ...], rotation_vector: tuple[float, ...]
-) -> None:
+def test_spin_is_turned_from_the_cube_into_the_world(body_spin, rotation_vector):
     # A freely turning cube has R(t) = R(0) exp(ω_body t) = exp(ω_world t) R(0).
     start = Rotation.from_rotvec(rotation_vector)
     turned = start * Rotation.from_rotvec(0.01 * np.array(body_spin))
@@ -77,7 +72,7 @@ def one_toss(
     }
 
 
-def test_lengths_are_corrected_but_for_the_cube(toss_arrays: TossArrays) -> None:
+def test_lengths_are_corrected_but_for_the_cube(toss_arrays):
     arrays = toss_arrays(2)
     (toss, _), (longer, _) = cube_tosses(arrays), cube_tosses(arrays, 1.5)
     (cube,), (longer_cube,) = toss.observation.objects, longer.observation.objects
@@ -102,18 +97,14 @@ def test_lengths_are_corrected_but_for_the_cube(toss_arrays: TossArrays) -> None
         ({"cube_edge": np.ones(2)}, "expected a number"),
     ],
 )
-def test_what_a_toss_cannot_have_is_named(
-    tmp_path: Path, toss_arrays: TossArrays, change: dict[str, Any], message: str
-) -> None:
+def test_what_a_toss_cannot_have_is_named(tmp_path, toss_arrays, change, message):
     np.savez(tmp_path / "set.npz", **{**toss_arrays(2), **change})
     for load in (load_recorded_set, load_cube_tosses):
         with pytest.raises(InvalidInputError, match=message):
             load(tmp_path / "set.npz")
 
 
-def test_other_sets_are_no_tosses(
-    tmp_path: Path, launch_arrays: Callable[[int], dict[str, Any]]
-) -> None:
+def test_other_sets_are_no_tosses(tmp_path, launch_arrays):
     np.savez(tmp_path / "set.npz", **launch_arrays(2))
     assert kind_of_set(tmp_path / "set.npz") is not CUBE_TOSSES
     with pytest.raises(InvalidInputError, match="expected cube tosses"):
@@ -125,9 +116,7 @@ def test_other_sets_are_no_tosses(
     quaternions=hnp.arrays(np.float64, (2, 4), elements=st.floats(width=32)),
     spin=st.tuples(*[st.floats(width=32)] * 3),
 )
-def test_any_numbers_are_loaded_or_refused(
-    quaternions: np.ndarray, spin: tuple[float, ...]
-) -> None:
+def test_any_numbers_are_loaded_or_refused(quaternions, spin):
     try:
         (toss,) = cube_tosses(one_toss(quaternions, spin))
     except InvalidInputError:
@@ -136,9 +125,7 @@ def test_any_numbers_are_loaded_or_refused(
 
 
 @pytest.mark.needs("recordings")
-def test_recorded_cubes_fall_and_come_to_rest_on_a_face(
-    recording: Callable[[str], Path],
-) -> None:
+def test_recorded_cubes_fall_and_come_to_rest_on_a_face(recording):
     tosses = load_cube_tosses(recording("cube_tosses.npz"), LENGTH_CORRECTION)
     assert len(tosses) == 400
     assert {toss.width for toss in tosses} == {0.1048}
@@ -154,7 +141,7 @@ def test_recorded_cubes_fall_and_come_to_rest_on_a_face(
     assert np.median(turns) < 0.005
 
 
-def test_the_cube_turns_as_it_was_measured(toss_arrays: Callable[..., dict[str, Any]]) -> None:
+def test_the_cube_turns_as_it_was_measured(toss_arrays):
     arrays = toss_arrays(1)
     # m a² / 6 of 0.4 kg and 0.1 m is 6.67e-4 kg m².
     measured = {**arrays, "mass": np.array(0.4), "inertia": np.array(8e-4)}

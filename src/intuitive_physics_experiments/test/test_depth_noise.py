@@ -9,7 +9,7 @@ import pytest
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_experiments.rendering.depth_noise import DepthNoise, NoisyDepthCamera
-from intuitive_physics_experiments.rendering.depth_renderer import DepthImage, DepthRenderer
+from intuitive_physics_experiments.rendering.depth_renderer import DepthImage
 
 FOCAL_LENGTH = 460.0
 CLEAN = DepthNoise(
@@ -26,7 +26,7 @@ def read(image: DepthImage, noise: DepthNoise, seed: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("depth", [0.5, 1.0, 2.0, 3.0])
-def test_axial_noise_has_its_sigma_and_no_bias(depth: float) -> None:
+def test_axial_noise_has_its_sigma_and_no_bias(depth):
     # σ(z) = a + b z²; quantisation to q adds q² / 12 of variance.
     noise = replace(CLEAN, axial_constant=0.001, axial_quadratic=0.0012, subpixels=64)
     readings = read(wall(depth), noise) / 1000.0
@@ -38,7 +38,7 @@ def test_axial_noise_has_its_sigma_and_no_bias(depth: float) -> None:
 
 
 @pytest.mark.parametrize("depth", [1.0, 2.0, 4.0])
-def test_quantisation_steps_grow_with_the_square_of_depth(depth: float) -> None:
+def test_quantisation_steps_grow_with_the_square_of_depth(depth):
     # dz = z² / (f b S) between neighbouring levels of disparity.
     image = wall(depth)
     slope = np.linspace(0.9 * depth, 1.1 * depth, image.depth.size, dtype=np.float32)
@@ -51,23 +51,23 @@ def test_quantisation_steps_grow_with_the_square_of_depth(depth: float) -> None:
     )
 
 
-def test_random_loss_is_as_frequent_as_asked() -> None:
+def test_random_loss_is_as_frequent_as_asked():
     readings = read(wall(1.0), replace(CLEAN, random_loss=0.1))
     assert (readings == 0).mean() == pytest.approx(0.1, abs=5 * np.sqrt(0.09 / readings.size))
 
 
 @pytest.mark.parametrize(("degrees", "share"), [(60.0, 0.0), (78.5, 0.5), (86.0, 1.0)])
-def test_grazing_angles_lose_readings(degrees: float, share: float) -> None:
+def test_grazing_angles_lose_readings(degrees, share):
     readings = read(wall(1.0, cosine=np.cos(np.radians(degrees))), CLEAN)
     assert (readings == 0).mean() == pytest.approx(share, abs=0.02)
 
 
-def test_out_of_range_and_empty_pixels_have_no_reading() -> None:
+def test_out_of_range_and_empty_pixels_have_no_reading():
     for depth in (0.2, 9.0, 0.0):
         assert not read(wall(depth), CLEAN).any()
 
 
-def test_an_object_shades_the_background_at_its_left() -> None:
+def test_an_object_shades_the_background_at_its_left():
     # The shadow of the second imager is f b (1 / z_near - 1 / z_far) pixels wide.
     image = wall(2.0)
     image.depth[50:150, 100:200] = 1.0
@@ -78,7 +78,7 @@ def test_an_object_shades_the_background_at_its_left() -> None:
     assert lost.size == pytest.approx(width, abs=1.0)
 
 
-def test_edges_lose_readings_and_jitter() -> None:
+def test_edges_lose_readings_and_jitter():
     image = wall(2.0)
     image.depth[:100] = 1.0
     lossy = read(image, replace(CLEAN, edge_loss=0.5))
@@ -89,13 +89,13 @@ def test_edges_lose_readings_and_jitter() -> None:
     assert (jittered[99] > 1500).mean() == pytest.approx(0.1065, abs=0.05)
 
 
-def test_same_seed_same_image_other_seed_other_image() -> None:
+def test_same_seed_same_image_other_seed_other_image():
     noise = DepthNoise()
     assert np.array_equal(read(wall(1.0), noise, 3), read(wall(1.0), noise, 3))
     assert not np.array_equal(read(wall(1.0), noise, 3), read(wall(1.0), noise, 4))
 
 
-def test_a_region_gives_what_the_whole_image_would(renderer: DepthRenderer) -> None:
+def test_a_region_gives_what_the_whole_image_would(renderer):
     # Faults computed anew only around the ball equal those of the whole image.
     center, radius = (0.5, 0.4, 0.4), 0.07
     noise = DepthNoise()
@@ -107,7 +107,7 @@ def test_a_region_gives_what_the_whole_image_would(renderer: DepthRenderer) -> N
     assert np.array_equal(by_region, sensors[1].read())
 
 
-def test_sixty_frames_a_second(renderer: DepthRenderer) -> None:
+def test_sixty_frames_a_second(renderer):
     from time import process_time
 
     sensor = NoisyDepthCamera(
@@ -126,6 +126,6 @@ def test_sixty_frames_a_second(renderer: DepthRenderer) -> None:
     "change",
     [{"nearest": 0.0}, {"nearest": 9.0}, {"grazing_start": 89.0}, {"baseline": 0.0}],
 )
-def test_senseless_sizes_are_refused(change: dict) -> None:
+def test_senseless_sizes_are_refused(change):
     with pytest.raises(InvalidInputError):
         DepthNoise(**change)

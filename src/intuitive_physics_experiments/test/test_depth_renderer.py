@@ -14,7 +14,7 @@ from intuitive_physics_experiments.rendering.corner_room import corner_environme
 from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer
 
 
-def test_background_is_the_nearest_plane_of_each_ray(renderer: DepthRenderer) -> None:
+def test_background_is_the_nearest_plane_of_each_ray(renderer):
     # Depth t of a ray with z = 1 from p along d: n · (p + t d) = offset.
     camera = renderer.camera
     directions = camera.rays() @ camera.rotation.T
@@ -31,7 +31,7 @@ def test_background_is_the_nearest_plane_of_each_ray(renderer: DepthRenderer) ->
     assert differs.mean() < 0.005  # pixels on the seam of two planes
 
 
-def test_the_floor_fills_most_of_the_image(renderer: DepthRenderer) -> None:
+def test_the_floor_fills_most_of_the_image(renderer):
     # Sec. VI-B takes the plane with the most points for the floor.
     camera, depth = renderer.camera, renderer.background.depth
     points = camera.rays() * depth[..., None] @ camera.rotation.T + camera.position
@@ -46,9 +46,7 @@ def test_the_floor_fills_most_of_the_image(renderer: DepthRenderer) -> None:
 @given(
     x=st.floats(-0.2, 0.9), y=st.floats(-0.2, 0.9), z=st.floats(0.1, 0.9), r=st.floats(0.02, 0.1)
 )
-def test_every_ball_pixel_lies_on_the_sphere(
-    renderer: DepthRenderer, x: float, y: float, z: float, r: float
-) -> None:
+def test_every_ball_pixel_lies_on_the_sphere(renderer, x, y, z, r):
     image = renderer.full_image((x, y, z), r)
     camera = renderer.camera
     ball = image.depth != renderer.background.depth
@@ -65,7 +63,7 @@ def test_every_ball_pixel_lies_on_the_sphere(
         assert np.array_equal(ball, inside) or (ball != inside).sum() <= 4
 
 
-def test_the_nearest_point_has_depth_center_minus_radius(renderer: DepthRenderer) -> None:
+def test_the_nearest_point_has_depth_center_minus_radius(renderer):
     camera = renderer.camera
     center = camera.position + camera.rotation[:, 2] * 1.5
     image = renderer.full_image(center, 0.07)
@@ -73,17 +71,17 @@ def test_the_nearest_point_has_depth_center_minus_radius(renderer: DepthRenderer
     assert middle == pytest.approx(1.43, abs=1e-4)
 
 
-def test_a_ball_outside_the_view_leaves_the_background(renderer: DepthRenderer) -> None:
+def test_a_ball_outside_the_view_leaves_the_background(renderer):
     image = renderer.full_image((-0.5, 5.0, 0.5), 0.07)
     assert np.array_equal(image.depth, renderer.background.depth)
 
 
-def test_a_ball_behind_the_camera_is_refused(renderer: DepthRenderer) -> None:
+def test_a_ball_behind_the_camera_is_refused(renderer):
     with pytest.raises(InvalidInputError, match="before the camera"):
         renderer.render((-2.0, -2.0, 2.0), 0.07)
 
 
-def test_a_ball_before_another_hides_it(renderer: DepthRenderer) -> None:
+def test_a_ball_before_another_hides_it(renderer):
     camera = renderer.camera
     ahead, sideways = camera.rotation[:, 2], camera.rotation[:, 0]
     near, far = camera.position + 1.0 * ahead, camera.position + 1.4 * ahead
@@ -103,7 +101,7 @@ def test_a_ball_before_another_hides_it(renderer: DepthRenderer) -> None:
     assert nothing.region.empty
 
 
-def test_a_static_box_is_part_of_the_background(renderer: DepthRenderer) -> None:
+def test_a_static_box_is_part_of_the_background(renderer):
     camera = renderer.camera
     planes = corner_environment().planes
     # Its front face is square to the optical axis, 1 m ahead.

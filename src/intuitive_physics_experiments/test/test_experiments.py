@@ -15,7 +15,7 @@ import pytest
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import load_observation
 from intuitive_physics_cli.command_line import main
-from intuitive_physics_experiments.commands.experiment_command import EXPERIMENTS, Experiment
+from intuitive_physics_experiments.commands.experiment_command import EXPERIMENTS
 from intuitive_physics_experiments.paper.learning_curve import (
     LearningCurveSettings,
     run_learning_curve,
@@ -36,7 +36,7 @@ from intuitive_physics_learner.search.update_rules import UPDATE_RULES
 SMALL_CURVE = LearningCurveSettings((1, 2), (5,), repetitions=2, iterations=120, method="cma_es")
 
 
-def test_cells_are_made_once_and_kept(tmp_path: Path) -> None:
+def test_cells_are_made_once_and_kept(tmp_path):
     made = []
 
     def cell(name: str):
@@ -49,7 +49,7 @@ def test_cells_are_made_once_and_kept(tmp_path: Path) -> None:
     assert {name: again[name] for name in first} == first
 
 
-def test_a_cell_that_fails_leaves_what_was_finished(tmp_path: Path) -> None:
+def test_a_cell_that_fails_leaves_what_was_finished(tmp_path):
     def fail():
         raise InvalidInputError("no")
 
@@ -59,7 +59,7 @@ def test_a_cell_that_fails_leaves_what_was_finished(tmp_path: Path) -> None:
     assert [path.name for path in (tmp_path / "cells").iterdir()] == ["a.json"]
 
 
-def test_cells_side_by_side_are_the_same(tmp_path: Path) -> None:
+def test_cells_side_by_side_are_the_same(tmp_path):
     cells = {name: (lambda name=name: {"name": name, "of": os.getpid()}) for name in "abcdef"}
     steps: list[tuple[int, int, str]] = []
     found = CellStore(tmp_path, {}, 2, lambda *step: steps.append(step)).run(cells)
@@ -71,7 +71,7 @@ def test_cells_side_by_side_are_the_same(tmp_path: Path) -> None:
     assert again == found
 
 
-def test_a_cell_that_fails_beside_others_says_why(tmp_path: Path) -> None:
+def test_a_cell_that_fails_beside_others_says_why(tmp_path):
     def fail():
         raise InvalidInputError("no")
 
@@ -79,14 +79,14 @@ def test_a_cell_that_fails_beside_others_says_why(tmp_path: Path) -> None:
         CellStore(tmp_path, {}, 2).run({"a": lambda: {"x": 1}, "b": fail})
 
 
-def test_a_folder_of_other_settings_is_refused(tmp_path: Path) -> None:
+def test_a_folder_of_other_settings_is_refused(tmp_path):
     CellStore(tmp_path, {"size": (1, 2), "seed": 0})
     CellStore(tmp_path, {"size": (1, 2), "seed": 0})
     with pytest.raises(InvalidInputError, match=r"other settings \(seed\)"):
         CellStore(tmp_path, {"size": (1, 2), "seed": 1})
 
 
-def test_a_broken_cell_is_named(tmp_path: Path) -> None:
+def test_a_broken_cell_is_named(tmp_path):
     store = CellStore(tmp_path, {})
     (tmp_path / "cells" / "a.json").write_text("{")
     with pytest.raises(InvalidInputError, match=r"a\.json.*remove it"):
@@ -94,7 +94,7 @@ def test_a_broken_cell_is_named(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def curve(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[dict]]:
+def curve(tmp_path_factory):
     folder = tmp_path_factory.mktemp("curve")
     return folder, learning_curve(folder)
 
@@ -104,14 +104,14 @@ def learning_curve(folder: Path) -> list[dict]:
     return list(results.tables["summary.csv"])
 
 
-def test_learning_explains_better_than_not_learning(curve: tuple[Path, list[dict]]) -> None:
+def test_learning_explains_better_than_not_learning(curve):
     _, summary = curve
     assert len(summary) == 4
     for line in summary:
         assert line["learned_training"] < line["default_training"]
 
 
-def test_better_initial_states_leave_less_error(curve: tuple[Path, list[dict]]) -> None:
+def test_better_initial_states_leave_less_error(curve):
     # What the oracle misses is the noise of the initial states alone.
     _, summary = curve
     by_source = {
@@ -121,7 +121,7 @@ def test_better_initial_states_leave_less_error(curve: tuple[Path, list[dict]]) 
     assert by_source["flight"] < by_source["three_points"]
 
 
-def test_curve_is_written_and_goes_on_where_it_was(curve: tuple[Path, list[dict]]) -> None:
+def test_curve_is_written_and_goes_on_where_it_was(curve):
     folder, summary = curve
     before = {path: path.stat().st_mtime_ns for path in (folder / "cells").iterdir()}
     dropped = min(before)
@@ -140,7 +140,7 @@ def test_curve_is_written_and_goes_on_where_it_was(curve: tuple[Path, list[dict]
     assert "0.911 ± 0.189" in (folder / "README.md").read_text()
 
 
-def test_all_rules_search_the_same_set(tmp_path: Path) -> None:
+def test_all_rules_search_the_same_set(tmp_path):
     settings = SearchMethodsSettings((1,), (1, 2), runs=1, iterations=(40,))
     results = run_experiment(run_search_methods, "search-methods", settings, tmp_path)
     final = results.tables["final.csv"]
@@ -157,7 +157,7 @@ def test_all_rules_search_the_same_set(tmp_path: Path) -> None:
     assert all(a < b for a, b in zip(random, grid, strict=True))
 
 
-def test_evaluations_are_one_number_for_all_sizes_or_one_for_each() -> None:
+def test_evaluations_are_one_number_for_all_sizes_or_one_for_each():
     assert SearchMethodsSettings().iterations_of(1) == 2000
     assert SearchMethodsSettings().iterations_of(20) == 500
     assert SearchMethodsSettings((1, 5), iterations=(70,)).iterations_of(5) == 70
@@ -165,7 +165,7 @@ def test_evaluations_are_one_number_for_all_sizes_or_one_for_each() -> None:
         SearchMethodsSettings((1,))
 
 
-def test_predictions_of_test_runs(tmp_path: Path) -> None:
+def test_predictions_of_test_runs(tmp_path):
     settings = PredictionExperimentSettings(2, 5, 3, iterations=60)
     results = run_experiment(run_prediction, "prediction", settings, tmp_path)
     rows = results.tables["predictions.csv"]
@@ -188,7 +188,7 @@ def _runs(objects: int, samples: int) -> int:
 
 
 @pytest.mark.long
-def test_thrown_balls_through_the_whole_pipeline(tmp_path: Path) -> None:
+def test_thrown_balls_through_the_whole_pipeline(tmp_path):
     settings = RgbdSettings(throws=2, duration=1.2, iterations=300)
     rows = run_experiment(run_rgbd, "rgbd", settings, tmp_path).tables["errors_by_size.csv"]
     assert {row["radius"] for row in rows} == {0.03, 0.05, 0.07}
@@ -203,7 +203,7 @@ def test_thrown_balls_through_the_whole_pipeline(tmp_path: Path) -> None:
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
 
 
-def test_dataset_command_writes_what_learn_reads(tmp_path: Path, capsys) -> None:
+def test_dataset_command_writes_what_learn_reads(tmp_path, capsys):
     output = tmp_path / "set"
     assert main(["experiment", "dataset", str(output), "--objects", "2", "--samples", "3"]) == 0
     assert "2 objects, 3 trajectories of each" in capsys.readouterr().out
@@ -227,16 +227,14 @@ def test_dataset_command_writes_what_learn_reads(tmp_path: Path, capsys) -> None
         (["dataset", "OUT", "--engine", "havok"], "engine of the set is 'havok'"),
     ],
 )
-def test_what_cannot_be_done_is_refused(
-    tmp_path: Path, capsys, arguments: list[str], complaint: str
-) -> None:
+def test_what_cannot_be_done_is_refused(tmp_path, capsys, arguments, complaint):
     filled = [str(tmp_path / "out") if word == "OUT" else word for word in arguments]
     assert main(["experiment", *filled]) == 1
     assert complaint in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda experiment: experiment.name)
-def test_each_subcommand_names_what_makes_its_experiment(experiment: Experiment) -> None:
+def test_each_subcommand_names_what_makes_its_experiment(experiment):
     module = import_module(experiment.module)
     assert callable(getattr(module, experiment.run))
     known = {field.name for field in fields(experiment.settings)}

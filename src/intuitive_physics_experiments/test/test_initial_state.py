@@ -24,16 +24,14 @@ def flight(position: np.ndarray, velocity: np.ndarray, times: Any) -> np.ndarray
 
 
 @given(position=vector, velocity=vector, count=st.integers(2, 60), start=st.floats(0.0, 100.0))
-def test_an_exact_flight_is_found_exactly(
-    position: np.ndarray, velocity: np.ndarray, count: int, start: float
-) -> None:
+def test_an_exact_flight_is_found_exactly(position, velocity, count, start):
     times = np.arange(count) * 0.01
     state = fit_initial_state(times + start, flight(position, velocity, times), GRAVITY)
     assert state.position == pytest.approx(position, abs=1e-6)
     assert state.linear_velocity == pytest.approx(velocity, abs=1e-5)
 
 
-def test_the_covariance_is_that_of_the_errors() -> None:
+def test_the_covariance_is_that_of_the_errors():
     # Over many flights with known noise, squared errors have the mean that the covariance says.
     rng = np.random.default_rng(0)
     times = np.arange(30) / 180.0
@@ -47,7 +45,7 @@ def test_the_covariance_is_that_of_the_errors() -> None:
     assert np.mean(scaled) == pytest.approx(1.0, abs=0.25)
 
 
-def test_what_the_model_lacks_widens_the_covariance() -> None:
+def test_what_the_model_lacks_widens_the_covariance():
     # Air drag bends a flight; its residuals go together and must count for more than white ones.
     rng = np.random.default_rng(0)
     times = np.arange(90) / 180.0
@@ -61,7 +59,7 @@ def test_what_the_model_lacks_widens_the_covariance() -> None:
     assert deviations[1] > 5.0 * deviations[0]
 
 
-def test_spin_is_unknown() -> None:
+def test_spin_is_unknown():
     state = fit_initial_state(
         [0.0, 0.1, 0.2], flight(np.zeros(3), np.ones(3), [0, 0.1, 0.2]), GRAVITY
     )
@@ -77,6 +75,6 @@ def test_spin_is_unknown() -> None:
         ([0.0, 1.0], np.full((2, 3), np.nan)),
     ],
 )
-def test_bad_points_are_refused(times: Any, positions: np.ndarray) -> None:
+def test_bad_points_are_refused(times, positions):
     with pytest.raises(InvalidInputError):
         fit_initial_state(times, positions, GRAVITY)

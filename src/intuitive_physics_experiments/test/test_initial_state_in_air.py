@@ -38,7 +38,7 @@ def flight(position: Any, velocity: Any, spin: Any, drag: float, magnus: float) 
 
 @settings(max_examples=20)
 @given(position=vector, velocity=vector)
-def test_a_flight_with_drag_is_found(position: np.ndarray, velocity: np.ndarray) -> None:
+def test_a_flight_with_drag_is_found(position, velocity):
     seen = flight(position, velocity, np.zeros(3), DRAG, 0.0)
     state = fit_initial_state_in_air(TIMES, seen, GRAVITY, AirFactors(DRAG, 0.0))
     # An acceleration linear between points leaves h² a'' T² / 24, a'' below 400 m/s⁴: 0.15 mm.
@@ -50,7 +50,7 @@ def test_a_flight_with_drag_is_found(position: np.ndarray, velocity: np.ndarray)
 
 @settings(max_examples=20)
 @given(position=vector, spin=vector.map(lambda v: 12.0 * v))
-def test_spin_across_the_flight_is_found(position: np.ndarray, spin: np.ndarray) -> None:
+def test_spin_across_the_flight_is_found(position, spin):
     velocity = np.array([5.0, 0.0, 1.0])
     seen = flight(position, velocity, spin, DRAG, MAGNUS)
     state = fit_initial_state_in_air(TIMES, seen, GRAVITY, AirFactors(DRAG, MAGNUS))
@@ -63,7 +63,7 @@ def test_spin_across_the_flight_is_found(position: np.ndarray, spin: np.ndarray)
 
 
 @given(position=vector, velocity=vector)
-def test_without_air_it_is_the_other_fit(position: np.ndarray, velocity: np.ndarray) -> None:
+def test_without_air_it_is_the_other_fit(position, velocity):
     noise = np.random.default_rng(0).normal(0.0, 0.002, (90, 3))
     seen = flight(position, velocity, np.zeros(3), 0.0, 0.0) + noise
     plain = fit_initial_state(TIMES, seen, GRAVITY)
@@ -87,8 +87,6 @@ def test_without_air_it_is_the_other_fit(position: np.ndarray, velocity: np.ndar
         ([0.0, 0.1, 0.2], np.zeros((3, 3)), -0.1, "drag factor"),
     ],
 )
-def test_what_cannot_be_fitted_is_refused(
-    times: Any, positions: np.ndarray, drag: float, message: str
-) -> None:
+def test_what_cannot_be_fitted_is_refused(times, positions, drag, message):
     with pytest.raises(InvalidInputError, match=message):
         fit_initial_state_in_air(times, positions, GRAVITY, AirFactors(drag, 0.0))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from PIL import Image, ImageColor
@@ -24,7 +22,7 @@ class Truth:
 
 
 @pytest.fixture
-def pictures(tmp_path: Path) -> list[np.ndarray]:
+def pictures(tmp_path):
     """The frames (height, width, 3) of a throw of 19 frames, predicted once, after the tenth."""
     camera = Truth.camera
     perceived = PerceivedFrame(camera.rotation, camera.position, Truth())
@@ -52,13 +50,13 @@ def count(picture: np.ndarray, color: str) -> int:
     return int((picture == ImageColor.getrgb(color)).all(axis=-1).sum())
 
 
-def test_it_has_the_frames_of_the_throw_and_one_before(pictures) -> None:
+def test_it_has_the_frames_of_the_throw_and_one_before(pictures):
     # Frames that are equal are stored as one that is shown longer.
     assert len(pictures) == 19 + 1
     assert {picture.shape for picture in pictures} == {(360, 480, 3)}
 
 
-def test_what_was_seen_and_predicted_is_drawn_from_its_time_on(pictures) -> None:
+def test_what_was_seen_and_predicted_is_drawn_from_its_time_on(pictures):
     first = len(pictures) - 19
     seen = [count(picture, OBSERVED) for picture in pictures]
     ahead = [count(picture, PREDICTED) for picture in pictures]

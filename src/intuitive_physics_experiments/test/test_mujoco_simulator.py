@@ -27,7 +27,7 @@ def theta(*materials: str, mu: float = 0.4, rolling: float = 0.0, e: float = 0.0
 
 
 @pytest.mark.parametrize("e", [0.2, 0.5, 0.8])
-def test_a_spring_that_only_pushes_rebounds_as_asked(e: float) -> None:
+def test_a_spring_that_only_pushes_rebounds_as_asked(e):
     # m ẍ = -k x - c ẋ until the force is zero, by small steps.
     ratio, x, v, step = damping_ratio(e), 0.0, -1.0, 1e-5
     while True:
@@ -40,7 +40,7 @@ def test_a_spring_that_only_pushes_rebounds_as_asked(e: float) -> None:
 
 
 @pytest.mark.parametrize("e", [0.3, 0.6, 0.9])
-def test_a_ball_bounces_nearly_to_its_restitution(e: float) -> None:
+def test_a_ball_bounces_nearly_to_its_restitution(e):
     # Contacts of eight steps miss e by up to 0.06: they begin within a step.
     ball = SceneObject("ball", "ball", Sphere(0.1))
     scene = Scene(FLOOR, (ball,), (ObjectState((0.0, 0.0, 1.1)),))
@@ -50,7 +50,7 @@ def test_a_ball_bounces_nearly_to_its_restitution(e: float) -> None:
     assert np.sqrt(peak) == pytest.approx(e, abs=0.06)
 
 
-def test_a_box_slides_as_far_as_friction_lets_it() -> None:
+def test_a_box_slides_as_far_as_friction_lets_it():
     # s = v² / (2 μ g)
     box = SceneObject("box", "box", Box((0.2, 0.2, 0.1)))
     start = ObjectState((0.0, 0.0, 0.05), linear_velocity=(2.0, 0.0, 0.0))
@@ -59,7 +59,7 @@ def test_a_box_slides_as_far_as_friction_lets_it() -> None:
     assert path.positions[0, 0, 0, 0] == pytest.approx(4.0 / (2.0 * 0.4 * G), rel=0.03)
 
 
-def test_pairs_have_coefficients_of_their_own() -> None:
+def test_pairs_have_coefficients_of_their_own():
     ice = SceneObject("ice", "ice", Box((0.2, 0.2, 0.1)))
     felt = SceneObject("felt", "felt", Box((0.2, 0.2, 0.1)))
     starts = [ObjectState((0.0, y, 0.05), linear_velocity=(2.0, 0.0, 0.0)) for y in (0.0, 1.0)]
@@ -72,7 +72,7 @@ def test_pairs_have_coefficients_of_their_own() -> None:
     assert two == pytest.approx(4.0 / (2.0 * 0.4 * G), rel=0.03)
 
 
-def test_a_batch_equals_its_members() -> None:
+def test_a_batch_equals_its_members():
     rng = np.random.default_rng(0)
     things = (
         SceneObject("ball", "a", Sphere(0.1)),
@@ -99,7 +99,7 @@ def test_a_batch_equals_its_members() -> None:
         assert np.array_equal(together.orientations[k], alone.orientations[0])
 
 
-def test_what_it_cannot_express_it_refuses() -> None:
+def test_what_it_cannot_express_it_refuses():
     ball = SceneObject("ball", "ball", Sphere(0.1))
     scene = Scene(FLOOR, (ball,), (ObjectState((0.0, 0.0, 0.5)),))
     two = StaticParameters.uniform(["ball", "floor"], static_friction=0.5, dynamic_friction=0.4)

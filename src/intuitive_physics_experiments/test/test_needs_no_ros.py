@@ -46,7 +46,7 @@ def modules(package: str) -> list[str]:
 
 
 @pytest.mark.parametrize("package", LIBRARIES)
-def test_libraries_need_no_ros(package: str) -> None:
+def test_libraries_need_no_ros(package):
     code = WITHOUT_ROS + "".join(f"import {name}\n" for name in modules(package))
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert result.returncode == 0, result.stderr

@@ -23,7 +23,7 @@ def covariances(rng: np.random.Generator) -> np.ndarray:
     return roots @ roots.swapaxes(1, 2) + 1e-8 * np.eye(3)
 
 
-def test_squared_errors_have_the_mean_that_the_covariance_says() -> None:
+def test_squared_errors_have_the_mean_that_the_covariance_says():
     rng = np.random.default_rng(0)
     noise = covariances(rng)
     roots = np.linalg.cholesky(noise)
@@ -38,7 +38,7 @@ def test_squared_errors_have_the_mean_that_the_covariance_says() -> None:
 
 
 @given(seed=st.integers(0, 2**32), deviation=st.floats(1e-4, 1.0))
-def test_one_deviation_is_the_same_as_equal_covariances(seed: int, deviation: float) -> None:
+def test_one_deviation_is_the_same_as_equal_covariances(seed, deviation):
     points = FLIGHT + deviation * np.random.default_rng(seed).standard_normal(FLIGHT.shape)
     alike = np.broadcast_to(deviation**2 * np.eye(3), (len(TIMES), 3, 3))
     for one, other in zip(
@@ -52,7 +52,7 @@ def test_one_deviation_is_the_same_as_equal_covariances(seed: int, deviation: fl
     )
 
 
-def test_a_surprise_is_judged_by_the_covariance_of_its_point() -> None:
+def test_a_surprise_is_judged_by_the_covariance_of_its_point():
     # 10 mm off along x at point 6: much for 1 mm of noise there, nothing for 20 mm.
     points = FLIGHT.copy()
     points[6:, 0] += 0.01
@@ -64,6 +64,6 @@ def test_a_surprise_is_judged_by_the_covariance_of_its_point() -> None:
 
 
 @pytest.mark.parametrize("noise", [0.0, -1.0, np.nan, np.zeros((2, 3, 3)), -np.eye(3)])
-def test_noise_that_is_none_is_refused(noise: object) -> None:
+def test_noise_that_is_none_is_refused(noise):
     with pytest.raises(InvalidInputError):
         fit_noisy_flight(TIMES, FLIGHT, GRAVITY, noise)

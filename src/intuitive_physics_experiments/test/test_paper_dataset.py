@@ -13,7 +13,6 @@ from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import LINEAR_VELOCITY, POSITION
 from intuitive_physics_experiments.paper.paper_dataset import (
     POSITION_NOISE,
-    PaperDataset,
     make_paper_dataset,
 )
 from intuitive_physics_experiments.paper.paper_room import (
@@ -30,11 +29,11 @@ OBJECTS, SAMPLES = 4, 10
 
 
 @pytest.fixture(scope="module")
-def dataset() -> PaperDataset:
+def dataset():
     return make_paper_dataset(OBJECTS, SAMPLES, np.random.default_rng(3))
 
 
-def test_each_object_has_just_so_many_trajectories(dataset: PaperDataset) -> None:
+def test_each_object_has_just_so_many_trajectories(dataset):
     runs = [*dataset.training, *dataset.test]
     ids = [thing.id for run in runs for thing in run.scene.objects]
     assert sorted(ids) == sorted([thing.id for thing in dataset.pool] * SAMPLES)
@@ -43,14 +42,14 @@ def test_each_object_has_just_so_many_trajectories(dataset: PaperDataset) -> Non
 
 
 @pytest.mark.parametrize(("objects", "parameters"), [(1, 14), (10, 275), (20, 945)])
-def test_one_material_each_and_one_of_the_room(objects: int, parameters: int) -> None:
+def test_one_material_each_and_one_of_the_room(objects, parameters):
     # |θ_s| = m + 4 ψ (Eq. 3) with m = objects + 1, as Sec. V has it.
     rng = np.random.default_rng(0)
     theta = dataset_parameters("auto", draw_pool(objects, rng), rng)
     assert parameter_count(len(theta.materials)) == parameters
 
 
-def test_dimensions_are_in_range() -> None:
+def test_dimensions_are_in_range():
     pool = draw_pool(300, np.random.default_rng(0))
     sizes = []
     for thing in pool:
@@ -69,7 +68,7 @@ def test_dimensions_are_in_range() -> None:
     assert all(kinds.count(kind) / 300 == pytest.approx(1 / 3, abs=0.11) for kind in set(kinds))
 
 
-def test_starts_are_in_the_room_and_apart() -> None:
+def test_starts_are_in_the_room_and_apart():
     rng = np.random.default_rng(1)
     pool = draw_pool(6, rng)
     for _ in range(50):
@@ -83,7 +82,7 @@ def test_starts_are_in_the_room_and_apart() -> None:
                 assert gap > reach + pool[k].shape.bounding_radius
 
 
-def test_first_velocities_point_to_the_circle_center() -> None:
+def test_first_velocities_point_to_the_circle_center():
     # Eq. 10: ẋ + x has the mean c; its deviation is 1, that of the mean of 400 is 0.05.
     rng = np.random.default_rng(2)
     pool = draw_pool(1, rng)
@@ -92,13 +91,13 @@ def test_first_velocities_point_to_the_circle_center() -> None:
     assert centers == pytest.approx([0.0, 0.0, 2.0], abs=0.2)
 
 
-def test_too_many_objects_for_the_room_are_refused() -> None:
+def test_too_many_objects_for_the_room_are_refused():
     pool = [SceneObject(f"ball_{i}", f"material_{i}", Sphere(1.0)) for i in range(100)]
     with pytest.raises(InvalidInputError, match="no free place"):
         draw_initial_states(pool, np.random.default_rng(0))
 
 
-def test_points_are_noisy_and_the_truth_explains_them(dataset: PaperDataset) -> None:
+def test_points_are_noisy_and_the_truth_explains_them(dataset):
     runs = [*dataset.training, *dataset.test]
     noise = np.concatenate(
         [
@@ -116,7 +115,7 @@ def test_points_are_noisy_and_the_truth_explains_them(dataset: PaperDataset) -> 
 
 
 @pytest.mark.parametrize("source", ["three_points", "flight"])
-def test_initial_states_are_off_as_far_as_they_say(dataset: PaperDataset, source: str) -> None:
+def test_initial_states_are_off_as_far_as_they_say(dataset, source):
     # (x̂ - x)ᵀ P⁻¹ (x̂ - x) has the mean 6 where the covariance P is right.
     runs = [*dataset.training, *dataset.test]
     inside = np.r_[POSITION, LINEAR_VELOCITY]
@@ -135,7 +134,7 @@ def test_initial_states_are_off_as_far_as_they_say(dataset: PaperDataset, source
     assert 4.0 < np.median(squares) < 7.5
 
 
-def test_more_points_know_the_velocity_better(dataset: PaperDataset) -> None:
+def test_more_points_know_the_velocity_better(dataset):
     def error(source: str) -> float:
         pairs = [
             (seen.initial_state.linear_velocity, truth.linear_velocity)
@@ -150,12 +149,12 @@ def test_more_points_know_the_velocity_better(dataset: PaperDataset) -> None:
     assert error("flight") < 0.3 * error("three_points")
 
 
-def test_a_single_run_is_one_to_train_on() -> None:
+def test_a_single_run_is_one_to_train_on():
     single = make_paper_dataset(1, 1, np.random.default_rng(0))
     assert (len(single.training), len(single.test)) == (1, 0)
 
 
-def test_same_seed_same_set() -> None:
+def test_same_seed_same_set():
     first, second = (make_paper_dataset(2, 3, np.random.default_rng(7)) for _ in range(2))
     assert [a.to_json() for a in first.training_observations] == [
         b.to_json() for b in second.training_observations
@@ -163,7 +162,7 @@ def test_same_seed_same_set() -> None:
 
 
 @pytest.mark.parametrize("engine", ["bullet", "mujoco"])
-def test_other_engines_make_the_set_of_parameters_they_can_express(engine: str) -> None:
+def test_other_engines_make_the_set_of_parameters_they_can_express(engine):
     made = make_paper_dataset(3, 3, np.random.default_rng(5), engine=engine)
     static, dynamic, _, _ = made.parameters.coefficients
     assert np.array_equal(static, dynamic)
@@ -172,7 +171,7 @@ def test_other_engines_make_the_set_of_parameters_they_can_express(engine: str) 
         assert np.abs(run.positions[..., :2]).max() < HALF_ROOM
 
 
-def test_what_cannot_be_made_is_refused() -> None:
+def test_what_cannot_be_made_is_refused():
     rng = np.random.default_rng(0)
     with pytest.raises(InvalidInputError, match="at least 1"):
         make_paper_dataset(0, 10, rng)

@@ -59,19 +59,19 @@ def perceive(bag: Path, seed: int, first: int = 0, dropped: float = 0.0) -> Perc
 
 
 @pytest.fixture(scope="module")
-def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bag(tmp_path_factory):
     path = tmp_path_factory.mktemp("bags") / "throws"
     render_bag(path, RENDERED)
     return path
 
 
 @pytest.fixture(scope="module")
-def perceived(bag: Path) -> Perceived:
+def perceived(bag):
     return perceive(bag, seed=0)
 
 
 @pytest.fixture(scope="module")
-def errors(bag: Path, perceived: Perceived) -> list[NDArray[np.float64]]:
+def errors(bag, perceived):
     """Errors (n, 3) in m of the detections of each track, in the environment's frame."""
     truth, model = GroundTruth.load(bag), perceived.model
 
@@ -88,7 +88,7 @@ def mean_squares(off: NDArray[np.float64], covariances: NDArray[np.float64]) -> 
     return np.einsum("ni,ni->n", off, np.linalg.solve(covariances, off[:, :, None])[:, :, 0]) / 3.0
 
 
-def test_every_throw_has_its_detections(perceived: Perceived) -> None:
+def test_every_throw_has_its_detections(perceived):
     assert len(perceived.tracks) == THROWS
     for one in perceived.observations:
         for seen in one.objects:
@@ -98,9 +98,7 @@ def test_every_throw_has_its_detections(perceived: Perceived) -> None:
             assert seen.detections.times[0] >= one.start_time
 
 
-def test_errors_of_their_own_are_as_large_as_the_covariances_say(
-    perceived: Perceived, errors: list[NDArray[np.float64]]
-) -> None:
+def test_errors_of_their_own_are_as_large_as_the_covariances_say(perceived, errors):
     """About the common error of a track, squared errors in variances are one on average.
 
     120 errors of 3 components are known to 7 %; readings beyond the outline count as independent
@@ -114,9 +112,7 @@ def test_errors_of_their_own_are_as_large_as_the_covariances_say(
     assert all(0.6 < own.mean() < 1.9 for own in squares)
 
 
-def test_the_common_error_is_within_the_bias(
-    bag: Path, perceived: Perceived, errors: list[NDArray[np.float64]]
-) -> None:
+def test_the_common_error_is_within_the_bias(bag, perceived, errors):
     """The rendered camera has no error of calibration, so it is less than the bias allows for.
 
     What all frames share is at least the error that the settings name. Edges that grow by g pixels
@@ -137,9 +133,7 @@ def test_the_common_error_is_within_the_bias(
         assert (deviations < most).all()
 
 
-def test_errors_of_successive_frames_are_independent(
-    perceived: Perceived, errors: list[NDArray[np.float64]]
-) -> None:
+def test_errors_of_successive_frames_are_independent(perceived, errors):
     """Their correlation is zero within three standard deviations of what n errors tell."""
     scaled = [
         np.linalg.solve(np.linalg.cholesky(t.covariances), (off - off.mean(axis=0))[:, :, None])
@@ -150,7 +144,7 @@ def test_errors_of_successive_frames_are_independent(
     assert abs(products.mean() / squares.mean()) < 3.0 / np.sqrt(products.size) + 0.05
 
 
-def test_a_bag_that_is_played_again_adds_no_motion(bag: Path, perceived: Perceived) -> None:
+def test_a_bag_that_is_played_again_adds_no_motion(bag, perceived):
     """Other random choices, a later first frame and dropped frames: each throw is recognised."""
     again = perceive(bag, seed=1, first=3, dropped=0.25)
     assert len(again.observations) == THROWS

@@ -14,7 +14,7 @@ from intuitive_physics_cli.evaluation.prediction_case import predict_cases
 from intuitive_physics_experiments.paper.paper_dataset import POSITION_NOISE, make_paper_dataset
 
 
-def test_the_truth_predicts_what_was_seen() -> None:
+def test_the_truth_predicts_what_was_seen():
     made = make_paper_dataset(3, 3, np.random.default_rng(2)).with_initial_states("true")
     rng = np.random.default_rng(0)
     cases = predict_cases(made.observations, made.parameters, make_simulator("auto"), rng, 3)
@@ -26,7 +26,7 @@ def test_the_truth_predicts_what_was_seen() -> None:
         assert case.samples.shape == (3, case.times.size, 3)
 
 
-def test_objects_seen_at_times_of_their_own_keep_them() -> None:
+def test_objects_seen_at_times_of_their_own_keep_them():
     made = make_paper_dataset(4, 4, np.random.default_rng(1)).with_initial_states("true")
     seen = next(one for one in made.observations if len(one.objects) > 1)
     first, second, *_ = seen.objects

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -30,9 +26,7 @@ from intuitive_physics_experiments.recorded_sets.table_tennis import (
 from intuitive_physics_recordings.npz_file import load_arrays, load_cloud
 
 
-def test_launches_become_observations(
-    tmp_path: Path, launch_arrays: Callable[[int], dict[str, Any]]
-) -> None:
+def test_launches_become_observations(tmp_path, launch_arrays):
     np.savez(tmp_path / "set.npz", **launch_arrays(3))
     title, observations = load_recorded_set(tmp_path / "set.npz")
     assert title == "table-tennis launches"
@@ -47,9 +41,7 @@ def test_launches_become_observations(
     assert len(ball.trajectory) == 160
 
 
-def test_balls_in_air_say_so(
-    tmp_path: Path, launch_arrays: Callable[[int], dict[str, Any]]
-) -> None:
+def test_balls_in_air_say_so(tmp_path, launch_arrays):
     np.savez(tmp_path / "set.npz", **launch_arrays(1))
     _, (seen,) = load_table_tennis(tmp_path / "set.npz", AirCoefficients(drag=0.4, magnus=1.0))
     ball = seen.objects[0].object
@@ -61,9 +53,7 @@ def test_balls_in_air_say_so(
         AirCoefficients(magnus=np.nan)
 
 
-def test_uneven_time_steps_are_recovered_from_the_motion(
-    bouncing_flight: Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]],
-) -> None:
+def test_uneven_time_steps_are_recovered_from_the_motion(bouncing_flight):
     rng = np.random.default_rng(0)
     halves = rng.choice([0, 1, 2, 2, 2, 2, 2, 3, 4], size=120)
     true = np.concatenate([[0.0], np.cumsum(halves)]) * 0.0055
@@ -74,9 +64,7 @@ def test_uneven_time_steps_are_recovered_from_the_motion(
     assert np.array_equal(positions[kept], positions[np.unique(true, return_index=True)[1]])
 
 
-def test_a_flight_over_the_edge_of_the_table_ends_there(
-    tmp_path: Path, bouncing_flight: Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]]
-) -> None:
+def test_a_flight_over_the_edge_of_the_table_ends_there(tmp_path, bouncing_flight):
     times = np.arange(145) * 0.011
     positions, velocities = bouncing_flight(times, GUN_BOUNCE_HEIGHT)
     assert positions[-1, 2] < GUN_BOUNCE_HEIGHT - 0.2
@@ -103,18 +91,13 @@ def test_a_flight_over_the_edge_of_the_table_ends_there(
         ({"radius": np.array(-1.0)}, "above zero"),
     ],
 )
-def test_what_a_set_cannot_have_is_named(
-    tmp_path: Path,
-    launch_arrays: Callable[[int], dict[str, Any]],
-    change: dict,
-    message: str,
-) -> None:
+def test_what_a_set_cannot_have_is_named(tmp_path, launch_arrays, change, message):
     np.savez(tmp_path / "set.npz", **{**launch_arrays(3), **change})
     with pytest.raises(InvalidInputError, match=message):
         load_recorded_set(tmp_path / "set.npz")
 
 
-def test_other_files_are_refused(tmp_path: Path) -> None:
+def test_other_files_are_refused(tmp_path):
     np.savez(tmp_path / "other.npz", a=np.zeros(3))
     with pytest.raises(InvalidInputError, match="expected"):
         load_recorded_set(tmp_path / "other.npz")
@@ -135,11 +118,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(share=st.floats(0.0, 0.99))
-def test_truncated_files_are_refused(
-    tmp_path_factory: pytest.TempPathFactory,
-    launch_arrays: Callable[[int], dict[str, Any]],
-    share: float,
-) -> None:
+def test_truncated_files_are_refused(tmp_path_factory, launch_arrays, share):
     path = tmp_path_factory.mktemp("npz") / "set.npz"
     np.savez(path, **launch_arrays(1))
     content = path.read_bytes()
@@ -153,9 +132,7 @@ def test_truncated_files_are_refused(
     position=hnp.arrays(np.float64, (24, 3), elements=st.floats(width=32)),
     velocity=hnp.arrays(np.float64, (24, 3), elements=st.floats(width=32)),
 )
-def test_any_numbers_are_loaded_or_refused(
-    tmp_path_factory: pytest.TempPathFactory, position: np.ndarray, velocity: np.ndarray
-) -> None:
+def test_any_numbers_are_loaded_or_refused(tmp_path_factory, position, velocity):
     path = tmp_path_factory.mktemp("npz") / "set.npz"
     np.savez(path, position=position, velocity=velocity, offsets=[0, 24], dt_implied=0.011)
     try:
@@ -173,9 +150,7 @@ def test_any_numbers_are_loaded_or_refused(
         ("table_tennis_gun", gun_observations, 0.5),
     ],
 )
-def test_air_explains_the_recorded_flights(
-    recording: Callable[[str], Path], name: str, load: Callable, share: float
-) -> None:
+def test_air_explains_the_recorded_flights(recording, name, load, share):
     # What a model of the flight lacks widens the covariance of the velocity it finds.
     arrays = load_arrays(recording(f"{name}.npz"))
     spreads = []
@@ -189,7 +164,7 @@ def test_air_explains_the_recorded_flights(
 
 
 @pytest.mark.needs("recordings")
-def test_the_gun_gives_its_balls_topspin(recording: Callable[[str], Path]) -> None:
+def test_the_gun_gives_its_balls_topspin(recording):
     arrays = load_arrays(recording("table_tennis_gun.npz"))
     observations = gun_observations(arrays, AirCoefficients(drag=0.4, magnus=1.0))
     states = [seen.objects[0].initial_state for seen in observations]
@@ -206,7 +181,7 @@ def test_the_gun_gives_its_balls_topspin(recording: Callable[[str], Path]) -> No
 
 
 @pytest.mark.needs("recordings")
-def test_recorded_launches_fly_as_balls_do(recording: Callable[[str], Path]) -> None:
+def test_recorded_launches_fly_as_balls_do(recording):
     _, observations = load_recorded_set(recording("table_tennis_launches.npz"))
     assert len(observations) == 32
     speeds = [
@@ -221,9 +196,7 @@ def test_recorded_launches_fly_as_balls_do(recording: Callable[[str], Path]) -> 
 
 
 @pytest.mark.needs("recordings")
-def test_recovered_times_of_the_gun_make_balls_fall_as_they_do(
-    recording: Callable[[str], Path],
-) -> None:
+def test_recovered_times_of_the_gun_make_balls_fall_as_they_do(recording):
     # At the top of the flight drag has no vertical part: the second derivative of the height is
     # gravity, and what topspin adds (about a tenth). Even steps of dt_implied give only 8.9 m/s².
     _, observations = load_recorded_set(recording("table_tennis_gun.npz"))
@@ -240,7 +213,7 @@ def test_recovered_times_of_the_gun_make_balls_fall_as_they_do(
 
 @pytest.mark.needs("recordings")
 @pytest.mark.parametrize("number", [1, 2, 4, 5, 7])
-def test_lidar_scans_are_clouds(recording: Callable[[str], Path], number: int) -> None:
+def test_lidar_scans_are_clouds(recording, number):
     points = load_cloud(recording(f"lidar_ball_{number}.npz"))
     assert points.dtype == np.float32
     assert points.shape[1] == 3

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ from intuitive_physics_recordings.depth_bag_writer import (
 )
 
 
-def test_a_rendered_bag_shows_the_ball_where_the_truth_has_it(small_bag: Path) -> None:
+def test_a_rendered_bag_shows_the_ball_where_the_truth_has_it(small_bag):
     truth = GroundTruth.load(small_bag)
     (throw,) = truth.throws
     camera = truth.camera
@@ -44,7 +43,7 @@ def test_a_rendered_bag_shows_the_ball_where_the_truth_has_it(small_bag: Path) -
     assert np.abs(shares).max() < 0.03
 
 
-def test_ground_truth_round_trip(small_bag: Path, tmp_path: Path) -> None:
+def test_ground_truth_round_trip(small_bag, tmp_path):
     truth = GroundTruth.load(small_bag)
     truth.save(tmp_path)
     again = GroundTruth.load(tmp_path)
@@ -53,13 +52,13 @@ def test_ground_truth_round_trip(small_bag: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"format": "other"}'])
-def test_damaged_ground_truth_is_refused(tmp_path: Path, text: str) -> None:
+def test_damaged_ground_truth_is_refused(tmp_path, text):
     (tmp_path / "ground_truth.json").write_text(text)
     with pytest.raises(InvalidInputError):
         GroundTruth.load(tmp_path)
 
 
-def test_same_settings_same_bag_and_it_is_reused(small_bag: Path, tmp_path: Path) -> None:
+def test_same_settings_same_bag_and_it_is_reused(small_bag, tmp_path):
     wanted = RenderSettings(throws=1, seed=1, lead_in=0.5, throw_duration=1.0, pause=0.3)
     copy = tmp_path / small_bag.name
     render_bag(copy, wanted)
@@ -72,7 +71,7 @@ def test_same_settings_same_bag_and_it_is_reused(small_bag: Path, tmp_path: Path
         render_bag(copy, wanted)
 
 
-def test_nothing_is_left_of_a_render_that_failed(tmp_path: Path) -> None:
+def test_nothing_is_left_of_a_render_that_failed(tmp_path):
     def interrupt(done: int, total: int) -> None:
         raise KeyboardInterrupt
 
@@ -81,7 +80,7 @@ def test_nothing_is_left_of_a_render_that_failed(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_settings_change_renders_anew_but_foreign_folders_stay(tmp_path: Path) -> None:
+def test_a_settings_change_renders_anew_but_foreign_folders_stay(tmp_path):
     foreign = tmp_path / "photos"
     foreign.mkdir()
     (foreign / "cat.jpg").write_text("miaow")

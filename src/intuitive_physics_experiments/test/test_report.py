@@ -59,7 +59,7 @@ def example_frame() -> ExampleFrame:
 
 
 @pytest.fixture(scope="module")
-def result() -> DemoResult:
+def result():
     rng = np.random.default_rng(0)
     frame = example_frame()
     names = parameter_names(MATERIALS)
@@ -126,7 +126,7 @@ class PageParser(HTMLParser):
         self.text += data
 
 
-def test_the_page_is_whole_and_self_contained(result: DemoResult, tmp_path: Path) -> None:
+def test_the_page_is_whole_and_self_contained(result, tmp_path):
     paths = write_report(result, tmp_path / "new" / "folder")
     with Image.open(paths.picture) as picture:
         assert picture.format == "PNG"
@@ -160,7 +160,7 @@ def test_the_page_is_whole_and_self_contained(result: DemoResult, tmp_path: Path
     assert "Not identified" in parser.text
 
 
-def test_the_silhouette_is_where_rays_touch_the_sphere() -> None:
+def test_the_silhouette_is_where_rays_touch_the_sphere():
     frame = example_frame()
     rim = _silhouette(frame)
     to_rim, to_center = rim - frame.translation, rim - frame.sphere_center
@@ -170,15 +170,13 @@ def test_the_silhouette_is_where_rays_touch_the_sphere() -> None:
     assert _pixels(frame, rim).mean(axis=0) == pytest.approx(center, abs=0.5)
 
 
-def test_nothing_identified_is_no_reason_to_fail(result: DemoResult, tmp_path: Path) -> None:
+def test_nothing_identified_is_no_reason_to_fail(result, tmp_path):
     learning = replace(result.learning, learned=LearnedParameters.defaults(MATERIALS))
     paths = write_report(replace(result, learning=learning), tmp_path)
     assert "Not identified" in paths.page.read_text(encoding="utf-8")
 
 
-def test_a_folder_that_cannot_be_written_is_one_clear_error(
-    result: DemoResult, tmp_path: Path
-) -> None:
+def test_a_folder_that_cannot_be_written_is_one_clear_error(result, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InvalidInputError, match="cannot write the report"):
         write_report(result, tmp_path / "file")
@@ -227,9 +225,7 @@ def in_browser(page: str, folder: Path, width: int) -> tuple[str, list[str]]:
 @pytest.mark.long
 @pytest.mark.needs("chromium")
 @pytest.mark.parametrize("width", [1200, 500])
-def test_a_browser_draws_every_plot_and_reports_no_error(
-    result: DemoResult, tmp_path: Path, width: int
-) -> None:
+def test_a_browser_draws_every_plot_and_reports_no_error(result, tmp_path, width):
     page = write_report(result, tmp_path).page.read_text(encoding="utf-8")
     document, errors = in_browser(page, tmp_path, width)
     assert errors == []
@@ -244,7 +240,7 @@ def test_a_browser_draws_every_plot_and_reports_no_error(
 
 @pytest.mark.long
 @pytest.mark.needs("chromium")
-def test_an_error_in_the_page_is_found(result: DemoResult, tmp_path: Path) -> None:
+def test_an_error_in_the_page_is_found(result, tmp_path):
     page = write_report(result, tmp_path).page.read_text(encoding="utf-8")
     broken = page.replace("</body>", "<script>Plotly.noSuchFunction()</script></body>")
     assert any("noSuchFunction" in error for error in in_browser(broken, tmp_path, 1200)[1])

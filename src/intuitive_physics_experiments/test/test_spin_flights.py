@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -54,7 +52,7 @@ def flown(unknowns: np.ndarray, times: np.ndarray, rng: np.random.Generator) -> 
 
 
 @pytest.fixture(scope="module")
-def spin_arrays() -> Callable[[int], dict[str, Any]]:
+def spin_arrays():
     """Makes arrays of a set of so many flights, with stamps that jitter and a few lost frames."""
 
     def make(count: int) -> dict[str, Any]:
@@ -78,9 +76,7 @@ def spin_arrays() -> Callable[[int], dict[str, Any]]:
     return make
 
 
-def test_frames_are_counted_though_stamps_jitter(
-    spin_arrays: Callable[[int], dict[str, Any]],
-) -> None:
+def test_frames_are_counted_though_stamps_jitter(spin_arrays):
     flights = spin_flights(spin_arrays(12))
     assert len(flights) == 12
     for flight in flights:
@@ -90,7 +86,7 @@ def test_frames_are_counted_though_stamps_jitter(
         assert flight.bounce is not None
 
 
-def test_a_lost_frame_at_the_bounce_is_counted() -> None:
+def test_a_lost_frame_at_the_bounce_is_counted():
     # The ball is slower after the bounce: two frames are 1.6 times the way of one before it.
     y = np.concatenate([np.arange(10) * 0.05, 0.45 + 0.08 + np.arange(8) * 0.035])
     positions = np.column_stack([np.zeros_like(y), y, np.zeros_like(y)])
@@ -99,7 +95,7 @@ def test_a_lost_frame_at_the_bounce_is_counted() -> None:
     np.testing.assert_array_equal(frame_numbers(stamps, positions), expected)
 
 
-def test_nothing_is_read_beyond_a_long_gap(spin_arrays: Callable[[int], dict[str, Any]]) -> None:
+def test_nothing_is_read_beyond_a_long_gap(spin_arrays):
     arrays = spin_arrays(1)
     arrays["time"][40:] += 0.1
     (flight,) = spin_flights(arrays)
@@ -116,21 +112,14 @@ def test_nothing_is_read_beyond_a_long_gap(spin_arrays: Callable[[int], dict[str
         ({"position": np.zeros((100, 3))}, "offsets go from"),
     ],
 )
-def test_what_a_set_cannot_have_is_named(
-    tmp_path: Path,
-    spin_arrays: Callable[[int], dict[str, Any]],
-    change: dict[str, Any],
-    message: str,
-) -> None:
+def test_what_a_set_cannot_have_is_named(tmp_path, spin_arrays, change, message):
     np.savez(tmp_path / "set.npz", **{**spin_arrays(2), **change})
     for load in (load_spin_flights, load_recorded_set):
         with pytest.raises(InvalidInputError, match=message):
             load(tmp_path / "set.npz")
 
 
-def test_other_sets_are_refused(
-    tmp_path: Path, launch_arrays: Callable[[int], dict[str, Any]]
-) -> None:
+def test_other_sets_are_refused(tmp_path, launch_arrays):
     np.savez(tmp_path / "set.npz", **launch_arrays(1))
     with pytest.raises(InvalidInputError, match="expected table-tennis flights with measured spin"):
         load_spin_flights(tmp_path / "set.npz")
@@ -142,12 +131,7 @@ def test_other_sets_are_refused(
     time=hnp.arrays(np.float64, 24, elements=st.floats(0.0, 1.0)),
     spin=hnp.arrays(np.float64, (1, 3), elements=st.floats(width=32)),
 )
-def test_any_numbers_are_loaded_or_refused(
-    tmp_path_factory: pytest.TempPathFactory,
-    position: np.ndarray,
-    time: np.ndarray,
-    spin: np.ndarray,
-) -> None:
+def test_any_numbers_are_loaded_or_refused(tmp_path_factory, position, time, spin):
     path = tmp_path_factory.mktemp("npz") / "set.npz"
     known = {"offsets": [0, 24], "radius": 0.02, "mass": 0.0027}
     np.savez(path, position=position, time=np.sort(time), spin=spin, **known)
@@ -166,7 +150,7 @@ def estimates(rng: np.random.Generator, count: int) -> list[tuple[np.ndarray, Ba
     return [(ball, estimate_ball(MODEL, START, times, flown(ball, times, rng))) for ball in balls]
 
 
-def test_a_known_spin_is_recovered_within_its_covariance() -> None:
+def test_a_known_spin_is_recovered_within_its_covariance():
     found = estimates(np.random.default_rng(2), 12)
     squares, errors = [], []
     for ball, estimate in found:
@@ -179,7 +163,7 @@ def test_a_known_spin_is_recovered_within_its_covariance() -> None:
     assert np.median(errors) < 0.15
 
 
-def test_rows_that_are_no_ball_do_no_harm() -> None:
+def test_rows_that_are_no_ball_do_no_harm():
     rng = np.random.default_rng(4)
     times = np.arange(50) * FRAME
     ball = thrown(rng)
@@ -191,7 +175,7 @@ def test_rows_that_are_no_ball_do_no_harm() -> None:
     assert np.linalg.norm(error, axis=1).max() < 0.02
 
 
-def test_a_spin_that_the_air_does_not_tell_stays_wide() -> None:
+def test_a_spin_that_the_air_does_not_tell_stays_wide():
     # The lift of a fast spin is near its limit: before the bounce any fast one explains the flight.
     rng = np.random.default_rng(6)
     ball = thrown(rng)
@@ -210,7 +194,7 @@ def rows(ball: np.ndarray, count: int, rng: np.random.Generator) -> tuple[np.nda
     return times, flown(ball, times, rng)
 
 
-def test_both_halves_of_a_set_are_scored(spin_arrays: Callable[[int], dict[str, Any]]) -> None:
+def test_both_halves_of_a_set_are_scored(spin_arrays):
     flights = spin_flights(spin_arrays(16))
     steps: list[tuple[int, int]] = []
     evaluation = evaluate_flights(flights, lambda done, total: steps.append((done, total)))
@@ -226,16 +210,14 @@ def test_both_halves_of_a_set_are_scored(spin_arrays: Callable[[int], dict[str, 
     assert "test, not contradicted" in text
 
 
-def test_too_few_bounces_are_refused(spin_arrays: Callable[[int], dict[str, Any]]) -> None:
+def test_too_few_bounces_are_refused(spin_arrays):
     flights = [replace(flight, bounce=None) for flight in spin_flights(spin_arrays(6))]
     with pytest.raises(InvalidInputError, match="0 flights to learn from have a bounce"):
         evaluate_flights(flights, lambda done, total: None)
 
 
 @pytest.mark.needs("recordings")
-def test_recorded_flights_lie_in_time_to_a_tenth_of_a_frame(
-    recording: Callable[[str], Path],
-) -> None:
+def test_recorded_flights_lie_in_time_to_a_tenth_of_a_frame(recording):
     # A cubic through the first rows leaves centimetres at the times as stamped, and the noise of
     # the detections at those of the frames.
     flights = load_spin_flights(recording("table_tennis_spin.npz"))
@@ -255,9 +237,7 @@ def test_recorded_flights_lie_in_time_to_a_tenth_of_a_frame(
 
 @pytest.mark.long
 @pytest.mark.needs("recordings")
-def test_recorded_flights_go_where_their_spin_takes_them(
-    recording: Callable[[str], Path],
-) -> None:
+def test_recorded_flights_go_where_their_spin_takes_them(recording):
     flights = load_spin_flights(recording("table_tennis_spin.npz"))[42:84]
     evaluation = evaluate_flights(flights, lambda done, total: None)
     for errors in ("beyond_bounce", "beyond_seen"):

@@ -57,7 +57,7 @@ class Seen:
 
 
 @pytest.fixture(scope="module")
-def renderer() -> DepthRenderer:
+def renderer():
     camera = Camera.looking_at((0.0, 0.0, 1.0), (1.0, 0.0, 1.0), width=240, height=200)
     return DepthRenderer(camera, Environment([Plane("floor", "room", (0.0, 0.0, 1.0), 0.0)]))
 
@@ -128,7 +128,7 @@ SEEDS = 9
 
 
 @pytest.mark.long
-def test_spins_are_found_within_their_covariance(renderer) -> None:
+def test_spins_are_found_within_their_covariance(renderer):
     distances: list[float] = []
     for (pattern, deviation), least in KNOWN.items():
         seen = [
@@ -148,7 +148,7 @@ def test_spins_are_found_within_their_covariance(renderer) -> None:
 
 
 @pytest.mark.long
-def test_plain_balls_are_never_known(renderer) -> None:
+def test_plain_balls_are_never_known(renderer):
     for seed in range(50):
         rng = np.random.default_rng(seed)
         direction = rng.normal(size=3) + [-1.0, 0.0, 1.0]
@@ -193,7 +193,7 @@ def states_of_a_throw(pattern: str, settings: PerceptionSettings, duration: floa
             yield turn @ first, seen.state, seen.detection, bounced
 
 
-def test_states_have_the_spin_until_a_bounce() -> None:
+def test_states_have_the_spin_until_a_bounce():
     settings = PerceptionSettings()
     states = list(states_of_a_throw("dots", settings))
     flown = [one for one in states if not one[-1]]
@@ -225,7 +225,7 @@ def test_states_have_the_spin_until_a_bounce() -> None:
     [("dots", PerceptionSettings(spin_from_surface=False)), ("plain", PerceptionSettings())],
     ids=["switched_off", "plain"],
 )
-def test_the_spin_stays_unknown(pattern: str, settings: PerceptionSettings) -> None:
+def test_the_spin_stays_unknown(pattern, settings):
     wide = settings.angular_velocity_deviation**2 * np.eye(3)
     for _, state, detections, bounced in states_of_a_throw(pattern, settings, 0.4):
         assert bounced or state.covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] == pytest.approx(

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -29,7 +26,7 @@ TRUE = ball_parameters().with_pair("ball", "table", restitution=0.9, dynamic_fri
 
 
 @pytest.fixture(scope="module")
-def arrays() -> dict[str, Any]:
+def arrays():
     """Eight launches through air, seen for 1.3 s with noise of 1 mm."""
     rng = np.random.default_rng(4)
     ball = SceneObject("ball", "ball", Sphere(BALL_RADIUS), DRAG)
@@ -54,13 +51,13 @@ def arrays() -> dict[str, Any]:
     }
 
 
-def test_drag_is_found_from_flight(arrays: dict[str, Any]) -> None:
+def test_drag_is_found_from_flight(arrays):
     # 1 mm over 0.7 s of flight at 4 m/s, where drag moves the ball by 10 cm, tells 1 %.
     found = learn_drag(lambda air: launch_observations(arrays, air), 0.0, 0.75, seed=0)
     assert found == pytest.approx(DRAG, abs=0.02)
 
 
-def test_the_look_ahead_is_as_long_as_was_seen(arrays: dict[str, Any]) -> None:
+def test_the_look_ahead_is_as_long_as_was_seen(arrays):
     seen = launch_observations(arrays, AirCoefficients(DRAG))
     ahead = look_ahead(seen, TRUE, ball_parameters())
     assert ahead is not None
@@ -75,9 +72,7 @@ def test_the_look_ahead_is_as_long_as_was_seen(arrays: dict[str, Any]) -> None:
     assert ahead.spread > 0.1
 
 
-def test_balls_that_bounce_at_once_are_not_looked_at(
-    launch_arrays: Callable[[int], dict[str, Any]],
-) -> None:
+def test_balls_that_bounce_at_once_are_not_looked_at(launch_arrays):
     arrays = launch_arrays(2)
     late = {**arrays, "offsets": np.array([0, 160])}
     late["time"], late["position"] = arrays["time"][:160], arrays["position"][:160]

@@ -30,7 +30,7 @@ R = 0.05
 FLOOR = Environment([Plane("floor", "room", (0, 0, 1), 0.0)])
 
 
-def test_free_fall_is_a_parabola() -> None:
+def test_free_fall_is_a_parabola():
     # x(t) = x0 + v0 t - g t² / 2; semi-implicit Euler is g · step · t / 2 off.
     start = ObjectState((0.0, 0.0, 5.0), linear_velocity=(1.0, -2.0, 3.0))
     motion = move_ball(FLOOR, R, 500.0, BallContact(0.5, 0.01, 0.5), start, 0.8)
@@ -40,7 +40,7 @@ def test_free_fall_is_a_parabola() -> None:
 
 
 @pytest.mark.parametrize("restitution", [0.3, 0.6, 0.9])
-def test_bounce_heights_fall_by_the_square_of_restitution(restitution: float) -> None:
+def test_bounce_heights_fall_by_the_square_of_restitution(restitution):
     # h_n = e^(2n) h
     height = 1.0
     start = ObjectState((0.0, 0.0, R + height))
@@ -87,8 +87,8 @@ def dropped_restitution(restitution: float, speed: float, fidelity: Fidelity, dr
     ],
 )
 def test_restitution_seems_larger_by_what_a_step_of_gravity_adds(
-    restitution: float, speed: float, fidelity: Fidelity, drops: int
-) -> None:
+    restitution, speed, fidelity, drops
+):
     # (1 + 2 e - 1/e) g h / 2 u, to first order in g h / u.
     order = G * fidelity.step / speed
     expected = 0.5 * (1.0 + 2.0 * restitution - 1.0 / restitution) * order
@@ -99,7 +99,7 @@ def test_restitution_seems_larger_by_what_a_step_of_gravity_adds(
 @pytest.mark.parametrize(
     ("normal", "offset", "axis"), [((-1, 0, 0), -1.0, 0), ((0, -1, 0), -1.0, 1)]
 )
-def test_walls_return_restitution_times_the_speed(normal: tuple, offset: float, axis: int) -> None:
+def test_walls_return_restitution_times_the_speed(normal, offset, axis):
     # v' = -e v along the normal
     weightless = Environment([Plane("wall", "room", normal, offset)], gravity=(0.0, 0.0, 0.0))
     velocity = np.zeros(3)
@@ -111,7 +111,7 @@ def test_walls_return_restitution_times_the_speed(normal: tuple, offset: float, 
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.8])
-def test_oblique_impact_slides_or_grips(friction: float) -> None:
+def test_oblique_impact_slides_or_grips(friction):
     # Sliding: Δv_t = μ (1 + e) v_n; gripping: v_t' = 5/7 v_t for a solid sphere without spin.
     weightless = Environment([Plane("floor", "room", (0, 0, 1), 0.0)], gravity=(0.0, 0.0, 0.0))
     start = ObjectState((0.0, 0.0, 0.5), linear_velocity=(2.0, 0.0, -2.0))
@@ -120,13 +120,13 @@ def test_oblique_impact_slides_or_grips(friction: float) -> None:
     assert motion.velocities[-1] == pytest.approx([tangential, 0.0, 1.0], abs=2e-3)
 
 
-def test_sliding_turns_into_rolling_at_five_sevenths() -> None:
+def test_sliding_turns_into_rolling_at_five_sevenths():
     start = ObjectState((0.0, 0.0, R), linear_velocity=(2.0, 1.0, 0.0))
     motion = move_ball(FLOOR, R, 500.0, BallContact(0.4, 0.0, 0.5), start, 1.0)
     assert motion.velocities[-1, :2] == pytest.approx([10.0 / 7.0, 5.0 / 7.0], rel=2e-3)
 
 
-def test_by_the_contact_laws_rolling_friction_does_not_act_on_what_slips() -> None:
+def test_by_the_contact_laws_rolling_friction_does_not_act_on_what_slips():
     # Spin grows by 5/2 μ_d g / r until the ball rolls, at 5/7 of its speed, after 2/7 v / μ_d g. As
     # Bullet has it, it grows by 5/2 (μ_d - μ_r) g / r.
     mu, mu_r, speed = 0.4, 0.03, 2.0
@@ -147,7 +147,7 @@ def test_by_the_contact_laws_rolling_friction_does_not_act_on_what_slips() -> No
     assert motion.velocities[rolls, 0] == pytest.approx(5.0 / 7.0 * speed - lost, rel=1e-3)
 
 
-def test_by_the_contact_laws_a_spin_about_the_normal_runs_down() -> None:
+def test_by_the_contact_laws_a_spin_about_the_normal_runs_down():
     # Torque μ_r r m g, inertia 2/5 m r²: ω loses 5/2 μ_r g / r in a second.
     start = ObjectState((0.0, 0.0, R - 1e-6), angular_velocity=(0.0, 0.0, 10.0))
     contact = BallContact(0.5, 0.02, 0.5)
@@ -156,7 +156,7 @@ def test_by_the_contact_laws_a_spin_about_the_normal_runs_down() -> None:
     assert motion.angular_velocities[:, 2] == pytest.approx(expected, abs=0.05)
 
 
-def test_by_the_contact_laws_both_engines_move_a_ball_alike() -> None:
+def test_by_the_contact_laws_both_engines_move_a_ball_alike():
     # Thrown into the corner with spin: slipping and sticking impacts with floor and walls, and
     # rolling. Impacts are found a step late and 1e-4 of the speed is lost or won at each.
     mu, mu_r, e = 0.3, 0.02, 0.6
@@ -179,7 +179,7 @@ def test_by_the_contact_laws_both_engines_move_a_ball_alike() -> None:
     assert np.abs(apart).max() < 1e-3
 
 
-def test_rolling_friction_slows_by_five_sevenths_mu_r_g() -> None:
+def test_rolling_friction_slows_by_five_sevenths_mu_r_g():
     # Torque μ_r r N about the contact point, inertia 7/5 m r²: a = 5/7 μ_r g, straight on.
     mu_r, v0 = 0.03, np.array([1.0, 0.5, 0.0])
     spin = np.cross([0.0, 0.0, 1.0], v0) / R
@@ -192,13 +192,13 @@ def test_rolling_friction_slows_by_five_sevenths_mu_r_g() -> None:
     assert motion.velocities[-1] / speed[-1] == pytest.approx(v0 / np.linalg.norm(v0), abs=5e-3)
 
 
-def test_same_start_same_motion() -> None:
+def test_same_start_same_motion():
     start = ObjectState((0.2, 0.1, 0.8), linear_velocity=(1.5, 1.0, 1.0))
     contact = BallContact(0.4, 0.01, 0.7)
     a, b = (move_ball(corner_environment(), R, 500.0, contact, start, 1.0) for _ in range(2))
     assert np.array_equal(a.positions, b.positions)
 
 
-def test_a_rate_that_does_not_divide_the_step_is_refused() -> None:
+def test_a_rate_that_does_not_divide_the_step_is_refused():
     with pytest.raises(InvalidInputError, match="divisor of 4800"):
         move_ball(FLOOR, R, 500.0, BallContact(0.4, 0.01, 0.7), ObjectState((0, 0, 1)), 1.0, 70)

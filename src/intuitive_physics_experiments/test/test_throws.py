@@ -12,11 +12,11 @@ from intuitive_physics_experiments.rendering.corner_room import (
     corner_environment,
     true_parameters,
 )
-from intuitive_physics_experiments.rendering.throws import Throw, make_throws
+from intuitive_physics_experiments.rendering.throws import make_throws
 
 
 @pytest.fixture(scope="module")
-def throws() -> list[Throw]:
+def throws():
     return make_throws(
         6,
         corner_camera(),
@@ -29,13 +29,13 @@ def throws() -> list[Throw]:
     )
 
 
-def test_the_balls_take_turns_one_after_another(throws: list[Throw]) -> None:
+def test_the_balls_take_turns_one_after_another(throws):
     assert [throw.material for throw in throws] == [*BALL_RADII, *BALL_RADII]
     for before, after in itertools.pairwise(throws):
         assert after.start_time - before.end_time == pytest.approx(0.6)
 
 
-def test_each_ball_stays_in_view_and_in_the_room(throws: list[Throw]) -> None:
+def test_each_ball_stays_in_view_and_in_the_room(throws):
     camera = corner_camera()
     for throw in throws:
         pixels = camera.project(throw.motion.positions)
@@ -46,7 +46,7 @@ def test_each_ball_stays_in_view_and_in_the_room(throws: list[Throw]) -> None:
             assert plane.signed_distances(throw.motion.positions).min() > throw.radius - 0.002
 
 
-def test_positions_between_samples_are_interpolated(throws: list[Throw]) -> None:
+def test_positions_between_samples_are_interpolated(throws):
     throw = throws[1]
     times = throw.start_time + (throw.motion.times[:-1] + throw.motion.times[1:]) / 2.0
     middle = (throw.motion.positions[:-1] + throw.motion.positions[1:]) / 2.0

@@ -34,7 +34,7 @@ def still_tosses(*steps: int) -> list[CubeToss]:
     )
 
 
-def test_errors_are_means_over_the_steps_after_the_first_row() -> None:
+def test_errors_are_means_over_the_steps_after_the_first_row():
     batch = TossBatch(still_tosses(4, 2))
     positions = np.tile([0.0, 0.0, 1.0], (2, 4, 1))
     positions[0, :, 0] = [0.01, 0.02, 0.03, 0.04]
@@ -49,7 +49,7 @@ def test_errors_are_means_over_the_steps_after_the_first_row() -> None:
     assert errors.rotation == pytest.approx([0.25, 0.75 * np.pi])
 
 
-def test_a_step_that_was_not_simulated_counts_as_far_away() -> None:
+def test_a_step_that_was_not_simulated_counts_as_far_away():
     batch = TossBatch(still_tosses(2))
     positions = np.tile([0.0, 0.0, 1.0], (1, 2, 1))
     orientations = np.tile([0.0, 0.0, 0.0, 1.0], (1, 2, 1))
@@ -60,9 +60,7 @@ def test_a_step_that_was_not_simulated_counts_as_far_away() -> None:
 
 
 @given(vector=vectors, axis=vectors.filter(lambda v: np.linalg.norm(v) > 0.1), angle=angles)
-def test_the_angle_of_a_turn_is_found(
-    vector: tuple[float, ...], axis: tuple[float, ...], angle: float
-) -> None:
+def test_the_angle_of_a_turn_is_found(vector, axis, angle):
     first = Rotation.from_rotvec(vector)
     turn = Rotation.from_rotvec(angle * np.array(axis) / np.linalg.norm(axis))
     a, b = first.as_quat(), (turn * first).as_quat()

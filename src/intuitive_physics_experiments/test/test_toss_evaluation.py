@@ -25,9 +25,7 @@ OPTIONS = LearningOptions(method="cma_es", criteria=ConvergenceCriteria(max_iter
 
 
 @pytest.mark.parametrize("engine", ["stepped", "bullet"])
-def test_the_coefficients_that_made_the_tosses_are_found(
-    toss_arrays: TossArrays, engine: str
-) -> None:
+def test_the_coefficients_that_made_the_tosses_are_found(toss_arrays, engine):
     tosses = cube_tosses(toss_arrays(8, engine, friction=0.2, restitution=0.3))
     found = evaluate_tosses(tosses, [engine], OPTIONS, train_fraction=0.5)
     assert (len(found.training), len(found.test)) == (4, 4)
@@ -43,7 +41,7 @@ def test_the_coefficients_that_made_the_tosses_are_found(
     assert f"{engine}, fitted" in toss_table(found)
 
 
-def test_mujoco_is_fitted_in_its_softness_too(toss_arrays: TossArrays) -> None:
+def test_mujoco_is_fitted_in_its_softness_too(toss_arrays):
     tosses = cube_tosses(toss_arrays(2, "stepped"))
     options = LearningOptions(
         method="cma_es", criteria=ConvergenceCriteria(max_iterations=16), seed=2
@@ -53,14 +51,14 @@ def test_mujoco_is_fitted_in_its_softness_too(toss_arrays: TossArrays) -> None:
     assert fit.simulator.name == "mujoco"
 
 
-def test_the_cost_is_distance_plus_turn_of_a_face() -> None:
+def test_the_cost_is_distance_plus_turn_of_a_face():
     # Width 0.1 m: 0.2 widths are 20 mm, and 0.5 rad move a face's middle by 25 mm.
     errors = TossErrors(np.array([[0.1, 0.3]]), np.array([[0.0, 1.0]]))
     assert toss_cost(errors, 0.1) == pytest.approx([0.045])
 
 
 @given(point=st.tuples(*[st.floats(-0.5, 1.5)] * 2))
-def test_every_point_is_one_friction_and_one_restitution(point: tuple[float, float]) -> None:
+def test_every_point_is_one_friction_and_one_restitution(point):
     pair = FrictionAndRestitution().to_parameters(point).pair("cube", "table")
     friction, restitution = np.clip(point, 0.0, 1.0)
     assert pair == {
@@ -71,6 +69,6 @@ def test_every_point_is_one_friction_and_one_restitution(point: tuple[float, flo
     }
 
 
-def test_one_toss_is_too_few(toss_arrays: TossArrays) -> None:
+def test_one_toss_is_too_few(toss_arrays):
     with pytest.raises(InvalidInputError, match="at least 2"):
         evaluate_tosses(cube_tosses(toss_arrays(1)), ["stepped"], OPTIONS)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,15 +28,13 @@ TossArrays = Callable[..., dict[str, Any]]
 
 @settings(max_examples=10)
 @given(st.tuples(*[st.floats(-0.03, 0.03)] * 3))
-def test_the_centre_that_made_the_flights_is_found(
-    toss_arrays: TossArrays, mass_centre: tuple[float, float, float]
-) -> None:
+def test_the_centre_that_made_the_flights_is_found(toss_arrays, mass_centre):
     # Free flight of `stepped` is exact to rounding; a fall of 0.1 m takes 14 rows of 10 ms.
     fit = fit_mass_centre(cube_tosses(toss_arrays(5, "stepped", mass_centre=mass_centre)))
     assert fit.mass_centre == pytest.approx(mass_centre, abs=1e-6)
 
 
-def test_the_deviation_is_that_of_the_noise(toss_arrays: TossArrays) -> None:
+def test_the_deviation_is_that_of_the_noise(toss_arrays):
     # (c - c_true) / σ has mean square 1, and σ of 30 flights is itself good to √(2/30) in its
     # square; of 120, √(2/120) more: within 4 of both together 0.4 to 2 (false alarm 1e-4).
     centre = (0.004, -0.002, 0.006)
@@ -58,7 +55,7 @@ def noisy(toss: CubeToss, rng: np.random.Generator) -> CubeToss:
     return replace(toss, observation=replace(toss.observation, objects=objects))
 
 
-def test_tosses_that_tell_nothing_are_refused(toss_arrays: TossArrays) -> None:
+def test_tosses_that_tell_nothing_are_refused(toss_arrays):
     toss = cube_tosses(toss_arrays(1, "stepped"))[0]
     (seen,) = toss.observation.objects
     few = Trajectory(seen.trajectory.times[:5], seen.trajectory.positions[:5])
@@ -76,9 +73,7 @@ def test_tosses_that_tell_nothing_are_refused(toss_arrays: TossArrays) -> None:
             fit_mass_centre(tosses)
 
 
-def test_a_lopsided_cube_is_predicted_better_with_its_centre_of_mass(
-    toss_arrays: TossArrays,
-) -> None:
+def test_a_lopsided_cube_is_predicted_better_with_its_centre_of_mass(toss_arrays):
     tosses = cube_tosses(toss_arrays(8, "stepped", mass_centre=(0.0, 0.006, 0.0)))
     options = LearningOptions(
         method="cma_es", criteria=ConvergenceCriteria(max_iterations=60), seed=2
@@ -95,7 +90,7 @@ def test_a_lopsided_cube_is_predicted_better_with_its_centre_of_mass(
 
 
 @pytest.mark.needs("recordings")
-def test_the_recorded_cube_is_heavier_on_one_side(recording: Callable[[str], Path]) -> None:
+def test_the_recorded_cube_is_heavier_on_one_side(recording):
     # Two halves of the flights tell the same place, some 5 mm from the centre; and the cube comes
     # to rest on that side more often than on the other.
     tosses = load_cube_tosses(recording("cube_tosses.npz"))

@@ -17,7 +17,7 @@ components = st.floats(-6.0, 6.0)
 vectors = st.tuples(components, components, components)
 
 
-def test_a_flat_cube_stops_on_its_face() -> None:
+def test_a_flat_cube_stops_on_its_face():
     # From height h of its face at rest: t = √(2 h / g).
     state = ObjectState((0.0, 0.0, 0.5 + WIDTH / 2), linear_velocity=(2.0, 0.0, 0.0))
     positions, orientations = tumbling_flight(TABLE, WIDTH, state, [0.1, 0.4, 0.9])
@@ -26,7 +26,7 @@ def test_a_flat_cube_stops_on_its_face() -> None:
     assert orientations == pytest.approx(np.tile([0.0, 0.0, 0.0, 1.0], (3, 1)))
 
 
-def test_it_turns_at_a_constant_rate_about_an_axis_of_the_world() -> None:
+def test_it_turns_at_a_constant_rate_about_an_axis_of_the_world():
     state = ObjectState(
         (0.0, 0.0, 9.0), Rotation.from_rotvec([1, 0, 0]).as_quat(), (0, 0, 0), (0, 0, 2)
     )
@@ -36,9 +36,7 @@ def test_it_turns_at_a_constant_rate_about_an_axis_of_the_world() -> None:
 
 
 @given(vector=vectors, velocity=vectors, spin=vectors, height=st.floats(0.1, 1.0))
-def test_no_corner_gets_into_the_table_and_the_cube_ends_on_one(
-    vector: tuple[float, ...], velocity: tuple[float, ...], spin: tuple[float, ...], height: float
-) -> None:
+def test_no_corner_gets_into_the_table_and_the_cube_ends_on_one(vector, velocity, spin, height):
     state = ObjectState((0, 0, height), Rotation.from_rotvec(vector).as_quat(), velocity, spin)
     # Long enough to come down from anywhere; rows as near as those of the recordings.
     positions, orientations = tumbling_flight(TABLE, WIDTH, state, np.arange(1, 300) / 148.0)

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,8 +18,6 @@ from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings,
 
 GRAVITY = 9.81
 RESTITUTION = 0.9
-
-Flight = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]]
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,11 @@ from hypothesis.extra import numpy as hnp
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_experiments.recorded_sets.recorded_data import (
+    LAUNCHES,
+    kind_of_set,
+    load_cube_tosses,
     load_recorded_set,
+    load_spin_flights,
     load_table_tennis,
 )
 from intuitive_physics_experiments.recorded_sets.table_tennis import (
@@ -81,20 +85,36 @@ def test_a_flight_over_the_edge_of_the_table_ends_there(tmp_path, bouncing_fligh
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("kind", "change", "message"),
     [
-        ({"offsets": np.array([0, 160, 320])}, "offsets go from"),
-        ({"offsets": np.array([0.0, 480.0])}, "whole numbers"),
-        ({"position": np.zeros((480, 2))}, "shape"),
-        ({"position": np.full((480, 3), np.nan)}, "not finite"),
-        ({"time": np.zeros(480)}, "strictly increase"),
-        ({"radius": np.array(-1.0)}, "above zero"),
+        ("launch", {"offsets": np.array([0, 160, 300])}, "offsets go from"),
+        ("launch", {"offsets": np.array([0.0, 320.0])}, "whole numbers"),
+        ("launch", {"position": np.zeros((320, 2))}, "shape"),
+        ("launch", {"time": np.zeros(320)}, "strictly increase"),
+        ("launch", {"radius": np.array(-1.0)}, "above zero"),
+        ("toss", {"quaternion_wxyz": np.full((120, 4), 0.6)}, "norm 1.2"),
+        ("toss", {"quaternion_wxyz": np.zeros((120, 3))}, "shape"),
+        ("toss", {"position": np.full((120, 3), np.nan)}, "not finite"),
+        ("toss", {"velocity_world": np.zeros((119, 3))}, "offsets go from"),
+        ("toss", {"offsets": np.array([0, 1, 120])}, "expected points after the start"),
+        ("toss", {"dt": np.array(0.0)}, "above zero"),
+        ("toss", {"cube_edge": np.ones(2)}, "expected a number"),
     ],
 )
-def test_what_a_set_cannot_have_is_named(tmp_path, launch_arrays, change, message):
-    np.savez(tmp_path / "set.npz", **{**launch_arrays(3), **change})
+def test_arrays_that_a_set_cannot_have_are_named(tmp_path, request, kind, change, message):
+    arrays = request.getfixturevalue(f"{kind}_arrays")(2)
+    np.savez(tmp_path / "set.npz", **{**arrays, **change})
     with pytest.raises(InvalidInputError, match=message):
         load_recorded_set(tmp_path / "set.npz")
+
+
+def test_other_kinds_of_sets_are_refused(tmp_path, launch_arrays):
+    np.savez(tmp_path / "set.npz", **launch_arrays(1))
+    assert kind_of_set(tmp_path / "set.npz") is LAUNCHES
+    with pytest.raises(InvalidInputError, match="launches; expected cube tosses"):
+        load_cube_tosses(tmp_path / "set.npz")
+    with pytest.raises(InvalidInputError, match="expected table-tennis flights with measured spin"):
+        load_spin_flights(tmp_path / "set.npz")
 
 
 def test_other_files_are_refused(tmp_path):
@@ -127,14 +147,29 @@ def test_truncated_files_are_refused(tmp_path_factory, launch_arrays, share):
         load_recorded_set(path)
 
 
+def any_rows(count: int, columns: int):
+    return hnp.arrays(np.float64, (count, columns), elements=st.floats(width=32))
+
+
 @settings(max_examples=60, deadline=None)
 @given(
-    position=hnp.arrays(np.float64, (24, 3), elements=st.floats(width=32)),
-    velocity=hnp.arrays(np.float64, (24, 3), elements=st.floats(width=32)),
+    arrays=st.one_of(
+        st.fixed_dictionaries({"position": any_rows(24, 3), "velocity": any_rows(24, 3)}).map(
+            lambda rows: {**rows, "offsets": [0, 24], "dt_implied": 0.011}
+        ),
+        st.fixed_dictionaries(
+            {
+                "position": any_rows(2, 3),
+                "quaternion_wxyz": any_rows(2, 4),
+                "velocity_world": any_rows(2, 3),
+                "angular_velocity_body": any_rows(2, 3),
+            }
+        ).map(lambda rows: {**rows, "offsets": [0, 2], "dt": 0.01, "cube_edge": 0.1}),
+    )
 )
-def test_any_numbers_are_loaded_or_refused(tmp_path_factory, position, velocity):
+def test_any_numbers_are_loaded_or_refused(tmp_path_factory, arrays):
     path = tmp_path_factory.mktemp("npz") / "set.npz"
-    np.savez(path, position=position, velocity=velocity, offsets=[0, 24], dt_implied=0.011)
+    np.savez(path, **arrays)
     try:
         _, observations = load_recorded_set(path)
     except InvalidInputError:

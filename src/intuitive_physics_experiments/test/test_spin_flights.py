@@ -119,12 +119,6 @@ def test_what_a_set_cannot_have_is_named(tmp_path, spin_arrays, change, message)
             load(tmp_path / "set.npz")
 
 
-def test_other_sets_are_refused(tmp_path, launch_arrays):
-    np.savez(tmp_path / "set.npz", **launch_arrays(1))
-    with pytest.raises(InvalidInputError, match="expected table-tennis flights with measured spin"):
-        load_spin_flights(tmp_path / "set.npz")
-
-
 @settings(max_examples=60, deadline=None)
 @given(
     position=hnp.arrays(np.float64, (24, 3), elements=st.floats(width=32)),

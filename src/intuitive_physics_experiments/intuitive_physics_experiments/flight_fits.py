@@ -48,7 +48,10 @@ MOST_ROUNDS = 60  # Iterations of the fit at most
 def state_covariance(
     fitted: NDArray[np.float64], parts: Sequence[slice] = MOTION
 ) -> NDArray[np.float64]:
-    """Covariance (12, 12) of a state of which these parts were fitted, with their covariance."""
+    """Covariance (12, 12) of a state of which only `parts` were fitted, to the covariance `fitted`.
+
+    The covariance `fitted` (n, n) has the parts in their order.
+    """
     rows = np.r_[tuple(parts)]
     covariance = np.zeros((ERROR_SIZE, ERROR_SIZE))
     covariance[np.ix_(rows, rows)] = fitted
@@ -74,7 +77,8 @@ def flight_length(
 
     A point is a surprise when it lies further from where the points before it send the object than
     noise does. The one before the surprise is left out too: the bounce may have begun there.
-    Arguments are those of `fit_noisy_flight`.
+    `times` (n,) s, `positions` (n, 3) m, `gravity` (3,) m/s² and `noise` (...) are those of
+    `fit_noisy_flight`.
     """
     flight = _NoisyFlight(times, positions, gravity, noise)
     for count in range(FEWEST_POINTS, flight.times.size):
@@ -88,10 +92,10 @@ def fit_noisy_flight(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Fit x(t) = x₀ + v₀ t + g t² / 2 by least squares to points with known noise.
 
-    Times (n,) s, n ≥ 3, strictly increase; positions are (n, 3) m, gravity (3,) m/s². Noise is a
-    standard deviation in m on each axis, or the covariance (n, 3, 3) m² of each point. Returns
-    position (3,) m and velocity (3,) m/s at the first time, and the covariance (12, 12) of an
-    `ObjectState`, in which rotation and spin are zero.
+    The `times` (n,) s, n ≥ 3, strictly increase; `positions` (n, 3) m, gravity (3,) m/s². The
+    `noise` () m is a standard deviation on each axis, or (n, 3, 3) m² the covariance of each point.
+    Returns position (3,) m and velocity (3,) m/s at the first time, and the covariance (12, 12) of
+    an `ObjectState`, in which rotation and spin are zero.
     """
     flight = _NoisyFlight(times, positions, gravity, noise)
     start, inverse = flight.fit(flight.times.size)
@@ -140,12 +144,12 @@ def _covariances(noise: ArrayLike, count: int) -> NDArray[np.float64]:
 
 
 def fit_initial_state(times: ArrayLike, positions: ArrayLike, gravity: ArrayLike) -> ObjectState:
-    """Fit x(t) = x₀ + v₀ t + g t² / 2 to points (n, 3) m in free flight at times (n,) s, n ≥ 2.
+    """Fit x(t) = x₀ + v₀ t + g t² / 2 to positions (n, 3) m in free flight at times (n,) s, n ≥ 2.
 
     Three points are the paper's choice; more points average more noise but feel more of what the
-    model lacks, such as air drag. The covariance counts both: it comes from the residuals, and
-    neighbours whose residuals go together count as fewer points. The state is that of the first
-    time; the spin is zero with the standard deviation `UNKNOWN_SPIN`.
+    model lacks, such as air drag, beside `gravity` (3,) m/s². The covariance counts both: it comes
+    from the residuals, and neighbours whose residuals go together count as fewer points. The state
+    is that of the first time; the spin is zero with the standard deviation `UNKNOWN_SPIN`.
     """
     since, level = _without_gravity(times, positions, gravity, 2)
     design = np.column_stack([np.ones_like(since), since])
@@ -159,7 +163,7 @@ def fit_initial_state(times: ArrayLike, positions: ArrayLike, gravity: ArrayLike
 def noise_variance(residuals: NDArray[np.float64], parameters: int) -> NDArray[np.float64]:
     """Variance (3,) m² of a point on each axis, as if neighbours were independent.
 
-    Residuals (n, 3) m are of points along one track; `parameters` were fitted on each axis.
+    The `residuals` (n, 3) m are of points along one track; `parameters` were fitted on each axis.
     """
     n = len(residuals)
     freedom = max(n - parameters, 1)
@@ -187,11 +191,11 @@ class AirFactors:
 def fit_initial_state_in_air(
     times: ArrayLike, positions: ArrayLike, gravity: ArrayLike, air: AirFactors
 ) -> ObjectState:
-    """Fit position, velocity and spin to points (n, 3) m in free flight at times (n,) s, n ≥ 3.
+    """Fit position, velocity and spin to positions (n, 3) m in free flight at times (n,) s, n ≥ 3.
 
-    The state is that of the first time. The flight determines only the part of the spin across it;
-    of the rest the covariance says `LIKELY_SPIN`. Air that is too strong for the fit to converge is
-    an error.
+    The state is that of the first time, under `gravity` (3,) m/s² and in air. The flight determines
+    only the part of the spin across it; of the rest the covariance says `LIKELY_SPIN`. Air that is
+    too strong for the fit to converge is an error.
     """
     since, level = _without_gravity(times, positions, gravity, 3)
     g = np.asarray(gravity, dtype=np.float64)

@@ -268,8 +268,8 @@ def ratios_of_means(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return ratios (n_horizons,) of mean scores, and their standard errors to first order.
 
-    Scores and others are (n, n_horizons) m of the same trajectories, NaN where the outcome is not
-    known.
+    The `scores` (n, n_horizons) m and `others` (n, n_horizons) m are of the same trajectories, NaN
+    where the outcome is not known.
     """
     mean = np.nanmean(others, axis=0)
     ratios = np.nanmean(scores, axis=0) / mean
@@ -281,10 +281,9 @@ def ratios_of_means(
 def ideal_energy_scores(
     outcomes: Sequence[Outcome], truth: Prediction, prediction: Prediction, seed: int
 ) -> NDArray[np.float64]:
-    """Return the mean energy scores of a prediction if another one is the truth.
+    """Return mean energy scores (n, n_horizons) m of a prediction if another one is the truth.
 
-    The truth draws `IDEAL_DRAWS` outcomes for each; the scores are (n_trajectories, n_horizons) m,
-    NaN where the position was not seen.
+    The truth draws `IDEAL_DRAWS` outcomes for each; NaN where the position was not seen.
     """
     rows = []
     for outcome, happened, samples in zip(
@@ -310,10 +309,11 @@ def calibrate(
     seed: int = 0,
     simulator: Simulator | None = None,
 ) -> Calibration:
-    """Fit the noise to the past, then score predictions of held-out outcomes at horizons in s.
+    """Fit the noise to the past, then score predictions of held-out outcomes.
 
-    The past may be the outcomes that θ_s was learned from. `scales_to_fit` and `start` are those of
-    `fit_noise_scales`; the fits take half of `sample_count` simulations.
+    The past may be the outcomes that θ_s was learned from; their times are `horizons` (n_horizons,)
+    s. `scales_to_fit` and `start` are those of `fit_noise_scales`; the fits take half of
+    `sample_count` simulations.
     """
     engine = simulator or make_simulator("auto")
     few = max(sample_count // 2, FEWEST_SAMPLES)

@@ -184,8 +184,8 @@ def prediction_outcome(
 ) -> PredictionOutcome:
     """Put a prediction beside what then happened, for as long as the throw is known.
 
-    The stamp is s on the bag's clock, of the state that was predicted from; times (n_times,) s
-    count from there, samples are (n_samples, n_times, 3) m and the mean (n_times, 3) m.
+    The stamp is s on the bag's clock, of the state that was predicted from; `times` (n_times,) s
+    count from there, `samples` (n_samples, n_times, 3) m and `mean` (n_times, 3) m are predicted.
     """
     throw = frame.throw_at(stamp)
     end = throw.end_time + 1e-9 * frame.truth.start_time - stamp
@@ -222,7 +222,7 @@ def example_frame(
 ) -> ExampleFrame:
     """Take the frame of a throw in which the ball flies, with the planes in view.
 
-    Rotation (3, 3) and translation (3,) m lead from the sensor to the environment.
+    The `rotation` (3, 3) and `translation` (3,) m lead from the sensor to the environment.
     """
     seen = observation.objects[0]
     track = seen.trajectory

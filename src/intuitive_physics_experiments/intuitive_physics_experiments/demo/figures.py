@@ -97,7 +97,8 @@ def projected(
 ) -> NDArray[np.float64]:
     """Return the pixels (n, 2) of points (n, 3) m of the environment.
 
-    Rotation (3, 3) and translation (3,) m lead from the camera to the environment.
+    The `rotation` (3, 3) and `translation` (3,) m lead from the camera to the environment;
+    `camera_matrix` (3, 3) is in pixels.
     """
     sensor = (points - translation) @ rotation
     return np.asarray((sensor @ camera_matrix.T)[:, :2] / sensor[:, 2:])

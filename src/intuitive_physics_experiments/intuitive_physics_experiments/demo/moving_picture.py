@@ -48,8 +48,8 @@ def write_moving_picture(
 ) -> None:
     """Write an animated GIF of a throw, in slow motion, that begins again and again.
 
-    Frames are stamps in s and depth images (height, width) of the recording, predictions in the
-    order in which they were made; the comment is written into the file.
+    The `frames` (...) are stamps in s and depth images (height, width) of the recording,
+    predictions stand in the order in which they were made; the comment is written into the file.
     """
     view = _View(perceived, _part_shown(perceived, track))
     first, last = track.times[0] - 0.1, track.times[-1]

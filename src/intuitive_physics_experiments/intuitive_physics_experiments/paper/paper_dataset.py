@@ -184,8 +184,8 @@ def observed_run(
 ) -> PaperRun:
     """Return a run whose true motion is known, with the observation that a learner gets of it.
 
-    The scene has the true initial states, times (n_times,) s begin at 0, positions are (n_objects,
-    n_times, 3) m. The random numbers are those of noise and id.
+    The scene has the true initial states, `times` (n_times,) s begin at 0, the true `positions`
+    (n_objects, n_times, 3) m. The random numbers are those of noise and id.
     """
     _check_source(initial_states)
     noisy = positions + rng.normal(0.0, POSITION_NOISE, positions.shape)

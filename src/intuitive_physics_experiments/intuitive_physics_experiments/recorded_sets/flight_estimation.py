@@ -247,7 +247,10 @@ class BallEstimate:
 
 
 def flight_axes(velocity: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit vectors (3, 3), in rows: across the flight and level, across and upward, along it."""
+    """Unit vectors (3, 3), in rows: across the flight and level, across and upward, along it.
+
+    The flight has the `velocity` (3,) m/s.
+    """
     along = velocity / max(float(np.linalg.norm(velocity)), 1e-9)
     level = np.array([-along[1], along[0], 0.0])
     length = float(np.linalg.norm(level))

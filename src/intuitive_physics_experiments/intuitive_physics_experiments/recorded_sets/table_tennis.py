@@ -106,7 +106,10 @@ def gun_observations(arrays: Arrays, air: AirCoefficients = VACUUM) -> list[Obse
 def recovered_times(
     positions: NDArray[np.float64], velocities: NDArray[np.float64], period: float
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return times (k,) s from 0 of rows, and which have them, by positions and velocities."""
+    """Return times (k,) s from 0 of rows, and which rows (k,) have them.
+
+    They follow from `positions` (n, 3) m, `velocities` (n, 3) m/s and the usual period in s.
+    """
     # Only horizontal motion: a bounce turns the vertical speed round between two rows.
     steps = np.diff(positions[:, :2], axis=0)
     speeds = 0.5 * (velocities[1:, :2] + velocities[:-1, :2])
@@ -134,7 +137,8 @@ def flight_observation(
 ) -> Observation | None:
     """Observation of one ball above a table, or None where too little of its flight was seen.
 
-    Times are (n,) s, positions (n, 3) m; the first plane of the environment is the table.
+    The `times` (n,) s and `positions` (n, 3) m are of the ball's centre; the first plane of the
+    environment is the table.
     """
     above = environment.planes[0].signed_distances(positions) - ball.shape.bounding_radius
     free = rows_before_contact(above)
@@ -159,7 +163,7 @@ def fit_ball_state(
     environment: Environment,
     ball: SceneObject,
 ) -> ObjectState:
-    """Fit θ_d at the first row of a free flight (n, 3) m at times (n,) s, in the ball's air."""
+    """Fit θ_d to a free flight, positions (n, 3) m at times (n,) s, in the ball's air."""
     if ball.drag_coefficient == ball.magnus_coefficient == 0.0:
         return fit_initial_state(times, positions, environment.gravity)
     radius = ball.shape.bounding_radius

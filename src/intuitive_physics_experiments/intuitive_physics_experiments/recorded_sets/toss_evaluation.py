@@ -96,7 +96,7 @@ class TossBatch:
 
 
 def rotation_angles(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Angle (...) rad, 0 to π, of the rotation from a to b, unit quaternions (..., 4)."""
+    """Angle (...) rad, 0 to π, of the rotation from a (..., 4) to b (..., 4), unit quaternions."""
     # As 4 atan2(|a - b|, |a + b|), which is exact for small angles where acos(a · b) is not;
     # b and -b are the same rotation, the nearer one counts.
     apart, together = np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1)
@@ -121,7 +121,7 @@ class FrictionAndRestitution:
         return 2
 
     def to_parameters(self, unit: ArrayLike) -> StaticParameters:
-        """Map a point (2,) of the unit square, clipped to it, to θ_s."""
+        """Map a point `unit` (2,) of the unit square, clipped to it, to θ_s."""
         point = np.clip(finite_array(unit, "friction and restitution", (2,)), 0.0, 1.0)
         return toss_parameters(*point.tolist())
 

@@ -58,7 +58,7 @@ def fit_mass_centre(tosses: Sequence[CubeToss]) -> MassCentreFit:
 
 
 def with_mass_centre(toss: CubeToss, mass_centre: NDArray[np.float64]) -> CubeToss:
-    """Return the toss of a cube with a centre-of-mass offset (3,) m in the cube's frame."""
+    """Return the toss of a cube with the offset `mass_centre` (3,) m in the cube's frame."""
     (seen,) = toss.observation.objects
     x, y, z = mass_centre.tolist()
     cube = replace(seen.object, mass_centre=(x, y, z))

@@ -17,8 +17,8 @@ def tumbling_flight(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Positions (n, 3) m and orientations (n, 4) of a cube that stops where it first touches.
 
-    Times (n,) s after the state strictly increase; the width is the cube's edge in m. A cube has
-    three equal moments of inertia, so in free flight its angular velocity is constant.
+    The `times` (n,) s after the state strictly increase; the width is the cube's edge in m. A cube
+    has three equal moments of inertia, so in free flight its angular velocity is constant.
     """
     instants = increasing_times(times, "times")
     flight = _Flight(environment, width, state)
@@ -38,7 +38,7 @@ def cube_gaps(
 ) -> NDArray[np.float64]:
     """Distance (n,) m of the lowest corner of a cube from the nearest plane.
 
-    Positions (n, 3) m are of its centre, axes (n, 3, 3) rotate from the cube to the world.
+    The `positions` (n, 3) m are of its centre, `axes` (n, 3, 3) rotate from the cube to the world.
     """
     gaps = np.full(len(axes), np.inf)
     for plane in environment.planes:

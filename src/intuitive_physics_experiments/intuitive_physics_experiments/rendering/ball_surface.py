@@ -37,7 +37,7 @@ class BallSurface:
             )
 
     def reflectance(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return red, green and blue (..., 3), 0 to 1, in directions of the ball's own axes."""
+        """Return red, green and blue (..., 3), 0 to 1, in `directions` (..., 3) of its axes."""
         marked = _marked(self.pattern, directions)[..., None]
         return np.where(marked, np.array(self.mark), np.array(self.ground))
 

@@ -38,7 +38,7 @@ class RoomLight:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the factor (...,) of the reflectance and the white highlight (...,) added to it.
 
-        Normals and directions to the camera are unit vectors (..., 3) in the world.
+        The `normals` (..., 3) and `to_camera` (..., 3) are unit vectors in the world.
         """
         light = np.asarray(self.direction) / np.linalg.norm(self.direction)
         cosine = normals @ light

@@ -69,12 +69,12 @@ class DepthRenderer:
         self.background = _cast_background(camera, environment, self._rays)
 
     def render(self, center: ArrayLike, radius: float) -> tuple[DepthImage, ImageRegion]:
-        """Return the rectangle of the image that a ball covers, and where that rectangle is."""
+        """Return the rectangle of the image that a ball at `center` (3,) m covers, and where."""
         rendered = self.render_balls([center], [radius])
         return rendered.image, rendered.region
 
     def render_balls(self, centers: Sequence[ArrayLike], radii: Sequence[float]) -> RenderedBalls:
-        """Return the rectangle of the image that covers balls of centres (3,) m and radii in m.
+        """Return the rectangle of the image that covers balls of `centers` (3,) m and radii in m.
 
         A ball that reaches behind the camera's image plane is an error.
         """
@@ -99,7 +99,7 @@ class DepthRenderer:
         return RenderedBalls(DepthImage(depth, cosine), region, owner)
 
     def full_image(self, center: ArrayLike, radius: float) -> DepthImage:
-        """Return the whole image with a ball in it, centre (3,) and radius in m."""
+        """Return the whole image with a ball in it, at `center` (3,) m, with a radius in m."""
         part, region = self.render(center, radius)
         depth, cosine = self.background.depth.copy(), self.background.incidence_cosine.copy()
         depth[region.rows, region.columns] = part.depth
@@ -157,7 +157,7 @@ def cast_sphere(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return depth (...,) m, 0 where missed, and cosine of incidence (...,) of rays on a sphere.
 
-    Rays are directions (..., 3) with z = 1; the centre (3,) m is in the camera's frame.
+    The `rays` (..., 3) are directions with z = 1; the `center` (3,) m is in the camera's frame.
     """
     directions = rays.astype(np.float64)
     square = np.einsum("...i,...i", directions, directions)

@@ -155,8 +155,8 @@ def fit_initial_state(times: ArrayLike, positions: ArrayLike, gravity: ArrayLike
     design = np.column_stack([np.ones_like(since), since])
     solution, *_ = np.linalg.lstsq(design, level, rcond=None)
     variance = noise_variance(level - design @ solution, parameters=2)
-    fitted: NDArray[np.float64] = np.kron(np.linalg.inv(design.T @ design), np.diag(variance))
-    covariance = state_covariance(fitted)
+    fitted = np.kron(np.linalg.inv(design.T @ design), np.diag(variance))
+    covariance = state_covariance(np.asarray(fitted, dtype=np.float64))
     covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = UNKNOWN_SPIN**2 * np.eye(3)
     return ObjectState(solution[0], linear_velocity=solution[1], covariance=covariance)
 

@@ -60,8 +60,8 @@ def merged(resolved: dict[str, dict[str, str]]) -> list[str]:
     for name, version in pythons:
         versions[name].add(version)
     lines = []
-    for (name, version), own in sorted(pythons.items()):
-        marker = " or ".join(f'python_version == "{python}"' for python in own)
+    for (name, version), pythons_of in sorted(pythons.items()):
+        marker = " or ".join(f'python_version == "{python}"' for python in pythons_of)
         lines.append(f"{name}=={version}" + (f" ; {marker}" if len(versions[name]) > 1 else ""))
     return lines
 

@@ -85,12 +85,12 @@ def asked_by_module(tree: ast.Module) -> set[str]:
 
 def lacking(names: Iterable[str]) -> str:
     """Return one sentence on those needs that are not met, an empty text where all are."""
-    asked = sorted(names)
-    if unknown := [name for name in asked if name not in NEEDS]:
+    needs = sorted(names)
+    if unknown := [name for name in needs if name not in NEEDS]:
         raise pytest.UsageError(
             f"a test needs {', '.join(unknown)}; expected some of {', '.join(NEEDS)}"
         )
-    missing = [name for name in asked if not NEEDS[name].is_met()]
+    missing = [name for name in needs if not NEEDS[name].is_met()]
     remedies = dict.fromkeys(NEEDS[name].remedy for name in missing)
     return f"lacks {', '.join(missing)}; to bring it: {'; '.join(remedies)}" if missing else ""
 

@@ -23,10 +23,10 @@ def syntax_of(package: str) -> Iterator[tuple[Path, ast.Module]]:
 
 def imported_packages(syntax: ast.Module) -> set[str]:
     """Return the top-level packages that a module imports, late imports included."""
-    found = set()
+    packages = set()
     for node in ast.walk(syntax):
         if isinstance(node, ast.Import):
-            found |= {alias.name.partition(".")[0] for alias in node.names}
+            packages |= {alias.name.partition(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            found.add((node.module or "").partition(".")[0])
-    return found
+            packages.add((node.module or "").partition(".")[0])
+    return packages

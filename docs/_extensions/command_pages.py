@@ -18,7 +18,7 @@ def pages(_: Path) -> dict[str, str]:
     """Return the page by its name."""
     parser = command_line._parser()
     parts = [f"# Command line\n\n{parser.description}\n"]
-    parts += [_command(name, own) for name, own in commands(parser)]
+    parts += [_command(name, command_parser) for name, command_parser in commands(parser)]
     return {"command_line.md": "\n".join(parts)}
 
 
@@ -28,9 +28,9 @@ def commands(
     """Yield every command, and commands within commands, with its parser."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
-            for name, own in action.choices.items():
-                yield f"{prefix}{name}", own
-                yield from commands(own, f"{prefix}{name} ")
+            for name, command_parser in action.choices.items():
+                yield f"{prefix}{name}", command_parser
+                yield from commands(command_parser, f"{prefix}{name} ")
 
 
 def _command(name: str, parser: argparse.ArgumentParser) -> str:
@@ -90,10 +90,10 @@ def _help(action: argparse.Action) -> str:
 
 
 def _default(action: argparse.Action) -> str:
-    given = action.default
-    if given is None or given is False or given == [] or given is argparse.SUPPRESS:
+    value = action.default
+    if value is None or value is False or value == [] or value is argparse.SUPPRESS:
         return ""
-    return code(str(given).replace(str(Path.home()), "~"))
+    return code(str(value).replace(str(Path.home()), "~"))
 
 
 def _escaped(words: str) -> str:

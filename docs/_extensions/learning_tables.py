@@ -21,8 +21,8 @@ def _bounds() -> str:
     default = {"density": DEFAULT_DENSITY}
     default.update(zip(PAIR_COEFFICIENTS, DEFAULT_COEFFICIENTS, strict=True))
     rows = [
-        (code(kind), f"{own.lower:g} to {own.upper:g}", own.scale, f"{default[kind]:g}")
-        for kind, own in DEFAULT_BOUNDS.items()
+        (code(kind), f"{bounds.lower:g} to {bounds.upper:g}", bounds.scale, f"{default[kind]:g}")
+        for kind, bounds in DEFAULT_BOUNDS.items()
     ]
     return table(("parameter", "bounds", "scale", "default"), rows)
 

@@ -14,19 +14,19 @@ INTERNAL = {"nodes", "commands", "event_driven", "stepped"}
 
 def pages(repository: Path) -> dict[str, str]:
     """Return a page for each package, and their index."""
-    found = {}
+    pages_by_name = {}
     names = []
     for manifest in sorted((repository / "src").glob("*/setup.py")):
         package = manifest.parent.name
         if package not in LEFT_OUT:
             names.append(package)
-            found[f"library/{package}.rst"] = _package(manifest.parent / package)
+            pages_by_name[f"library/{package}.rst"] = _package(manifest.parent / package)
     entries = "\n".join(f"   {name}" for name in names)
-    found["library/index.rst"] = (
+    pages_by_name["library/index.rst"] = (
         f"{_title('Library', '=')}\nThe public modules of each package, from their docstrings.\n\n"
         f".. toctree::\n   :maxdepth: 2\n\n{entries}\n"
     )
-    return found
+    return pages_by_name
 
 
 def public_modules(folder: Path) -> list[str]:

@@ -39,23 +39,23 @@ def pages(repository: Path) -> dict[str, str]:
 
 def node_files(repository: Path) -> list[Path]:
     """Return the files of all nodes."""
-    found = (repository / "src").glob("*/*/nodes/*_node.py")
-    return sorted(path for path in found if path.parts[-3] == path.parts[-4])
+    paths = (repository / "src").glob("*/*/nodes/*_node.py")
+    return sorted(path for path in paths if path.parts[-3] == path.parts[-4])
 
 
 def node_classes(repository: Path) -> dict[str, type[Node]]:
     """Return the class of each node by the name of its module."""
-    found = {}
+    classes = {}
     for path in node_files(repository):
         module = importlib.import_module(f"{path.parts[-3]}.nodes.{path.stem}")
-        found[path.stem] = next(
+        classes[path.stem] = next(
             value
             for value in vars(module).values()
             if inspect.isclass(value)
             and issubclass(value, Node)
             and value.__module__ == module.__name__
         )
-    return found
+    return classes
 
 
 def parameters(node_class: type[Node]) -> list[Any]:
@@ -68,7 +68,7 @@ def parameters(node_class: type[Node]) -> list[Any]:
             names = vars(inspect.getmodule(node_class))
             declared = eval(compile(ast.Expression(call.args[1]), "<node>", "eval"), names)
             own = [AUTOSTART] if managed else []
-            return list({one.name: one for one in [*own, *declared]}.values())
+            return list({parameter.name: parameter for parameter in [*own, *declared]}.values())
     raise LookupError(f"{node_class.__name__} declares no parameters")
 
 
@@ -84,29 +84,29 @@ def node_name(node_class: type[Node]) -> str:
 def _node(repository: Path, path: Path) -> str:
     node_class = node_classes(repository)[path.stem]
     name, package = node_name(node_class), path.parts[-3]
-    found = endpoints(node_class, plays_a_bag=path.stem == BAG_TOPICS)
+    node_endpoints = endpoints(node_class, plays_a_bag=path.stem == BAG_TOPICS)
     camera = connections.CAMERAS["realsense"].topics()
     heard = camera if path.stem == "perception_node" else {}
     doc = " ".join((inspect.getdoc(node_class) or "").split()).replace("`", "")
     parts = [
         f"## {name}\n\n{doc}\n\n`ros2 run {package} {path.stem}`\n",
-        _topics(repository, "Subscriptions", "subscribes", found, heard, path.stem),
-        _topics(repository, "Publications", "publishes", found, {}, path.stem),
-        _calls(repository, found),
+        _topics(repository, "Subscriptions", "subscribes", node_endpoints, heard, path.stem),
+        _topics(repository, "Publications", "publishes", node_endpoints, {}, path.stem),
+        _calls(repository, node_endpoints),
         "### Parameters\n",
         table(
             ("name", "default", "description"),
             (
                 (
-                    f"{code(one.name)}{'' if one.read_only else ' ✎'}",
-                    code(_default(one.default)),
-                    one.description.replace("*", "\\*") + _range(one),
+                    f"{code(parameter.name)}{'' if parameter.read_only else ' ✎'}",
+                    code(_default(parameter.default)),
+                    parameter.description.replace("*", "\\*") + _range(parameter),
                 )
-                for one in parameters(node_class)
+                for parameter in parameters(node_class)
             ),
         ),
     ]
-    if any(not one.read_only for one in parameters(node_class)):
+    if any(not parameter.read_only for parameter in parameters(node_class)):
         parts.append("✎ may be set while the node runs.\n")
     return "\n".join(part for part in parts if part)
 
@@ -115,37 +115,37 @@ def _topics(
     repository: Path,
     title: str,
     role: str,
-    found: list[Endpoint],
+    node_endpoints: list[Endpoint],
     heard: dict[str, str],
     module: str,
 ) -> str:
-    chosen = [one for one in found if one.role == role]
+    chosen = [endpoint for endpoint in node_endpoints if endpoint.role == role]
     if not chosen:
         return ""
     titles = ["topic", "type", "QoS", "connected to" if role == "subscribes" else "carries"]
     rows = [
         [
-            code(one.name),
-            _type_link(one.type),
-            _quality(one.quality),
-            code(heard.get(one.name, ""))
+            code(endpoint.name),
+            _type_link(endpoint.type),
+            _quality(endpoint.quality),
+            code(heard.get(endpoint.name, ""))
             if role == "subscribes"
-            else first_comment(repository, one.type),
+            else first_comment(repository, endpoint.type),
         ]
-        for one in chosen
+        for endpoint in chosen
     ]
     if role == "publishes" and module == BAG_TOPICS:
         rows.append(["every topic of the bag", "its own", "reliable", "the recorded messages"])
     return f"### {title}\n\n{table(titles, rows)}"
 
 
-def _calls(repository: Path, found: list[Endpoint]) -> str:
-    chosen = [one for one in found if one.role in ("service", "action")]
+def _calls(repository: Path, node_endpoints: list[Endpoint]) -> str:
+    chosen = [endpoint for endpoint in node_endpoints if endpoint.role in ("service", "action")]
     if not chosen:
         return ""
     rows = [
-        [code(one.name), one.role, _type_link(one.type), first_comment(repository, one.type)]
-        for one in chosen
+        [code(e.name), e.role, _type_link(e.type), first_comment(repository, e.type)]
+        for e in chosen
     ]
     return f"### Services and actions\n\n{table(('name', 'kind', 'type', 'what it does'), rows)}"
 

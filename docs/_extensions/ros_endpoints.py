@@ -79,7 +79,8 @@ def endpoints(node_class: type, *, plays_a_bag: bool = False) -> list[Endpoint]:
     for method in BEGINNING:
         if hasattr(node_class, method):
             reader.follow(node_class, method, {})
-    return list({(one.role, one.name, one.type): one for one in reader.found}.values())
+    unique = {(endpoint.role, endpoint.name, endpoint.type): endpoint for endpoint in reader.found}
+    return list(unique.values())
 
 
 class _Reader:
@@ -223,14 +224,14 @@ def _loop_values(loop: ast.For, values: dict[str, Any]) -> Iterator[dict[str, An
 
 def _imported(statement: ast.ImportFrom) -> dict[str, Any]:
     """Names that an import inside a function brings, also of a package that is not installed."""
-    found = {}
+    values = {}
     for alias in statement.names:
         try:
             value = getattr(importlib.import_module(statement.module or ""), alias.name)
         except ImportError:
             value = type(alias.name, (), {"__module__": f"{statement.module}.missing"})
-        found[alias.asname or alias.name] = value
-    return found
+        values[alias.asname or alias.name] = value
+    return values
 
 
 def _is_self(expression: ast.expr) -> bool:

@@ -25,8 +25,12 @@ def pages(repository: Path) -> dict[str, str]:
     for name, settings in sorted(_classes(repository).items()):
         summary = " ".join((inspect.getdoc(settings) or "").partition("\n\n")[0].split())
         rows = [
-            (code(one.name), f"{code(words(one.default))} {one.unit}", _meaning(one))
-            for one in list_settings(settings)
+            (
+                code(setting.name),
+                f"{code(words(setting.default))} {setting.unit}",
+                _meaning(setting),
+            )
+            for setting in list_settings(settings)
         ]
         parts.append(f"## {name.rpartition('.')[2]}\n\n`{name}`: {summary}\n")
         parts.append(table(("setting", "default", "meaning"), rows))
@@ -39,13 +43,13 @@ def values(repository: Path) -> dict[str, dict[str, str]]:
     The first part is the name of the class of settings, without its last word, or of the folder
     whose modules have the constant NAME.
     """
-    found = _constants(repository)
+    values_of = _constants(repository)
     for name, settings in _classes(repository).items():
         parts = re.findall("[A-Z][a-z]+", name.rpartition(".")[2])
-        found.setdefault("_".join(parts[:-1]).lower(), {}).update(
-            {one.name: words(one.default) for one in list_settings(settings)}
+        values_of.setdefault("_".join(parts[:-1]).lower(), {}).update(
+            {setting.name: words(setting.default) for setting in list_settings(settings)}
         )
-    return found
+    return values_of
 
 
 def _constants(repository: Path) -> dict[str, dict[str, str]]:
@@ -64,7 +68,7 @@ def words(value: Any) -> str:
     if isinstance(value, bool) or value is None:
         return str(value).lower()
     if isinstance(value, tuple):
-        return ", ".join(words(one) for one in value)
+        return ", ".join(words(item) for item in value)
     if is_dataclass(value):
         return code(type(value).__name__)
     return f"{value:g}" if isinstance(value, int | float) else str(value)
@@ -72,7 +76,7 @@ def words(value: Any) -> str:
 
 def _classes(repository: Path) -> dict[str, type]:
     """Return every class of settings by its full name."""
-    found = {}
+    classes = {}
     for manifest in sorted((repository / "src").glob("*/setup.py")):
         package = manifest.parent.name
         for module in public_modules(manifest.parent / package):
@@ -81,8 +85,8 @@ def _classes(repository: Path) -> dict[str, type]:
                 for name, value in vars(importlib.import_module(module)).items():
                     own = inspect.isclass(value) and value.__module__ == module
                     if own and is_dataclass(value) and list_settings(value):
-                        found[f"{module}.{name}"] = value
-    return found
+                        classes[f"{module}.{name}"] = value
+    return classes
 
 
 def _imports_settings(path: Path) -> bool:
@@ -92,8 +96,10 @@ def _imports_settings(path: Path) -> bool:
     )
 
 
-def _meaning(one: Setting) -> str:
-    meaning = one.description.replace("*", "\\*")
-    if one.choices:
-        return f"{meaning} (one of {', '.join(code(choice) for choice in one.choices)})"
-    return meaning if one.range is None else f"{meaning} ({one.range[0]:g} to {one.range[1]:g})"
+def _meaning(setting: Setting) -> str:
+    meaning = setting.description.replace("*", "\\*")
+    if setting.choices:
+        return f"{meaning} (one of {', '.join(code(choice) for choice in setting.choices)})"
+    if setting.range is None:
+        return meaning
+    return f"{meaning} ({setting.range[0]:g} to {setting.range[1]:g})"

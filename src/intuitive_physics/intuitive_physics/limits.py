@@ -88,7 +88,7 @@ def check_limit(limit: str, got: float, what: str) -> None:
     """
     most = getattr(_in_use, limit)
     if not got <= most:
-        unit = next(one.unit for one in list_settings(InputLimits) if one.name == limit)
+        unit = next(setting.unit for setting in list_settings(InputLimits) if setting.name == limit)
         expected = f"{_shown(most)} {unit}".rstrip()
         raise InvalidInputError(
             f"{what}: got {_shown(got)}, expected at most {expected}; send less, or raise the "

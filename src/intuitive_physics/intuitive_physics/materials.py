@@ -129,9 +129,9 @@ class StaticParameters:
         """Return parameters of `materials`: known values, and defaults for new materials."""
         base = StaticParameters.uniform(materials)
         density, coefficients = base.density.copy(), base.coefficients.copy()
-        known = [name for name in materials if name in self.materials]
-        new = np.array([materials.index(name) for name in known], dtype=int)
-        old = np.array([self.index(name) for name in known], dtype=int)
+        shared = [name for name in materials if name in self.materials]
+        new = np.array([materials.index(name) for name in shared], dtype=int)
+        old = np.array([self.index(name) for name in shared], dtype=int)
         density[new] = self.density[old]
         coefficients[:, new[:, None], new] = self.coefficients[:, old[:, None], old]
         return StaticParameters(materials, density, coefficients)

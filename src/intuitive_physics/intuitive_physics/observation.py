@@ -276,10 +276,10 @@ class Observation:
         if self.id == "":
             object.__setattr__(self, "id", self._digest())
         name_string(self.id, "observation id")
-        for seen in self.objects:
-            if seen.trajectory.times[-1] <= self.start_time:
+        for item in self.objects:
+            if item.trajectory.times[-1] <= self.start_time:
                 raise InvalidInputError(
-                    f"object {seen.object.id} was last seen at {seen.trajectory.times[-1]:.6g} s "
+                    f"object {item.object.id} was last seen at {item.trajectory.times[-1]:.6g} s "
                     f"and the observation starts at {self.start_time:.6g} s; "
                     "expected points after the start"
                 )
@@ -289,8 +289,8 @@ class Observation:
         """Return the world at `start_time`, ready to be simulated."""
         return Scene(
             self.environment,
-            tuple(seen.object for seen in self.objects),
-            tuple(seen.initial_state for seen in self.objects),
+            tuple(item.object for item in self.objects),
+            tuple(item.initial_state for item in self.objects),
         )
 
     @property
@@ -301,16 +301,16 @@ class Observation:
     @property
     def time_span(self) -> tuple[float, float]:
         """First and last time in s at which any of its objects was seen."""
-        times = [seen.trajectory.times for seen in self.objects]
-        times += [seen.detections.times for seen in self.objects if seen.detections is not None]
+        times = [item.trajectory.times for item in self.objects]
+        times += [item.detections.times for item in self.objects if item.detections is not None]
         return min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
 
     @property
     def point_count(self) -> int:
         """Points of all trajectories and detections together."""
         return sum(
-            len(seen.trajectory) + (0 if seen.detections is None else seen.detections.times.size)
-            for seen in self.objects
+            len(item.trajectory) + (0 if item.detections is None else item.detections.times.size)
+            for item in self.objects
         )
 
     def check_limits(self) -> None:
@@ -366,7 +366,7 @@ class Observation:
         return {
             "start_time": self.start_time,
             "environment": self.environment.to_dict(),
-            "objects": [seen.to_dict() for seen in self.objects],
+            "objects": [item.to_dict() for item in self.objects],
         }
 
     def _digest(self) -> str:
@@ -398,7 +398,7 @@ class Observation:
             check_limit("most_objects", len(data["objects"]), "objects")
             observation = Observation(
                 Environment.from_dict(data["environment"]),
-                tuple(ObservedObject.from_dict(seen) for seen in data["objects"]),
+                tuple(ObservedObject.from_dict(item) for item in data["objects"]),
                 float(data["start_time"]),
                 data["id"],
             )
@@ -450,7 +450,7 @@ def _moved_onto(points: NDArray[np.float64], targets: NDArray[np.float64]) -> ND
 
 def observation_materials(observations: Sequence[Observation]) -> tuple[str, ...]:
     """Materials of all observations, each once, in order of appearance."""
-    return tuple(dict.fromkeys(name for seen in observations for name in seen.materials))
+    return tuple(dict.fromkeys(name for item in observations for name in item.materials))
 
 
 def save_observation(observation: Observation, path: str | os.PathLike[str]) -> None:

@@ -183,9 +183,9 @@ class ParameterPosterior:
             StaticParameters.uniform(materials)
         )
         mean[new] = self.mean[old]
-        own = _marginal_factor(self.factor, old)
-        factor = np.zeros((len(own), mean.size))
-        factor[:, new] = own
+        marginal = _marginal_factor(self.factor, old)
+        factor = np.zeros((len(marginal), mean.size))
+        factor[:, new] = marginal
         intervals = np.full((mean.size, 2), np.nan)
         intervals[new] = self.intervals[old]
         return ParameterPosterior(materials, mean, factor, self.bounds, intervals)
@@ -230,9 +230,9 @@ class ParameterPosterior:
         intervals : (n, 2) widths, likewise
         """
         kept, new = np.flatnonzero(~chosen), np.flatnonzero(chosen)
-        own = _marginal_factor(self.factor, kept)
+        marginal = _marginal_factor(self.factor, kept)
         combined = np.zeros((mean.size, mean.size))
-        combined[np.ix_(kept, kept)] = own.T @ own
+        combined[np.ix_(kept, kept)] = marginal.T @ marginal
         combined[np.ix_(new, new)] = information[np.ix_(new, new)]
         ends = np.where(chosen[:, None], intervals, self.intervals)
         return ParameterPosterior.from_information(
@@ -387,11 +387,13 @@ def widened_bounds(bounds: Mapping[str, Bounds], parameters: StaticParameters) -
     wide = {**DEFAULT_BOUNDS, **bounds}
     values = parameter_vector(parameters)
     kinds = np.array([name.split("[")[0] for name in parameter_names(parameters.materials)])
-    for kind, own in list(wide.items()):
+    for kind, limits in list(wide.items()):
         least, most = values[kinds == kind].min(), values[kinds == kind].max()
-        if own.scale == "logarithmic":
+        if limits.scale == "logarithmic":
             least = max(least, np.finfo(float).tiny)
-        wide[kind] = Bounds(min(own.lower, float(least)), max(own.upper, float(most)), own.scale)
+        wide[kind] = Bounds(
+            min(limits.lower, float(least)), max(limits.upper, float(most)), limits.scale
+        )
     return wide
 
 

@@ -147,12 +147,14 @@ class ParameterSpace:
         values = np.empty_like(points)
         values[:, :m] = _stretch(points[:, :m], self.bounds["density"])
         shape = (len(points), pair_count(m), len(PAIR_COEFFICIENTS))
-        by_pair, found = points[:, m:].reshape(shape), values[:, m:].reshape(shape)
+        by_pair, pair_values = points[:, m:].reshape(shape), values[:, m:].reshape(shape)
         dynamic = _stretch(by_pair[..., 1], self._dynamic_bounds)
-        found[..., 0] = _stretch(by_pair[..., 0], self.bounds["static_friction"], lower=dynamic)
-        found[..., 1] = dynamic
-        found[..., 2] = _stretch(by_pair[..., 2], self.bounds["rolling_friction"])
-        found[..., 3] = _stretch(by_pair[..., 3], self.bounds["restitution"])
+        pair_values[..., 0] = _stretch(
+            by_pair[..., 0], self.bounds["static_friction"], lower=dynamic
+        )
+        pair_values[..., 1] = dynamic
+        pair_values[..., 2] = _stretch(by_pair[..., 2], self.bounds["rolling_friction"])
+        pair_values[..., 3] = _stretch(by_pair[..., 3], self.bounds["restitution"])
         return values
 
     def slopes(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -174,17 +176,17 @@ class ParameterSpace:
         dynamic = static + 1
         of_dynamic = self._dynamic_bounds
         matrix[dynamic, dynamic] = [_slope(of_dynamic, v) for v in values[dynamic]]
-        own, limit = (
+        static_bounds, limit = (
             self.bounds["static_friction"],
             np.maximum(values[dynamic], np.finfo(float).tiny),
         )
-        follows = values[dynamic] > own.lower
-        low = np.maximum(values[dynamic], own.lower)
-        if own.scale == "logarithmic":
-            matrix[static, static] = values[static] * np.log(own.upper / low)
+        follows = values[dynamic] > static_bounds.lower
+        low = np.maximum(values[dynamic], static_bounds.lower)
+        if static_bounds.scale == "logarithmic":
+            matrix[static, static] = values[static] * np.log(static_bounds.upper / low)
             along = (1.0 - unit[static]) * values[static] / limit
         else:
-            matrix[static, static] = own.upper - low
+            matrix[static, static] = static_bounds.upper - low
             along = 1.0 - unit[static]
         matrix[static, dynamic] = np.where(follows, along * matrix[dynamic, dynamic], 0.0)
         return matrix
@@ -261,8 +263,8 @@ def _stretch(
 ) -> NDArray[np.float64]:
     low, top = _limits(bounds, lower)
     is_logarithmic = bounds.scale == "logarithmic"
-    found = low * (top / low) ** unit if is_logarithmic else low + unit * (top - low)
-    return np.minimum(np.maximum(found, low), top)
+    values = low * (top / low) ** unit if is_logarithmic else low + unit * (top - low)
+    return np.minimum(np.maximum(values, low), top)
 
 
 def _shrink(

@@ -112,7 +112,7 @@ class Setting:
         if self.range is not None:
             kind = "whole number" if self._is_whole else "number"
             kind = f"one or more {kind}s" if self.is_list else f"a {kind}"
-            lower, upper = self.range if self._is_whole else (f"{one:g}" for one in self.range)
+            lower, upper = self.range if self._is_whole else (f"{bound:g}" for bound in self.range)
             limits = f" from {lower} to {upper}" if self.range[1] < inf else f", at least {lower}"
             return f"{kind}{limits} {self.unit}".rstrip()
         if self.choices:
@@ -146,8 +146,8 @@ class Setting:
     def _checked_list(self, values: Any) -> tuple[float, ...]:
         if not isinstance(values, list | tuple) or not values:
             raise self._refused(repr(values))
-        one = replace(self, default=self.default[0])
-        return tuple(one.checked(value) for value in values)
+        item_setting = replace(self, default=self.default[0])
+        return tuple(item_setting.checked(value) for value in values)
 
     def _checked_number(self, value: Any, lower: float, upper: float) -> float:
         got = finite_float(value, self.name)
@@ -166,18 +166,18 @@ def list_settings(settings: type[Any]) -> tuple[Setting, ...]:
 
     Fields that none of the functions above made are left out.
     """
-    return tuple(_read(one) for one in fields(settings) if "description" in one.metadata)
+    return tuple(_read(source) for source in fields(settings) if "description" in source.metadata)
 
 
-def _read(one: Field[Any]) -> Setting:
-    said = one.metadata
+def _read(source: Field[Any]) -> Setting:
+    metadata = source.metadata
     return Setting(
-        one.name,
-        None if one.default is MISSING else one.default,
-        said["description"],
-        said.get("unit", ""),
-        (said["lower"], said["upper"]) if "lower" in said else None,
-        said.get("choices", ()),
+        source.name,
+        None if source.default is MISSING else source.default,
+        metadata["description"],
+        metadata.get("unit", ""),
+        (metadata["lower"], metadata["upper"]) if "lower" in metadata else None,
+        metadata.get("choices", ()),
     )
 
 
@@ -216,38 +216,42 @@ def add_options(
     UnknownNameError
         When the class has no such field, or one that cannot be written on a command line.
     """
-    known = {one.name: one for one in list_settings(settings) if one.is_simple or one.is_list}
-    for name in known if names is None else names:
-        if name not in known:
+    settable = {
+        setting.name: setting
+        for setting in list_settings(settings)
+        if setting.is_simple or setting.is_list
+    }
+    for name in settable if names is None else names:
+        if name not in settable:
             raise UnknownNameError(
                 f"{settings.__name__} has no setting {name!r} for the command line; expected one "
-                f"of {', '.join(known)}"
+                f"of {', '.join(settable)}"
             )
-        _add_option(parser, known[name])
+        _add_option(parser, settable[name])
 
 
 def _add_option(parser: argparse.ArgumentParser, setting: Setting) -> None:
-    what: dict[str, Any] = {"type": type(setting.default), "metavar": "NAME"}
-    default, said = str(setting.default), setting.description
+    arguments: dict[str, Any] = {"type": type(setting.default), "metavar": "NAME"}
+    default, meaning = str(setting.default), setting.description
     if isinstance(setting.default, bool):
-        what = {"action": argparse.BooleanOptionalAction}
+        arguments = {"action": argparse.BooleanOptionalAction}
         default = default.lower()
     elif setting.choices:
-        what = {"choices": setting.choices}
+        arguments = {"choices": setting.choices}
     elif setting.range is not None:
         first = setting.default[0] if setting.is_list else setting.default
-        what = {"type": type(first), "metavar": "N" if isinstance(first, int) else "X"}
-        said = f"{said}; {setting.constraint}"
+        arguments = {"type": type(first), "metavar": "N" if isinstance(first, int) else "X"}
+        meaning = f"{meaning}; {setting.constraint}"
         if setting.is_list:
-            what["nargs"] = "+"
+            arguments["nargs"] = "+"
             default = " ".join(map(str, setting.default))
     # An option that is not given leaves no trace: the default stands in one place, the field.
     parser.add_argument(
         _option_name(setting),
         dest=setting.name,
         default=argparse.SUPPRESS,
-        help=f"{said} (default: {default})".replace("%", "%%"),
-        **what,
+        help=f"{meaning} (default: {default})".replace("%", "%%"),
+        **arguments,
     )
 
 
@@ -271,9 +275,11 @@ def settings_from_options(
     InvalidInputError
         When a value lies outside its range.
     """
-    asked = {
-        one.name: replace(one, name=_option_name(one)).checked(getattr(options, one.name))
-        for one in list_settings(settings)
-        if hasattr(options, one.name)
+    values = {
+        setting.name: replace(setting, name=_option_name(setting)).checked(
+            getattr(options, setting.name)
+        )
+        for setting in list_settings(settings)
+        if hasattr(options, setting.name)
     }
-    return settings(**{**otherwise, **asked})
+    return settings(**{**otherwise, **values})

@@ -45,7 +45,7 @@ ORDER = (
 )
 """Commands as the help lists them, in the order of work; those not named here come last."""
 
-LIMITS = {one.name: one.default for one in list_settings(InputLimits)}
+LIMITS = {setting.name: setting.default for setting in list_settings(InputLimits)}
 """Limits that can be raised, with their defaults."""
 
 
@@ -101,14 +101,14 @@ def _parser() -> argparse.ArgumentParser:
 def _raised(given: Sequence[str]) -> InputLimits:
     """Return limits in which some have the numbers that were given, each as NAME=NUMBER."""
     numbers: dict[str, Any] = {}
-    for one in given:
-        name, _, text = one.partition("=")
+    for entry in given:
+        name, _, text = entry.partition("=")
         try:
             number = float(text)
             numbers[name] = type(LIMITS[name])(number)
         except (KeyError, ValueError, OverflowError):
             raise InvalidInputError(
-                f"--input-limit is {one!r}; expected NAME=NUMBER with one of {', '.join(LIMITS)}"
+                f"--input-limit is {entry!r}; expected NAME=NUMBER with one of {', '.join(LIMITS)}"
             ) from None
     return InputLimits(**numbers)
 

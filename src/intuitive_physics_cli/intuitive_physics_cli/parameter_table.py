@@ -47,9 +47,9 @@ def parameter_table(learned: LearnedParameters) -> str:
 def initial_spins(learned: LearnedParameters) -> list[str]:
     """Return how the balls of each material are thrown, where that is known."""
     return [
-        f"{material} {own.deviation:.2g} ± {own.deviation * own.relative_error:.1g} rad/s on each "
-        f"axis (from about {own.count:.0f} throws)"
-        for material, own in learned.initial_spins.by_material.items()
+        f"{material} {spread.deviation:.2g} ± {spread.deviation * spread.relative_error:.1g} rad/s "
+        f"on each axis (from about {spread.count:.0f} throws)"
+        for material, spread in learned.initial_spins.by_material.items()
     ]
 
 
@@ -76,11 +76,13 @@ def parameter_notes(learned: LearnedParameters) -> list[str]:
 
 def unidentified(learned: LearnedParameters) -> list[str]:
     """Return the parameters that are not identifiable; a pair with none that is, is one entry."""
-    known = dict(zip(parameter_names(learned.materials), learned.identified, strict=True))
-    densities = [name for name in learned.materials if not known[f"density[{name}]"]]
+    identified = dict(zip(parameter_names(learned.materials), learned.identified, strict=True))
+    densities = [name for name in learned.materials if not identified[f"density[{name}]"]]
     lines = [f"density of {', '.join(densities)}"] if densities else []
     for pair in material_pairs(learned.materials):
-        missing = [kind for kind in PAIR_COEFFICIENTS if not known[f"{kind}[{', '.join(pair)}]"]]
+        missing = [
+            kind for kind in PAIR_COEFFICIENTS if not identified[f"{kind}[{', '.join(pair)}]"]
+        ]
         if len(missing) == len(PAIR_COEFFICIENTS):
             lines.append(f"all of [{', '.join(pair)}]")
         elif missing:

@@ -41,11 +41,11 @@ def command_modules() -> dict[str, Any]:
 
     Those of a package that cannot be loaded are left out; one line on standard error says so.
     """
-    found: dict[str, Any] = {}
+    modules: dict[str, Any] = {}
     left_out: dict[tuple[str, str], list[str]] = {}
     for entry in _installed(COMMANDS):
         try:
-            found[entry.name] = entry.load()
+            modules[entry.name] = entry.load()
         # Whatever is wrong with another package, the commands of this one go on.
         except Exception as error:
             package = entry.module.partition(".")[0]
@@ -57,7 +57,7 @@ def command_modules() -> dict[str, Any]:
             f"{reason}",
             file=sys.stderr,
         )
-    return found
+    return modules
 
 
 def observation_reader(suffix: str) -> Reader | None:
@@ -95,10 +95,10 @@ def make_engine(name: str) -> Simulator:
 
 def _installed(group: str) -> list[EntryPoint]:
     """Return the entry points of a group by name; of two with one name the first."""
-    found: dict[str, EntryPoint] = {}
+    entries: dict[str, EntryPoint] = {}
     for entry in sorted(entry_points(group=group), key=lambda entry: entry.name):
-        found.setdefault(entry.name, entry)
-    return list(found.values())
+        entries.setdefault(entry.name, entry)
+    return list(entries.values())
 
 
 def _loaded(entry: EntryPoint) -> Any:

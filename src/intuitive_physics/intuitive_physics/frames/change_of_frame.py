@@ -141,7 +141,7 @@ def observation_in(
     """
     return Observation(
         environment_in(observation.environment, frame_id, transform),
-        tuple(_observed(seen, transform) for seen in observation.objects),
+        tuple(_observed(item, transform) for item in observation.objects),
         observation.start_time,
     )
 
@@ -180,11 +180,11 @@ def _box(box: StaticBox, transform: RigidTransform) -> StaticBox:
     )
 
 
-def _observed(seen: ObservedObject, transform: RigidTransform) -> ObservedObject:
-    trajectory, detections = seen.trajectory, seen.detections
+def _observed(item: ObservedObject, transform: RigidTransform) -> ObservedObject:
+    trajectory, detections = item.trajectory, item.detections
     return replace(
-        seen,
+        item,
         trajectory=Trajectory(trajectory.times, transform.points(trajectory.positions)),
-        initial_state=state_in(seen.initial_state, transform),
+        initial_state=state_in(item.initial_state, transform),
         detections=None if detections is None else detections_in(detections, transform),
     )

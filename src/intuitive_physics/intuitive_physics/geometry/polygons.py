@@ -22,14 +22,14 @@ def clip_polygon(
     array
         (k, 3) m; k < 3 where nothing is left
     """
-    kept = []
+    corners_left = []
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         from_a, from_b = a @ normal - offset, b @ normal - offset
         if from_a >= 0.0:
-            kept.append(a)
+            corners_left.append(a)
         if (from_a > 0.0 > from_b) or (from_a < 0.0 < from_b):
-            kept.append(a + (b - a) * from_a / (from_a - from_b))
-    return np.array(kept).reshape(-1, 3)
+            corners_left.append(a + (b - a) * from_a / (from_a - from_b))
+    return np.array(corners_left).reshape(-1, 3)
 
 
 def plane_square(

@@ -209,12 +209,16 @@ def detections_from_messages(message: Any, time: float) -> tuple[Detections | No
         raise InvalidInputError(
             f"{count} detections of {expected} objects; expected one for each, or none at all"
         )
-    check_limit("most_points", sum(len(one.times) for one in message.detections), "points")
-    found = []
-    for i, one in enumerate(message.detections):
+    check_limit(
+        "most_points",
+        sum(len(detections_message.times) for detections_message in message.detections),
+        "points",
+    )
+    detections = []
+    for i, detections_message in enumerate(message.detections):
         with in_field(f"detections[{i}]"):
-            found.append(detections_from_message(one, time))
-    return tuple(found)
+            detections.append(detections_from_message(detections_message, time))
+    return tuple(detections)
 
 
 def _covariance(message: Any) -> NDArray[np.float64]:

@@ -39,7 +39,7 @@ def observation_to_message(observation: Observation, make: MakeMessage) -> Any:
         header=header_to_message(stamp, observation.environment.frame_id, make),
         id=observation.id,
         environment=environment_to_message(observation.environment, make, stamp=stamp),
-        objects=[_object_to_message(seen, stamp, make) for seen in observation.objects],
+        objects=[_object_to_message(item, stamp, make) for item in observation.objects],
     )
 
 
@@ -64,9 +64,9 @@ def observation_from_message(message: Any) -> Observation:
             )
     start_time = seconds_from_stamp(message.header.stamp)
     objects = []
-    for i, seen in enumerate(message.objects):
+    for i, item in enumerate(message.objects):
         with in_field(f"objects[{i}]"):
-            objects.append(_object_from_message(seen, start_time))
+            objects.append(_object_from_message(item, start_time))
     observation = Observation(environment, tuple(objects), start_time, message.id)
     observation.check_limits()
     return observation
@@ -77,13 +77,13 @@ def _point_count(message: Any) -> int:
     return len(message.times) + (0 if detections is None else len(detections.times))
 
 
-def _object_to_message(seen: ObservedObject, stamp: Any, make: MakeMessage) -> Any:
+def _object_to_message(item: ObservedObject, stamp: Any, make: MakeMessage) -> Any:
     start_time = seconds_from_stamp(stamp)
     return make("intuitive_physics_msgs/msg/ObservedTrajectory")(
-        initial_state=object_state_to_message(seen.object, seen.initial_state, make),
-        times=float64_field(seen.trajectory.times - start_time),
-        positions=float64_field(seen.trajectory.positions),
-        detections=detections_to_message(seen.detections, start_time, make),
+        initial_state=object_state_to_message(item.object, item.initial_state, make),
+        times=float64_field(item.trajectory.times - start_time),
+        positions=float64_field(item.trajectory.positions),
+        detections=detections_to_message(item.detections, start_time, make),
     )
 
 

@@ -100,7 +100,7 @@ class InitialSpins:
     def among(self, materials: Sequence[str]) -> InitialSpins:
         """Return what is known of some materials."""
         return InitialSpins(
-            {name: own for name, own in self.by_material.items() if name in materials}
+            {name: spread for name, spread in self.by_material.items() if name in materials}
         )
 
     def check_materials(self, materials: Sequence[str]) -> None:
@@ -134,8 +134,8 @@ class InitialSpins:
         try:
             return InitialSpins(
                 {
-                    name: SpinSpread(own["deviation"], own["count"], own["stated"])
-                    for name, own in data.items()
+                    name: SpinSpread(entry["deviation"], entry["count"], entry["stated"])
+                    for name, entry in data.items()
                 }
             )
         except (AttributeError, KeyError, TypeError) as error:
@@ -159,10 +159,12 @@ def unknown_spin(shape: Shape, state: ObjectState) -> float | None:
     if not isinstance(shape, Sphere):
         return None
     covariance = state.covariance
-    own = covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY]
+    spin_covariance = covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY]
     across = covariance[ANGULAR_VELOCITY, : ERROR_SIZE - SPIN_AXES]
-    variance = float(own[0, 0])
-    alike = np.allclose(own, variance * np.eye(SPIN_AXES), rtol=EQUAL, atol=EQUAL * variance)
+    variance = float(spin_covariance[0, 0])
+    alike = np.allclose(
+        spin_covariance, variance * np.eye(SPIN_AXES), rtol=EQUAL, atol=EQUAL * variance
+    )
     if variance <= 0.0 or not alike or across.any() or state.angular_velocity.any():
         return None
     return float(np.sqrt(variance))

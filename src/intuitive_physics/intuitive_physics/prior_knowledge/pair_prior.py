@@ -143,8 +143,8 @@ def pair_suggestions(
     for kind in range(len(PAIR_COEFFICIENTS)):
         places = np.arange(m + kind, size, len(PAIR_COEFFICIENTS))
         if posterior.factor[:, places].any():
-            seen = _Seen.of(posterior, places, settings.least_information)
-            mean[places], variances[places] = _averaged(seen, design, settings)
+            evidence = _Evidence.of(posterior, places, settings.least_information)
+            mean[places], variances[places] = _averaged(evidence, design, settings)
     return PairSuggestions(mean, np.sqrt(variances))
 
 
@@ -183,7 +183,7 @@ def with_pair_prior(
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
+class _Evidence:
     """What the observations say of one coefficient of all ψ pairs: z = G u + n, n of variance 1."""
 
     factor: NDArray[np.float64]
@@ -192,7 +192,7 @@ class _Seen:
     """(r,) z - G 1/2."""
 
     @staticmethod
-    def of(posterior: ParameterPosterior, places: NDArray[np.int64], least: float) -> _Seen:
+    def of(posterior: ParameterPosterior, places: NDArray[np.int64], least: float) -> _Evidence:
         """Take the coefficients at `places` (ψ,) out of a posterior; integrate over all others.
 
         A combination of pairs whose information is below `least`, per width², does not count.
@@ -211,16 +211,16 @@ class _Seen:
         )
         factor = compressed(np.asarray(np.linalg.solve(np.linalg.cholesky(noise), own), float))
         factor = factor[(factor**2).sum(axis=1) >= least]
-        return _Seen(factor, factor @ (values - 0.5))
+        return _Evidence(factor, factor @ (values - 0.5))
 
 
 def _averaged(
-    seen: _Seen, design: NDArray[np.float64], settings: PairPriorSettings
+    evidence: _Evidence, design: NDArray[np.float64], settings: PairPriorSettings
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return mean and variance (ψ,) of each pair by all others, averaged over the grid."""
     logarithms, means, variances = [], [], []
     for prior, covariance in _covariances(design, settings):
-        member = _Member(seen, covariance)
+        member = _Member(evidence, covariance)
         logarithms.append(np.log(prior) + member.log_likelihood)
         mean, variance = member.by_others()
         means.append(mean)
@@ -244,15 +244,15 @@ def _covariances(
 class _Member:
     """The model with the covariance (ψ, ψ) of the pairs, after r combinations were seen."""
 
-    def __init__(self, seen: _Seen, covariance: NDArray[np.float64]) -> None:
+    def __init__(self, evidence: _Evidence, covariance: NDArray[np.float64]) -> None:
         self._covariance = covariance
-        self._mixed = seen.factor @ covariance
-        whole = np.eye(seen.values.size) + self._mixed @ seen.factor.T
+        self._mixed = evidence.factor @ covariance
+        whole = np.eye(evidence.values.size) + self._mixed @ evidence.factor.T
         self._precision = np.linalg.inv(whole)
-        self._weighted = self._precision @ seen.values
-        self._factor = seen.factor
+        self._weighted = self._precision @ evidence.values
+        self._factor = evidence.factor
         _, self._log_determinant = np.linalg.slogdet(whole)
-        self._square = float(seen.values @ self._weighted)
+        self._square = float(evidence.values @ self._weighted)
 
     @property
     def log_likelihood(self) -> float:

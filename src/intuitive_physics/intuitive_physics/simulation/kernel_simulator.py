@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, ClassVar
+from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,9 @@ class KernelSimulator(Simulator):
     """Each thread's scratch, for worlds of the sizes that `_scratch_sizes` returns."""
     smallest_share: ClassVar[int]
     """Worlds for which another thread is worth its start."""
+    kernel: ClassVar[Callable[..., None]]
+    """Rolls out the worlds `first` to `last` (exclusive), as `kernel(first, last, worlds, outputs,
+    scratch, option)`, by `WorldBatch.arrays` and `OutputArrays` as plain tuples."""
 
     def __init__(self, *, threads: int = 1) -> None:
         if threads < 1:
@@ -50,7 +54,8 @@ class KernelSimulator(Simulator):
         arrays, results = worlds.arrays, tuple(outputs)
 
         def roll(first: int, last: int) -> None:
-            self._roll(first, last, arrays, results, self.scratch.of_size(*sizes))
+            scratch = self.scratch.of_size(*sizes).world
+            self.kernel(first, last, arrays, results, scratch, self._kernel_option)
 
         run_in_shares(roll, count, self.threads, self.smallest_share)
         turned = outputs.orientations if orientations else None
@@ -64,19 +69,7 @@ class KernelSimulator(Simulator):
     def _scratch_sizes(self, worlds: WorldBatch) -> tuple[int, ...]:
         """Return the sizes of the scratch that the batch's largest world needs."""
 
+    @property
     @abstractmethod
-    def _roll(
-        self,
-        first: int,
-        last: int,
-        worlds: tuple[NDArray, ...],
-        outputs: tuple[NDArray, ...],
-        scratch: Any,
-    ) -> None:
-        """Roll out the worlds `first` to `last` (exclusive) by the engine's kernel.
-
-        Parameters
-        ----------
-        worlds, outputs : `WorldBatch.arrays`, and `OutputArrays` as a plain tuple
-        scratch : this thread's, of `_scratch_sizes`
-        """
+    def _kernel_option(self) -> float:
+        """The last argument of the kernel, which is the engine's own."""

@@ -73,18 +73,18 @@ def run(options: argparse.Namespace) -> None:
 def _settings(options: argparse.Namespace, up: Sequence[float] | None) -> Any:
     from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
 
-    known = []
+    objects = []
     for text in options.ball:
         material, _, radius = text.partition("=")
         try:
-            known.append(KnownObject(material, float(radius), material))
+            objects.append(KnownObject(material, float(radius), material))
         except ValueError:
             raise InvalidInputError(
                 f"--ball is {text!r}; expected MATERIAL=RADIUS with the radius in m, "
                 "such as wood=0.03"
             ) from None
     return PerceptionSettings(
-        known_objects=tuple(known), up_hint=None if up is None else (up[0], up[1], up[2])
+        known_objects=tuple(objects), up_hint=None if up is None else (up[0], up[1], up[2])
     )
 
 
@@ -199,16 +199,16 @@ def _print_observations(observations: Any) -> None:
     first = observations[0].start_time
     rows = [
         [
-            seen.object.id,
-            seen.object.material,
-            f"{seen.object.shape.bounding_radius:.3f}",
+            item.object.id,
+            item.object.material,
+            f"{item.object.shape.bounding_radius:.3f}",
             f"{observation.start_time - first:.2f}",
-            f"{seen.trajectory.duration:.2f}",
-            str(len(seen.trajectory)),
-            f"{np.linalg.norm(seen.initial_state.linear_velocity):.2f}",
+            f"{item.trajectory.duration:.2f}",
+            str(len(item.trajectory)),
+            f"{np.linalg.norm(item.initial_state.linear_velocity):.2f}",
         ]
         for observation in observations
-        for seen in observation.objects
+        for item in observation.objects
     ]
     header = ["object", "material", "radius (m)", "start (s)", "time (s)", "points", "speed (m/s)"]
     print(format_table(header, rows))

@@ -50,9 +50,9 @@ def run(options: argparse.Namespace) -> None:
     observation = load_observation(options.observation)
     learned, scales = _read_parameters(options.parameters)
     parameters = scales.parameters(learned, observation.materials)
-    for number, seen in enumerate(observation.objects):
-        after = seen.trajectory.times > observation.start_time
-        times = seen.trajectory.times[after] - observation.start_time
+    for number, item in enumerate(observation.objects):
+        after = item.trajectory.times > observation.start_time
+        times = item.trajectory.times[after] - observation.start_time
         distribution = predict(
             observation.scene(),
             parameters,
@@ -65,13 +65,13 @@ def run(options: argparse.Namespace) -> None:
         )
         mean = distribution.mean[number]
         spread = np.sqrt(np.trace(distribution.covariance[number], axis1=1, axis2=2))
-        error = np.linalg.norm(mean - seen.trajectory.positions[after], axis=1)
+        error = np.linalg.norm(mean - item.trajectory.positions[after], axis=1)
         shown = np.unique(np.linspace(0, len(times) - 1, 12).round().astype(int))
         rows = [
             [f"{times[k]:.2f}", *(f"{x:.3f}" for x in (*mean[k], spread[k], error[k]))]
             for k in shown
         ]
-        print(f"{seen.object.id} ({seen.object.material}), {options.samples} samples")
+        print(f"{item.object.id} ({item.object.material}), {options.samples} samples")
         print(
             format_table(["time (s)", "x (m)", "y (m)", "z (m)", "spread (m)", "error (m)"], rows)
         )
@@ -86,5 +86,5 @@ def _read_parameters(path: Path) -> tuple[Any, Any]:
 
     data = read_parameter_file(path)
     learned = LearnedParameters.from_dict(data)
-    kept = data.get(SCALES_KEY)
-    return learned, NoiseScales() if kept is None else NoiseScales.from_dict(kept)
+    scales = data.get(SCALES_KEY)
+    return learned, NoiseScales() if scales is None else NoiseScales.from_dict(scales)

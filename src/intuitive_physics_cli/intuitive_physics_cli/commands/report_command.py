@@ -85,9 +85,13 @@ def _record(report: Any, path: Path) -> None:
     cases = iter(report.predicted.cases)
     with RerunRecording(path) as recording:
         start = 0.0
-        for seen in report.predicted.observations:
-            recording.environment(seen.environment)
-            for _ in seen.objects:
+        for observation in report.predicted.observations:
+            recording.environment(observation.environment)
+            for _ in observation.objects:
                 recording.prediction(next(cases), start)
-            recording.observation(seen, start)
-            start += max(t.trajectory.times[-1] for t in seen.objects) - seen.start_time + PAUSE
+            recording.observation(observation, start)
+            start += (
+                max(t.trajectory.times[-1] for t in observation.objects)
+                - observation.start_time
+                + PAUSE
+            )

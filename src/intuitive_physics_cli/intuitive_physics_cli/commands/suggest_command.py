@@ -133,10 +133,10 @@ def _throws_table(suggestions: Any) -> str:
 
     rows = []
     for number, each in enumerate(suggestions, 1):
-        for one, state in zip(each.throw.cast, each.throw.states, strict=True):
+        for member, state in zip(each.throw.cast, each.throw.states, strict=True):
             rows.append(
                 [
-                    f"{number}. {one.object.id} ({one.object.material})",
+                    f"{number}. {member.object.id} ({member.object.material})",
                     _triple(state.position),
                     _triple(state.linear_velocity),
                     _triple(state.angular_velocity),
@@ -170,14 +170,14 @@ def _plain(each: Any) -> dict[str, Any]:
         "information": each.gain,
         "objects": [
             {
-                "id": one.object.id,
-                "material": one.object.material,
+                "id": member.object.id,
+                "material": member.object.material,
                 "position": state.position.tolist(),
                 "orientation": state.orientation.tolist(),
                 "linear_velocity": state.linear_velocity.tolist(),
                 "angular_velocity": state.angular_velocity.tolist(),
             }
-            for one, state in zip(each.throw.cast, each.throw.states, strict=True)
+            for member, state in zip(each.throw.cast, each.throw.states, strict=True)
         ],
         "standard_deviations": {
             name: {"now": float(each.before[k]), "after": float(each.after[k])}

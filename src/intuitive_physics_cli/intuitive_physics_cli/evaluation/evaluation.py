@@ -46,7 +46,7 @@ def _contact_time(environment: Environment, radius: float, state: ObjectState) -
     return min(contacts, default=np.inf)
 
 
-Seen = TypeVar("Seen")
+Item = TypeVar("Seen")
 
 Paths: TypeAlias = list[list[NDArray[np.float64]]]
 """Positions (n, 3) m of each object of each observation."""
@@ -103,7 +103,7 @@ def evaluate(
     predictors: dict[str, Callable[[Sequence[Observation]], Paths]] = {
         "learned parameters": lambda part: _simulate(part, learned, engine),
         "default parameters": lambda part: _simulate(part, default, engine),
-        "free flight": lambda part: [_fly(seen) for seen in part],
+        "free flight": lambda part: [_fly(observation) for observation in part],
     }
     errors = {
         name: (_errors(training, predict(training)), _errors(test, predict(test)))
@@ -113,8 +113,8 @@ def evaluate(
 
 
 def split(
-    observations: Sequence[Seen], train_fraction: float, seed: int
-) -> tuple[list[Seen], list[Seen]]:
+    observations: Sequence[Item], train_fraction: float, seed: int
+) -> tuple[list[Item], list[Item]]:
     """Return two parts, each with at least one observation, in their first order."""
     if not 0.0 < train_fraction < 1.0:
         raise InvalidInputError(
@@ -128,8 +128,8 @@ def split(
         )
     learned_from = min(max(round(train_fraction * count), 1), count - 1)
     chosen = set(np.random.default_rng(seed).permutation(count)[:learned_from].tolist())
-    training = [seen for i, seen in enumerate(observations) if i in chosen]
-    test = [seen for i, seen in enumerate(observations) if i not in chosen]
+    training = [item for i, item in enumerate(observations) if i in chosen]
+    test = [item for i, item in enumerate(observations) if i not in chosen]
     return training, test
 
 
@@ -143,35 +143,37 @@ def _simulate(
     """Simulated positions (n, 3) m at the times each object was observed."""
     simulator = make_engine(engine)
     simulated = []
-    for seen in observations:
-        instants = np.unique(np.concatenate([_times(seen, j) for j in range(len(seen.objects))]))
-        worlds = pack_worlds([seen.scene()], parameters)
+    for observation in observations:
+        instants = np.unique(
+            np.concatenate([_times(observation, j) for j in range(len(observation.objects))])
+        )
+        worlds = pack_worlds([observation.scene()], parameters)
         positions = simulator.rollout_batch(worlds, instants, orientations=False).positions[0]
         simulated.append(
             [
-                positions[j, np.searchsorted(instants, _times(seen, j))]
-                for j in range(len(seen.objects))
+                positions[j, np.searchsorted(instants, _times(observation, j))]
+                for j in range(len(observation.objects))
             ]
         )
     return simulated
 
 
-def _fly(seen: Observation) -> list[NDArray[np.float64]]:
+def _fly(observation: Observation) -> list[NDArray[np.float64]]:
     return [
         free_flight(
-            seen.environment,
+            observation.environment,
             observed_object.object.shape.bounding_radius,
             observed_object.initial_state,
-            _times(seen, j),
+            _times(observation, j),
         )
-        for j, observed_object in enumerate(seen.objects)
+        for j, observed_object in enumerate(observation.objects)
     ]
 
 
 def _errors(observations: Sequence[Observation], predicted: Paths) -> Errors:
     means, lasts = [], []
-    for seen, positions in zip(observations, predicted, strict=True):
-        for observed_object, path in zip(seen.objects, positions, strict=True):
+    for observation, positions in zip(observations, predicted, strict=True):
+        for observed_object, path in zip(observation.objects, positions, strict=True):
             observed = observed_object.trajectory.positions[-len(path) :]
             distances = np.linalg.norm(path - observed, axis=1)
             means.append(distances.mean())
@@ -179,8 +181,8 @@ def _errors(observations: Sequence[Observation], predicted: Paths) -> Errors:
     return Errors(float(np.mean(means)), float(np.mean(lasts)))
 
 
-def _times(seen: Observation, index: int) -> NDArray[np.float64]:
+def _times(observation: Observation, index: int) -> NDArray[np.float64]:
     """Times in s after the observation's start of the points of one object that come after it."""
-    since = seen.objects[index].trajectory.times - seen.start_time
+    since = observation.objects[index].trajectory.times - observation.start_time
     # Stamps and clocks are rounded: a hair before the start is at the start.
     return np.maximum(since[since >= -1e-6], 0.0)

@@ -81,12 +81,12 @@ def predict_cases(
     They begin with the observation's initial states, or with its `estimates` as of `PreparedScene`.
     """
     noises = track_noises(observations)
-    given = estimates if estimates is not None else [()] * len(observations)
+    starts = estimates if estimates is not None else [()] * len(observations)
     cases = []
-    for seen, own, states in zip(observations, noises, given, strict=True):
-        covariances = [_covariances(noise) for noise in own]
-        scene = PreparedScene.of(seen.scene(), parameters, StateNoise(), states)
-        cases += _cases_of(seen, covariances, scene, simulator, rng, sample_count)
+    for observation, track_errors, states in zip(observations, noises, starts, strict=True):
+        covariances = [_covariances(noise) for noise in track_errors]
+        scene = PreparedScene.of(observation.scene(), parameters, StateNoise(), states)
+        cases += _cases_of(observation, covariances, scene, simulator, rng, sample_count)
     return cases
 
 
@@ -100,25 +100,28 @@ def _covariances(noise: TrackNoise) -> NDArray[np.float64]:
 
 
 def _cases_of(
-    seen: Observation,
+    observation: Observation,
     covariances: Sequence[NDArray[np.float64]],
     prepared: PreparedScene,
     simulator: Simulator,
     rng: np.random.Generator,
     sample_count: int,
 ) -> list[PredictionCase]:
-    after = [observed_object.trajectory.times > seen.start_time for observed_object in seen.objects]
+    after = [
+        observed_object.trajectory.times > observation.start_time
+        for observed_object in observation.objects
+    ]
     since = [
-        observed_object.trajectory.times[later] - seen.start_time
-        for observed_object, later in zip(seen.objects, after, strict=True)
+        observed_object.trajectory.times[later] - observation.start_time
+        for observed_object, later in zip(observation.objects, after, strict=True)
     ]
     instants = np.unique(np.concatenate(since))
     worlds = prepared.sampled(sample_count, rng)
     distribution = predict_sampled(prepared.scene, worlds, instants, simulator=simulator)
     return [
         PredictionCase(
-            name=f"{_short(seen.id)}: {observed_object.object.id}",
-            environment=seen.environment,
+            name=f"{_short(observation.id)}: {observed_object.object.id}",
+            environment=observation.environment,
             radius=observed_object.object.shape.bounding_radius,
             times=times,
             samples=distribution.positions[:, j][:, np.searchsorted(instants, times)],
@@ -126,7 +129,7 @@ def _cases_of(
             covariances=noise[later],
         )
         for j, (observed_object, times, later, noise) in enumerate(
-            zip(seen.objects, since, after, covariances, strict=True)
+            zip(observation.objects, since, after, covariances, strict=True)
         )
     ]
 
@@ -182,7 +185,7 @@ def horizon_coverage(
     cases: Sequence[PredictionCase], probabilities: Sequence[float], rng: np.random.Generator
 ) -> list[HorizonCoverage]:
     """Judge each case at its point nearest to each of `HORIZONS`, where some was seen then."""
-    found = []
+    coverages = []
     for horizon in HORIZONS:
         nearest = [int(np.abs(case.times - horizon).argmin()) for case in cases]
         levels = [
@@ -192,8 +195,8 @@ def horizon_coverage(
         ]
         if levels:
             shares = tuple(coverage(levels, probability) for probability in probabilities)
-            found.append(HorizonCoverage(horizon, len(levels), shares))
-    return found
+            coverages.append(HorizonCoverage(horizon, len(levels), shares))
+    return coverages
 
 
 def binomial_error(probability: float, count: int) -> float:

@@ -100,85 +100,90 @@ class SeenPart:
     ) -> tuple[WeightedStates | None, ...]:
         """What the predictor makes of these frames, of each object; nothing without frames."""
         surroundings = Surroundings(self.left.environment, uncertain, simulator)
-        things = [one.object for one in self.left.objects]
+        things = [item.object for item in self.left.objects]
         estimate = SceneEstimate(rng)
-        found: tuple[WeightedStates | None, ...] = ()
+        states: tuple[WeightedStates | None, ...] = ()
         for frame in self.frames:
-            found = estimate.update(
+            states = estimate.update(
                 surroundings, things, frame.states, frame.time, frame.detections
             )
-        return found
+        return states
 
 
-def after_first_part(seen: Observation, settings: PerceptionSettings) -> SeenPart | None:
+def after_first_part(observation: Observation, settings: PerceptionSettings) -> SeenPart | None:
     """What is known after `FIRST_PART`; None where that is too little or nothing comes later."""
-    if any(one.detections is None for one in seen.objects):
-        return SeenPart(seen)
-    return _seen_until(seen, seen.start_time + FIRST_PART, settings)
+    if any(item.detections is None for item in observation.objects):
+        return SeenPart(observation)
+    return _seen_until(observation, observation.start_time + FIRST_PART, settings)
 
 
-def after_first_bounce(seen: Observation, settings: PerceptionSettings) -> SeenPart | None:
+def after_first_bounce(observation: Observation, settings: PerceptionSettings) -> SeenPart | None:
     """What is known when each ball was detected `AFTER_BOUNCE` times after its first bounce.
 
     None where that is too little, nothing comes later, or not all objects are detected balls that
     bounced.
     """
-    moments = [_moment_after_bounce(one, seen.environment) for one in seen.objects]
+    moments = [_moment_after_bounce(item, observation.environment) for item in observation.objects]
     known = [moment for moment in moments if moment is not None]
-    return _seen_until(seen, max(known), settings) if len(known) == len(moments) else None
+    return _seen_until(observation, max(known), settings) if len(known) == len(moments) else None
 
 
-def _moment_after_bounce(seen: ObservedObject, environment: Environment) -> float | None:
+def _moment_after_bounce(item: ObservedObject, environment: Environment) -> float | None:
     """Time in s of the last of `AFTER_BOUNCE` detections of a ball since it bounced off a plane."""
-    found, shape = seen.detections, seen.object.shape
-    if found is None or not isinstance(shape, Sphere):
+    detections, shape = item.detections, item.object.shape
+    if detections is None or not isinstance(shape, Sphere):
         return None
     moments = []
     for plane in environment.planes:
-        gaps = found.positions @ plane.normal - plane.offset - shape.radius
-        speeds = np.diff(gaps) / np.diff(found.times)
+        gaps = detections.positions @ plane.normal - plane.offset - shape.radius
+        speeds = np.diff(gaps) / np.diff(detections.times)
         # The bounce itself may make one of these speeds anything.
         towards = np.minimum(speeds[1:-1], speeds[:-2]) < -APPROACH
         turns = 2 + np.flatnonzero(towards & (speeds[2:] > DEPARTURE) & (gaps[2:-1] < NEAR))
-        if turns.size and turns[0] + AFTER_BOUNCE < len(found):
-            moments.append(float(found.times[turns[0] + AFTER_BOUNCE]))
+        if turns.size and turns[0] + AFTER_BOUNCE < len(detections):
+            moments.append(float(detections.times[turns[0] + AFTER_BOUNCE]))
     return min(moments, default=None)
 
 
 def _seen_until(
-    seen: Observation, earliest: float, settings: PerceptionSettings
+    observation: Observation, earliest: float, settings: PerceptionSettings
 ) -> SeenPart | None:
     """An observation at the first frame from `earliest` (s) on at which all states are known.
 
     The part before it knows no later detection.
     """
-    detected = [one.detections for one in seen.objects if one.detections is not None]
+    detected = [item.detections for item in observation.objects if item.detections is not None]
     times = np.unique(np.concatenate([found.times for found in detected]))
     frames: list[Frame] = []
     since = -np.inf
     for time in times[times <= earliest + LONGEST_WAIT + ROUNDING]:
-        states = _states(seen, detected, float(time), settings)
+        states = _states(observation, detected, float(time), settings)
         if states is None:
             continue
         new = tuple(_between(found, since, time) for found in detected)
         frames.append(Frame(float(time), states, new))
         since = time
         if time >= earliest - ROUNDING:
-            left = _left(seen, detected, frames[-1])
+            left = _left(observation, detected, frames[-1])
             return None if left is None else SeenPart(left, tuple(frames))
     return None
 
 
 def _states(
-    seen: Observation, detected: Sequence[Detections], time: float, settings: PerceptionSettings
+    observation: Observation,
+    detected: Sequence[Detections],
+    time: float,
+    settings: PerceptionSettings,
 ) -> tuple[ObjectState, ...] | None:
     """The states of all objects by perception's fit to what was detected up to a time in s."""
     states = []
-    for one, found in zip(seen.objects, detected, strict=True):
-        if found.times[0] > time:
+    for item, detections in zip(observation.objects, detected, strict=True):
+        if detections.times[0] > time:
             return None
-        record = _record(one, found, found.times <= time, seen.start_time, settings)
-        free = FreeMotion(record, seen.environment, settings.initial_state, settings.motion)
+        record = _record(
+            item, detections, detections.times <= time, observation.start_time, settings
+        )
+        free = FreeMotion(record, observation.environment, settings.initial_state, settings.motion)
         state = state_at(record, time, free, settings)
         if state is None:
             return None
@@ -186,31 +191,36 @@ def _states(
     return tuple(states)
 
 
-def _left(seen: Observation, detected: Sequence[Detections], now: Frame) -> Observation | None:
+def _left(
+    observation: Observation, detected: Sequence[Detections], now: Frame
+) -> Observation | None:
     """The observation from a frame on; None where an object is not seen any more."""
-    later = [_between(found, now.time, np.inf) for found in detected]
+    later = [_between(detections, now.time, np.inf) for detections in detected]
     objects = [
-        ObservedObject(one.object, Trajectory(left.times, left.positions), state, left)
-        for one, state, left in zip(seen.objects, now.states, later, strict=True)
+        ObservedObject(item.object, Trajectory(left.times, left.positions), state, left)
+        for item, state, left in zip(observation.objects, now.states, later, strict=True)
         if left is not None
     ]
     if len(objects) < len(later):
         return None
-    return Observation(seen.environment, tuple(objects), now.time, seen.id)
+    return Observation(observation.environment, tuple(objects), now.time, observation.id)
 
 
-def _between(found: Detections, since: float, until: float) -> Detections | None:
+def _between(detections: Detections, since: float, until: float) -> Detections | None:
     """Detections with since < time ≤ until, without a spin, which is that of the last one."""
-    which = (found.times > since) & (found.times <= until)
+    which = (detections.times > since) & (detections.times <= until)
     if not which.any():
         return None
     return Detections(
-        found.times[which], found.positions[which], found.covariances[which], found.bias
+        detections.times[which],
+        detections.positions[which],
+        detections.covariances[which],
+        detections.bias,
     )
 
 
 def _record(
-    seen: ObservedObject,
+    item: ObservedObject,
     detections: Detections,
     which: NDArray[np.bool_],
     start: float,
@@ -218,22 +228,22 @@ def _record(
 ) -> Record:
     times, positions = detections.times[which], detections.positions[which]
     return Record(
-        seen.object,
+        item.object,
         times,
         positions,
         detections.covariances[which],
         detections.bias,
-        _attitudes(seen, times - start, settings),
+        _attitudes(item, times - start, settings),
         times,
         positions,
     )
 
 
 def _attitudes(
-    seen: ObservedObject, since: NDArray[np.float64], settings: PerceptionSettings
+    item: ObservedObject, since: NDArray[np.float64], settings: PerceptionSettings
 ) -> tuple[Attitude, ...] | None:
     """How a box or capsule lies and turns at times (n,) s after its initial state; None: a ball."""
-    shape, state = seen.object.shape, seen.initial_state
+    shape, state = item.object.shape, item.initial_state
     if not isinstance(shape, Box | Capsule):
         return None
     first = Attitude(
@@ -300,8 +310,12 @@ def predict_seen_parts(
             predict_cases(left, uncertain, simulator, rng, sample_count, estimates=estimates)
         )
 
-    begun = [part for seen in observations if (part := after_first_part(seen, settings))]
-    bounced = [part for seen in observations if (part := after_first_bounce(seen, settings))]
+    begun = [
+        part for observation in observations if (part := after_first_part(observation, settings))
+    ]
+    bounced = [
+        part for observation in observations if (part := after_first_bounce(observation, settings))
+    ]
     return Predicted(
         tuple(part.left for part in begun),
         predict(begun),
@@ -324,7 +338,7 @@ def predict_before_learning(
     all up to the next time; before the first, nothing is known of it. The result is in the order of
     time. `on_progress` is called with the observations done and the observations in all.
     """
-    ordered = sorted(observations, key=lambda seen: seen.start_time)
+    ordered = sorted(observations, key=lambda observation: observation.start_time)
     materials = observation_materials(ordered)
     learned = LearnedParameters.defaults(materials)
     predicted, first = Predicted(), 0

@@ -50,27 +50,27 @@ class FrameSource:
 
 def find_frame_source(bag: BagReader, topic: str | None = None) -> FrameSource:
     """Guess which topic shows the scene: depth images first, then compressed ones, then a cloud."""
-    wanted = [known for known in bag.topics if topic is None or known.name == topic]
-    infos = [known.name for known in bag.topics if known.type == CAMERA_INFO]
+    wanted = [candidate for candidate in bag.topics if topic is None or candidate.name == topic]
+    infos = [candidate.name for candidate in bag.topics if candidate.type == CAMERA_INFO]
     images = [
-        known
+        candidate
         for kind in (IMAGE, COMPRESSED_IMAGE)
-        for known in wanted
-        if known.type == kind and _is_depth(bag, known.name)
+        for candidate in wanted
+        if candidate.type == kind and _is_depth(bag, candidate.name)
     ]
-    for known in images:
-        info = _camera_info_beside(known.name, infos)
+    for candidate in images:
+        info = _camera_info_beside(candidate.name, infos)
         if info is not None:
-            return FrameSource(known.name, known.type, info, known.message_count)
+            return FrameSource(candidate.name, candidate.type, info, candidate.message_count)
         if topic is not None:
             raise InvalidInputError(
                 f"depth images {topic} have no camera info beside them; expected "
                 f"{_namespace(topic)}/camera_info in the bag"
             )
-    for known in wanted:
-        if known.type == CLOUD:
-            return FrameSource(known.name, known.type, "", known.message_count)
-    listed = ", ".join(f"{known.name} ({known.type})" for known in bag.topics)
+    for candidate in wanted:
+        if candidate.type == CLOUD:
+            return FrameSource(candidate.name, candidate.type, "", candidate.message_count)
+    listed = ", ".join(f"{candidate.name} ({candidate.type})" for candidate in bag.topics)
     raise InvalidInputError(
         f"bag {bag.path} has {listed or 'no topics'}; expected depth images "
         f"({', '.join(IMAGE_TYPES)}, or {TRANSPORT}) with camera info, or PointCloud2"

@@ -134,22 +134,22 @@ def _calibration_at(title: str, name: str, cases: Sequence[PredictionCase]) -> s
         + _share(shares[int(np.abs(LEVELS - level).argmin())], level, count)
         for level in SUMMARY_LEVELS
     )
-    found = side_by_side([coverage_plot(name, shares, count), _horizon_table(cases)])
-    return f"<h3>{title}</h3><p>Of the regions of {count} motions, {claims}.</p>{found}"
+    plots = side_by_side([coverage_plot(name, shares, count), _horizon_table(cases)])
+    return f"<h3>{title}</h3><p>Of the regions of {count} motions, {claims}.</p>{plots}"
 
 
 def _horizon_table(cases: Sequence[PredictionCase]) -> str:
     """One point of each motion at each time ahead, so that all are independent."""
     rows = [
         (
-            f"{found.horizon:g}",
-            f"{found.count}",
+            f"{coverage.horizon:g}",
+            f"{coverage.count}",
             *(
-                _share(share, level, found.count)
-                for share, level in zip(found.shares, SUMMARY_LEVELS, strict=True)
+                _share(share, level, coverage.count)
+                for share, level in zip(coverage.shares, SUMMARY_LEVELS, strict=True)
             ),
         )
-        for found in horizon_coverage(cases, SUMMARY_LEVELS, np.random.default_rng(0))
+        for coverage in horizon_coverage(cases, SUMMARY_LEVELS, np.random.default_rng(0))
     ]
     regions = (f"in the {100.0 * level:.0f} % region" for level in SUMMARY_LEVELS)
     return table(("s ahead", "motions seen then", *regions), rows)

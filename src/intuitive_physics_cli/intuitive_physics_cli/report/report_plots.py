@@ -102,11 +102,11 @@ def cost_plot(name: str, history: NDArray[np.float64], levels: dict[str, float])
     """The lowest J after each iteration, (n,) m, with levels in m to compare with, by label."""
     iterations = np.arange(1, history.size + 1)
     changed = np.flatnonzero(np.append(True, np.diff(history) != 0.0))
-    kept = np.unique(np.append(changed, history.size - 1))
+    shown = np.unique(np.append(changed, history.size - 1))
     data = [
         {
-            "x": iterations[kept].tolist(),
-            "y": history[kept].tolist(),
+            "x": iterations[shown].tolist(),
+            "y": history[shown].tolist(),
             "name": "lowest J so far",
             "mode": "lines",
             "line": {"color": PREDICTED, "width": 2.5, "shape": "hv"},

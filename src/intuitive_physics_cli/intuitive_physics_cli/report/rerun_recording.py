@@ -97,24 +97,24 @@ class RerunRecording:
         )
         self._stream.log("environment/gravity", arrow)
 
-    def perceived(self, points: NDArray[np.float32], found: FrameResult) -> None:
+    def perceived(self, points: NDArray[np.float32], frame: FrameResult) -> None:
         """Log one frame's points (..., 3) m, in the sensor's frame, and what was found in it."""
-        if found.model is None:
+        if frame.model is None:
             return
-        self._at(found.time)
-        if found.is_new_model:
-            self.environment(found.model.environment)
+        self._at(frame.time)
+        if frame.is_new_model:
+            self.environment(frame.model.environment)
         cloud = points.reshape(-1, 3)
         cloud = cloud[np.isfinite(cloud).all(axis=1)]
         cloud = cloud[:: max(1, len(cloud) // MOST_CLOUD_POINTS)]
-        placed = found.model.to_environment(cloud)
+        placed = frame.model.to_environment(cloud)
         self._stream.log("cloud", self._rerun.Points3D(placed, radii=0.004))
         rr = self._rerun
-        centers = np.array([tracked.state.position for tracked in found.objects]).reshape(-1, 3)
-        speeds = np.array([tracked.state.linear_velocity for tracked in found.objects]).reshape(
+        centers = np.array([tracked.state.position for tracked in frame.objects]).reshape(-1, 3)
+        speeds = np.array([tracked.state.linear_velocity for tracked in frame.objects]).reshape(
             -1, 3
         )
-        radii = [tracked.object.shape.bounding_radius for tracked in found.objects]
+        radii = [tracked.object.shape.bounding_radius for tracked in frame.objects]
         self._stream.log("objects", rr.Points3D(centers, radii=radii, colors=[SPHERE_COLOR]))
         arrows = rr.Arrows3D(origins=centers, vectors=VELOCITY_SHOWN * speeds)
         self._stream.log("objects/velocity", arrows)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError, UnsupportedSceneError
 from intuitive_physics.simulation.event_driven.clusters import most_contacts
@@ -61,6 +58,7 @@ class EventDrivenSimulator(KernelSimulator):
     name = "event_driven"
     scratch = ThreadScratch(Scratch)
     smallest_share = 64
+    kernel = staticmethod(roll_worlds)
 
     def __init__(self, *, threads: int = 1, max_events: int = 100_000) -> None:
         super().__init__(threads=threads)
@@ -85,12 +83,6 @@ class EventDrivenSimulator(KernelSimulator):
         solids = worlds.planes.shape[1] + worlds.boxes.shape[1]
         return worlds.states.shape[1], solids, most_features(worlds)
 
-    def _roll(
-        self,
-        first: int,
-        last: int,
-        worlds: tuple[NDArray, ...],
-        outputs: tuple[NDArray, ...],
-        scratch: Any,
-    ) -> None:
-        roll_worlds(first, last, worlds, outputs, scratch.world, self.max_events)
+    @property
+    def _kernel_option(self) -> int:
+        return self.max_events

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from numpy.typing import NDArray
-
 from intuitive_physics.errors import InvalidInputError, UnsupportedSceneError
 from intuitive_physics.simulation.kernel_simulator import KernelSimulator
 from intuitive_physics.simulation.rigid_bodies.world import MOST_PLANES, Scratch, scratch_sizes
@@ -29,6 +25,7 @@ class SteppedSimulator(KernelSimulator):
     name = "stepped"
     scratch = ThreadScratch(Scratch)
     smallest_share = 4
+    kernel = staticmethod(roll_worlds)
 
     def __init__(self, *, time_step: float = DEFAULT_TIME_STEP, threads: int = 1) -> None:
         if not 1e-6 <= time_step <= 0.1:
@@ -47,12 +44,6 @@ class SteppedSimulator(KernelSimulator):
     def _scratch_sizes(self, worlds: WorldBatch) -> tuple[int, ...]:
         return scratch_sizes(worlds)
 
-    def _roll(
-        self,
-        first: int,
-        last: int,
-        worlds: tuple[NDArray, ...],
-        outputs: tuple[NDArray, ...],
-        scratch: Any,
-    ) -> None:
-        roll_worlds(first, last, worlds, outputs, scratch.world, self.time_step)
+    @property
+    def _kernel_option(self) -> float:
+        return self.time_step

@@ -46,7 +46,7 @@ def _contact_time(environment: Environment, radius: float, state: ObjectState) -
     return min(contacts, default=np.inf)
 
 
-Item = TypeVar("Seen")
+Item = TypeVar("Item")
 
 Paths: TypeAlias = list[list[NDArray[np.float64]]]
 """Positions (n, 3) m of each object of each observation."""

@@ -12,17 +12,10 @@ from intuitive_physics.kernels import kernel
 
 @kernel
 def clip(polygon, corners, normal, limit, clipped, room):
-    """Write the part of a convex polygon where normal · point ≤ limit.
+    """Write the part of a convex polygon where normal · point ≤ limit (m for a unit normal).
 
-    Parameters
-    ----------
-    polygon, corners : address of its corners and their number, at least one
-    normal, limit : of the half-space, limit in m for a unit normal
-    clipped, room : address to write to, and the most corners there is room for
-
-    Returns
-    -------
-    The number of corners that are left.
+    The polygon has at least one corner. At most `room` corners are written to the address
+    `clipped`; their number is returned.
     """
     left = 0
     previous = vector_at(polygon, corners - 1)
@@ -45,15 +38,9 @@ def clip(polygon, corners, normal, limit, clipped, room):
 def clip_by_edges(polygon, corners, spare, room, boundary, boundary_corners, normal):
     """Cut a convex polygon by the upright half-spaces through the edges of another one.
 
-    Parameters
-    ----------
-    polygon, corners : address of its corners and their number; overwritten
-    spare, room : address of a second array, and the most corners either has room for
-    boundary, boundary_corners : the other polygon, counterclockwise about `normal`
-
-    Returns
-    -------
-    The number of corners that are left, and the address where they are: `polygon` or `spare`.
+    The other one, `boundary`, is counterclockwise about `normal`. `polygon` and `spare`, the address
+    of a second array, are overwritten; each has room for `room` corners. Returns the number of
+    corners that are left, and where they are: `polygon` or `spare`.
     """
     for k in range(boundary_corners):
         if corners == 0:

@@ -1,7 +1,7 @@
 """Closest points between points, segments, boxes and convex polygons, for kernels.
 
-Points and vectors are tuples, as in `vectors`. A polygon is the address of its corners, an array
-(n, 3) of float64 in m, counterclockwise about its normal. `gaps` has distances for whole arrays.
+Points and vectors are tuples in m, as in `vectors`. A polygon is the address of its corners, an
+array (n, 3) of float64, counterclockwise about its normal, and their number. `gaps` has distances for whole arrays.
 """
 
 from __future__ import annotations
@@ -63,17 +63,10 @@ def nearest_of_segments(start, span, other_start, other_span):
 
 @kernel
 def point_from_box(point, half):
-    """Distance of a point from a box in the box's frame, and the direction away from the box.
+    """Distance (m) of a point from a box in the box's frame, and the unit vector away from the box.
 
-    Parameters
-    ----------
-    point : m, from the box's centre
-    half : half of the edge lengths, m
-
-    Returns
-    -------
-    distance : m, below zero inside
-    direction : unit vector, that of the nearest face inside
+    Inside, the distance is below zero and the direction is that of the nearest face. The box is
+    given by half of its edge lengths (m).
     """
     nearest = (
         bounded(point[0], -half[0], half[0]),
@@ -98,11 +91,6 @@ def segment_nearest_to_box(start, span, half):
     """Parameter in [0, 1] of the point of a segment nearest to a box, in the box's frame.
 
     The squared distance is convex along the segment: its slope is bisected.
-
-    Parameters
-    ----------
-    start, span : m, from the box's centre
-    half : half of the edge lengths, m
     """
     low, high = 0.0, 1.0
     for _ in range(BISECTIONS):
@@ -122,14 +110,7 @@ def segment_nearest_to_box(start, span, half):
 
 @kernel
 def nearest_on_polygon(point, polygon, corners, normal, offset):
-    """The point of a convex polygon nearest to a point.
-
-    Parameters
-    ----------
-    point : m
-    polygon, corners : address of its corners and their number
-    normal, offset : of its plane, normal · p = offset (m)
-    """
+    """The point of a convex polygon, in the plane normal · p = offset (m), nearest to a point."""
     inside = True
     nearest, least = point, inf
     for k in range(corners):
@@ -148,14 +129,7 @@ def nearest_on_polygon(point, polygon, corners, normal, offset):
 
 @kernel
 def part_over_polygon(start, span, polygon, corners, normal):
-    """Parameters of the part of a segment over a convex polygon; the first larger if none.
-
-    Parameters
-    ----------
-    start, span : m
-    polygon, corners : address of its corners and their number
-    normal : of its plane
-    """
+    """Parameters of the part of a segment over a convex polygon; the first larger if none."""
     low, high = 0.0, 1.0
     for k in range(corners):
         corner = vector_at(polygon, k)

@@ -42,9 +42,7 @@ DRAWS = 4
 def set_noise(world, deviations, key):
     """Let a world's impacts be noisy from the first one on, unless both deviations are zero.
 
-    Parameters
-    ----------
-    deviations : (2,) of the restitution, and of the tilt (rad)
+    The deviations are (2,), of the restitution and of the tilt (rad).
     """
     world.restitution_noise, world.tilt_noise = deviations[0], deviations[1]
     world.noisy = deviations[0] > 0.0 or deviations[1] > 0.0

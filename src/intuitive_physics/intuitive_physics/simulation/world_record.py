@@ -26,14 +26,7 @@ STATIC, DYNAMIC, ROLLING, RESTITUTION = range(4)
 
 @inlined
 def start_world(world, worlds, w, stop):
-    """Fill in what all engines need of world w of a batch.
-
-    Parameters
-    ----------
-    world : record with `COMMON_FIELDS`
-    worlds : `WorldArrays`
-    stop : (1,) as `StopFlag.number`
-    """
+    """Fill in what all engines need of world w of `WorldArrays`; `stop` is `StopFlag.number`."""
     world.status = OK
     world.stop = stop.ctypes.data
     table = worlds.coefficients[worlds.parameter_index[w]]

@@ -25,19 +25,11 @@ NO_AXIS = (0.0, 0.0, 0.0)
 
 @kernel
 def nearest(world, solid, center, radius):
-    """Contact of a sphere with a solid.
+    """Contact of a sphere with a solid: gap, normal, axis and part.
 
-    Parameters
-    ----------
-    solid : one of the world's
-    center, radius : of the sphere
-
-    Returns
-    -------
-    gap : m between the two, below zero where they overlap, infinite behind a sheet
-    normal : from the solid's nearest point to the sphere
-    axis : direction of the edge where that point is on an edge, else zero
-    part : ON_FACE, ON_EDGE or ON_CORNER
+    The gap (m) is below zero where they overlap, infinite behind a sheet. The normal is from the
+    solid's nearest point to the sphere. The axis is the direction of the edge where that point is
+    on an edge, else zero. The part is ON_FACE, ON_EDGE or ON_CORNER.
     """
     if solid.kind == BOX:
         return _nearest_on_box(solid, center, radius)

@@ -126,9 +126,7 @@ def _edge_at_brim(world, body, solid, n):
 def plan_alone(world, i):
     """Set the accelerations of object i and until when they hold, if one solid at most holds it.
 
-    Returns
-    -------
-    Whether they are set; where several solids press they are undefined.
+    Returns whether they are set; where several solids press they are undefined.
     """
     body = object_at(world, i)
     gravity = load(world.gravity)

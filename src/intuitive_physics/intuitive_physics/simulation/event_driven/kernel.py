@@ -43,11 +43,8 @@ TOUCHES = 1e-9
 def roll_worlds(first, last, batch, results, scratch, max_events):
     """Roll out the worlds `first` to `last` (exclusive) of a batch.
 
-    Parameters
-    ----------
-    batch : `WorldBatch.arrays`
-    results : `OutputArrays` as a plain tuple, to be filled
-    scratch : (1,) WORLD whose arrays have room for the largest of the worlds
+    `batch` is `WorldBatch.arrays`, `results` are `OutputArrays` as a plain tuple, to be filled, and
+    `scratch` (1,) is a WORLD whose arrays have room for the largest of the worlds.
     """
     worlds, outputs = WorldArrays(*batch), OutputArrays(*results)
     world = scratch[0]

@@ -72,10 +72,7 @@ def carry(body, t, turns):
 def write_outputs(world, i, t, times, positions, orientations):
     """Write all outputs of the present phase of object i up to and including time t (s).
 
-    Parameters
-    ----------
-    times : (T,) s, output times
-    positions, orientations : (O, T, 3) and (O, T, 4), the latter only if they are wanted
+    Output times (T,) s, positions (O, T, 3), orientations (O, T, 4), these only if they are wanted.
     """
     body = object_at(world, i)
     first = body.next_output

@@ -48,15 +48,8 @@ def slope(c, t):
 def next_fall(c, low, end):
     """First fall through zero of a polynomial of degree 4, from τ = `low` to `end`.
 
-    Parameters
-    ----------
-    c : five ascending coefficients
-
-    Returns
-    -------
-    root : τ of the fall, else infinity; where the polynomial is below zero and falls already, τ
-        from where it falls
-    high : up to where it falls on; further falls are to be sought from there
+    Returns τ of the fall, else infinity, and up to where it falls on: from there further falls are
+    to be sought. Where the polynomial is below zero and falls already, τ is from where it falls.
     """
     first, second = _inflections(c, low, end)
     at_low, slope_low = evaluate(c, low), slope(c, low)

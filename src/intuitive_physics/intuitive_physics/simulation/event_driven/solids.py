@@ -45,12 +45,7 @@ def most_features(worlds: WorldBatch) -> int:
 
 @kernel
 def place_solids(world, worlds, e):
-    """Fill in the solids of environment e of a batch: planes without an edge, sheets, boxes.
-
-    Parameters
-    ----------
-    worlds : `WorldArrays`
-    """
+    """Fill in the solids of environment e of a batch: planes without an edge, sheets, boxes."""
     planes, materials = worlds.planes[e], worlds.plane_materials[e]
     corner_counts, corners = worlds.corner_counts[e], worlds.corners[e]
     s, f = int64(0), int64(0)

@@ -43,13 +43,9 @@ OVERLAP = np.dtype(
 def find_overlaps(share, batch, scratch, overlaps):
     """Write the first pair of each world of a batch that overlaps too much.
 
-    Parameters
-    ----------
-    share : of the smaller one's thinness, which two may overlap by; that of a plane or a box that
-        never moves does not count
-    batch : `WorldBatch.arrays`
-    scratch : (1,) WORLD with room for the largest of the worlds; its contacts are not used
-    overlaps : (W,) OVERLAP to be filled
+    Two may overlap by a share of the smaller one's thinness; that of a plane or a box that never
+    moves does not count. `batch` is `WorldBatch.arrays`, `scratch` (1,) a WORLD with room for the
+    largest of the worlds, whose contacts are not used, `overlaps` (W,) OVERLAP to be filled.
     """
     worlds = WorldArrays(*batch)
     world = scratch[0]

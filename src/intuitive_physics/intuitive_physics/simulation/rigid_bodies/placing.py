@@ -119,12 +119,7 @@ def place_plane(plane, numbers, material, corners, boundary):
 
 @kernel
 def place_environment(world, worlds, e):
-    """Fill in what never moves in environment e of a batch, the boxes behind the bodies that do.
-
-    Parameters
-    ----------
-    worlds : `WorldArrays`
-    """
+    """Fill in what never moves in environment e of a batch, the boxes behind the bodies that do."""
     world.plane_count = worlds.plane_counts[e]
     world.body_count = world.moving + worlds.box_counts[e]
     for b in range(worlds.box_counts[e]):

@@ -18,10 +18,7 @@ SMALL_ANGLE = 0.4
 def rotate(body, origin, angle):
     """Set a body's orientation to `origin` turned by the rotation vector `angle` (rad).
 
-    Parameters
-    ----------
-    origin : (4,) quaternion (x, y, z, w), not changed
-    angle : tuple of three, in the world's axes
+    `origin` (4,) is a quaternion (x, y, z, w), `angle` a tuple of three in the world's axes.
     """
     square = dot(angle, angle)
     h = 0.25 * square

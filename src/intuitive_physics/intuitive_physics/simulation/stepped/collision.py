@@ -24,12 +24,7 @@ PARTING_SWEEPS = 8
 
 @kernel
 def find_contacts(world, moving, members):
-    """Write all contacts of an island's bodies; return how many.
-
-    Parameters
-    ----------
-    moving, members : as in `parts.step_island`
-    """
+    """Write all contacts of an island's bodies, as in `parts.step_island`; return how many."""
     count = 0
     for a in range(moving):
         i = member_at(world, a)

@@ -39,15 +39,9 @@ ROUNDS_A_CONTACT = 4
 
 @kernel
 def rebound(world, count, threshold):
-    """Let all prepared contacts that have closed rebound.
+    """Let all prepared contacts that have closed rebound; return the number of impacts.
 
-    Parameters
-    ----------
-    threshold : m/s; slower approaches are no impacts, and slower rebounds are none
-
-    Returns
-    -------
-    The number of impacts.
+    Approaches slower than the threshold (m/s) are no impacts, and slower rebounds are none.
     """
     impacts = 0
     for _ in range(ROUNDS_A_CONTACT * count):

@@ -31,9 +31,7 @@ QUIET_STEPS = 10
 def mark_islands(world, moving, step):
     """Give all bodies that may meet within a step, directly or through others, one number.
 
-    Returns
-    -------
-    For how many steps the islands hold: more than one only if each body is one of its own.
+    Returns for how many steps the islands hold: more than one only if each body is one of its own.
     """
     fall = step * step * world.gravity_size
     alone = True

@@ -21,12 +21,8 @@ from intuitive_physics.simulation.world_record import start_world, stop_if_asked
 def roll_worlds(first, last, batch, results, scratch, step):
     """Roll out the worlds `first` to `last` (exclusive) of a batch.
 
-    Parameters
-    ----------
-    batch : `WorldBatch.arrays`
-    results : `OutputArrays` as a plain tuple, to be filled
-    scratch : (1,) WORLD whose arrays have room for the largest of the worlds
-    step : s
+    `batch` is `WorldBatch.arrays`, `results` are `OutputArrays` as a plain tuple, to be filled, and
+    `scratch` (1,) is a WORLD whose arrays have room for the largest of the worlds.
     """
     worlds, outputs = WorldArrays(*batch), OutputArrays(*results)
     world = scratch[0]
@@ -68,10 +64,7 @@ def roll_worlds(first, last, batch, results, scratch, step):
 def _roll_world(world, moving, step):
     """Roll out one world from its bodies' initial states; its record says how it ended.
 
-    Parameters
-    ----------
-    moving : number of its bodies that move; the others are static boxes
-    step : s
+    The first `moving` bodies move; the others are static boxes.
     """
     threshold = rebound_threshold(world, step)
     _part_start(world, moving)

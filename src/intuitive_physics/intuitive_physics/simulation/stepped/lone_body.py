@@ -53,10 +53,8 @@ LEVEL = 1e-9
 def sphere_after(world, body, plane, step, steps):
     """Motion of a sphere on a plane after one step, or several whose forces are the same.
 
-    Returns
-    -------
-    holds : whether the contact lasts and its mode is the same in all steps
-    velocity, spin : m/s and rad/s after the steps, if it does
+    Returns whether the contact lasts and its mode is the same in all steps, and, if so, velocity
+    (m/s) and spin (rad/s) after them.
     """
     n, duration = load(plane.normal), step * steps
     velocity, spin = load(body.velocity), load(body.spin)
@@ -156,10 +154,8 @@ def _gaps(body, plane):
 def capsule_after(world, body, plane, step, steps):
     """Motion of a capsule that rolls on a plane after one step, or several with the same forces.
 
-    Returns
-    -------
-    holds : whether both ends stay in contact and neither slips
-    velocity, spin : m/s and rad/s after the steps, if it does
+    Returns whether both ends stay in contact and neither slips, and, if so, velocity (m/s) and spin
+    (rad/s) after the steps.
     """
     duration = step * steps
     velocity, spin = load(body.velocity), load(body.spin)
@@ -229,10 +225,8 @@ FLIES, MEETS_MORE = -1, -2
 def step_lone_body(world, i, start, step, steps):
     """Carry body i, near which no other body is, from time `start` (s) on over `steps` steps.
 
-    Returns
-    -------
-    False, with nothing changed, where more may happen than flight or a stay on a plane; or where
-    several steps would not be as one.
+    Returns False, with nothing changed, where more may happen than flight or a stay on a plane, or
+    where several steps would not be as one.
     """
     body, duration = body_at(world, i), step * steps
     p = _plane_below(world, body, duration)

@@ -55,9 +55,7 @@ def rebound_threshold(world, step):
 def step_island(world, moving, members, start, duration, threshold):
     """Carry the island's members from time `start` (s) on by `duration` (s).
 
-    Parameters
-    ----------
-    moving, members : the first `moving` of the first `members` bodies that `member_at` names move
+    Of the first `members` bodies that `member_at` names the first `moving` move.
     """
     done, stalled = 0.0, 0
     for part in range(PARTS * moving):

@@ -32,12 +32,9 @@ SAME_PLACE = 0.3
 
 @kernel
 def solve(world, first, last, sweeps, precision):
-    """Sweep over the active contacts from `first` to `last` (exclusive).
+    """Sweep over the active contacts from `first` to `last` (exclusive), at most `sweeps` times.
 
-    Parameters
-    ----------
-    sweeps : the most there are; fewer where one changes no speed by more than
-    precision : m/s
+    A sweep that changes no speed by more than `precision` (m/s) is the last.
     """
     alone = _only_active(world, first, last)
     if alone >= 0 and contact_at(world, alone).rolls == 0:

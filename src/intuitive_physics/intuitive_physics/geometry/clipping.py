@@ -38,9 +38,9 @@ def clip(polygon, corners, normal, limit, clipped, room):
 def clip_by_edges(polygon, corners, spare, room, boundary, boundary_corners, normal):
     """Cut a convex polygon by the upright half-spaces through the edges of another one.
 
-    The other one, `boundary`, is counterclockwise about `normal`. `polygon` and `spare`, the address
-    of a second array, are overwritten; each has room for `room` corners. Returns the number of
-    corners that are left, and where they are: `polygon` or `spare`.
+    The other one, `boundary`, is counterclockwise about `normal`. `polygon` and `spare`, a second
+    array, are overwritten; each has room for `room` corners. Returns the number of corners that
+    are left, and where they are: `polygon` or `spare`.
     """
     for k in range(boundary_corners):
         if corners == 0:

@@ -1,7 +1,8 @@
 """Closest points between points, segments, boxes and convex polygons, for kernels.
 
 Points and vectors are tuples in m, as in `vectors`. A polygon is the address of its corners, an
-array (n, 3) of float64, counterclockwise about its normal, and their number. `gaps` has distances for whole arrays.
+array (n, 3) of float64, counterclockwise about its normal, and their number. `gaps` has distances
+for whole arrays.
 """
 
 from __future__ import annotations
